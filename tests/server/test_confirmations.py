@@ -52,6 +52,8 @@ def test_a_confirmation_is_kept_once_and_taken_back_with_a_reason(
     assert api.post(path, "organizer", json={"reason": "wrong document"}).json() == []
     as_problem(api.post(path, "organizer", json={"reason": "again"}), 404, "not_found")
     assert actions(api)[0] == "confirmation withdrawn"
+    as_problem(api.post(PATH, "organizer", json=signed), 409, "conflict")
+    assert api.get(PATH, "organizer").json() == []
 
 
 def test_what_is_not_signed_rightly_is_refused(

@@ -12,6 +12,7 @@ from tests.worker.test_split_floors import code_of, held, open_phase, write_floo
 from exceptiondrive.confirmations import confirm, make_key
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.splits.confirmations import (
     add_confirmation,
@@ -78,6 +79,22 @@ def test_nothing_is_scored_until_two_organizers_have_signed(
     with asking.database.write() as session:
         withdraw_confirmation(session, list_confirmations(session)[-1].id, "left", "test")
     assert score(asking, files.pop()) == FailureCode.SPLIT_FLOOR
+
+
+def test_a_withdrawn_signature_is_not_kept_again(
+    asking: World, tiny: Split, keys: dict[str, Path], planning_file: Callable[..., bytes]
+) -> None:
+    given = {who: confirm(of(tiny), PROTOCOL.digest, keys[who]) for who in ("anna", "ben", "cy")}
+    kept(asking, given["anna"])
+    kept(asking, given["ben"])
+    with asking.database.write() as session:
+        withdraw_confirmation(session, given["ben"].id, "left", "test")
+    with pytest.raises(Conflict, match="withdrawn"):
+        kept(asking, given["ben"])
+    assert score(asking, planning_file(tiny)) == FailureCode.SPLIT_FLOOR
+    assert "by anna alone" in held(asking)[-1][1]["asked"][0]
+    kept(asking, given["cy"])
+    assert score(asking, planning_file(tiny, edited_mps=1.5)) is None
 
 
 def test_a_signature_counts_for_its_protocol_and_revision_alone(

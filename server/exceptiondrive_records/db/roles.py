@@ -38,6 +38,7 @@ R, RI, RU, RIU, RID, RIUD = (
 NONE = ""
 _STATUS = "SELECT, UPDATE (status, status_at, report, failure_code, failure_message)"
 _POINTER = "SELECT, UPDATE (current_board_id, late_board_id)"
+_CONFIRMATIONS = "SELECT, INSERT, UPDATE (withdrawn_at)"
 _VERSIONS = "alembic_version"
 
 
@@ -68,7 +69,7 @@ RIGHTS = MappingProxyType(
         "board_entries": (R, RI, R),
         "board_flips": (RI, RI, R),
         "boards": (R, RI, R),  # only workers publish
-        "confirmations": (RID, R, R),  # workers believe a signature, not a row
+        "confirmations": (_CONFIRMATIONS, R, R),  # workers believe a signature, not a row
         "contact_points": (RIUD, R, R),
         "disqualifications": (RIUD, R, R),
         "entry_drawings": (R, RI, R),

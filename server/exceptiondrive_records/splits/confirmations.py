@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.errors import InvalidRecord, NotFound
+from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_records.splits.tables import ConfirmationRow
@@ -23,6 +23,7 @@ def add_confirmation(session: Session, given: Confirmation, actor: str) -> Confi
     Raises:
         NotFound: The split revision is not registered, or no such protocol was added.
         InvalidRecord: The signature is not of this split, protocol and key.
+        Conflict: This key signed it and took that back.
     """
     find_split(session, given.split.name, given.split.revision)
     protocol = session.get(ProtocolRow, given.protocol)
@@ -31,6 +32,11 @@ def add_confirmation(session: Session, given: Confirmation, actor: str) -> Confi
     if not is_signed(given):
         raise InvalidRecord("The signature does not fit this split, protocol and key.")
     known = session.get(ConfirmationRow, given.id)
+    if known is not None and known.withdrawn_at is not None:
+        raise Conflict(
+            "This confirmation was withdrawn, and a key that took one back never counts for the same "
+            "split revision and protocol again: sign with another key, which the operator names."
+        )
     if known is not None:
         return known
     row = ConfirmationRow(
@@ -52,28 +58,30 @@ def withdraw_confirmation(session: Session, confirmation_id: str, reason: str, a
     """Take a confirmation back: workers score and publish nothing more that needed it.
 
     Raises:
-        NotFound: There is none with this id.
+        NotFound: There is none with this id, or it was withdrawn.
     """
     row = session.get(ConfirmationRow, confirmation_id)
-    if row is None:
+    if row is None or row.withdrawn_at is not None:
         raise NotFound("confirmation", confirmation_id)
-    session.delete(row)
+    row.withdrawn_at = database_now(session)
     detail = {"protocol": row.protocol_digest, "revision": row.split_revision, "reason": reason}
     audit(session, actor, "confirmation withdrawn", row.split_name, detail)
 
 
 def list_confirmations(session: Session) -> list[ConfirmationRow]:
-    """Return all confirmations, newest first."""
+    """Return all confirmations that were not withdrawn, newest first."""
+    query = select(ConfirmationRow).where(ConfirmationRow.withdrawn_at.is_(None))
     order = (ConfirmationRow.confirmed_at.desc(), ConfirmationRow.id)
-    return list(session.scalars(select(ConfirmationRow).order_by(*order)))
+    return list(session.scalars(query.order_by(*order)))
 
 
 def keys_that_confirm(session: Session, split: SplitRef, protocol_digest: str) -> set[str]:
-    """Return the public keys whose signature holds now, whatever the table says of them."""
+    """Return the public keys whose signature holds and was not withdrawn."""
     query = select(ConfirmationRow).where(
         ConfirmationRow.split_name == split.name,
         ConfirmationRow.split_revision == split.revision,
         ConfirmationRow.protocol_digest == protocol_digest,
+        ConfirmationRow.withdrawn_at.is_(None),
     )
     found = [row.confirmation for row in session.scalars(query)]
     return {

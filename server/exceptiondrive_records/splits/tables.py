@@ -65,6 +65,8 @@ class ConfirmationRow(Base):
     protocol_digest: Mapped[str]
     confirmation: Mapped[Confirmation] = mapped_column(DocumentText(Confirmation))
     confirmed_at: Mapped[datetime]
+    withdrawn_at: Mapped[datetime | None]
+    """The row stays, so that whoever once read its signature cannot post it again."""
 
 
 class EntryDrawingsRow(Base):

@@ -232,6 +232,7 @@ def create_splits() -> None:
         sa.Column("protocol_digest", sa.String(), nullable=False),
         sa.Column("confirmation", sa.Text(), nullable=False),
         sa.Column("confirmed_at", TIME, nullable=False),
+        sa.Column("withdrawn_at", TIME),
         sa.ForeignKeyConstraint(
             ["split_name", "split_revision"], ["splits.name", "splits.revision"]
         ),
