@@ -108,6 +108,24 @@ def test_an_answer_to_all_does_not_say_who_asked(open_phase: "Life") -> None:
     assert all("A question, answered" in inbox(life, team)[0] for team in ("alpha", "beta"))
 
 
+def test_a_question_changes_no_link_of_its_answer(open_phase: "Life") -> None:
+    life = open_phase
+    words = "[protocol]: https://evil.test\n# Big\n1. one\n[a](https://evil.test)\n---"
+    body = {"text": words}
+    asked = life.request("POST", "/api/v1/phases/test/questions", "alpha", json=body)
+    assert asked.status_code == 201
+    path = f"/questions/{asked.json()['id']}/answer"
+    life.done(path, {"text": "See the [protocol].", "to_all": True})
+    text = life.get("/phases/test").text
+    told = text[text.index('id="news-') :]
+    told = told[: told.index("</article>")]
+    assert "See the [protocol]." in told
+    assert "[protocol]: https://evil.test" in told
+    assert "# Big" in told
+    for tag in ("<a ", "<h5", "<ol", "<hr"):
+        assert tag not in told
+
+
 def test_who_may_not_is_refused(open_phase: "Life") -> None:
     life = open_phase
     question = asked(life, "api")

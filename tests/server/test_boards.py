@@ -53,6 +53,7 @@ def test_the_strong_etag_is_the_digest_of_the_bytes(lively: "Api") -> None:
     assert response.headers["etag"] == f'"{hashlib.sha256(response.content).hexdigest()}"'
     assert response.headers["cache-control"].startswith("public, max-age=")
     assert "stale-while-revalidate" in response.headers["cache-control"]
+    assert response.headers["x-accel-expires"] == "5"
 
 
 @pytest.mark.parametrize("query", ["", "&sort=ur", "&protocol=1.0"])
@@ -173,7 +174,11 @@ def test_every_board_keeps_its_address(
     lively.publish(make_entry("later"))
     response = lively.get("/boards/dev/1")
     assert response.content == body
-    assert "immutable" in response.headers["cache-control"]
+    told = response.headers
+    assert (told["x-accel-expires"], told["cache-control"]) == ("5", "no-cache")
+    assert list(told).index("x-accel-expires") < list(told).index("cache-control")
+    again = lively.get("/boards/dev/1", headers={"If-None-Match": told["etag"]})
+    assert (again.status_code, again.headers["x-accel-expires"]) == (304, "5")
     assert methods(lively.get("/boards/dev/2")) == ["later"]
     as_problem(lively.get("/boards/dev/3"), 404, "not_found")
     as_problem(lively.get("/boards/nowhere/1"), 404, "not_found")

@@ -1,5 +1,7 @@
 """Questions of teams: answered to the team alone, or to everybody without its name."""
 
+import re
+
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
@@ -17,6 +19,9 @@ MAX_QUESTION = 1000
 MAX_OPEN = 5
 """So many questions of a team may wait for an answer."""
 _TITLE = "A question, answered"
+_MARKS = re.compile(r"[\\`*_\[\]<>&~|]|^[-+#=:]")
+_NUMBER = re.compile(r"^(\d+)([.)])")
+"""With the marks: what makes a line of a question more than words in Markdown."""
 
 
 def ask_question(
@@ -77,7 +82,7 @@ def answer_question(
     row.answer = checked_text("answer", text, max_length=limit, may_have_lines=True)
     row.answered_at = database_now(session)
     if to_all:
-        quoted = "\n".join(f"> {line}" for line in row.text.splitlines())
+        quoted = "\n".join(f"> {_as_words(line)}" for line in row.text.splitlines())
         told = f"{quoted}\n\n{row.answer}"
         row.news_id = publish_news(session, row.phase_id, _TITLE, told, actor=actor).id
     else:
@@ -87,6 +92,11 @@ def answer_question(
     detail = {"phase": row.phase_id, "to_all": to_all}
     audit(session, actor, "question answered", row.id, detail)
     return row
+
+
+def _as_words(line: str) -> str:
+    """Escape Markdown: no link, heading or definition of a question changes what the answer says."""
+    return _NUMBER.sub(r"\1\\\2", _MARKS.sub(r"\\\g<0>", line.strip()))
 
 
 def questions_of(session: Session, team_id: int, phase_id: str) -> list[Question]:

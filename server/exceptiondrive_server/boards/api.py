@@ -21,7 +21,7 @@ from exceptiondrive_server.boards.queries import chosen_board, facts_on
 from exceptiondrive_server.boards.query import AskedBoard, BoardQuery, documented
 from exceptiondrive_server.boards.selection import selected_board
 from exceptiondrive_server.web.auth import ServicesOf
-from exceptiondrive_server.web.etag import FOR_EVER_S, conditional
+from exceptiondrive_server.web.etag import REVALIDATED, conditional
 from exceptiondrive_server.web.problems import problem_responses
 from exceptiondrive_server.web.responses import origin_of
 
@@ -105,7 +105,7 @@ def _page_of(
     return part, {"Link": f'</api/v1/leaderboard?{urlencode(pairs, safe=",:")}>; rel="next"'}
 
 
-def _as_kept(request: Request, row: BoardRow, max_age_s: int) -> Response:
+def _as_kept(request: Request, row: BoardRow, max_age_s: int | None) -> Response:
     """Give a board as readers get it; bytes that are recorded are not digested again."""
     is_recorded = row.told_at == row.published_at
     return conditional(
@@ -114,6 +114,7 @@ def _as_kept(request: Request, row: BoardRow, max_age_s: int) -> Response:
         "application/json",
         etag=row.told_digest.removeprefix("sha256:") if is_recorded else "",
         max_age_s=max_age_s,
+        headers=REVALIDATED if max_age_s is None else None,
     )
 
 
@@ -179,4 +180,4 @@ def get_board_by_number(
     """Give a board at its permanent address; its bytes never change."""
     with services.database.read() as session:
         row = find_board(session, shown_phase(session, phase).id, number)
-        return _as_kept(request, row, FOR_EVER_S)
+        return _as_kept(request, row, None)

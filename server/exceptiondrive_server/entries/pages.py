@@ -14,7 +14,7 @@ from exceptiondrive_server.entries.queries import EntryData, read_comparison, re
 from exceptiondrive_server.entries.scenes import Scenes, read_scenes
 from exceptiondrive_server.entries.view import entry_page, sample_page
 from exceptiondrive_server.web.auth import ServicesOf
-from exceptiondrive_server.web.etag import conditional
+from exceptiondrive_server.web.etag import PROXY_KEEPS, conditional
 from exceptiondrive_server.web.responses import SECURITY_HEADERS, Reading, public_page
 from exceptiondrive_server.web.services import Services
 from exceptiondrive_server.web.templating import render
@@ -76,7 +76,7 @@ def _scenes(session: Session, request: Request) -> Scenes:
 def show_badge(request: Request, services: ServicesOf, key: str) -> Response:
     """Give the badge of an entry as it stands now."""
     body = badge(_entry(request, services, key))
-    headers = {**SECURITY_HEADERS, "Cache-Control": "public, max-age=300"}
+    headers = {**PROXY_KEEPS, **SECURITY_HEADERS, "Cache-Control": "public, max-age=300"}
     return Response(body, media_type="image/svg+xml", headers=headers)
 
 

@@ -14,7 +14,7 @@ from exceptiondrive_records.splits.tables import SamplePictureRow
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_server.boards.queries import featured_protocol
 from exceptiondrive_server.web.auth import ServicesOf
-from exceptiondrive_server.web.etag import FOR_EVER_S, conditional
+from exceptiondrive_server.web.etag import REVALIDATED, conditional
 from exceptiondrive_server.web.responses import SECURITY_HEADERS, page
 from exceptiondrive_server.web.templating import template_filter
 
@@ -87,8 +87,7 @@ def show_picture(
         lambda: services.files.read(file_digest, limit_bytes=MAX_PICTURE_BYTES),
         "image/jpeg",
         etag=digest,
-        max_age_s=FOR_EVER_S,
-        headers=SECURITY_HEADERS,
+        headers={**REVALIDATED, **SECURITY_HEADERS},
     )
 
 

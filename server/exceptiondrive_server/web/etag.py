@@ -6,8 +6,12 @@ from collections.abc import Callable, Mapping
 from fastapi import Request
 from fastapi.responses import Response
 
-FOR_EVER_S = 31_536_000
-"""A year: for what never changes at its address."""
+PROXY_KEEPS_S = 5
+"""How long the proxy may show to everybody what can be taken back: hidden, forgotten, removed."""
+PROXY_KEEPS = {"X-Accel-Expires": str(PROXY_KEEPS_S)}
+"""No browser sees it. Stands first: nginx before 1.23 obeys the first of two that say how long."""
+REVALIDATED = {**PROXY_KEEPS, "Cache-Control": "no-cache"}
+"""For what never changes at its address, but may be taken back: browsers ask, and get a 304."""
 
 
 def conditional(
@@ -32,8 +36,9 @@ def conditional(
     digest = etag or hashlib.sha256(body() if callable(body) else body).hexdigest()
     tagged = {**(headers or {}), "ETag": f'"{digest}"'}
     if max_age_s is not None:
-        fresh = "immutable" if max_age_s == FOR_EVER_S else "stale-while-revalidate=60"
-        tagged["Cache-Control"] = f"public, max-age={max_age_s}, {fresh}"
+        tagged["Cache-Control"] = f"public, max-age={max_age_s}, stale-while-revalidate=60"
+    if tagged.get("Cache-Control", "").startswith("public"):
+        tagged = {**PROXY_KEEPS, **tagged}
     if _matches(request.headers.get("if-none-match"), tagged["ETag"]):
         return Response(status_code=304, headers=tagged)
     made = body() if callable(body) else body

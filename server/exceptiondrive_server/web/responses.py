@@ -12,7 +12,7 @@ from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.site import SiteLinks
 from exceptiondrive_server.web.browser_session import Holder, holder_of
 from exceptiondrive_server.web.compression import takes_gzip
-from exceptiondrive_server.web.etag import conditional
+from exceptiondrive_server.web.etag import PROXY_KEEPS, conditional
 from exceptiondrive_server.web.kept_pages import KeptPage, Made
 from exceptiondrive_server.web.middleware import HEADERS
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
@@ -27,11 +27,8 @@ THEMES: tuple[Theme, ...] = ("auto", "light", "dark")
 THEME_COOKIE = "theme"
 YEAR_S = 365 * 24 * 3600
 SECURITY_HEADERS = {**HEADERS, "Referrer-Policy": "strict-origin-when-cross-origin"}
-PROXY_KEEPS_S = 5
-"""How long the proxy may show a public page to everybody; no browser sees this header."""
 PUBLIC_PROBLEM = {**SECURITY_HEADERS, "Cache-Control": "no-cache", "Vary": "Cookie"}
-PUBLIC_PAGE = {"X-Accel-Expires": str(PROXY_KEEPS_S), **PUBLIC_PROBLEM}
-"""nginx before 1.23 obeys the first of two headers that say how long."""
+PUBLIC_PAGE = {**PROXY_KEEPS, **PUBLIC_PROBLEM}
 
 
 @dataclass(frozen=True)
