@@ -1,13 +1,23 @@
 """Before a run begins, a worker tries the split under what is to come, and says why it does not fit."""
 
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from sqlalchemy import select, update
 from tests.canary.values import CANARY_M
 from tests.phases.browsing import visitor
 
-from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.phases.scoring_keys import find_run
+from exceptiondrive_records.protocols.protocols import add_protocol, find_protocol
+from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.rescoring.trials import claim_trial, tried_protocols
+from exceptiondrive_records.work.tables import Trial
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
+from exceptiondrive_schemas.split import SplitRef
+from exceptiondrive_worker.floors_held import hold_floors_of
+from exceptiondrive_worker.split_floors import FloorHeldError
 
 if TYPE_CHECKING:
     from tests.phases.conftest import Life
@@ -15,15 +25,15 @@ if TYPE_CHECKING:
 TOUCH = "hazard regions that touch the footprint at t = 0"
 
 
-def draft(life: "Life", version: str, **geometry: float) -> Any:
+def draft(life: "Life", version: str, phase: str = "test", **geometry: float) -> Any:
     toml = packaged_protocol_toml().replace('version = "1.0"', f'version = "{version}"')
-    usual = {"footprint_length_m": 4.084, "footprint_width_m": 1.85}
+    usual = {"footprint_length_m": 4.084, "footprint_width_m": 1.85, "min_samples_per_cell": 1}
     for name, value in geometry.items():
         assert f"{name} = {usual[name]}" in toml
         toml = toml.replace(f"{name} = {usual[name]}", f"{name} = {value}")
     with life.database.write() as session:
         add_protocol(session, toml, "test")
-    return life.done("/rescoring", {"phase": "test", "protocol": version, "reason": "try"})
+    return life.done("/rescoring", {"phase": phase, "protocol": version, "reason": "try"})
 
 
 def seen(life: "Life", run: Any) -> Any:
@@ -102,3 +112,90 @@ def test_floors_hold_for_trials_and_trials_count_among_the_protocols(scored: "Li
     assert "at most 2" in str(trial)
     actions = [line["action"] for line in scored.json("/api/v1/organizer/audit", "organizer")]
     assert "split floor held" in actions
+
+
+def bound(life: "Life", max_protocols: int) -> None:
+    floors = life.worker.splits_dir / "plain" / "floors.toml"
+    floors.write_text(f"max_protocols = {max_protocols}")
+
+
+def test_trials_stop_no_submission_under_what_the_split_was_scored_under(scored: "Life") -> None:
+    run = draft(scored, "1.2", footprint_length_m=18.0)
+    scored.work()
+    assert seen(scored, run)["trial"]["state"] == "refused"
+    bound(scored, 1)
+    submission_id = scored.submit("beta", 6.0, "Other", "plain")
+    scored.work()
+    assert submission_id in scored.entry_ids()
+    scored.make_phase("other", split="plain")
+    other = draft(scored, "1.3", "other", footprint_width_m=1.9)
+    scored.work()
+    assert seen(scored, other)["trial"]["state"] == "held"
+
+
+def test_two_trials_at_once_take_no_more_than_is_left(scored: "Life") -> None:
+    scored.make_phase("other", split="plain")
+    bound(scored, 2)
+    draft(scored, "1.2", footprint_width_m=1.9)
+    draft(scored, "1.3", "other", footprint_width_m=1.95)
+    together = Barrier(2)
+
+    def is_let_pass(item: Trial) -> bool:
+        with scored.database.read() as session:
+            run = find_run(session, item.run_id)
+            protocol = find_protocol(session, run.to_protocol_digest)
+        ref = SplitRef(name="plain", revision=run.to_split_revision)
+        floors = scored.context.splits.floors("plain")
+        together.wait()
+        try:
+            hold_floors_of(scored.database, floors, ref, protocol, run.phase_id, trial=item)
+        except FloorHeldError:
+            return False
+        return True
+
+    items = []
+    for _ in range(2):
+        with scored.database.write() as session:
+            items.append(claim_trial(session, 60.0))
+    with ThreadPoolExecutor(2) as pool:
+        passed = list(pool.map(is_let_pass, [item for item in items if item is not None]))
+    assert sorted(passed) == [False, True]
+    with scored.database.read() as session:
+        assert len(tried_protocols(session, "plain")) == 1
+
+
+def test_what_the_server_makes_of_a_run_later_takes_no_trial_out_of_the_count(
+    scored: "Life",
+) -> None:
+    scored.make_phase("other", split="plain")
+    bound(scored, 2)
+    run = draft(scored, "1.2", footprint_length_m=18.0)
+    with scored.database.write() as session:  # so that it would go with the phase
+        session.execute(update(Trial).values(phase_id="other"))
+    scored.work()
+    scored.done(f"/rescoring/{run['id']}/cancel", {"reason": "no"})
+    with scored.database.write() as session:
+        session.execute(
+            update(RescoringRun).values(
+                to_protocol_digest=RescoringRun.from_protocol_digest, phase_id="other"
+            )
+        )
+        item = session.scalars(select(Trial)).one()
+        assert (item.split_name, item.phase_id) == ("plain", None)
+        assert item.split_revision == run["to_split"]["revision"]
+        assert item.protocol_digest == run["to_protocol"]["digest"]
+    run = draft(scored, "1.3", footprint_length_m=22.0)
+    scored.work()
+    trial = seen(scored, run)["trial"]
+    assert trial["state"] == "held"
+    assert "at most 2" in str(trial["found"])
+
+
+def test_few_samples_are_not_counted_out_below_the_least_of_a_cell(scored: "Life") -> None:
+    run = draft(scored, "1.2", footprint_length_m=20.0, min_samples_per_cell=3)
+    scored.work()
+    after = seen(scored, run)
+    assert after["trial"]["found"] == [{"what": f"fewer than 3 {TOUCH}", "n": None}]
+    assert f"2 {TOUCH}" not in str(after)
+    page = visitor(scored, "organizer").get(f"/organize/rescoring/{run['id']}").text
+    assert f"fewer than 3 {TOUCH}" in page

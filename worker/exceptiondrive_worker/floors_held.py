@@ -5,11 +5,12 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.log import SPLIT_FLOOR_HELD, audit_once
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.rescoring.trials import tried_protocols
+from exceptiondrive_records.rescoring.trials import count_trial, lock_trials, tried_protocols
 from exceptiondrive_records.splits.confirmations import keys_that_confirm
 from exceptiondrive_records.splits.drawings import find_public_split
 from exceptiondrive_records.splits.splits import find_split, part_revision
 from exceptiondrive_records.submissions.sheets import protocols_of_split, scored_within_a_day
+from exceptiondrive_records.work.tables import Trial
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_worker.split_floors import (
@@ -43,13 +44,13 @@ def hold_floors(
     """
     if find_public_split(session, ref) is not None:
         return
-    told = protocols_of_split(session, ref.name) | tried_protocols(session, ref.name)
-    protocols = told | {protocol.digest}
+    scored = protocols_of_split(session, ref.name)
+    protocols = scored | tried_protocols(session, ref.name) | {protocol.digest}
     found = [
         *breaches(floors, protocol),
         *unconfirmed(floors, keys_that_confirm(session, ref, protocol.digest)),
     ]
-    if len(protocols) > floors.max_protocols:
+    if protocol.digest not in scored and len(protocols) > floors.max_protocols:
         found.append(
             f"it would be protocol number {len(protocols)}, at most {floors.max_protocols} may be"
         )
@@ -81,15 +82,24 @@ def hold_floors_of(
     protocol: ProtocolDocument,
     phase_id: str,
     submission_id: str | None = None,
+    trial: Trial | None = None,
 ) -> None:
     """Hold the floors of a split; what is refused is said once in the audit log.
+
+    A trial that they let pass is counted at once: two together take no more than is left.
 
     Raises:
         FloorHeldError: As `hold_floors`.
     """
     try:
-        with database.read() as session:
-            hold_floors(session, floors, ref, protocol, submission_id)
+        if trial is None:
+            with database.read() as session:
+                hold_floors(session, floors, ref, protocol, submission_id)
+            return
+        with database.write() as session:
+            lock_trials(session, ref.name)
+            hold_floors(session, floors, ref, protocol)
+            count_trial(session, trial, ref, protocol.digest)
     except FloorHeldError as held:
         detail = {"phase": phase_id, "protocol": protocol.version, "asked": list(held.asked)}
         with database.write() as session:

@@ -110,7 +110,7 @@ WORK_RIGHTS = MappingProxyType(
         "delivery": (RIUD, RI, RIU),
         "lead": (R, NONE, RIUD),
         "recheck": (RIU, RU, RU),
-        "trial": (RI, RU, R),  # workers alone say what came of it
+        "trial": (RI, RU, R),  # workers alone say what was tried, and what came of it
         "score": (RIUD, RU, RIUD),  # workers score what others ask for
     }
 )

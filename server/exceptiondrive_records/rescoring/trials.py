@@ -7,12 +7,13 @@ from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.work.lease import claim, finish, is_claimable, new_item
 from exceptiondrive_records.work.tables import Trial
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.rescoring import SplitTrial
+from exceptiondrive_schemas.split import SplitRef
 
 MAX_ATTEMPTS = 4
 
@@ -33,6 +34,26 @@ def claim_trial(session: Session, lease_s: float) -> Trial | None:
     return claim(session, Trial, first, lease_s)
 
 
+def lock_trials(session: Session, split_name: str) -> None:
+    """Let one trial of a split at a time be counted, until the write transaction ends."""
+    rows = select(SplitRow.revision).where(SplitRow.name == split_name)
+    session.execute(rows.order_by(SplitRow.revision).with_for_update(key_share=True)).all()
+
+
+def count_trial(session: Session, item: Trial, ref: SplitRef, protocol_digest: str) -> None:
+    """Write down what is tried, before it is: a lost lease writes nothing, and tells nothing."""
+    session.execute(
+        update(Trial)
+        .where(Trial.id == item.id, Trial.fence == item.fence)
+        .values(
+            protocol_digest=protocol_digest,
+            split_name=ref.name,
+            split_revision=ref.revision,
+            phase_id=None,
+        )
+    )
+
+
 def finish_trial(session: Session, item: Trial, trial: SplitTrial) -> bool:
     """Record what came of a trial; False when the lease was lost."""
     if not finish(session, item):
@@ -48,15 +69,15 @@ def trial_of(session: Session, run_id: str) -> SplitTrial | None:
 
 
 def tried_protocols(session: Session, split_name: str) -> set[str]:
-    """Return the digests of the protocols under which something was told of a split by trials."""
-    query = (
-        select(RescoringRun.to_protocol_digest, Trial.trial)
-        .join(Trial, Trial.run_id == RescoringRun.id)
-        .join(Phase, Phase.id == RescoringRun.phase_id)
-        .where(Phase.split_name == split_name, Trial.trial.is_not(None))
+    """Return the digests of the protocols under which trials told of a split, or are about to.
+
+    What workers wrote down counts, which no other role of the database may change.
+    """
+    query = select(Trial.protocol_digest, Trial.trial).where(
+        Trial.split_name == split_name, Trial.protocol_digest.is_not(None)
     )
     return {
         digest
         for digest, trial in session.execute(query)
-        if trial is not None and trial.state in ("fits", "refused")
+        if digest is not None and (trial is None or trial.state in ("fits", "refused"))
     }

@@ -625,6 +625,7 @@ def create_work() -> None:
         sa.Column("run_id", sa.String(), sa.ForeignKey("rescoring_runs.id")),
         sa.Column("expected_digest", sa.String()),
         sa.Column("found_digest", sa.String()),
+        sa.Column("split_name", sa.String()),
         sa.Column("trial", sa.Text()),
         sa.Column("notification_id", sa.String(), sa.ForeignKey("notifications.id")),
         sa.Column("contact_id", sa.String(), sa.ForeignKey("contact_points.id")),
