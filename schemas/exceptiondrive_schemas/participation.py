@@ -13,3 +13,4 @@ class DisqualificationNote(Document):
     """Of the entry; None: everything of the team."""
     note: str
     disqualified_at: datetime
+    """The day: its first moment in UTC."""

@@ -119,6 +119,24 @@ def test_a_disqualified_team_stands_nowhere_and_submits_nothing(world: World) ->
     assert told(world)[0] == "Your team Alpha is reinstated in Development"
 
 
+def test_notes_of_an_anonymous_phase_join_with_no_other_by_phase_or_time(world: World) -> None:
+    scored(world, "one")
+    with world.database.write() as session:
+        disqualify_team(session, "alpha", public_note="Everywhere.", **WHY)
+        disqualify_team(session, "alpha", phase_id="dev", public_note="Here.", **WHY)
+    with world.database.write() as session:
+        phase = find_phase(session, "dev")
+        open_notes = disqualification_notes(session, phase)
+        phase.pseudonym_salt = "0" * 32
+        phase.policy = phase.policy.model_copy(update={"anonymous": True})
+        session.flush()
+        masked = disqualification_notes(session, phase)
+    assert [one.note for one in open_notes] == ["Here.", "Everywhere."]
+    assert [one.note for one in masked] == ["Here."]
+    assert masked[0].team != "Alpha"
+    assert all(f"{one.disqualified_at:%H%M%S%f}" == "0" * 12 for one in (*open_notes, *masked))
+
+
 def test_of_two_organizers_at_once_one_disqualifies(world: World) -> None:
     def attempt(_: int) -> bool:
         try:

@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable
 from datetime import timedelta
 from email import message_from_bytes
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import select
@@ -87,8 +88,8 @@ def test_an_address_is_asked_once_and_told_nothing_before_its_yes(
 
 def test_a_wrong_key_opens_nothing(api: "Api", browse: Browse) -> None:
     contact = add(api)
-    for what in ("confirm", "unsubscribe"):
-        wrong = f"/contacts/{contact['id']}/{what}?key=edw_wrong"
+    for what, key in product(("confirm", "unsubscribe"), ("edw_wrong", "%C3%A9")):
+        wrong = f"/contacts/{contact['id']}/{what}?key={key}"
         assert browse(api).get(wrong).status_code == 404
         assert browse(api).client.post(wrong).status_code == 404
     assert api.get("/contacts", "alpha").json()[0]["is_confirmed"] is False

@@ -102,6 +102,10 @@ def set_wishes(
     return contact
 
 
+def _is_secret(contact: ContactPoint, key: str) -> bool:
+    return secrets.compare_digest((contact.secret or "").encode(), key.encode("utf-8", "replace"))
+
+
 def find_by_key(session: Session, contact_id: str, key: str) -> ContactPoint:
     """Return the e-mail address that a link in a mail speaks for.
 
@@ -109,7 +113,7 @@ def find_by_key(session: Session, contact_id: str, key: str) -> ContactPoint:
         NotFound: There is none, it was removed, or the key is wrong: the answer is the same.
     """
     contact = session.get(ContactPoint, contact_id)
-    is_right = contact is not None and secrets.compare_digest(contact.secret or "", key)
+    is_right = contact is not None and _is_secret(contact, key)
     if (
         contact is None
         or not is_right

@@ -85,8 +85,11 @@ def require_not_disqualified(
 def disqualification_notes(session: Session, phase: Phase) -> tuple[DisqualificationNote, ...]:
     """Return what readers are told of disqualifications in a phase, newest first.
 
-    Under the names that its board shows: pseudonyms in an anonymous phase.
+    Under the names that its board shows: pseudonyms in an anonymous phase. There a note on all phases
+    is left out, since others show it under the name; the day alone is told, which joins no two notes.
     """
+    is_masked = is_anonymous(phase)
+    here = Disqualification.phase_id == phase.id
     query = (
         select(Disqualification, Team, Submission.method)
         .join(Team, Team.id == Disqualification.team_id)
@@ -94,18 +97,17 @@ def disqualification_notes(session: Session, phase: Phase) -> tuple[Disqualifica
         .where(
             Disqualification.public_note.is_not(None),
             Disqualification.reinstated_at.is_(None),
-            Disqualification.phase_id.is_(None) | (Disqualification.phase_id == phase.id),
+            here if is_masked else Disqualification.phase_id.is_(None) | here,
             Team.id.in_(_teams_of(phase)),
         )
         .order_by(Disqualification.id.desc())
     )
-    is_masked = is_anonymous(phase)
     return tuple(
         DisqualificationNote(
             team=pseudonym_of_team(phase, team.id) if is_masked else team.name,
             method=pseudonym_of_method(phase, team.id, method) if method and is_masked else method,
             note=row.public_note or "",
-            disqualified_at=row.disqualified_at,
+            disqualified_at=row.disqualified_at.replace(hour=0, minute=0, second=0, microsecond=0),
         )
         for row, team, method in session.execute(query)
     )
