@@ -120,6 +120,12 @@ PROTECTIONS = (
         "tests/phases/test_trials.py::test_samples_of_a_withheld_split_are_never_counted_out",
     ),
     Protection(
+        "forgotten-alias",
+        f"{RECORDS}.phases.policy:pseudonyms_of_teams",
+        _always(frozenset()),
+        "tests/server/test_participation.py::test_a_forgotten_team_keeps_its_pseudonyms_on_anonymous_boards",
+    ),
+    Protection(
         "sheet-digest",
         "exceptiondrive_worker.stages:Scored.digest",
         _unkeyed,
