@@ -126,6 +126,13 @@ PROTECTIONS = (
         "tests/server/test_participation.py::test_a_forgotten_team_keeps_its_pseudonyms_on_anonymous_boards",
     ),
     Protection(
+        "order-of-phases",
+        f"{SERVER}.web.organizer_rights:require_order_right",
+        _nothing,
+        "tests/access/test_roles.py::"
+        "test_a_role_for_one_phase_moves_no_other_and_writes_to_no_team_of_another",
+    ),
+    Protection(
         "sheet-digest",
         "exceptiondrive_worker.stages:Scored.digest",
         _unkeyed,
