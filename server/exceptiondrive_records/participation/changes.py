@@ -8,8 +8,8 @@ from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.db.identifiers import (
-    checked_name,
     checked_reason,
+    checked_team,
     checked_text,
     skeleton,
 )
@@ -47,7 +47,7 @@ def change_team(
     team = lock_team(session, find_team(session, slug).id)
     before = {"name": team.name, "affiliation": team.affiliation}
     if name is not None:
-        team.name = checked_name("team name", name)
+        team.name = checked_team(slug, name)
         if team.name != before["name"]:
             require_free_name(session, team)
         team.name_skeleton = skeleton(team.name)
