@@ -248,7 +248,7 @@ def test_the_same_protocol_reads_nothing_where_the_usual_floors_hold(
     assert line.detail == detail
 
 
-FINER = [
+FINER: list[tuple[str, dict[str, Any], str]] = [
     ("percent_decimals", {"percent_decimals": 3}, "percent_decimals is 3, at most 2 may be"),
     ("metre_decimals", {"metre_decimals": 4}, "metre_decimals is 4, at most 2 may be"),
     ("footprint", {"footprint_length_m": 60.0}, "footprint_length_m is 60, it must lie from 2"),
