@@ -48,6 +48,10 @@ def _unescaped(environment: Any) -> Callable[..., Any]:
     return lambda **keywords: environment(**{**keywords, "autoescape": False})
 
 
+def _as_of_a_public_split(finding: Any) -> Callable[..., Any]:
+    return lambda fault, is_public: finding(fault, is_public=True)
+
+
 def _plain_text(_: Any) -> Callable[[str], str]:
     return lambda text: text
 
@@ -102,6 +106,18 @@ PROTECTIONS = (
         "exceptiondrive_worker.split_floors:breaches",
         _always(()),
         "tests/worker/test_split_floors.py::test_the_same_protocol_reads_nothing_where_the_usual_floors_hold",
+    ),
+    Protection(
+        "split-protocols",
+        "exceptiondrive_worker.floors_held:hold_floors_alone",
+        _nothing,
+        "tests/worker/test_split_floors.py::test_two_protocols_at_once_take_no_more_than_is_left",
+    ),
+    Protection(
+        "trial-counts",
+        "exceptiondrive_worker.trial_run:_finding",
+        _as_of_a_public_split,
+        "tests/phases/test_trials.py::test_samples_of_a_withheld_split_are_never_counted_out",
     ),
     Protection(
         "sheet-digest",
