@@ -2,7 +2,9 @@
 
 import os
 import shlex
+import shutil
 import stat
+import subprocess
 from collections import defaultdict
 from pathlib import Path
 from typing import Any
@@ -182,3 +184,58 @@ def test_the_proxy_reads_the_very_file_of_the_containers(folder: Path) -> None:
     words = ("pid ", "resolver 127", "listen ", "http2 on", "ssl_certificate", "set $application")
     assert different
     assert all(line.strip().startswith(words) for line in different), different
+
+
+def analyze(folder: Path, *words: str) -> "subprocess.CompletedProcess[str]":
+    """What systemd's own reader says of the units; it starts nothing."""
+    if shutil.which("systemd-analyze") is None:
+        pytest.skip("no systemd-analyze")
+    return subprocess.run(
+        ["systemd-analyze", "--no-pager", *words],
+        env={**os.environ, "SYSTEMD_UNIT_PATH": f"{folder}/systemd:"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.fixture
+def units(folder: Path) -> list[Path]:
+    """All units; what they start is a program that is there."""
+    for path in (folder / "systemd").glob("*.service"):
+        path.write_text(path.read_text().replace("/opt/ed/bin/", "/bin/true "))
+    return sorted(path for path in (folder / "systemd").iterdir() if path.is_file())
+
+
+def said_of_ours(done: "subprocess.CompletedProcess[str]", folder: Path) -> list[str]:
+    lines = (done.stderr + done.stdout).splitlines()
+    return [line for line in lines if "exceptiondrive" in line or str(folder) in line]
+
+
+def test_systemd_reads_every_unit_without_a_word(folder: Path, units: list[Path]) -> None:
+    done = analyze(folder, "verify", "--man=no", *map(str, units))
+    assert len(units) == 10
+    assert said_of_ours(done, folder) == []
+
+
+def test_systemd_names_a_misspelt_setting(folder: Path, units: list[Path]) -> None:
+    path = folder / "systemd/exceptiondrive-worker-live.service"
+    path.write_text(path.read_text().replace("ReadOnlyPaths=", "ReadOnlyPath="))
+    (line,) = said_of_ours(analyze(folder, "verify", "--man=no", str(path)), folder)
+    assert "ReadOnlyPath" in line
+    confined = folder / "systemd/exceptiondrive-.service.d/confined.conf"
+    confined.write_text("[Service]\nPrivateTmpp=yes\n")
+    lines = said_of_ours(analyze(folder, "verify", "--man=no", str(path)), folder)
+    assert any("PrivateTmpp" in line for line in lines), "it reads what all units share"
+
+
+def test_systemd_finds_every_service_confined(folder: Path, units: list[Path]) -> None:
+    """Its own measure of exposure, from 0 to 100: under 20; without the shared file it is over 60."""
+    services = [path.name.replace("@", "@8001") for path in units if path.suffix == ".service"]
+    words = ("security", "--offline=true", "--threshold=20")
+    if "unknown option" in analyze(folder, "security", "--offline=true", services[0]).stderr:
+        pytest.skip("this systemd-analyze measures running services alone")
+    for name in services:
+        assert analyze(folder, *words, name).returncode == 0, name
+    (folder / "systemd/exceptiondrive-.service.d/confined.conf").unlink()
+    assert analyze(folder, "security", "--offline=true", "--threshold=60", services[0]).returncode

@@ -120,6 +120,25 @@ PROTECTIONS = (
         "tests/phases/test_trials.py::test_samples_of_a_withheld_split_are_never_counted_out",
     ),
     Protection(
+        "forgotten-alias",
+        f"{RECORDS}.phases.policy:pseudonyms_of_teams",
+        _always(frozenset()),
+        "tests/server/test_participation.py::test_a_forgotten_team_keeps_its_pseudonyms_on_anonymous_boards",
+    ),
+    Protection(
+        "names-of-unnamed",
+        f"{RECORDS}.db.identifiers:checked_team",
+        lambda _: lambda slug, name: name,
+        "tests/records/test_names.py::test_no_team_calls_itself_like_one_that_is_not_named",
+    ),
+    Protection(
+        "order-of-phases",
+        f"{SERVER}.web.organizer_rights:require_order_right",
+        _nothing,
+        "tests/access/test_roles.py::"
+        "test_a_role_for_one_phase_moves_no_other_and_writes_to_no_team_of_another",
+    ),
+    Protection(
         "sheet-digest",
         "exceptiondrive_worker.stages:Scored.digest",
         _unkeyed,

@@ -26,6 +26,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.submissions.sheets import protocols_of_split, scored_within_a_day
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
+from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.protocol import (
     GeometrySection,
     GradingSection,
@@ -247,7 +248,7 @@ def test_the_same_protocol_reads_nothing_where_the_usual_floors_hold(
     assert line.detail == detail
 
 
-FINER = [
+FINER: list[tuple[str, dict[str, Any], str]] = [
     ("percent_decimals", {"percent_decimals": 3}, "percent_decimals is 3, at most 2 may be"),
     ("metre_decimals", {"metre_decimals": 4}, "metre_decimals is 4, at most 2 may be"),
     ("footprint", {"footprint_length_m": 60.0}, "footprint_length_m is 60, it must lie from 2"),
@@ -315,7 +316,7 @@ HARMLESS = {
 
 def test_each_field_of_a_protocol_is_held_by_a_floor_or_needs_none() -> None:
     """A field that comes later is added to one of the lists, with what it may tell of regions."""
-    sections = {
+    sections: dict[str, type[Document]] = {
         "": ProtocolDocument,
         "geometry": GeometrySection,
         "grading": GradingSection,
