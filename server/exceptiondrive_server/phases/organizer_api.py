@@ -29,6 +29,7 @@ from exceptiondrive_schemas.phase_settings import NewPhase, PhaseChange, SplitPa
 from exceptiondrive_schemas.submission import PhaseView
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
 from exceptiondrive_server.web.forms import Deed
+from exceptiondrive_server.web.organizer_rights import require_order_right
 from exceptiondrive_server.web.services import Services
 
 router = APIRouter()
@@ -95,6 +96,7 @@ def patch_phase(
     services: ServicesOf, organizer: Organizer, phase_id: PhaseId, change: PhaseChange
 ) -> PhaseView:
     """Change settings of a phase; what would take back a promise is refused."""
+    require_order_right(organizer, change)
     with services.database.write() as session:
         phase = update_phase(session, phase_id, change, actor=organizer.actor)
         return _view(session, services, phase)

@@ -50,6 +50,7 @@ from exceptiondrive_server.web.organizer_frame import (
     organizer_page,
     step_at,
 )
+from exceptiondrive_server.web.organizer_rights import require_order_right
 from exceptiondrive_server.web.services import Services
 from exceptiondrive_server.web.templating import template_filter
 
@@ -249,6 +250,7 @@ def post_phase(
                 name: value for name, value in values.items() if not _is_same(now[name], value)
             }
             change = made(PhaseChange, SETTINGS, changed)
+            require_order_right(browser.principal, change)
             update_phase(session, phase_id, change, actor=browser.principal.actor)
     except NotFound:
         raise
