@@ -11,6 +11,7 @@ COPY schemas schemas
 COPY worker worker
 COPY server server
 COPY client client
+COPY deploy deploy
 RUN for project in . server worker; do uv build --wheel --out-dir /wheels --build-constraints requirements/dev.txt "$project"; done
 
 FROM ${PYTHON} AS client

@@ -102,6 +102,7 @@ class AsyncClient:
     notices = _of(Client.notices)
     outlook = _of(Client.outlook)
     phase = _of(Client.phase)
+    report = _of(Client.report)
     phases = _of(Client.phases)
     protocol = _of(Client.protocol)
     protocol_of = _of(Client.protocol_of)

@@ -31,6 +31,7 @@ from exceptiondrive_schemas.base import Document, bytes_digest
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.method_facts import SubmissionEditView
+from exceptiondrive_schemas.phase_report import PhaseReport
 from exceptiondrive_schemas.phase_settings import RunRule
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.receipt import Receipt, ReceiptKeys
@@ -244,6 +245,15 @@ class Client(Connection):
         """
         with self._naming(phase, self._phase_ids, "phases"):
             return self._get(PhaseView, f"/phases/{quoted(phase)}")
+
+    def report(self, phase: str) -> PhaseReport:
+        """Return how a phase ended: winners, what a reveal changed, flags and counts.
+
+        Raises:
+            NotFoundError: There is no such phase, or it has not ended.
+        """
+        with self._naming(phase, self._phase_ids, "phases"):
+            return self._get(PhaseReport, f"/phases/{quoted(phase)}/report")
 
     def _phase_ids(self) -> list[str]:
         return [view.id for view in self.phases()]

@@ -135,14 +135,14 @@ class Progress(Document):
 
 
 class TrialFinding(Document):
-    """Why a split cannot be scored under what is to come, and of how many samples that holds."""
+    """Why a split cannot be scored under what is to come; of a public split, for how many samples."""
 
     what: str
     n: int | None = None
 
 
 class SplitTrial(Document):
-    """What a worker says of the split under what a run leads to: by counts alone."""
+    """What a worker says of the split under what a run leads to."""
 
     state: Literal["waiting", "fits", "refused", "held", "failed"] = "waiting"
     """`held`: by the floors of a withheld split, as they stood then."""

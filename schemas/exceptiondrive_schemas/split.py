@@ -1,6 +1,7 @@
 """The split (withheld) and its manifest (public, derived)."""
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -54,7 +55,7 @@ class Split(Document):
     recorded_is_public: bool = Field(default=False, exclude_if=lambda it: not it)
     """Whether the manifest tells the recorded paths."""
 
-    @property
+    @cached_property
     def revision(self) -> str:
         """Digest of the canonical content, blind to the order of samples."""
         document = self.model_dump(mode="json", by_alias=True, exclude_none=True)

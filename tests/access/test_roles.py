@@ -10,8 +10,12 @@ from exceptiondrive_records.accounts.people import Identity, set_organizer, welc
 from exceptiondrive_records.accounts.roles import OrganizerRole
 from exceptiondrive_records.accounts.sessions import find_session, open_person_session
 from exceptiondrive_records.accounts.tokens import SCOPES_OF_ROLE, Scope, issue_token
+from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_schemas.form_fields import values_of
 from exceptiondrive_server.operations.cli import app
+from exceptiondrive_server.phases.organizer_pages import SETTINGS
 from exceptiondrive_server.routes import ROUTES
+from exceptiondrive_server.web.forms import text_of
 from exceptiondrive_server.web.organizer_rights import HELPER_DEEDS
 
 if TYPE_CHECKING:
@@ -37,6 +41,7 @@ DEEDS = [
     ("GET", "/organizer/people", WHOLE_SITE),
     ("GET", "/organizer/phases/dev/board", SEEN_OF_DEV),
     ("GET", "/organizer/phases/dev/similar", SEEN_OF_DEV),
+    ("GET", "/organizer/phases/dev/export", SEEN_OF_DEV),
     ("POST", "/organizer/protocols/check", WHOLE_SITE),
     ("POST", "/organizer/teams/alpha/approve", {"owner", "helper"}),
     ("POST", "/organizer/teams/alpha/refuse", {"owner", "helper"}),
@@ -58,6 +63,19 @@ DEEDS = [
     ("PATCH", "/organizer/phases/dev", OF_DEV),
     ("POST", "/organizer/phases/dev/freeze", OF_DEV),
     ("POST", "/organizer/phases/dev/reveal", OF_DEV),
+    ("POST", "/organizer/phases/dev/feature", WRITERS),
+    ("POST", "/organizer/phases/dev/delete", OF_DEV),
+    ("POST", "/organizer/phases/dev/news", OF_DEV),
+    ("GET", "/organizer/news", WHOLE_SITE),
+    ("POST", "/organizer/news/x/withdraw", WRITERS),
+    ("GET", "/organizer/questions", WHOLE_SITE),
+    ("POST", "/organizer/questions/x/answer", WRITERS),
+    ("POST", "/organizer/messages", WRITERS),
+    ("PATCH", "/organizer/teams/alpha", WRITERS),
+    ("POST", "/organizer/teams/alpha/merge", WRITERS),
+    ("POST", "/organizer/teams/alpha/forget", WRITERS),
+    ("PUT", "/organizer/teams/alpha/allowances/dev", OF_DEV),
+    ("POST", "/organizer/submissions/{submission}/disqualify", OF_DEV),
     ("GET", "/submissions/{submission}", WHOLE_SITE),
     ("POST", "/submissions/{submission}/withdraw", WRITERS),
 ]
@@ -165,6 +183,37 @@ def test_a_role_for_one_phase_is_led_to_it_and_sees_no_other(
     assert site.request("PATCH", "/organizer/phases/other", "owner", json=hidden).status_code == 200
     assert site.get("/phases/other", "owner of dev").status_code == 404
     assert site.get("/phases/other", "reader").status_code == 200
+
+
+def test_a_role_for_one_phase_moves_no_other_and_writes_to_no_team_of_another(
+    site: "Api", browse: Callable[..., "TeamBrowser"]
+) -> None:
+    first = {"position": 1}
+    for who, status in (("owner of dev", 403), ("owner", 200)):
+        assert site.request("PATCH", "/organizer/phases/dev", who, json=first).status_code == status
+    browser = browse(site)
+    browser.sign_in("owner of dev")
+    page = "/organize/phases/dev"
+    assert browser.get(f"{page}/feature").status_code == 403
+    feature = {**browser.form(page), "reason": "Mine first."}
+    assert browser.send(f"{page}/feature", feature).status_code == 403
+    moved = {**browser.form(page), **_shown_in_form(browser, page), "position": "7"}
+    told = browser.send(page, moved)
+    assert (told.status_code, "organizers of the whole site" in told.text) == (403, True)
+    assert site.submit("a").status_code == 202
+    news = {"title": "A", "text": "Mine."}
+    assert site.post("/organizer/phases/dev/news", "owner of dev", json=news).status_code == 201
+    inboxes = [site.get("/notifications", who).json() for who in ("alpha", "beta")]
+    assert [any(one["title"].endswith(": A") for one in box) for box in inboxes] == [True, False]
+    news = {"title": "B", "text": "Of all."}
+    assert site.post("/organizer/phases/dev/news", "owner", json=news).status_code == 201
+    assert site.get("/notifications", "beta").json()[0]["title"].endswith(": B")
+
+
+def _shown_in_form(browser: "TeamBrowser", page: str) -> dict[str, str]:
+    with browser.api.database.read() as session:
+        now = values_of(SETTINGS, find_phase(session, page.rpartition("/")[2]))
+    return {name: text_of(value) for name, value in now.items()}
 
 
 def test_a_person_has_the_role_that_was_given_from_the_next_request_on(site: "Api") -> None:

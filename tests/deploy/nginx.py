@@ -21,11 +21,15 @@ import pytest
 from tests.chaos.users import as_user
 from tests.support.processes import free_port
 
+from exceptiondrive_server.operations.bare_install import (
+    older_http2,
+    replaced,
+    speaks_http2_by_itself,
+)
 from exceptiondrive_server.operations.secrets import self_signed
 
 CONF = Path(__file__).parents[2] / "deploy/nginx.conf"
 _PLACES = f"{os.environ.get('PATH', '')}:/usr/sbin:/usr/local/sbin"
-_HTTP2_SINCE = (1, 25, 1)
 _QUESTION = b"\x06server\x00" + struct.pack("!HH", 1, 1)
 
 
@@ -35,19 +39,6 @@ def find_nginx() -> str:
     if found is None:
         pytest.skip("no nginx: as root, apt-get install nginx")
     return found
-
-
-def replaced(text: str, changes: Mapping[str, str]) -> str:
-    """Return the text with every change made.
-
-    Raises:
-        LookupError: Something to replace stands there not once.
-    """
-    for old, new in changes.items():
-        if text.count(old) != 1:
-            raise LookupError(f"{text.count(old)} times in {CONF.name}: {old}")
-        text = text.replace(old, new)
-    return text
 
 
 class Names:
@@ -105,7 +96,9 @@ class Nginx:
         self._user = user
         self.renew_certificate()
         changes = {**self._changes(names.port, server_port), **(more or {})}
-        (self.folder / "nginx.conf").write_text(replaced(CONF.read_text("utf-8"), changes))
+        text = replaced(CONF.read_text("utf-8"), changes)
+        known = speaks_http2_by_itself(Path(self.binary))
+        (self.folder / "nginx.conf").write_text(text if known else older_http2(text))
         if user is not None:
             for path in (self.folder, *self.folder.iterdir()):
                 os.chown(path, user, user)
@@ -147,10 +140,6 @@ class Nginx:
         return command if self._user is None else as_user(self._user, self._user, command)
 
     def _changes(self, names_port: int, server_port: int) -> dict[str, str]:
-        said = subprocess.run([self.binary, "-v"], capture_output=True, text=True, check=True)
-        version = tuple(int(part) for part in said.stderr.split("/")[1].split()[0].split("."))
-        listen = f"listen 127.0.0.1:{self.port} ssl"
-        older = {"http2 on;": ""} if version < _HTTP2_SINCE else {}  # Debian 12 has 1.22
         temporary = ("client_body", "proxy", "fastcgi", "uwsgi", "scgi")
         return {
             "pid /run/nginx.pid;": f"pid {self.folder}/nginx.pid;",
@@ -162,10 +151,9 @@ class Nginx:
             "resolver 127.0.0.11 ": f"resolver 127.0.0.1:{names_port} ",
             "set $application server:8000;": f"set $application server:{server_port};",
             "listen 8080;": f"listen 127.0.0.1:{self.plain_port};",
-            "listen 8443 ssl;": f"{listen} http2;" if older else f"{listen};",
+            "listen 8443 ssl;": f"listen 127.0.0.1:{self.port} ssl;",
             "/run/secrets/tls_certificate;": f"{self.folder}/tls.crt;",
             "/run/secrets/tls_key;": f"{self.folder}/tls.key;",
-            **older,
         }
 
     def _wait(self) -> None:

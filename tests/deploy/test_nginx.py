@@ -12,12 +12,13 @@ from http import HTTPStatus
 import httpx
 import pytest
 from tests.chaos.users import Users, can_change_user
-from tests.deploy.nginx import CONF, Names, Nginx, replaced
+from tests.deploy.nginx import CONF, Names, Nginx
 from tests.support.processes import free_port
 
 from exceptiondrive import ServerError
 from exceptiondrive.transport import Transport
 from exceptiondrive_schemas.problems import PROBLEM_MEDIA_TYPE, Problem, ProblemCode
+from exceptiondrive_server.operations.bare_install import replaced
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 from exceptiondrive_server.web.problems import TOO_LARGE
 

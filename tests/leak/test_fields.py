@@ -21,6 +21,7 @@ from exceptiondrive_schemas.board import (
 )
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.flags import FLAGS
+from exceptiondrive_schemas.phase_report import PhaseReport, PlaceChange, ShakeUp
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
     ClearanceCurve,
@@ -36,6 +37,7 @@ LABELS = "the upload, and which samples are of which task and family, or count"
 CONTROLS = "the upload, and which samples are controls"
 DRIVES = "the upload and recorded paths: by cells only where these are public"
 REGIONS = "regions, by cells of a least size, rounded: the bounds of docs/leakage.md"
+BOARDS = "published boards alone, which are weighed here: nothing that they do not tell"
 TOTALS = "regions, of withheld splits in the totals alone"
 PUBLIC = "regions of public splits, unless a protocol says otherwise"
 CELLS = "a row of metrics for each, weighed one by one below"
@@ -94,6 +96,15 @@ WEIGHED: dict[type[BaseModel], dict[str, str]] = {
         "extra": REGIONS,
         "clearance_curve": PUBLIC,
     },
+    PhaseReport: {
+        **dict.fromkeys(("phase", "title", "challenge", "opened_at", "closed_at"), RECORDS),
+        **dict.fromkeys(("board", "board_digest", "published_at", "split", "part"), BOARDS),
+        **dict.fromkeys(("protocol", "protocols", "n_samples", "n_boards", "n_teams"), BOARDS),
+        **dict.fromkeys(("n_submissions", "n_ranked", "n_listed", "winners"), BOARDS),
+        **dict.fromkeys(("may_be_first", "flags", "shake_up"), BOARDS),
+    },
+    ShakeUp: dict.fromkeys(("board", "part", "places"), BOARDS),
+    PlaceChange: dict.fromkeys(("submission_id", "method", "team", "before", "after"), BOARDS),
     Coverage: dict.fromkeys(("edited", "source", "n_edited", "n_source"), ANSWERS),
     Plausibility: {"shares": ANSWERS, "flags": CELLS},
     ClearanceCurve: dict.fromkeys(("step", "micro", "macro_family"), PUBLIC),

@@ -15,7 +15,7 @@ from exceptiondrive_worker.operator_cli import app as worker_app
 from exceptiondrive_worker.settings import WorkerSettings
 
 ROOT = Path(__file__).parents[2]
-DOCUMENTS = ("docs/operating.md", "docs/scaling.md", "compose.yaml")
+DOCUMENTS = ("docs/operating.md", "docs/operating-bare.md", "docs/scaling.md", "compose.yaml")
 NOT_SETTINGS = {"EXCEPTIONDRIVE_SECRETS_DIR"}
 
 

@@ -48,6 +48,10 @@ def _unescaped(environment: Any) -> Callable[..., Any]:
     return lambda **keywords: environment(**{**keywords, "autoescape": False})
 
 
+def _as_of_a_public_split(finding: Any) -> Callable[..., Any]:
+    return lambda fault, is_public: finding(fault, is_public=True)
+
+
 def _plain_text(_: Any) -> Callable[[str], str]:
     return lambda text: text
 
@@ -102,6 +106,37 @@ PROTECTIONS = (
         "exceptiondrive_worker.split_floors:breaches",
         _always(()),
         "tests/worker/test_split_floors.py::test_the_same_protocol_reads_nothing_where_the_usual_floors_hold",
+    ),
+    Protection(
+        "split-protocols",
+        "exceptiondrive_worker.floors_held:hold_floors_alone",
+        _nothing,
+        "tests/worker/test_split_floors.py::test_two_protocols_at_once_take_no_more_than_is_left",
+    ),
+    Protection(
+        "trial-counts",
+        "exceptiondrive_worker.trial_run:_finding",
+        _as_of_a_public_split,
+        "tests/phases/test_trials.py::test_samples_of_a_withheld_split_are_never_counted_out",
+    ),
+    Protection(
+        "forgotten-alias",
+        f"{RECORDS}.phases.policy:pseudonyms_of_teams",
+        _always(frozenset()),
+        "tests/server/test_participation.py::test_a_forgotten_team_keeps_its_pseudonyms_on_anonymous_boards",
+    ),
+    Protection(
+        "names-of-unnamed",
+        f"{RECORDS}.db.identifiers:checked_team",
+        lambda _: lambda slug, name: name,
+        "tests/records/test_names.py::test_no_team_calls_itself_like_one_that_is_not_named",
+    ),
+    Protection(
+        "order-of-phases",
+        f"{SERVER}.web.organizer_rights:require_order_right",
+        _nothing,
+        "tests/access/test_roles.py::"
+        "test_a_role_for_one_phase_moves_no_other_and_writes_to_no_team_of_another",
     ),
     Protection(
         "sheet-digest",

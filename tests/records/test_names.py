@@ -6,7 +6,8 @@ import pytest
 from tests.records.conftest import World
 
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
-from exceptiondrive_records.db.identifiers import checked_name, skeleton
+from exceptiondrive_records.db.identifiers import checked_name, checked_team, skeleton
+from exceptiondrive_records.participation.changes import change_team
 from exceptiondrive_records.teams.teams import create_team
 
 BLANK = ("\u3164", "\uffa0", "\u115f", "\u1160", "\u2800", "...", "\u0301")
@@ -21,6 +22,9 @@ ALIKE = (
     "Álpha",
     "Ａｌｐｈａ",
     "𝐀lpha",
+    "Alpha.",
+    "«Alpha»",
+    "Alpha—",
 )
 
 
@@ -56,14 +60,49 @@ def test_no_two_teams_have_names_that_look_alike(
 ) -> None:
     world = make_world()
     with world.database.write() as session:
-        create_team(session, "first", "Alphaville", actor="test")
+        create_team(session, "first", "Alpha-Ville", actor="test")
     with pytest.raises(Conflict, match="looks like"), world.database.write() as session:
-        create_team(session, "second", f"{name}ville", actor="test")
+        create_team(session, "second", f"{name} ville", actor="test")
+
+
+@pytest.mark.parametrize(
+    ("slug", "name"),
+    [
+        ("x", "Team 7KQ-2MF"),
+        ("x", "TEAM abc–def"),
+        ("x", "T\u0435am 7KQ - 2MF"),
+        ("x", "Former team 7KQ2MF"),
+        ("x", "former  Team"),
+        ("former-7kq2mf", "Alpha"),
+    ],
+    ids=ascii,
+)
+def test_no_team_calls_itself_like_one_that_is_not_named(
+    make_world: Callable[..., World], slug: str, name: str
+) -> None:
+    """As teams of an anonymous phase, and forgotten ones, stand on boards."""
+    world = make_world()
+    with pytest.raises(InvalidRecord, match="not named"), world.database.write() as session:
+        create_team(session, slug, name, actor="test")
+    if slug == "x":
+        with pytest.raises(InvalidRecord, match="not named"), world.database.write() as session:
+            change_team(session, "alpha", name=name, reason="r", actor="test")
+
+
+@pytest.mark.parametrize("name", ["Team Red Cat", "Team Blue-Lab", "Old former team", "Team 7"])
+def test_other_names_of_teams_stay_free(name: str) -> None:
+    assert checked_team("x", name) == name
 
 
 @pytest.mark.parametrize(
     ("one", "other"),
-    [("Alpha", "Alpha 2"), ("Team 2", "Team 3"), ("自动驾驶", "自動車"), ("Ω", "Σ")],
+    [
+        ("Alpha", "Alpha 2"),
+        ("Team 2", "Team 3"),
+        ("自动驾驶", "自動車"),
+        ("किरण", "करण"),
+        ("Ω", "Σ"),
+    ],
 )
 def test_names_that_differ_to_the_eye_are_two(one: str, other: str) -> None:
     assert skeleton(one) != skeleton(other)

@@ -12,10 +12,13 @@ from tests.server.test_organizer_team_pages import last_line
 from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.notifications.tables import ContactPoint, Notification
+from exceptiondrive_records.operations.dump import dump_rows, dumped_tables
 from exceptiondrive_records.operations.invariants import broken_boards
 from exceptiondrive_records.phases.changes import update_phase
+from exceptiondrive_records.phases.policy import pseudonym_of_team
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_schemas.phase_settings import PhaseChange
 
 if TYPE_CHECKING:
@@ -269,3 +272,62 @@ def test_a_forgotten_team_stands_under_an_alias_and_the_board_keeps_its_digest(
         assert (mine.description, "Alpha" in "".join(told_words)) == ("", False)
     again = api.post(f"/organizer/teams/{alias[1]}/forget", "organizer", json=WHY)
     assert again.status_code == 409
+
+
+def test_a_team_that_was_merged_is_forgotten_with_the_one_it_became_part_of(
+    api_on_both: "Api", make_entry: Callable[..., Any]
+) -> None:
+    """Its name stood on boards, in their news and history, in its own notices and questions."""
+    api = api_on_both
+    api.post("/phases/dev/questions", "alpha", json={"text": "May Alpha use maps?"})
+    own = api.submit("a", description="By Ada of Alpha").json()["id"]
+    api.score(own)
+    api.publish(make_entry("Baseline", source="reference", rank=None))
+    row = api.publish(make_entry("Planner", submission_id=own, team="Alpha"))
+    merged = api.post("/organizer/teams/alpha/merge", "organizer", json={**WHY, "into": "beta"})
+    assert merged.status_code == 200
+    refused = api.post("/organizer/teams/alpha/forget", "organizer", json=WHY)
+    assert (refused.status_code, "forget that one" in refused.text) == (409, True)
+    again = api.post("/organizer/teams/alpha/merge", "organizer", json={**WHY, "into": "beta"})
+    assert again.status_code == 409
+    done = api.post("/organizer/teams/beta/forget", "organizer", json=WHY)
+    assert done.status_code == 200
+    for address in ("/", "/history?phase=dev", "/api/v1/leaderboard?phase=dev", f"/entries/{own}"):
+        seen = api.client.get(address, headers={"Accept": "text/html, application/json"})
+        assert (seen.status_code, "Alpha" in seen.text) == (200, False), address
+    for address in ("/organizer/teams", "/organizer/questions"):
+        told = api.get(address, "organizer")
+        assert told.status_code == 200
+        assert not re.search("alpha|beta", told.text, re.IGNORECASE), address
+    with api.database.read() as session:
+        kept = {table.name: "\n".join(dump_rows(session, table)) for table in dumped_tables()}
+    named = {name for name, text in kept.items() if re.search("alpha", text, re.IGNORECASE)}
+    assert named == {"audit_lines", "boards", "board_flips"}, "append-only, as the docs say"
+    with api.database.read() as session:
+        assert session.get_one(BoardRow, row.id).digest == row.digest
+        assert verify_audit(session).is_whole
+        assert list(broken_boards(session)) == []
+
+
+def test_a_forgotten_team_keeps_its_pseudonyms_on_anonymous_boards(
+    api_on_both: "Api", make_entry: Callable[..., Any]
+) -> None:
+    """The alias beside a pseudonym would say which entries were of one team, and whose."""
+    api = api_on_both
+    with api.database.write() as session:
+        change = PhaseChange.model_validate({"policy": {"anonymous": True}})
+        update_phase(session, "dev", change, actor="test")
+    with api.database.read() as session:
+        phase = session.get_one(Phase, "dev")
+        pseudonym = pseudonym_of_team(phase, find_team(session, "alpha").id)
+    own = api.submit("a").json()["id"]
+    api.score(own)
+    entry = make_entry("Planner", submission_id=own, team=pseudonym)
+    api.publish(make_entry("Baseline", source="reference", rank=None))
+    api.publish(entry)
+    api.post("/organizer/teams/alpha/merge", "organizer", json={**WHY, "into": "beta"})
+    assert api.post("/organizer/teams/beta/forget", "organizer", json=WHY).status_code == 200
+    told = api.get("/boards/dev/2").json()
+    assert [one["team"] for one in told["entries"]] == [pseudonym]
+    history = api.client.get("/history?phase=dev", headers={"Accept": "text/html"}).text
+    assert (pseudonym in history, "Former team" in history) == (True, False)

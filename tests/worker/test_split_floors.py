@@ -3,8 +3,10 @@
 import json
 import re
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
 from pathlib import Path
+from threading import Barrier
 from typing import Any
 
 import numpy as np
@@ -14,7 +16,7 @@ from numpy.typing import NDArray
 from sqlalchemy import func, select
 from tests.support.documents import region_ahead
 from tests.support.records import add_phase
-from tests.support.worker import build_board_of
+from tests.support.worker import build_board_of, score_submission
 
 from exceptiondrive_records.audit.log import SPLIT_FLOOR_HELD, audit_page
 from exceptiondrive_records.boards.tables import BoardRow
@@ -22,11 +24,22 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.operations.dashboard import dashboard
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.tables import ProtocolRow
-from exceptiondrive_records.submissions.sheets import scored_within_a_day
+from exceptiondrive_records.submissions.sheets import protocols_of_split, scored_within_a_day
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
-from exceptiondrive_schemas.protocol import packaged_protocol_toml, parse_protocol
+from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.protocol import (
+    GeometrySection,
+    GradingSection,
+    PlausibilitySection,
+    ProtocolDocument,
+    PublicationSection,
+    RankingSection,
+    packaged_protocol_toml,
+    parse_protocol,
+)
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_schemas.taxonomy import Family, Task
 from exceptiondrive_worker.failures import FailureCode
 from exceptiondrive_worker.split_floors import (
     SplitFloors,
@@ -34,6 +47,7 @@ from exceptiondrive_worker.split_floors import (
 )
 from exceptiondrive_worker.split_store import read_split
 from exceptiondrive_worker.splits_admin import SplitsRefusedError, publish_split_file
+from exceptiondrive_worker.stages import Target
 
 World = Any
 FloatArray = NDArray[np.float64]
@@ -45,6 +59,8 @@ footprint_length_m = [0, 1000]
 footprint_width_m = [0, 1000]
 d_safe_m = [0, 5000]
 waypoints = [1, 200]
+max_step_m = [0, 1000]
+collision_tubes = ["footprints"]
 """
 N_TASKS_READ = 12
 
@@ -232,13 +248,19 @@ def test_the_same_protocol_reads_nothing_where_the_usual_floors_hold(
     assert line.detail == detail
 
 
-FINER = [
+FINER: list[tuple[str, dict[str, Any], str]] = [
     ("percent_decimals", {"percent_decimals": 3}, "percent_decimals is 3, at most 2 may be"),
     ("metre_decimals", {"metre_decimals": 4}, "metre_decimals is 4, at most 2 may be"),
     ("footprint", {"footprint_length_m": 60.0}, "footprint_length_m is 60, it must lie from 2"),
     ("width", {"footprint_width_m": 0.01}, "footprint_width_m is 0.01"),
     ("micrometres", {"d_safe_m": 1e-6}, "d_safe_m is 1e-06, it must lie from 0.1 to 10"),
     ("far", {"d_safe_scale": 10.0}, "d_safe_m is 20"),
+    ("centre", {"footprint_centre_ahead_m": -6.0}, "footprint_centre_ahead_m is -6"),
+    ("tube", {"collision_tube": '"footprints"'}, 'collision_tube is "footprints"'),
+    ("leaps", {"max_step_m": 500.0}, "max_step_m is 500, it must lie from 0 to 100"),
+    ("paths sorted", {"max_coordinate_m": 20.0}, "max_coordinate_m is 20"),
+    ("sizes sorted", {"min_region_area_m2": 6.0}, "min_region_area_m2 is 6"),
+    ("distances sorted", {"max_region_distance_m": 15.0}, "max_region_distance_m is 15"),
     ("one point", {"waypoints": 1}, "waypoints is 1"),
     ("pairs", {"compared_entries": 50}, "compared_entries is 50"),
     ("factors", {"sensitivity_factors": [0.5, 0.9, 1.1]}, "the number of sensitivity_factors is 3"),
@@ -256,7 +278,78 @@ def test_what_is_finer_than_the_usual_floors_is_named(
     assert found.startswith(words), what
 
 
-@pytest.mark.parametrize("version", ["1.0", "1.1"])
+FLOORED = {
+    "geometry": "waypoints max_coordinate_m max_step_m footprint_length_m footprint_width_m "
+    "footprint_centre_ahead_m collision_tube min_region_area_m2 max_region_distance_m",
+    "grading": "d_safe_scale sensitivity_factors clearance_curve_step clearance_curve_until",
+    "publication": "percent_decimals metre_decimals min_samples_per_cell compared_entries "
+    "clearance_curve outcome_cells",
+    "tasks": "d_safe_m",
+}
+HARMLESS = {
+    # one value, or within bounds of the schema that are as tight as a floor would be
+    "geometry": "frame contact_tolerance_m heading_hold_tolerance_m "
+    # made of the upload alone; a team turns its footprints by its waypoints anyway
+    "time_step_s heading_hold_m reverse_above_deg",
+    # which of the published means comes first; answers of the taxonomy, without a region
+    "grading": "headline caution",
+    # of intervals, which are told of a withheld split to whole per cents whatever they are made with
+    "ranking": "bootstrap_draws bootstrap_seed confidence min_scenes "
+    # of what is published besides: shares of the file that are missing, flags, two metrics
+    "order min_coverage unranked_flags",
+    # of the upload and labels
+    "plausibility": "stationary_below_m blind_shift_below_m max_acceleration_mps2 "
+    "min_turn_radius_m flag_edited_stationary_excess flag_source_stationary flag_blind "
+    "flag_impossible frame_check_min_motion_m frame_check_max_angle_deg frame_check_min_samples "
+    "progress_min_path_m first_step_from_mps flag_first_step flag_reverses_excess flag_progress "
+    "flag_family_progress flag_family_min_samples flag_same_answer "
+    # splits the hits in the totals by what the team itself decides: counted in docs/leakage.md
+    "reaction_shift_m "
+    # tells marks of controls, which are taken as known, and one bit of a median that is published
+    "over_caution_below flag_over_caution flag_off_course_m",
+    # words; which task is of which family makes cells, each of them held to min_samples_per_cell
+    "families": "id title",
+    "tasks": "id name family hazard region acceptable under_warning",
+    "": "schema_ version title changes",
+}
+
+
+def test_each_field_of_a_protocol_is_held_by_a_floor_or_needs_none() -> None:
+    """A field that comes later is added to one of the lists, with what it may tell of regions."""
+    sections: dict[str, type[Document]] = {
+        "": ProtocolDocument,
+        "geometry": GeometrySection,
+        "grading": GradingSection,
+        "ranking": RankingSection,
+        "plausibility": PlausibilitySection,
+        "publication": PublicationSection,
+        "families": Family,
+        "tasks": Task,
+    }
+    for name, section in sections.items():
+        floored, free = FLOORED.get(name, "").split(), HARMLESS.get(name, "").split()
+        assert not set(floored) & set(free), name
+        assert {*floored, *free} == set(section.model_fields) - set(sections), name
+    tried = {field for _, values, _ in FINER for field in values}
+    assert tried >= {field for fields in FLOORED.values() for field in fields.split()} - {
+        "clearance_curve_step",  # tried below
+        "clearance_curve_until",
+        "min_samples_per_cell",
+    }
+
+
+def test_a_curve_that_floors_show_has_no_more_points_than_they_say() -> None:
+    floors = SplitFloors(shows=("clearance_curve",))
+    shown = changed("9.2", clearance_curve='"all_splits"')
+    assert list(breaches(floors, parse_protocol(shown))) == []
+    fine = shown.replace("clearance_curve_step = 0.1", "clearance_curve_step = 0.01")
+    far = shown.replace("clearance_curve_until = 2.0", "clearance_curve_until = 10.0")
+    words = "the number of points of a clearance_curve is {}, at most 21 may be"
+    assert list(breaches(floors, parse_protocol(fine))) == [words.format(201)]
+    assert list(breaches(floors, parse_protocol(far))) == [words.format(101)]
+
+
+@pytest.mark.parametrize("version", ["1.0", "1.1", "1.1-withheld"])
 def test_the_packaged_protocols_pass_the_usual_floors(version: str) -> None:
     assert list(breaches(SplitFloors(), parse_protocol(packaged_protocol_toml(version)))) == []
 
@@ -328,6 +421,31 @@ def test_only_so_many_protocols_ever_ask(
         codes.append(code_of(world, submission_id))
     assert codes == [None, None, FailureCode.SPLIT_FLOOR.value]
     assert held(world)[-1][1]["asked"] == ["it would be protocol number 3, at most 2 may be"]
+
+
+def test_two_protocols_at_once_take_no_more_than_is_left(
+    world: World, tiny: Split, planning_file: Callable[..., bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both are let begin, since neither has a sheet; the later one records none."""
+    write_floors(world, "max_protocols = 1", tiny.name)
+    jobs = []
+    for number in range(2):
+        open_phase(world, changed(f"9.{number}"), tiny, f"phase-{number}")
+        jobs.append(world.submit(planning_file(tiny), phase_id=f"phase-{number}"))
+    together, score = Barrier(2), world.context.stages.score
+
+    def score_beside_the_other(target: Target) -> Any:
+        together.wait(60)
+        return score(target)
+
+    monkeypatch.setattr(world.context.stages, "score", score_beside_the_other)
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(lambda job: score_submission(world.context, job[1]), jobs))
+    codes = {code_of(world, submission_id) for submission_id, _ in jobs}
+    assert codes == {None, FailureCode.SPLIT_FLOOR.value}
+    with world.database.read() as session:
+        assert len(protocols_of_split(session, tiny.name)) == 1
+    assert held(world)[-1][1]["asked"] == ["it would be protocol number 2, at most 1 may be"]
 
 
 @pytest.mark.parametrize("part", ["private", None])

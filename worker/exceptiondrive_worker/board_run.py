@@ -28,7 +28,7 @@ from exceptiondrive_worker.comparisons import Standing, comparisons, entry_uncer
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.drawing import DRAWN_AT_ONCE, draw_entries, draw_protocol
 from exceptiondrive_worker.failures import job_boundary
-from exceptiondrive_worker.floors_held import hold_floors_of
+from exceptiondrive_worker.floors_held import held_floors_are_told, hold_floors
 from exceptiondrive_worker.references import scored_references
 from exceptiondrive_worker.reminder_effects import reminder_effects
 from exceptiondrive_worker.rounding import Rounding
@@ -141,7 +141,11 @@ def _board(
     challenge = CHALLENGES[phase.challenge]
     split = context.splits.find(phase.split_name, claimed.split_revision, protocol)
     floors = context.splits.floors(phase.split_name)
-    hold_floors_of(context.database, floors, ref, protocol, phase.id)
+    with (
+        held_floors_are_told(context.database, ref, protocol, phase.id),
+        context.database.read() as session,
+    ):
+        hold_floors(session, floors, ref, protocol)
     targets = [Target(record.file_digest, challenge, split, protocol) for record in records]
     standings = list(zip(targets, records, strict=True))
     references = scored_references(context, challenge, split, protocol)

@@ -1,16 +1,18 @@
 """Holds the floors of a split against what the records ask for, and says so in the audit log."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import SPLIT_FLOOR_HELD, audit_once
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.rescoring.trials import count_trial, lock_trials, tried_protocols
+from exceptiondrive_records.rescoring.trials import lock_protocols, tried_protocols
 from exceptiondrive_records.splits.confirmations import keys_that_confirm
 from exceptiondrive_records.splits.drawings import find_public_split
 from exceptiondrive_records.splits.splits import find_split, part_revision
 from exceptiondrive_records.submissions.sheets import protocols_of_split, scored_within_a_day
-from exceptiondrive_records.work.tables import Trial
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_worker.split_floors import (
@@ -75,31 +77,29 @@ def _has_private(session: Session, ref: SplitRef) -> bool:
     return part == "private" or (part is None and private is not None)
 
 
-def hold_floors_of(
-    database: Database,
+def hold_floors_alone(
+    session: Session,
     floors: SplitFloors,
     ref: SplitRef,
     protocol: ProtocolDocument,
-    phase_id: str,
     submission_id: str | None = None,
-    trial: Trial | None = None,
 ) -> None:
-    """Hold the floors of a split; what is refused is said once in the audit log.
-
-    A trial that they let pass is counted at once: two together take no more than is left.
+    """Hold them before the write transaction records: two together take no more than is left.
 
     Raises:
         FloorHeldError: As `hold_floors`.
     """
+    lock_protocols(session, ref.name)
+    hold_floors(session, floors, ref, protocol, submission_id)
+
+
+@contextmanager
+def held_floors_are_told(
+    database: Database, ref: SplitRef, protocol: ProtocolDocument, phase_id: str
+) -> Iterator[None]:
+    """Say once in the audit log what the floors of a split refuse inside."""
     try:
-        if trial is None:
-            with database.read() as session:
-                hold_floors(session, floors, ref, protocol, submission_id)
-            return
-        with database.write() as session:
-            lock_trials(session, ref.name)
-            hold_floors(session, floors, ref, protocol)
-            count_trial(session, trial, ref, protocol.digest)
+        yield
     except FloorHeldError as held:
         detail = {"phase": phase_id, "protocol": protocol.version, "asked": list(held.asked)}
         with database.write() as session:

@@ -25,7 +25,11 @@ from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.failures import Failure, job_boundary, places
-from exceptiondrive_worker.floors_held import hold_floors_of
+from exceptiondrive_worker.floors_held import (
+    held_floors_are_told,
+    hold_floors,
+    hold_floors_alone,
+)
 from exceptiondrive_worker.rounding import Rounding
 from exceptiondrive_worker.sound_report import sound_report
 from exceptiondrive_worker.split_faults import SplitRefusedError
@@ -121,33 +125,36 @@ def _score(context: WorkerContext, job: Job) -> None:
         ref = SplitRef(name=phase.split_name, revision=job.split_revision)
         is_public = find_public_split(session, ref) is not None
     floors = context.splits.floors(ref.name)
-    hold_floors_of(context.database, floors, ref, protocol, phase.id, submission.id)
-    challenge = CHALLENGES[phase.challenge]
-    split = context.splits.find(phase.split_name, job.split_revision, protocol)
-    target = Target(submission.file_digest, challenge, split, protocol, read_under)
-    try:
-        scored = context.stages.score(target)
-        size_bytes = submission.size_bytes
-        report = sound_report(context.stages, target, size_bytes) if job.is_first else None
-    except RejectedUpload as rejected:
-        with context.database.write() as session:
-            outcome = finish_rejected(session, job, rejected.report)
-        _log.info("rejected", **_ids(job), outcome=outcome.value)
-        return
-    published = Rounding(challenge, protocol.publication, is_public=is_public).sheet(
-        scored.sheet, has_public_drives=split.manifest.recorded is not None
-    )
-    with context.database.write() as session:
-        outcome = finish_scored(
-            session,
-            job,
-            published,
-            exact_digest=scored.digest,
-            measurement_key=scored.measurement_key,
-            scorer_version=SCORER_VERSION,
-            report=report,
+    with held_floors_are_told(context.database, ref, protocol, phase.id):
+        with context.database.read() as session:
+            hold_floors(session, floors, ref, protocol, submission.id)
+        challenge = CHALLENGES[phase.challenge]
+        split = context.splits.find(phase.split_name, job.split_revision, protocol)
+        target = Target(submission.file_digest, challenge, split, protocol, read_under)
+        try:
+            scored = context.stages.score(target)
+            size_bytes = submission.size_bytes
+            report = sound_report(context.stages, target, size_bytes) if job.is_first else None
+        except RejectedUpload as rejected:
+            with context.database.write() as session:
+                outcome = finish_rejected(session, job, rejected.report)
+            _log.info("rejected", **_ids(job), outcome=outcome.value)
+            return
+        published = Rounding(challenge, protocol.publication, is_public=is_public).sheet(
+            scored.sheet, has_public_drives=split.manifest.recorded is not None
         )
-    _log.info("scored", **_ids(job), outcome=outcome.value)
+        with context.database.write() as session:
+            hold_floors_alone(session, floors, ref, protocol, submission.id)
+            outcome = finish_scored(
+                session,
+                job,
+                published,
+                exact_digest=scored.digest,
+                measurement_key=scored.measurement_key,
+                scorer_version=SCORER_VERSION,
+                report=report,
+            )
+        _log.info("scored", **_ids(job), outcome=outcome.value)
 
 
 def _record_failure(context: WorkerContext, job: Job, failure: Failure) -> None:

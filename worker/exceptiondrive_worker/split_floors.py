@@ -25,6 +25,17 @@ NEEDED = 2
 Bounds = tuple[float, float]
 Count = Annotated[int, Field(ge=1)]
 Decimals = Annotated[int, Field(ge=0, le=4)]
+_GEOMETRY = (
+    "footprint_length_m",
+    "footprint_width_m",
+    "footprint_centre_ahead_m",
+    "waypoints",
+    "max_step_m",
+    "max_coordinate_m",
+    "min_region_area_m2",
+    "max_region_distance_m",
+)
+"""Fields of a protocol that have bounds by the same name."""
 
 
 class SplitFloors(Document):
@@ -39,12 +50,20 @@ class SplitFloors(Document):
     max_metre_decimals: Decimals = 2
     max_compared_entries: Annotated[int, Field(ge=0)] = 10
     max_sensitivity_factors: Annotated[int, Field(ge=0)] = 2
+    max_curve_points: Count = 21
     shows: tuple[Literal["clearance_curve", "outcome_cells"], ...] = ()
     """What a protocol may publish of all splits, and so of this one."""
     footprint_length_m: Bounds = (2.0, 30.0)
     footprint_width_m: Bounds = (1.0, 5.0)
+    footprint_centre_ahead_m: Bounds = (0.0, 10.0)
+    collision_tubes: tuple[Literal["hulls", "footprints"], ...] = ("hulls",)
     d_safe_m: Bounds = (0.1, 10.0)
     waypoints: Bounds = (4, 200)
+    max_step_m: Bounds = (0.0, 100.0)
+    max_coordinate_m: Bounds = (100.0, 1000.0)
+    min_region_area_m2: Bounds = (0.0, 0.1)
+    max_region_distance_m: Bounds = (80.0, 1000.0)
+    """This and the two before refuse a split: a protocol that asks much sorts its samples."""
     max_protocols: Count = 12
     """Protocols that the split is ever scored under."""
     max_scored_per_day: Count = 2000
@@ -58,7 +77,7 @@ class SplitFloors(Document):
 
     @model_validator(mode="after")
     def _bounds_are_in_order(self) -> Self:
-        for name in ("footprint_length_m", "footprint_width_m", "d_safe_m", "waypoints"):
+        for name in ("d_safe_m", *_GEOMETRY):
             least, most = getattr(self, name)
             if not 0 <= least <= most:
                 raise ValueError(f"{name}: the least comes first, and none is negative")
@@ -125,6 +144,11 @@ def breaches(floors: SplitFloors, protocol: ProtocolDocument) -> Iterator[str]:
             len(protocol.grading.sensitivity_factors),
             floors.max_sensitivity_factors,
         ),
+        (
+            "the number of points of a clearance_curve",
+            _curve_points(protocol),
+            floors.max_curve_points,
+        ),
     )
     for name, value, most in numbers:
         if value > most:
@@ -132,10 +156,10 @@ def breaches(floors: SplitFloors, protocol: ProtocolDocument) -> Iterator[str]:
     for name in ("clearance_curve", "outcome_cells"):
         if getattr(publication, name) == "all_splits" and name not in floors.shows:
             yield f'{name} is "all_splits", which the floors do not show'
+    if geometry.collision_tube not in floors.collision_tubes:
+        yield f'collision_tube is "{geometry.collision_tube}", which the floors do not allow'
     ranges = (
-        ("footprint_length_m", geometry.footprint_length_m),
-        ("footprint_width_m", geometry.footprint_width_m),
-        ("waypoints", geometry.waypoints),
+        *((name, getattr(geometry, name)) for name in _GEOMETRY),
         *(("d_safe_m", value) for value in _required_clearances_m(protocol)),
     )
     told = set()
@@ -157,6 +181,14 @@ def unconfirmed(floors: SplitFloors, keys: set[str]) -> Iterator[str]:
     if floors.second_organizer and len(names) < NEEDED:
         who = f"{' and '.join(names)} alone" if names else "nobody"
         yield f"it is confirmed by {who}, and {NEEDED} of {len(floors.organizers)} organizers must"
+
+
+def _curve_points(protocol: ProtocolDocument) -> int:
+    """Of the clearance curve of a withheld split; 0 where none is published."""
+    grading = protocol.grading
+    if not protocol.publication.shows_curve(is_public_split=False):
+        return 0
+    return 1 + round(grading.clearance_curve_until / grading.clearance_curve_step)
 
 
 def _required_clearances_m(protocol: ProtocolDocument) -> list[float]:

@@ -1,21 +1,21 @@
 """The trial run: whether a split can be scored under what a rescoring run leads to.
 
-What goes back is each reason with a count, of a withheld split none below the least that the protocol
-publishes (`min_samples_per_cell`). The floors of a withheld split come first, and a trial
-counts among the protocols that they allow: counts of regions tell of regions.
+What goes back is each reason, of a public split with the count of its samples: counts of regions
+tell of regions. The floors of a withheld split come first, and a trial counts among the
+protocols that they allow.
 """
 
 from exceptiondrive_records.phases.scoring_keys import find_run
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
-from exceptiondrive_records.rescoring.trials import claim_trial, finish_trial
+from exceptiondrive_records.rescoring.trials import claim_trial, count_trial, finish_trial
 from exceptiondrive_records.splits.drawings import find_public_split
 from exceptiondrive_records.work.tables import Trial
 from exceptiondrive_schemas.rescoring import SplitTrial, TrialFinding
 from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.failures import Failure, job_boundary
-from exceptiondrive_worker.floors_held import hold_floors_of
+from exceptiondrive_worker.floors_held import held_floors_are_told, hold_floors_alone
 from exceptiondrive_worker.split_faults import SplitFault, SplitRefusedError
 from exceptiondrive_worker.split_floors import FloorHeldError
 
@@ -44,26 +44,29 @@ def _tried(context: WorkerContext, item: Trial) -> SplitTrial:
         ref = SplitRef(name=phase.split_name, revision=run.to_split_revision)
         is_public = find_public_split(session, ref) is not None
     floors = context.splits.floors(ref.name)
-    least = 1 if is_public else protocol.publication.min_samples_per_cell
     try:
-        hold_floors_of(context.database, floors, ref, protocol, phase.id, trial=item)
+        with (
+            held_floors_are_told(context.database, ref, protocol, phase.id),
+            context.database.write() as session,
+        ):
+            hold_floors_alone(session, floors, ref, protocol)
+            count_trial(session, item, ref, protocol.digest)
         context.splits.find(ref.name, ref.revision, protocol)
     except FloorHeldError as held:
         asked = tuple(TrialFinding(what=words) for words in held.asked)
         return SplitTrial(state="held", found=asked)
     except SplitRefusedError as refused:
         return SplitTrial(
-            state="refused", found=tuple(_finding(fault, least) for fault in refused.faults)
+            state="refused",
+            found=tuple(_finding(fault, is_public=is_public) for fault in refused.faults),
         )
     return SplitTrial(state="fits")
 
 
-def _finding(fault: SplitFault, least: int) -> TrialFinding:
-    """Tell a fault, and of how many samples; of fewer than `least` no exact number."""
-    n = len(fault.sample_ids)
-    if n < least:
-        return TrialFinding(what=f"fewer than {least:,} {fault.what}")
-    return TrialFinding(what=fault.what, n=n)
+def _finding(fault: SplitFault, *, is_public: bool) -> TrialFinding:
+    if is_public:
+        return TrialFinding(what=fault.what, n=len(fault.sample_ids))
+    return TrialFinding(what=f"some {fault.what}")
 
 
 def _record(context: WorkerContext, item: Trial, trial: SplitTrial) -> None:

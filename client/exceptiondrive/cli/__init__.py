@@ -71,6 +71,10 @@ COMMANDS = {
     "questions": (".news_commands", "Show what the team asked about a phase, and the answers."),
     "leaderboard": (".board_commands", "Show a ranked board."),
     "phases": (".board_commands", "List the phases."),
+    "report": (
+        ".board_commands",
+        "Show how a phase ended: the first places, and what a reveal changed.",
+    ),
     "remind": (
         "exceptiondrive_agent.cli",
         "Write a risk reminder per sample: images and the public taxonomy in, a record out.",

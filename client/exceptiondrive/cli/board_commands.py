@@ -1,5 +1,6 @@
 """Commands about what everyone may see: leaderboard, phases."""
 
+from collections.abc import Iterator
 from typing import Annotated, Any
 
 import typer
@@ -12,7 +13,9 @@ from exceptiondrive.cli.session import open_client
 from exceptiondrive.cli.tables import board_view
 from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive.settings import find_setting
+from exceptiondrive.words import metric_text
 from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.phase_report import PhaseReport
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.submission import PhaseView
 
@@ -96,6 +99,44 @@ def phases(server: options.Server = None, json: options.Json = False) -> None:
         show(phases_table(views))
 
 
+def report(
+    phase: Annotated[str, typer.Argument(metavar="PHASE", help="Id of a phase that has ended.")],
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Show how a phase ended: the first places, and what a reveal changed."""
+    with open_client(server) as client:
+        found = client.report(phase)
+    show_result(found, json, *_report_view(found))
+
+
+def _report_view(found: PhaseReport) -> Iterator[str | FittedTable]:
+    columns = CHALLENGES[found.challenge].columns
+    yield (
+        f"{found.title}: closed {utc_text(found.closed_at)}, board {found.board}, protocol "
+        f"{found.protocol.version}, {found.n_samples:,} samples; {found.n_teams:,} teams, "
+        f"{found.n_ranked:,} ranked, {found.n_listed:,} without a rank"
+    )
+    winners = FittedTable.of(
+        Column("rank", "number"),
+        "method",
+        "team",
+        *(Column(one.label, "number") for one in columns),
+    )
+    for entry in found.winners:
+        values = (metric_text(one, entry.metrics.get(one.key)) for one in columns)
+        winners.add_row(str(entry.rank), entry.method, entry.team, *values)
+    yield winners
+    if found.shake_up is not None:
+        moved = FittedTable.of(
+            "method", "team", Column("before", "number"), Column("final", "number")
+        )
+        for one in found.shake_up.places:
+            moved.add_row(one.method, one.team, *(str(r or "-") for r in (one.before, one.after)))
+        yield f"ranks on board {found.shake_up.board}, before the reveal, and on the final one"
+        yield moved
+
+
 def phases_table(views: tuple[PhaseView, ...]) -> FittedTable:
     """Return the table of all phases."""
     table = FittedTable.of(
@@ -137,3 +178,4 @@ def register(app: typer.Typer) -> None:
     """Add these commands."""
     app.command()(leaderboard)
     app.command()(phases)
+    app.command()(report)

@@ -149,6 +149,9 @@ class PlanningRules:
     def _trajectory(self, value: Any, path: Path, sample_id: str | None) -> array[float] | None:
         if value is None:
             return None
+        sound = self._sound_trajectory(value)
+        if sound is not None:
+            return sound
         other = trajectory_in(value)
         if other is not None:
             hint = f"{CONVERT}` reads it"
@@ -169,6 +172,27 @@ class PlanningRules:
             self._refuse(FaultCode.WRONG_WAYPOINT_SHAPE, path, self._form, got, sample_id, hint)
             return None
         return self._waypoints(value, path, sample_id)
+
+    def _sound_trajectory(self, value: Any) -> array[float] | None:
+        """Return a trajectory without a fault; None where every point has to be looked at."""
+        if type(value) is not list or len(value) != self._geometry.waypoints:
+            return None
+        bound_m, longest_m2 = self._geometry.max_coordinate_m, self._geometry.max_step_m**2
+        flat, before_x, before_y = array("d"), 0.0, 0.0
+        for point in value:
+            if type(point) is not list or len(point) != 2:
+                return None
+            x, y = point
+            if type(x) not in NUMBERS or type(y) not in NUMBERS:
+                return None
+            if not (-bound_m <= x <= bound_m and -bound_m <= y <= bound_m):
+                return None
+            if (x - before_x) ** 2 + (y - before_y) ** 2 > longest_m2:
+                return None
+            flat.extend((x + 0.0, y + 0.0))
+            before_x, before_y = x, y
+        self._n_trajectories += 1
+        return flat
 
     def _waypoints(self, value: list[Any], path: Path, sample_id: str | None) -> array[float]:
         """Return the finite points as they are, so that one cause of many faults can be found."""

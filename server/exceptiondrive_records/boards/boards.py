@@ -13,7 +13,7 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.db.memory import Memory
 from exceptiondrive_records.phases.phases import lock_phase
-from exceptiondrive_records.phases.policy import frozen_since, shown_board
+from exceptiondrive_records.phases.policy import frozen_since, pseudonyms_of_teams, shown_board
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.submissions.tables import Submission
@@ -334,8 +334,10 @@ def leads(session: Session, phase_id: str) -> list[Lead]:
         .order_by(BoardFlip.at, BoardFlip.id)
     )
     aliases = _aliases(session, phase_id)
+    forgotten = session.scalars(select(Team.id).where(Team.forgotten_at.is_not(None))).all()
+    pseudonyms = pseudonyms_of_teams(session.get_one(Phase, phase_id), forgotten)
     return [
-        Lead(at, number, version, _under_alias(leader, aliases))
+        Lead(at, number, version, _under_alias(leader, aliases, pseudonyms))
         for at, number, version, leader in session.execute(query)
     ]
 
@@ -350,9 +352,14 @@ def _aliases(session: Session, phase_id: str) -> dict[str, str]:
     return {submission_id: name for submission_id, name in session.execute(query)}
 
 
-def _under_alias(leader: BoardLeader | None, aliases: Mapping[str, str]) -> BoardLeader | None:
+def _under_alias(
+    leader: BoardLeader | None, aliases: Mapping[str, str], pseudonyms: frozenset[str]
+) -> BoardLeader | None:
+    """Say a leader under the alias, unless it stood there under a pseudonym."""
     alias = None if leader is None else aliases.get(leader.submission_id)
-    return leader if leader is None or alias is None else leader.model_copy(update={"team": alias})
+    if leader is None or alias is None or leader.team in pseudonyms:
+        return leader
+    return leader.model_copy(update={"team": alias})
 
 
 def was_shown() -> ColumnElement[bool]:

@@ -23,6 +23,8 @@ _UNSEEN = frozenset(
 """Default_Ignorable_Code_Point of Unicode's DerivedCoreProperties.txt as far as `str.isprintable` lets
 it pass, and the blank braille pattern."""
 _PILE = re.compile("mmm")
+_PSEUDONYM = re.compile(r"team +[0-9a-z]{3} *[^0-9a-z ]+ *[0-9a-z]{3}|former +team\b.*")
+"""As an anonymous phase names a team (`phases.policy`), and as a forgotten one is called."""
 _SLUG = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
 
 
@@ -89,15 +91,36 @@ def checked_name(kind: str, name: str) -> str:
     return name
 
 
+def checked_team(slug: str, name: str) -> str:
+    """Return the name of a team, as `checked_name` does.
+
+    Raises:
+        InvalidRecord: As `checked_slug` and `checked_name`; or id or name is made like those that the
+            site gives to teams whose names it does not tell.
+    """
+    checked_slug("team", slug)
+    name = checked_name("team name", name)
+    if slug.startswith("former-") or _PSEUDONYM.fullmatch(_as_read(name).replace("rn", "m")):
+        raise InvalidRecord("Such ids and names are given to teams that are not named.")
+    return name
+
+
 def skeleton(name: str) -> str:
     """Return a name as an eye reads it: two names with one skeleton look alike.
 
     As in UTS 39, section 4, by the confusables of the library; besides without case, accents and
-    width, and with i, l, 1 and I as one letter.
+    width, with i, l, 1 and I as one letter, and with all that is no letter or digit as a blank.
     """
+    letters = _as_read(name).replace("i", "l")
+    seen = (" " if unicodedata.category(c)[0] in "PSZ" else c for c in letters)
+    return " ".join("".join(seen).split())
+
+
+def _as_read(name: str) -> str:
+    """Fold letters that look alike, case, accents and width."""
     folded = unicodedata.normalize("NFKD", unicodedata.normalize("NFKC", name).casefold())
-    letters = "".join(_prototype(c) for c in folded if not unicodedata.combining(c))
-    return " ".join(letters.casefold().replace("i", "l").split())
+    dashed = ("-" if unicodedata.category(c) == "Pd" else c for c in folded)
+    return "".join(_prototype(c) for c in dashed if not unicodedata.combining(c)).casefold()
 
 
 def _prototype(letter: str) -> str:

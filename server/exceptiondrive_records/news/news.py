@@ -17,7 +17,16 @@ from exceptiondrive_records.participation.messages import (
 from exceptiondrive_records.phases.phases import find_phase
 
 
-def publish_news(session: Session, phase_id: str, title: str, text: str, *, actor: str) -> News:
+def publish_news(
+    session: Session,
+    phase_id: str,
+    title: str,
+    text: str,
+    *,
+    actor: str,
+    plain: str | None = None,
+    to_its_teams: bool = False,
+) -> News:
     """Announce something of a phase, and tell every team; the same words go out once.
 
     Args:
@@ -26,6 +35,8 @@ def publish_news(session: Session, phase_id: str, title: str, text: str, *, acto
         title: One line.
         text: Markdown.
         actor: Who.
+        plain: What inboxes are told, which know no Markdown; None: the text as it is written.
+        to_its_teams: Tell those alone that submitted to the phase.
 
     Raises:
         NotFound: No such phase.
@@ -45,8 +56,10 @@ def publish_news(session: Session, phase_id: str, title: str, text: str, *, acto
     )
     session.add(row)
     session.flush()
-    if recipients(session):
-        send_message(session, f"{phase.title}: {row.title}"[:MAX_TITLE], row.text, actor=actor)
+    only_of = phase.id if to_its_teams else None
+    if recipients(session, phase_id=only_of):
+        title = f"{phase.title}: {row.title}"[:MAX_TITLE]
+        send_message(session, title, plain or row.text, actor=actor, phase_id=only_of)
     audit(session, actor, "news published", row.id, {"phase": phase.id, "title": row.title})
     return row
 

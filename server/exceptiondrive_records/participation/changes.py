@@ -8,8 +8,8 @@ from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.db.identifiers import (
-    checked_name,
     checked_reason,
+    checked_team,
     checked_text,
     skeleton,
 )
@@ -47,7 +47,7 @@ def change_team(
     team = lock_team(session, find_team(session, slug).id)
     before = {"name": team.name, "affiliation": team.affiliation}
     if name is not None:
-        team.name = checked_name("team name", name)
+        team.name = checked_team(slug, name)
         if team.name != before["name"]:
             require_free_name(session, team)
         team.name_skeleton = skeleton(team.name)
@@ -89,8 +89,8 @@ def merge_teams(
     Raises:
         NotFound: No such team.
         InvalidRecord: The reason cannot be kept.
-        Conflict: They are one, one of them is disqualified or waits for approval, one is a reference,
-            or both submitted the same bytes to one phase.
+        Conflict: They are one, one of them is merged, forgotten or disqualified, waits for approval or
+            is a reference, or both submitted the same bytes to one phase.
     """
     ids = sorted({find_team(session, slug).id, find_team(session, into).id})
     if len(ids) == 1:
@@ -103,6 +103,7 @@ def merge_teams(
         session.scalars(select(Submission.phase_id).where(Submission.team_id == team.id).distinct())
     )
     n_moved = _move(session, team, target)
+    team.merged_into_id = target.id
     detail = {"into": target.slug, "n_submissions": n_moved, "reason": checked_reason(reason)}
     audit(session, actor, "team merged", team.slug, detail)
     audit(session, actor, "team merged", target.slug, {**detail, "from": team.slug})
@@ -115,6 +116,12 @@ def merge_teams(
 
 
 def _require_mergeable(session: Session, team: Team, target: Team) -> None:
+    for each in (team, target):
+        if each.merged_into_id is not None:
+            into = session.get_one(Team, each.merged_into_id).slug
+            raise Conflict(f"The team {each.slug} is part of {into} already: take that one.")
+        if each.forgotten_at is not None:
+            raise Conflict(f"The team {each.slug} is forgotten: it stays what it is.")
     if team.is_reference or target.is_reference:
         raise Conflict("A reference team cannot be merged.")
     if team.pending_since is not None or target.pending_since is not None:

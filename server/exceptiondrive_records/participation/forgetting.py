@@ -27,9 +27,10 @@ from exceptiondrive_records.boards.tables import (
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.db.identifiers import checked_reason, skeleton
+from exceptiondrive_records.news.tables import Question
 from exceptiondrive_records.notifications.tables import ContactPoint, Delivery, Notification
 from exceptiondrive_records.participation.disqualification import want_boards_of_team
-from exceptiondrive_records.phases.policy import pseudonym_of_team
+from exceptiondrive_records.phases.policy import pseudonyms_of_teams
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.submissions import lock_team
 from exceptiondrive_records.submissions.tables import Submission
@@ -46,37 +47,52 @@ _LETTERS = "23456789abcdefghjkmnpqrstuvwxyz"
 def forget_team(session: Session, slug: str, *, reason: str, actor: str) -> Team:
     """Take everything personal of a team out of the records; its scored entries stay, under an alias.
 
-    Names, note, affiliation, people that belong to no other team, addresses, what it was told, what
-    it says of its methods: gone. Its tokens and sessions end. This cannot be taken back.
+    Names, note, affiliation, people that belong to no other team, addresses, what it asked and was
+    told, what it says of its methods: gone, and so is all that of the teams that were merged into it.
+    Its tokens and sessions end. This cannot be taken back.
 
     Raises:
         NotFound: No such team.
         InvalidRecord: The reason cannot be kept.
-        Conflict: It is a reference team, or forgotten already.
+        Conflict: It is a reference team, part of another one, or forgotten already.
     """
     team = lock_team(session, find_team(session, slug).id)
     if team.is_reference:
         raise Conflict("A reference team stands for no people: there is nothing to forget.")
     if team.forgotten_at is not None:
         raise Conflict(f"It was forgotten at {team.forgotten_at:%Y-%m-%d %H:%M} UTC.")
+    if team.merged_into_id is not None:
+        into = session.get_one(Team, team.merged_into_id).slug
+        raise Conflict(f"It is part of the team {into}, with all that it sent: forget that one.")
+    all_of_it = [team]
+    for each in all_of_it:  # grows, by the teams that were merged into one that was
+        merged = select(Team).where(Team.merged_into_id == each.id).order_by(Team.id)
+        all_of_it += session.scalars(merged)
+        _forget_words(session, each)
+        _forget_people(session, each)
+        _forget_notices(session, each)
+    n_boards = _alias_boards(session, team, {each.id for each in all_of_it})
+    want_boards_of_team(session, team.id)
+    detail = {"reason": checked_reason(reason), "n_boards": n_boards}
+    audit(session, actor, "team forgotten", team.slug, detail)
+    return team
+
+
+def _forget_words(session: Session, team: Team) -> None:
     letters = "".join(secrets.choice(_LETTERS) for _ in range(6))
     team.name, team.slug = f"Former team {letters.upper()}", f"former-{letters}"
     team.name_skeleton = skeleton(team.name)
     team.affiliation, team.registration_note, team.registered_from = "", None, None
     team.forgotten_at = database_now(session)
     session.flush()
-    _forget_people(session, team)
-    _forget_notices(session, team)
     session.execute(
         update(Submission)
         .where(Submission.team_id == team.id)
         .values(description="", paper_url=None, code_url=None, facts=None, idempotency_key=None)
     )
-    n_boards = _alias_boards(session, team)
-    want_boards_of_team(session, team.id)
-    detail = {"reason": checked_reason(reason), "n_boards": n_boards}
-    audit(session, actor, "team forgotten", team.slug, detail)
-    return team
+    for asked in session.scalars(select(Question).where(Question.team_id == team.id)):
+        asked.text = asked.answer = "Forgotten"
+        asked.answered_at = asked.answered_at or team.forgotten_at
 
 
 def _forget_people(session: Session, team: Team) -> None:
@@ -132,50 +148,54 @@ def _forget_notices(session: Session, team: Team) -> None:
         row.body = canonical_json(blank).decode("utf-8")
 
 
-def _alias_boards(session: Session, team: Team) -> int:
+def _alias_boards(session: Session, team: Team, team_ids: set[int]) -> int:
     """Write anew what is told of each board that names the team; return how many there are."""
     ids = select(Submission.id).where(Submission.team_id == team.id)
     own = frozenset(session.scalars(ids))
     boards = select(BoardRow).where(
         BoardRow.id.in_(select(BoardEntryRow.board_id).where(BoardEntryRow.submission_id.in_(own)))
     )
-    n_boards, names = 0, set[str]()
+    names: dict[int, set[str]] = {}
     for row in session.scalars(boards.order_by(BoardRow.id)):
         board = Board.model_validate_json(row.told_body)
-        told = _aliased(session.get_one(Phase, row.phase_id), board, team, own)
+        pseudonyms = pseudonyms_of_teams(session.get_one(Phase, row.phase_id), team_ids)
+        told = _aliased(board, team, own, pseudonyms)
         pairs = zip(board.entries, told.entries, strict=True)
-        names |= {entry.team for entry, told_entry in pairs if entry is not told_entry}
+        names[row.id] = {entry.team for entry, told_entry in pairs if entry is not told_entry}
         body = canonical_json(told)
         session.merge(
             BoardAlias(board_id=row.id, body=body.decode("utf-8"), body_digest=bytes_digest(body))
         )
-        n_boards += 1
     _alias_news(session, team, names)
-    return n_boards
+    return len(names)
 
 
-def _aliased(phase: Phase, board: Board, team: Team, own: frozenset[str]) -> Board:
+def _aliased(board: Board, team: Team, own: frozenset[str], pseudonyms: frozenset[str]) -> Board:
     """Return a board with the alias; a pseudonym stays, which tells nothing of the team."""
-    pseudonym = pseudonym_of_team(phase, team.id) if phase.pseudonym_salt else None
     entries = tuple(
         entry.model_copy(update={"team": team.name, "description": "", "links": Links()})
-        if entry.submission_id in own and entry.team != pseudonym
+        if entry.submission_id in own and entry.team not in pseudonyms
         else entry
         for entry in board.entries
     )
     return board.model_copy(update={"entries": entries})
 
 
-def _alias_news(session: Session, team: Team, names: set[str]) -> None:
-    """Write anew what is told of each flip whose news name the team, as it stood on boards."""
+def _alias_news(session: Session, team: Team, names: dict[int, set[str]]) -> None:
+    """Write anew what is told of each flip whose news name the team, as it stood on its two boards."""
     of_team = select(Submission.phase_id).where(Submission.team_id == team.id)
-    for flip in session.scalars(select(BoardFlip).where(BoardFlip.phase_id.in_(of_team))):
+    flips = select(BoardFlip).where(BoardFlip.phase_id.in_(of_team))
+    before: dict[str, set[str]] = {}
+    for flip in session.scalars(flips.order_by(BoardFlip.at, BoardFlip.id)):
+        on_board = names.get(flip.board_id, set())
+        named = on_board | before.get(flip.phase_id, set())
+        before[flip.phase_id] = on_board
         alias = session.get(BoardFlipAlias, flip.id)
         told = flip.news if alias is None else alias.news
-        if not any(entry.team in names for entry in told.entries):
+        if not any(entry.team in named for entry in told.entries):
             continue
         entries = tuple(
-            entry.model_copy(update={"team": team.name}) if entry.team in names else entry
+            entry.model_copy(update={"team": team.name}) if entry.team in named else entry
             for entry in told.entries
         )
         news = told.model_copy(update={"entries": entries})

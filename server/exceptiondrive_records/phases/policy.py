@@ -3,6 +3,7 @@
 import hashlib
 import hmac
 import secrets
+from collections.abc import Collection
 from datetime import datetime
 
 from sqlalchemy.orm import Session
@@ -129,6 +130,13 @@ def pseudonym_of_team(phase: Phase, team_id: int) -> str:
     """
     letters = _keyed(phase, f"team:{team_id}", 6)
     return f"Team {letters[:3]}-{letters[3:]}"
+
+
+def pseudonyms_of_teams(phase: Phase, team_ids: Collection[int]) -> frozenset[str]:
+    """Return the names of teams while a phase is anonymous; none if it never was."""
+    if phase.pseudonym_salt is None:
+        return frozenset()
+    return frozenset(pseudonym_of_team(phase, team_id) for team_id in team_ids)
 
 
 def pseudonym_of_method(phase: Phase, team_id: int, method: str) -> str:

@@ -34,8 +34,8 @@ def claim_trial(session: Session, lease_s: float) -> Trial | None:
     return claim(session, Trial, first, lease_s)
 
 
-def lock_trials(session: Session, split_name: str) -> None:
-    """Let one trial of a split at a time be counted, until the write transaction ends."""
+def lock_protocols(session: Session, split_name: str) -> None:
+    """Let the protocols of a split be counted one at a time, until the write transaction ends."""
     rows = select(SplitRow.revision).where(SplitRow.name == split_name)
     session.execute(rows.order_by(SplitRow.revision).with_for_update(key_share=True)).all()
 

@@ -3,6 +3,7 @@
 from datetime import datetime
 from typing import Any
 
+from sqlalchemy import ForeignKey
 from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
@@ -30,6 +31,10 @@ class Team(Base):
     """Who they say they are, for organizers."""
     forgotten_at: Mapped[datetime | None]
     """Since then it stands under an alias, and nothing personal of it is kept."""
+    merged_into_id: Mapped[int | None] = mapped_column(
+        ForeignKey("teams.id", deferrable=True, initially="DEFERRED")
+    )
+    """The team that it became part of, with all that it sent."""
     registered_from: Mapped[str | None]
     """Digest of the network that it registered itself from."""
 

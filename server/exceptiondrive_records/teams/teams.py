@@ -15,9 +15,8 @@ from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, NotAllowed, NotFound
 from exceptiondrive_records.db.identifiers import (
-    checked_name,
     checked_reason,
-    checked_slug,
+    checked_team,
     checked_text,
     skeleton,
 )
@@ -34,8 +33,7 @@ def create_team(
         InvalidRecord: The slug or the name cannot be used.
         Conflict: One of them is taken.
     """
-    checked_slug("team", slug)
-    name = checked_name("team name", name)
+    name = checked_team(slug, name)
     is_taken = (Team.slug == slug) | (Team.name_skeleton == skeleton(name))
     taken = session.scalars(select(Team).where(is_taken)).first()
     if taken is not None and taken.slug != slug and taken.name != name:

@@ -78,7 +78,7 @@ def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False
         phase=next(link for link in links if link.is_current),
         board=board,
         protocol=protocol,
-        protocol_versions=_protocol_versions(session, phase.id),
+        protocol_versions=protocol_versions(session, phase.id),
         current_protocol=current.version,
         is_current=row is None or row.id in (phase.current_board_id, phase.late_board_id),
         now=phase_now(session, phase),
@@ -317,7 +317,7 @@ def _board_before(session: Session, row: BoardRow) -> BoardBefore | None:
     return None if found is None else BoardBefore(*found)
 
 
-def _protocol_versions(session: Session, phase_id: str) -> tuple[str, ...]:
+def protocol_versions(session: Session, phase_id: str) -> tuple[str, ...]:
     """Versions under which this phase has a board, oldest first."""
     used = public_protocols(session, phase_id)
     query = select(ProtocolRow.version).where(ProtocolRow.digest.in_(used))

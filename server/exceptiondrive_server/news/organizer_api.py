@@ -47,10 +47,20 @@ def get_all_news(services: ServicesOf) -> list[NewsView]:
 
 @router.post("/phases/{phase_id}/news", operation_id="publishNews", status_code=201)
 def post_news(services: ServicesOf, organizer: Organizer, phase_id: Id, news: NewNews) -> NewsView:
-    """Announce something of a phase: on its page, in its feed, in the inbox of every team."""
+    """Announce something of a phase: on its page, in its feed, in the inbox of every team.
+
+    By an organizer whose role is confined to phases, in the inboxes of those that submitted to it.
+    """
     with services.database.write() as session:
-        actor = organizer.actor
-        return news_view(publish_news(session, phase_id, news.title, news.text, actor=actor))
+        row = publish_news(
+            session,
+            phase_id,
+            news.title,
+            news.text,
+            actor=organizer.actor,
+            to_its_teams=not organizer.is_organizer,
+        )
+        return news_view(row)
 
 
 @router.post("/news/{news_id}/withdraw", operation_id="withdrawNews")

@@ -176,6 +176,30 @@ def init_secrets(
     say(f"tls.crt signs itself for {host}: put a real certificate into tls.crt and tls.key")
 
 
+@receipts_app.command("init")
+def init(
+    bare: Annotated[
+        Path, typer.Option("--bare", metavar="DIR", help="Keeps data, secrets, settings and units.")
+    ],
+    host: Annotated[str, typer.Option("--host", help="Name of the server, as people type it.")],
+    programs: Annotated[
+        Path | None,
+        typer.Option("--programs", help="Folder of our programs; by default that of this one."),
+    ] = None,
+) -> None:
+    """Write all that a production server without containers needs into DIR; as root.
+
+    Run again, it keeps secrets, data and settings of your own, and writes all else anew.
+    """
+    from exceptiondrive_server.operations.bare_install import BareServer, programs_of_this
+
+    folder = bare.absolute()
+    with _writing(folder):
+        BareServer(folder, (programs or programs_of_this()).absolute(), host).write()
+    say(f"{folder} holds folders, secrets/, settings in etc/ and units in systemd/")
+    say("next: the database, the units and the splits, as in docs/operating-bare.md")
+
+
 @contextmanager
 def _writing(path: Path) -> Iterator[None]:
     """Say in one sentence what cannot be written."""

@@ -61,7 +61,9 @@ OWNER = "exceptiondrive_owner"
 _PASSWORD_BYTES = 24
 
 
-def write_first_secrets(folder: Path, host: str) -> list[Path]:
+def write_first_secrets(
+    folder: Path, host: str, *, database: str = "database", broker: str = "broker:6379"
+) -> list[Path]:
     """Write all files into a folder that holds none of them, and return them.
 
     The folder is for its owner alone; the files in it may be read by whoever gets one mounted.
@@ -69,11 +71,13 @@ def write_first_secrets(folder: Path, host: str) -> list[Path]:
     Args:
         folder: Made, with mode 0700, where it is not there.
         host: Name of the server, for a certificate that signs itself until there is a real one.
+        database: Host of the database, as the services know it; by default that of compose.yaml.
+        broker: Host and port of the broker, likewise.
 
     Raises:
         LaunchError: One of the files is there already: nothing was written.
     """
-    files = _files(host)
+    files = _files(host, database, broker)
     there = sorted(name for name in (*files, RECEIPT_KEY) if (folder / name).exists())
     if there:
         raise LaunchError(
@@ -91,17 +95,17 @@ def write_first_secrets(folder: Path, host: str) -> list[Path]:
     return written
 
 
-def _files(host: str) -> Mapping[str, bytes]:
-    broker, owner = _password(), _password()
+def _files(host: str, database: str, broker: str) -> Mapping[str, bytes]:
+    password, owner = _password(), _password()
     certificate, key = self_signed(host)
     texts = {
         "postgres_password": owner,
-        "owner_database_url": _address(OWNER, owner),
-        "database_url": _address(Role.API, _password()),
-        "worker_database_url": _address(Role.WORKER, _password()),
-        "reconciler_database_url": _address(Role.RECONCILER, _password()),
-        "broker_url": f"redis://:{broker}@broker:6379/0",
-        "broker.conf": f"requirepass {broker}\n",
+        "owner_database_url": _address(OWNER, owner, database),
+        "database_url": _address(Role.API, _password(), database),
+        "worker_database_url": _address(Role.WORKER, _password(), database),
+        "reconciler_database_url": _address(Role.RECONCILER, _password(), database),
+        "broker_url": f"redis://:{password}@{broker}/0",
+        "broker.conf": f"requirepass {password}\n",
         "oidc_client_secret": "",
     }
     encoded = {name: text.encode() for name, text in texts.items()}
@@ -113,5 +117,5 @@ def _password() -> str:
     return secrets.token_urlsafe(_PASSWORD_BYTES)
 
 
-def _address(user: str, password: str) -> str:
-    return f"postgresql+psycopg://{user}:{password}@database/{DATABASE}"
+def _address(user: str, password: str, host: str) -> str:
+    return f"postgresql+psycopg://{user}:{password}@{host}/{DATABASE}"

@@ -1,6 +1,8 @@
-"""What organizers do with teams, each deed on a page of its own, and messages with a preview."""
+"""What organizers do with teams, each deed a step of its own, and messages with a preview."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query, Request
@@ -40,6 +42,7 @@ from exceptiondrive_server.web.organizer_frame import (
     OrganizerBrowser,
     Step,
     organizer_page,
+    step_at,
     step_page,
     take_step,
 )
@@ -47,7 +50,6 @@ from exceptiondrive_server.web.organizer_frame import (
 router = APIRouter(prefix="/organize", include_in_schema=False)
 Slug = Annotated[str, Path(max_length=64)]
 SubmissionId = Annotated[str, Path(max_length=64)]
-DisqualificationId = Annotated[int, Path(ge=1, le=2**31 - 1)]
 TOLD_REASON = FormField(
     "reason",
     "Reason",
@@ -126,39 +128,14 @@ def _import_page(
     )
 
 
-# Name and affiliation; a team that is part of another.
+# One team.
 
 
-@router.get("/teams/{team_id}/change")
-def show_change(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, team_id: Slug
-) -> Response:
-    """Ask for a new name or affiliation."""
+@step_at(router, "/teams/{team_id}/change")
+def change(services: ServicesOf, team_id: Slug) -> Step:
+    """Change name or affiliation."""
     with services.database.read() as session:
         team = find_team(session, team_id)
-    texts = {"name": team.name, "affiliation": team.affiliation}
-    return step_page(request, browser, _change(team), texts=texts)
-
-
-@router.post("/teams/{team_id}/change")
-def post_change(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    form: PostedForm,
-    team_id: Slug,
-) -> Response:
-    """Change name or affiliation."""
-
-    def take(session: Session, values: Mapping[str, str]) -> None:
-        change_team(session, team_id, **values, actor=browser.principal.actor)
-
-    with services.database.read() as session:
-        step = _change(find_team(session, team_id))
-    return take_step(request, services, browser, step, form, take, "team_changed")
-
-
-def _change(team: Team) -> Step:
     return _step(
         team,
         title=f"Rename {team.name}",
@@ -166,45 +143,23 @@ def _change(team: Team) -> Step:
         "archived phases, stay as they are.",
         button="Change",
         fields=NAMES,
+        texts={"name": team.name, "affiliation": team.affiliation},
         command=f'exceptiondrive organizer teams change {team.slug} --name "…" --reason "…"',
+        take=partial(change_team, slug=team_id),
+        done="team_changed",
     )
 
 
-@router.get("/teams/{team_id}/merge")
-def show_merge(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, team_id: Slug
-) -> Response:
-    """Ask of which team this one becomes a part."""
-    with services.database.read() as session:
-        step = _merge(session, find_team(session, team_id))
-    return step_page(request, browser, step)
-
-
-@router.post("/teams/{team_id}/merge")
-def post_merge(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    form: PostedForm,
-    team_id: Slug,
-) -> Response:
+@step_at(router, "/teams/{team_id}/merge")
+def merge(services: ServicesOf, team_id: Slug) -> Step:
     """Make two teams one."""
-
-    def take(session: Session, values: Mapping[str, str]) -> str:
-        merge_teams(session, team_id, **values, actor=browser.principal.actor)
-        return f"/organize/teams/{values['into']}"
-
     with services.database.read() as session:
-        step = _merge(session, find_team(session, team_id))
-    return take_step(request, services, browser, step, form, take, "teams_merged")
-
-
-def _merge(session: Session, team: Team) -> Step:
-    others = [
-        (one.slug, one.name)
-        for one in list_teams(session)
-        if one is not team and not one.is_reference and one.pending_since is None
-    ]
+        team = find_team(session, team_id)
+        others = [
+            (one.slug, one.name)
+            for one in list_teams(session)
+            if one is not team and not one.is_reference and one.pending_since is None
+        ]
     into = FormField("into", "Into", "choice", "the team that stays", True, options=tuple(others))
     return _step(
         team,
@@ -215,42 +170,23 @@ def _merge(session: Session, team: Team) -> Step:
         fields=(into, REASON),
         command=f'exceptiondrive organizer teams merge {team.slug} --into TEAM --reason "…"',
         is_grave=True,
+        take=partial(merge_teams, slug=team_id),
+        done="teams_merged",
+        onward=lambda merged: _address(merged[0]),
     )
 
 
-@router.get("/teams/{team_id}/forget")
-def show_forgetting(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, team_id: Slug
-) -> Response:
-    """Ask whether a team shall be forgotten."""
-    with services.database.read() as session:
-        step = _forgetting(find_team(session, team_id))
-    return step_page(request, browser, step)
-
-
-@router.post("/teams/{team_id}/forget")
-def post_forgetting(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    form: PostedForm,
-    team_id: Slug,
-) -> Response:
+@step_at(router, "/teams/{team_id}/forget")
+def forget(services: ServicesOf, team_id: Slug) -> Step:
     """Forget a team whose id was typed once more."""
 
-    def take(session: Session, values: Mapping[str, str]) -> str:
-        if values["again"] != team_id:
+    def take(session: Session, *, again: str, **given: str) -> Team:
+        if again != team_id:
             raise InvalidRecord("Type the id of the team once more: this cannot be taken back.")
-        team = forget_team(session, team_id, reason=values["reason"], actor=browser.principal.actor)
-        return f"/organize/teams/{team.slug}"
+        return forget_team(session, team_id, **given)
 
     with services.database.read() as session:
-        step = _forgetting(find_team(session, team_id))
-    return take_step(request, services, browser, step, form, take, "team_forgotten")
-
-
-def _forgetting(team: Team) -> Step:
-    again = FormField("again", f"Type {team.slug}", is_required=True, max_length=64)
+        team = find_team(session, team_id)
     return _step(
         team,
         title=f"Forget {team.name}",
@@ -258,49 +194,21 @@ def _forgetting(team: Team) -> Step:
         "records, its tokens end, and an alias stands on every board, old ones too; scores and the "
         "digests of boards stay. Name nobody in the reason. This cannot be taken back.",
         button="Forget",
-        fields=(again, REASON),
+        fields=(FormField("again", f"Type {team.slug}", is_required=True, max_length=64), REASON),
         command=f'exceptiondrive organizer teams forget {team.slug} --reason "…"',
         is_grave=True,
+        take=take,
+        done="team_forgotten",
+        onward=_address,
     )
 
 
-# A deadline or quota of its own.
-
-
-@router.get("/teams/{team_id}/limits/{phase_id}")
-def show_limits(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, team_id: Slug, phase_id: Slug
-) -> Response:
-    """Ask for the limits of one team in a phase, filled with those it has."""
-    with services.database.read() as session:
-        team = find_team(session, team_id)
-        step = _limits(session, team, phase_id)
-        row = allowance_of(session, team.id, phase_id)
-    texts = {field.name: text_of(getattr(row, field.name, None)) for field in LIMITS[:-1]}
-    return step_page(request, browser, step, texts=texts)
-
-
-@router.post("/teams/{team_id}/limits/{phase_id}")
-def post_limits(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    form: PostedForm,
-    team_id: Slug,
-    phase_id: Slug,
-) -> Response:
+@step_at(router, "/teams/{team_id}/limits/{phase_id}")
+def limits(services: ServicesOf, team_id: Slug, phase_id: Slug) -> Step:
     """Set the limits of one team in a phase."""
-
-    def take(session: Session, values: Mapping[str, Any]) -> None:
-        set_allowance(session, team_id, phase_id, **values, actor=browser.principal.actor)
-
     with services.database.read() as session:
-        step = _limits(session, find_team(session, team_id), phase_id)
-    return take_step(request, services, browser, step, form, take, "allowance_set")
-
-
-def _limits(session: Session, team: Team, phase_id: str) -> Step:
-    phase = find_phase(session, phase_id)
+        team, phase = find_team(session, team_id), find_phase(session, phase_id)
+        row = allowance_of(session, team.id, phase_id)
     until = f"{phase.closes_at:%Y-%m-%d %H:%M} UTC" if phase.closes_at else "none"
     return _step(
         team,
@@ -309,6 +217,7 @@ def _limits(session: Session, team: Team, phase_id: str) -> Step:
         "upload is not late. What stays empty is as for all teams. The team is told.",
         button="Set the limits",
         fields=LIMITS,
+        texts={field.name: text_of(getattr(row, field.name, None)) for field in LIMITS[:-1]},
         facts=(
             ("Deadline for all", until),
             ("A day", str(phase.quota_per_day)),
@@ -316,42 +225,20 @@ def _limits(session: Session, team: Team, phase_id: str) -> Step:
         ),
         command=f"exceptiondrive organizer teams limits {team.slug} --phase {phase.id} "
         '--closes-at TIME --reason "…"',
+        take=partial(set_allowance, slug=team_id, phase_id=phase_id),
+        done="allowance_set",
     )
 
 
 # Conduct.
 
 
-@router.get("/teams/{team_id}/disqualify")
-def show_team_disqualification(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, team_id: Slug
-) -> Response:
-    """Ask why a team is disqualified, and where."""
-    with services.database.read() as session:
-        step = _team_disqualification(session, find_team(session, team_id))
-    return step_page(request, browser, step)
-
-
-@router.post("/teams/{team_id}/disqualify")
-def post_team_disqualification(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    form: PostedForm,
-    team_id: Slug,
-) -> Response:
+@step_at(router, "/teams/{team_id}/disqualify")
+def team_disqualification(services: ServicesOf, team_id: Slug) -> Step:
     """Disqualify a team."""
-
-    def take(session: Session, values: Mapping[str, Any]) -> None:
-        disqualify_team(session, team_id, **values, actor=browser.principal.actor)
-
     with services.database.read() as session:
-        step = _team_disqualification(session, find_team(session, team_id))
-    return take_step(request, services, browser, step, form, take, "disqualified")
-
-
-def _team_disqualification(session: Session, team: Team) -> Step:
-    phases = tuple((one.id, one.title) for one in list_phases(session, with_hidden=True))
+        team = find_team(session, team_id)
+        phases = tuple((one.id, one.title) for one in list_phases(session, with_hidden=True))
     where = FormField("phase_id", "Where", "choice", options=phases, empty="in every phase")
     return _step(
         team,
@@ -362,40 +249,17 @@ def _team_disqualification(session: Session, team: Team) -> Step:
         fields=(where, TOLD_REASON, PUBLIC_NOTE),
         command=f'exceptiondrive organizer teams disqualify {team.slug} --reason "…"',
         is_grave=True,
+        take=partial(disqualify_team, slug=team_id),
+        done="disqualified",
     )
 
 
-@router.get("/submissions/{submission_id}/disqualify")
-def show_entry_disqualification(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, submission_id: SubmissionId
-) -> Response:
-    """Ask why an entry is disqualified."""
-    with services.database.read() as session:
-        step = _entry_disqualification(session, submission_id)
-    return step_page(request, browser, step)
-
-
-@router.post("/submissions/{submission_id}/disqualify")
-def post_entry_disqualification(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    form: PostedForm,
-    submission_id: SubmissionId,
-) -> Response:
+@step_at(router, "/submissions/{submission_id}/disqualify")
+def entry_disqualification(services: ServicesOf, submission_id: SubmissionId) -> Step:
     """Disqualify an entry."""
-
-    def take(session: Session, values: Mapping[str, Any]) -> None:
-        disqualify_submission(session, submission_id, **values, actor=browser.principal.actor)
-
     with services.database.read() as session:
-        step = _entry_disqualification(session, submission_id)
-    return take_step(request, services, browser, step, form, take, "disqualified")
-
-
-def _entry_disqualification(session: Session, submission_id: str) -> Step:
-    submission = find_submission(session, submission_id)
-    team = session.get_one(Team, submission.team_id)
+        submission = find_submission(session, submission_id)
+        team = session.get_one(Team, submission.team_id)
     return Step(
         section="submissions",
         title=f"Disqualify {submission.method} of {team.name}",
@@ -409,43 +273,19 @@ def _entry_disqualification(session: Session, submission_id: str) -> Step:
         facts=(("File", submission.file_digest),),
         command=f'exceptiondrive organizer submissions disqualify {submission.id} --reason "…"',
         is_grave=True,
+        take=partial(disqualify_submission, submission_id=submission_id),
+        done="disqualified",
     )
 
 
-@router.get("/disqualifications/{disqualification_id}/reinstate")
-def show_reinstatement(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    disqualification_id: DisqualificationId,
-) -> Response:
-    """Ask why a disqualification ends."""
-    with services.database.read() as session:
-        step = _reinstatement(session, disqualification_id)
-    return step_page(request, browser, step)
-
-
-@router.post("/disqualifications/{disqualification_id}/reinstate")
-def post_reinstatement(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    form: PostedForm,
-    disqualification_id: DisqualificationId,
-) -> Response:
+@step_at(router, "/disqualifications/{disqualification_id}/reinstate")
+def reinstatement(
+    services: ServicesOf, disqualification_id: Annotated[int, Path(ge=1, le=2**31 - 1)]
+) -> Step:
     """End a disqualification."""
-
-    def take(session: Session, values: Mapping[str, Any]) -> None:
-        reinstate(session, disqualification_id, **values, actor=browser.principal.actor)
-
     with services.database.read() as session:
-        step = _reinstatement(session, disqualification_id)
-    return take_step(request, services, browser, step, form, take, "reinstated")
-
-
-def _reinstatement(session: Session, disqualification_id: int) -> Step:
-    row = find_disqualification(session, disqualification_id)
-    team = session.get_one(Team, row.team_id)
+        row = find_disqualification(session, disqualification_id)
+        team = session.get_one(Team, row.team_id)
     what = row.submission_id or "everything of the team"
     return _step(
         team,
@@ -455,6 +295,8 @@ def _reinstatement(session: Session, disqualification_id: int) -> Step:
         fields=(TOLD_REASON,),
         facts=(("What", what), ("Where", row.phase_id or "every phase"), ("Reason", row.reason)),
         command=f'exceptiondrive organizer teams reinstate {row.id} --reason "…"',
+        take=partial(reinstate, disqualification_id=row.id),
+        done="reinstated",
     )
 
 
@@ -470,8 +312,8 @@ def show_message(
 ) -> Response:
     """Ask for a message, and to whom."""
     with services.database.read() as session:
-        fields = _message_fields(session)
-    return _message_page(request, browser, fields, {"teams": team})
+        step = _message(session)
+    return step_page(request, browser, step, texts={"teams": team})
 
 
 @router.post("/messages")
@@ -480,42 +322,46 @@ def post_message(
 ) -> Response:
     """Show a message as teams read it, and whom it reaches; sent once that was seen."""
     with services.database.read() as session:
-        fields = _message_fields(session)
-    try:
-        values = read(fields, form)
-        with services.database.read() as session:
-            step = _message(session, values)
-    except RecordsError as refusal:
-        if isinstance(refusal, NotFound):
+        step = _message(session)
+        try:
+            seen = _preview(session, step, read(step.fields, form))
+        except NotFound:
             raise
-        return _message_page(request, browser, fields, typed(form), refusal=refusal)
+        except RecordsError as refusal:
+            return step_page(request, browser, step, texts=typed(form), refusal=refusal)
     if form.get("is_seen") != "yes":
-        return step_page(request, browser, step)
-
-    def take(session: Session, _: object) -> str:
-        title, text, whom = values["title"], values["text"], values["teams"]
-        who = browser.principal.actor
-        send_message(session, title, text, slugs=whom, phase_id=values["phase"], actor=who)
-        return "/organize/teams"
-
-    return take_step(request, services, browser, step, form, take, "message_sent")
+        return step_page(request, browser, seen)
+    return take_step(request, services, browser, seen, form)
 
 
-def _message_fields(session: Session) -> tuple[FormField, ...]:
+def _message(session: Session) -> Step:
     teams = tuple((one.slug, one.name) for one in list_teams(session))
     phases = tuple((one.id, one.title) for one in list_phases(session, with_hidden=True))
-    return (
-        FormField("title", "Title", is_required=True, max_length=MAX_TITLE),
-        FormField("text", "Text", "lines", "plain words; a blank line parts paragraphs",
-              is_required=True, max_length=MAX_TEXT),
-        FormField("teams", "To", "several", "none ticked: every team that is approved",
-              options=teams),
-        FormField("phase", "Of every team, those that submitted to", "choice", options=phases,
-              empty="any phase or none"),
+    return Step(
+        section="teams",
+        title="Write to teams",
+        meaning="It stands in the inbox of each team and goes to every confirmed address. The next "
+        "page shows it as teams read it, and how many it reaches; no address is shown.",
+        button="Preview",
+        back="/organize/teams",
+        back_words="Teams",
+        fields=(
+            FormField("title", "Title", is_required=True, max_length=MAX_TITLE),
+            FormField("text", "Text", "lines", "plain words; a blank line parts paragraphs",
+                  is_required=True, max_length=MAX_TEXT),
+            FormField("teams", "To", "several", "none ticked: every team that is approved",
+                  options=teams),
+            FormField("phase", "Of every team, those that submitted to", "choice", options=phases,
+                  empty="any phase or none"),
+        ),
+        command='exceptiondrive organizer message "TITLE" --text FILE --to TEAM --preview',
+        take=_send,
+        done="message_sent",
     )  # fmt: skip
 
 
-def _message(session: Session, values: Mapping[str, Any]) -> Step:
+def _preview(session: Session, step: Step, values: Mapping[str, Any]) -> Step:
+    """Return the step that sends what was written, as teams read it."""
     title, paragraphs = checked_message(values["title"], values["text"])
     found = recipients(session, values["teams"], values["phase"])
     names = [one.name for one in found[:SHOWN_RECIPIENTS]]
@@ -523,13 +369,14 @@ def _message(session: Session, values: Mapping[str, Any]) -> Step:
         names.append(f"and {len(found) - SHOWN_RECIPIENTS} more")
     n_emails, n_webhooks = sum(one.n_emails for one in found), sum(one.n_webhooks for one in found)
     told = [("teams", " ".join(values["teams"])), ("phase", values["phase"] or "")]
-    return Step(
-        section="teams",
+    return replace(
+        step,
         title=f"Send “{title}”",
         meaning="This is what teams read, in their inbox and in mails; it cannot be called back.",
         button=f"Send to {counted(len(found), 'team')}",
         back="/organize/messages",
         back_words="Write anew",
+        fields=(),
         facts=(
             ("Text", paragraphs),
             ("To", tuple(names) or "nobody"),
@@ -542,31 +389,20 @@ def _message(session: Session, values: Mapping[str, Any]) -> Step:
             ("is_seen", "yes"),
         ),
         command='exceptiondrive organizer message "TITLE" --text FILE --preview',
+        take=partial(_send, **values),
+        onward=lambda _: "/organize/teams",
     )
 
 
-def _message_page(
-    request: Request,
-    browser: OrganizerBrowser,
-    fields: tuple[FormField, ...],
-    texts: Mapping[str, str],
-    refusal: RecordsError | None = None,
-) -> Response:
-    step = Step(
-        section="teams",
-        title="Write to teams",
-        meaning="It stands in the inbox of each team and goes to every confirmed address. The next "
-        "page shows it as teams read it, and how many it reaches; no address is shown.",
-        button="Preview",
-        back="/organize/teams",
-        back_words="Teams",
-        fields=fields,
-        command='exceptiondrive organizer message "TITLE" --text FILE --to TEAM --preview',
-    )
-    return step_page(request, browser, step, texts=texts, refusal=refusal)
+def _send(
+    session: Session, title: str, text: str, *, teams: Sequence[str], phase: str | None, actor: str
+) -> None:
+    send_message(session, title, text, slugs=teams, phase_id=phase, actor=actor)
 
 
 def _step(team: Team, **words: Any) -> Step:
-    return Step(
-        section="teams", back=f"/organize/teams/{team.slug}", back_words="The team", **words
-    )
+    return Step(section="teams", back=_address(team), back_words="The team", **words)
+
+
+def _address(team: Team) -> str:
+    return f"/organize/teams/{team.slug}"

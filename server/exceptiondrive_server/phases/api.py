@@ -7,9 +7,11 @@ from fastapi import APIRouter, Path, Response
 from exceptiondrive_records.phases.phases import list_phases, phase_view, shown_phase
 from exceptiondrive_records.splits.splits import manifest_of
 from exceptiondrive_schemas.challenges import KnownChallenge
+from exceptiondrive_schemas.phase_report import PhaseReport
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_schemas.submission import PhaseView
+from exceptiondrive_server.phases.report import report_of
 from exceptiondrive_server.web.auth import (
     TOKEN_IS_OPTIONAL,
     MaybePrincipal,
@@ -77,3 +79,16 @@ def get_manifest(services: ServicesOf, principal: MaybePrincipal, phase_id: Phas
     with services.database.read() as session:
         phase = shown_phase(session, phase_id, with_hidden=sees_hidden(principal))
         return manifest_of(session, phase.split_name, phase.split_revision)
+
+
+@router.get(
+    "/{phase_id}/report",
+    operation_id="showReport",
+    openapi_extra=TOKEN_IS_OPTIONAL,
+    responses=problem_responses(ProblemCode.NOT_FOUND, ProblemCode.NOT_SIGNED_IN),
+)
+def get_report(services: ServicesOf, principal: MaybePrincipal, phase_id: PhaseId) -> PhaseReport:
+    """Tell how a phase ended: winners, what a reveal changed, flags, counts, from its boards alone."""
+    with services.database.read() as session:
+        phase = shown_phase(session, phase_id, with_hidden=sees_hidden(principal))
+        return report_of(session, phase)

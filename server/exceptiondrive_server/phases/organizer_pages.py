@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
+from functools import partial
 from types import MappingProxyType
 from typing import Annotated, Any
 
@@ -39,6 +40,7 @@ from exceptiondrive_schemas.phase_settings import (
 )
 from exceptiondrive_schemas.submission import PhaseView
 from exceptiondrive_server.audit.queries import history
+from exceptiondrive_server.phases.export import export_phase
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import PostedForm, SignedIn
 from exceptiondrive_server.web.forms import REASON, filled, made, read, text_of, typed
@@ -47,9 +49,10 @@ from exceptiondrive_server.web.organizer_frame import (
     Step,
     go,
     organizer_page,
-    step_page,
-    take_step,
+    step_at,
 )
+from exceptiondrive_server.web.organizer_rights import require_order_right
+from exceptiondrive_server.web.responses import origin_of
 from exceptiondrive_server.web.services import Services
 from exceptiondrive_server.web.templating import template_filter
 
@@ -249,6 +252,7 @@ def post_phase(
                 name: value for name, value in values.items() if not _is_same(now[name], value)
             }
             change = made(PhaseChange, SETTINGS, changed)
+            require_order_right(browser.principal, change)
             update_phase(session, phase_id, change, actor=browser.principal.actor)
     except NotFound:
         raise
@@ -257,45 +261,36 @@ def post_phase(
     return go(f"{HERE}/{phase_id}", "phase_changed")
 
 
-@router.get("/{phase_id}/{step}")
-def show_step(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    phase_id: PhaseId,
-    step: StepKey,
+@router.get("/{phase_id}/export")
+def get_export(
+    request: Request, services: ServicesOf, browser: OrganizerBrowser, phase_id: PhaseId
 ) -> Response:
-    """Ask for an action on a phase."""
-    with services.database.read() as session:
-        _, page = _step(session, phase_id, step)
-    return step_page(request, browser, page)
+    """Download what readers may see of a phase, as a tar for a paper or an archive."""
+    return export_phase(services, browser.principal, phase_id, origin_of(request))
 
 
-@router.post("/{phase_id}/{step}")
-def post_step(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    form: PostedForm,
-    phase_id: PhaseId,
-    step: StepKey,
-) -> Response:
+@step_at(router, "/{phase_id}/{step}")
+def step_of(services: ServicesOf, phase_id: PhaseId, step: StepKey) -> Step:
     """Take an action on a phase."""
-
-    def take(session: Session, values: Mapping[str, str]) -> str | None:
-        known.take(session, phase_id, reason=values["reason"], actor=browser.principal.actor)
-        return HERE if known.is_end else None
-
     with services.database.read() as session:
-        known, page = _step(session, phase_id, step)
-    return take_step(
-        request,
-        services,
-        browser,
-        page,
-        form,
-        take,
-        "phase_deleted" if known.is_end else "phase_changed",
+        phase = find_phase(session, phase_id)
+    if step not in PHASE_STEPS:
+        raise NotFound("action on a phase", step)
+    known = PHASE_STEPS[step]
+    return Step(
+        section="phases",
+        title=known.title,
+        meaning=known.meaning,
+        button=known.title,
+        back=f"{HERE}/{phase_id}",
+        back_words="The phase",
+        fields=(REASON,),
+        facts=(("Phase", phase.title),),
+        command=f"exceptiondrive organizer phases {known.command.format(phase_id)}",
+        is_grave=known.is_grave,
+        take=partial(known.take, phase_id=phase_id),
+        done="phase_deleted" if known.is_end else "phase_changed",
+        onward=(lambda _: HERE) if known.is_end else None,
     )
 
 
@@ -383,26 +378,6 @@ def _page(
         page_fields=filled([field for field in settings if field.part == "page"], texts),
         policy=filled([field for field in settings if field.part == "policy"], texts),
         **values,
-    )
-
-
-def _step(session: Session, phase_id: str, key: str) -> tuple[PhaseStep, Step]:
-    """Return an action on a phase, and the page that asks for it."""
-    phase = find_phase(session, phase_id)
-    if key not in PHASE_STEPS:
-        raise NotFound("action on a phase", key)
-    step = PHASE_STEPS[key]
-    return step, Step(
-        section="phases",
-        title=step.title,
-        meaning=step.meaning,
-        button=step.title,
-        back=f"{HERE}/{phase_id}",
-        back_words="The phase",
-        fields=(REASON,),
-        facts=(("Phase", phase.title),),
-        command=f"exceptiondrive organizer phases {step.command.format(phase_id)}",
-        is_grave=step.is_grave,
     )
 
 

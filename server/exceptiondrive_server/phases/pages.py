@@ -9,17 +9,22 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.news.news import news_of
 from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.flags import FLAGS
 from exceptiondrive_server.boards.queries import phase_link
 from exceptiondrive_server.news.queries import news_view
+from exceptiondrive_server.phases.report import has_ended, report_of
 from exceptiondrive_server.web.auth import sees_hidden
 from exceptiondrive_server.web.browser_session import principal_of_browser
+from exceptiondrive_server.web.numbers import Digits
 from exceptiondrive_server.web.responses import Reading, public_page
 
 router = APIRouter(include_in_schema=False)
+PhaseId = Annotated[str, Path(max_length=64)]
 
 
 @router.get("/phases/{phase_id}")
-def show_phase(request: Request, phase_id: Annotated[str, Path(max_length=64)]) -> Response:
+def show_phase(request: Request, phase_id: PhaseId) -> Response:
     """Show what a phase is about; a hidden one to organizers alone."""
 
     def read(session: Session) -> Reading:
@@ -32,7 +37,27 @@ def show_phase(request: Request, phase_id: Annotated[str, Path(max_length=64)]) 
             "protocol": find_protocol(session, phase.protocol_digest).version,
             "quota_total": phase.quota_total,
             "terms_required": phase.policy.terms_required,
+            "has_report": has_ended(session, phase),
         }
         return shown, lambda: shown
 
     return public_page(request, "phases/phase.html", "board", read)
+
+
+@router.get("/phases/{phase_id}/report")
+def show_report(request: Request, phase_id: PhaseId) -> Response:
+    """Show how a phase ended; before its end there is no such page."""
+
+    def read(session: Session) -> Reading:
+        may_see = sees_hidden(principal_of_browser(session, request))
+        phase = shown_phase(session, phase_id, with_hidden=may_see)
+        report = report_of(session, phase)
+        shown = {
+            "report": report,
+            "challenge": CHALLENGES[report.challenge],
+            "flags": FLAGS,
+            "digits": Digits.of(find_protocol(session, report.protocol.digest).publication),
+        }
+        return report, lambda: shown
+
+    return public_page(request, "phases/report.html", "board", read)

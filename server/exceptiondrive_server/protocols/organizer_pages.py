@@ -1,8 +1,8 @@
 """Protocols: list, check against every phase, add, delete; confirmations of organizers."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated
+from functools import partial
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.concurrency import run_in_threadpool
@@ -36,7 +36,6 @@ from exceptiondrive_server.protocols.organizer_api import MAX_PROTOCOL_CHARACTER
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import (
     FORM_TOKEN,
-    PostedForm,
     SignedIn,
     require_form_token,
     require_same_origin,
@@ -48,8 +47,7 @@ from exceptiondrive_server.web.organizer_frame import (
     Step,
     go,
     organizer_page,
-    step_page,
-    take_step,
+    step_at,
 )
 from exceptiondrive_server.web.services import Services
 
@@ -57,21 +55,6 @@ router = APIRouter(prefix="/organize/protocols", include_in_schema=False)
 HERE = "/organize/protocols"
 MAX_FIELDS = 8
 ConfirmationId = Annotated[str, Path(max_length=64)]
-CONFIRM = Step(
-    section="protocols",
-    title="Confirm a protocol on a split",
-    meaning="Where a withheld split asks for a second organizer, two sign that it may be scored "
-    "under a protocol, each with a key that is on no server. Sign on your machine, with the "
-    "document that you read there.",
-    button="Keep the confirmation",
-    back=HERE,
-    back_words="Protocols",
-    fields=(
-        FormField("confirmation", "What the command wrote", "lines", "JSON", is_required=True,
-                  max_length=2000),
-    ),
-    command="exceptiondrive organizer protocols confirm new.toml --split NAME --revision REVISION",
-)  # fmt: skip
 Version = Annotated[str, Path(max_length=100)]
 
 
@@ -108,69 +91,48 @@ def show_protocols(request: Request, services: ServicesOf, browser: OrganizerBro
     )
 
 
-@router.get("/confirm")
-def show_confirm(request: Request, browser: OrganizerBrowser) -> Response:
-    """Ask for what an organizer signed on a machine of their own."""
-    return step_page(request, browser, CONFIRM)
+@step_at(router, "/confirm")
+def confirmation() -> Step:
+    """Keep what an organizer signed on a machine of their own."""
+    return _step(
+        title="Confirm a protocol on a split",
+        meaning="Where a withheld split asks for a second organizer, two sign that it may be scored "
+        "under a protocol, each with a key that is on no server. Sign on your machine, with the "
+        "document that you read there.",
+        button="Keep the confirmation",
+        fields=(
+            FormField("confirmation", "What the command wrote", "lines", "JSON", is_required=True,
+                  max_length=2000),
+        ),
+        command="exceptiondrive organizer protocols confirm new.toml --split NAME "
+        "--revision REVISION",
+        take=_keep,
+        done="protocol_confirmed",
+    )  # fmt: skip
 
 
-@router.post("/confirm")
-def post_confirm(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, form: PostedForm
-) -> Response:
-    """Keep what an organizer signed."""
-
-    def take(session: Session, values: Mapping[str, str]) -> None:
-        try:
-            given = Confirmation.read(values["confirmation"].encode())
-        except ValidationError:
-            raise InvalidRecord(
-                "This is no confirmation: paste all that the command wrote."
-            ) from None
-        add_confirmation(session, given, browser.principal.actor)
-
-    return take_step(request, services, browser, CONFIRM, form, take, "protocol_confirmed")
+def _keep(session: Session, *, confirmation: str, actor: str) -> None:
+    try:
+        given = Confirmation.read(confirmation.encode())
+    except ValidationError:
+        raise InvalidRecord("This is no confirmation: paste all that the command wrote.") from None
+    add_confirmation(session, given, actor)
 
 
-@router.get("/confirmations/{confirmation_id}/withdraw")
-def show_withdraw(
-    request: Request, browser: OrganizerBrowser, confirmation_id: ConfirmationId
-) -> Response:
-    """Ask whether a confirmation shall be taken back."""
-    return step_page(request, browser, _withdraw(confirmation_id))
-
-
-@router.post("/confirmations/{confirmation_id}/withdraw")
-def post_withdraw(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    form: PostedForm,
-    confirmation_id: ConfirmationId,
-) -> Response:
+@step_at(router, "/confirmations/{confirmation_id}/withdraw")
+def withdrawal(confirmation_id: ConfirmationId) -> Step:
     """Take a confirmation back."""
-
-    def take(session: Session, values: Mapping[str, str]) -> None:
-        actor = browser.principal.actor
-        withdraw_confirmation(session, confirmation_id, values["reason"], actor)
-
-    step = _withdraw(confirmation_id)
-    return take_step(request, services, browser, step, form, take, "confirmation_withdrawn")
-
-
-def _withdraw(confirmation_id: str) -> Step:
-    return Step(
-        section="protocols",
+    return _step(
         title="Withdraw the confirmation",
         meaning="Where the split asks for a second organizer, workers score nothing more and build "
         "no board under this protocol until it is confirmed again. What is published stays.",
         button="Withdraw",
-        back=HERE,
-        back_words="Protocols",
         fields=(REASON,),
         command=f"exceptiondrive organizer protocols withdraw-confirmation {confirmation_id} "
         '--reason "…"',
         is_grave=True,
+        take=partial(withdraw_confirmation, confirmation_id=confirmation_id),
+        done="confirmation_withdrawn",
     )
 
 
@@ -215,48 +177,27 @@ def show_toml(services: ServicesOf, _browser: OrganizerBrowser, version: Version
     return Response(toml, media_type=TOML, headers=NO_STORE)
 
 
-@router.get("/{version}/delete")
-def show_deletion(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, version: Version
-) -> Response:
-    """Ask whether a protocol is to be deleted."""
-    return step_page(request, browser, _deletion(services, version))
-
-
-@router.post("/{version}/delete")
-def post_deletion(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    form: PostedForm,
-    version: Version,
-) -> Response:
+@step_at(router, "/{version}/delete")
+def deletion(services: ServicesOf, version: Version) -> Step:
     """Delete a protocol that nothing was made of."""
-
-    def take(session: Session, values: dict[str, str]) -> None:
-        actor = browser.principal.actor
-        delete_protocol(session, version, reason=values["reason"], actor=actor)
-
-    step = _deletion(services, version)
-    return take_step(request, services, browser, step, form, take, "protocol_deleted")
-
-
-def _deletion(services: Services, version: str) -> Step:
     with services.database.read() as session:
         protocol = find_protocol(session, version)
-    return Step(
-        section="protocols",
+    return _step(
         title=f"Delete protocol {protocol.version}",
         meaning="Only a document that nothing was made of goes: neither phase, run, board nor "
         "sheet. The audit log keeps its digest.",
         button="Delete the protocol",
-        back=HERE,
-        back_words="Protocols",
         fields=(REASON,),
         facts=(("Title", protocol.title), ("What changes", protocol.changes)),
         command=f'exceptiondrive organizer protocols delete {protocol.version} --reason "…"',
         is_grave=True,
+        take=partial(delete_protocol, version_or_digest=version),
+        done="protocol_deleted",
     )
+
+
+def _step(**words: Any) -> Step:
+    return Step(section="protocols", back=HERE, back_words="Protocols", **words)
 
 
 async def _text(form: FormData) -> str:

@@ -1,7 +1,6 @@
 """Rescoring runs: list, draft, follow, preview, and every step; verifications of sheets."""
 
-from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
@@ -44,6 +43,7 @@ from exceptiondrive_server.web.organizer_frame import (
     Step,
     go,
     organizer_page,
+    step_at,
     step_page,
     take_step,
 )
@@ -52,7 +52,7 @@ router = APIRouter(prefix="/organize", include_in_schema=False)
 HERE = "/organize/rescoring"
 RunId = Annotated[str, Path(max_length=64)]
 StepKey = Annotated[str, Path(max_length=20)]
-Version = Annotated[str, Query(max_length=100)]
+Choice = Annotated[str, Query(max_length=100)]
 HISTORY = 100
 
 
@@ -72,33 +72,52 @@ def show_runs(request: Request, services: ServicesOf, browser: OrganizerBrowser)
     )
 
 
-@router.get("/rescoring/new")
-def show_draft(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    phase: Version = "",
-    protocol: Version = "",
-) -> Response:
-    """Ask what to rescore with."""
-    with services.database.read() as session:
-        step = _draft_step(session)
-    return step_page(request, browser, step, texts={"phase": phase, "protocol": protocol})
-
-
-@router.post("/rescoring/new")
-def post_draft(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, form: PostedForm
-) -> Response:
+@step_at(router, "/rescoring/new")
+def draft(services: ServicesOf, phase: Choice = "", protocol: Choice = "") -> Step:
     """Draft a run."""
-
-    def take(session: Session, values: dict[str, Any]) -> str:
-        run = runs.create_run(session, values.pop("phase"), **values, actor=browser.principal.actor)
-        return f"{HERE}/{run.id}"
-
     with services.database.read() as session:
-        step = _draft_step(session)
-    return take_step(request, services, browser, step, form, take, "run_drafted")
+        phases = [
+            (one.id, f"{one.title}, now {find_protocol(session, one.protocol_digest).version}")
+            for one in list_phases(session, with_hidden=True)
+        ]
+        versions = [(one.version, f"{one.version}: {one.title}") for one in list_protocols(session)]
+        revisions = [
+            (one.revision, f"{one.name}, {short_digest(one.revision)}")
+            for one in list_splits(session)
+        ]
+    return Step(
+        section="rescoring",
+        title="Draft a rescoring run",
+        meaning="Nothing is scored and nobody sees anything yet. The next page says in words what "
+        "would change and how much is repeated.",
+        button="Draft the run",
+        back=HERE,
+        back_words="Rescoring",
+        fields=(
+            FormField("phase", "Phase", "choice", is_required=True, options=tuple(phases)),
+            FormField(
+                "protocol",
+                "To protocol",
+                "choice",
+                options=tuple(reversed(versions)),
+                empty="the one in force",
+            ),
+            FormField(
+                "split_revision",
+                "To split revision",
+                "choice",
+                "only if the split itself was corrected",
+                options=tuple(revisions),
+                empty="the one in force",
+            ),
+            REASON,
+        ),
+        texts={"phase": phase, "protocol": protocol},
+        command='exceptiondrive organizer rescore start --phase PHASE --protocol 1.1 --reason "…"',
+        take=lambda session, phase, **given: runs.create_run(session, phase, **given),
+        done="run_drafted",
+        onward=lambda run: f"{HERE}/{run.id}",
+    )
 
 
 @router.get("/rescoring/{run_id}")
@@ -185,7 +204,7 @@ def show_step(
     browser: OrganizerBrowser,
     run_id: RunId,
     step: StepKey,
-    preview: Version = "",
+    preview: Choice = "",
 ) -> Response:
     """Ask for a step; what readers will see is looked at before it is applied."""
     known = _known(step)
@@ -208,48 +227,37 @@ def post_step(
     """Take a step."""
     known = _known(step)
     preview = str(form.get("preview", ""))[:100]
-
-    def take(session: Session, values: Mapping[str, str]) -> str:
-        more = {"preview": preview} if known.needs_preview else {}
-        actor = browser.principal.actor
-        known.take(session, run_id, reason=values["reason"], actor=actor, **more)
-        return f"{HERE}/{run_id}"
-
     with services.database.read() as session:
         page = _page_of(session, known, run_id, preview)
     if known.is_flip:
         flip.work_out(services.database, run_id)
-    return take_step(request, services, browser, page, form, take, known.done)
+    return take_step(request, services, browser, page, form)
 
 
-@router.get("/verifications/new")
-def show_verification_form(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    phase: Annotated[str, Query(max_length=64)] = "",
-) -> Response:
-    """Ask which sheets to recompute."""
-    with services.database.read() as session:
-        step = _verification_step(session)
-    return step_page(request, browser, step, texts={"phase": phase})
-
-
-@router.post("/verifications/new")
-def post_verification(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, form: PostedForm
-) -> Response:
+@step_at(router, "/verifications/new")
+def verification(services: ServicesOf, phase: Choice = "") -> Step:
     """Start a verification."""
-
-    def take(session: Session, values: dict[str, Any]) -> str:
-        started = runs.start_verification(
-            session, values.pop("phase"), **values, actor=browser.principal.actor
-        )
-        return f"/organize/verifications/{started.id}"
-
     with services.database.read() as session:
-        step = _verification_step(session)
-    return take_step(request, services, browser, step, form, take, "verification_started")
+        phases = tuple((one.id, one.title) for one in list_phases(session, with_hidden=True))
+    return Step(
+        section="rescoring",
+        title="Verify sheets",
+        meaning="Workers recompute sheets from their uploads over an empty store, and demand the "
+        "same digest of the unrounded sheet. Nothing is changed; what differs is named.",
+        button="Verify",
+        back=HERE,
+        back_words="Rescoring",
+        fields=(
+            FormField("phase", "Phase", "choice", is_required=True, options=phases),
+            FormField("sample", "How many sheets", "whole", "empty: all", highest=100_000),
+            REASON,
+        ),
+        texts={"phase": phase},
+        command='exceptiondrive organizer rescore verify --phase PHASE --sample all --reason "…"',
+        take=lambda session, phase, **given: runs.start_verification(session, phase, **given),
+        done="verification_started",
+        onward=lambda run: f"/organize/verifications/{run.id}",
+    )
 
 
 @router.get("/verifications/{verification_id}")
@@ -283,65 +291,6 @@ def _known(step: str) -> RunStep:
     if step not in RUN_STEPS:
         raise NotFound("step of a run", step)
     return RUN_STEPS[step]
-
-
-def _draft_step(session: Session) -> Step:
-    phases = [
-        (one.id, f"{one.title}, now {find_protocol(session, one.protocol_digest).version}")
-        for one in list_phases(session, with_hidden=True)
-    ]
-    versions = [(one.version, f"{one.version}: {one.title}") for one in list_protocols(session)]
-    revisions = [
-        (one.revision, f"{one.name}, {short_digest(one.revision)}") for one in list_splits(session)
-    ]
-    return Step(
-        section="rescoring",
-        title="Draft a rescoring run",
-        meaning="Nothing is scored and nobody sees anything yet. The next page says in words what "
-        "would change and how much is repeated.",
-        button="Draft the run",
-        back=HERE,
-        back_words="Rescoring",
-        fields=(
-            FormField("phase", "Phase", "choice", is_required=True, options=tuple(phases)),
-            FormField(
-                "protocol",
-                "To protocol",
-                "choice",
-                options=tuple(reversed(versions)),
-                empty="the one in force",
-            ),
-            FormField(
-                "split_revision",
-                "To split revision",
-                "choice",
-                "only if the split itself was corrected",
-                options=tuple(revisions),
-                empty="the one in force",
-            ),
-            REASON,
-        ),
-        command='exceptiondrive organizer rescore start --phase PHASE --protocol 1.1 --reason "…"',
-    )
-
-
-def _verification_step(session: Session) -> Step:
-    phases = tuple((one.id, one.title) for one in list_phases(session, with_hidden=True))
-    return Step(
-        section="rescoring",
-        title="Verify sheets",
-        meaning="Workers recompute sheets from their uploads over an empty store, and demand the "
-        "same digest of the unrounded sheet. Nothing is changed; what differs is named.",
-        button="Verify",
-        back="/organize/rescoring",
-        back_words="Rescoring",
-        fields=(
-            FormField("phase", "Phase", "choice", is_required=True, options=phases),
-            FormField("sample", "How many sheets", "whole", "empty: all", highest=100_000),
-            REASON,
-        ),
-        command='exceptiondrive organizer rescore verify --phase PHASE --sample all --reason "…"',
-    )
 
 
 def _file(text: str, media_type: str, name: str) -> Response:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from types import MappingProxyType
 
 from exceptiondrive_records.rescoring import flip, runs
@@ -230,6 +231,11 @@ def page_of_step(
         is_grave=step.is_grave,
         hidden=(("preview", preview),) if step.needs_preview else (),
         blockers=blockers if step.is_flip else (),
+        take=partial(
+            step.take, run_id=run.id, **({"preview": preview} if step.needs_preview else {})
+        ),
+        done=step.done,
+        onward=lambda _: here,
     )
 
 

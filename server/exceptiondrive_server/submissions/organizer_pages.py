@@ -1,14 +1,12 @@
 """Submissions of all teams: filter, look, recompute, restore, answer. No value of a sample is shown."""
 
-from collections.abc import Callable, Mapping
 from dataclasses import replace
-from types import MappingProxyType
+from functools import partial
 from typing import Annotated, Literal
 from urllib.parse import urlencode
 
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
-from sqlalchemy.orm import Session
 
 from exceptiondrive_records.participation.messages import write_about
 from exceptiondrive_records.phases.phases import find_phase, list_phases
@@ -16,7 +14,6 @@ from exceptiondrive_records.rescoring.retry import restore_submission, retry_sub
 from exceptiondrive_records.rescoring.runs import verify_submission
 from exceptiondrive_records.submissions.similarity import similarity_report
 from exceptiondrive_records.submissions.submissions import find_submission, list_submissions
-from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import views
 from exceptiondrive_records.teams.teams import find_team, list_teams
 from exceptiondrive_schemas.form_fields import FormField
@@ -29,15 +26,13 @@ from exceptiondrive_server.submissions.runs import run_lines
 from exceptiondrive_server.submissions.story import story_folder, story_of
 from exceptiondrive_server.submissions.view import policy_sentences, status_of, steps_of
 from exceptiondrive_server.web.auth import ServicesOf
-from exceptiondrive_server.web.browser_session import PostedForm
 from exceptiondrive_server.web.forms import REASON
 from exceptiondrive_server.web.numbers import minute
 from exceptiondrive_server.web.organizer_frame import (
     OrganizerBrowser,
     Step,
     organizer_page,
-    step_page,
-    take_step,
+    step_at,
 )
 
 router = APIRouter(prefix="/organize", include_in_schema=False)
@@ -50,22 +45,6 @@ SubmissionId = Annotated[str, Path(max_length=64)]
 Choice = Annotated[str, Query(max_length=64)]
 
 Deed = Literal["retry", "verify", "restore", "note"]
-_DEEDS: Mapping[Deed, Callable[..., object]] = MappingProxyType(
-    {
-        "retry": retry_submission,
-        "verify": verify_submission,
-        "restore": restore_submission,
-        "note": write_about,
-    }
-)
-_DONE: Mapping[Deed, str] = MappingProxyType(
-    {
-        "retry": "submission_retried",
-        "verify": "submission_verified",
-        "restore": "submission_restored",
-        "note": "team_told",
-    }
-)
 WORDS = FormField(
     "words",
     "What the team is told",
@@ -180,40 +159,11 @@ def get_folder(
     return story_folder(services, browser.principal, submission_id)
 
 
-@router.get("/submissions/{submission_id}/{deed}")
-def show_deed(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    submission_id: SubmissionId,
-    deed: Deed,
-) -> Response:
-    """Ask whether a submission shall be tried again, recomputed, restored, or written about."""
-    with services.database.read() as session:
-        step = _step(find_submission(session, submission_id), deed)
-    return step_page(request, browser, step)
-
-
-@router.post("/submissions/{submission_id}/{deed}")
-def post_deed(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    form: PostedForm,
-    submission_id: SubmissionId,
-    deed: Deed,
-) -> Response:
+@step_at(router, "/submissions/{submission_id}/{deed}")
+def deed_on(services: ServicesOf, submission_id: SubmissionId, deed: Deed) -> Step:
     """Try a submission again, recompute it, restore it, or write to its team."""
-
-    def take(session: Session, values: Mapping[str, str]) -> None:
-        _DEEDS[deed](session, submission_id, actor=browser.principal.actor, **values)
-
     with services.database.read() as session:
-        step = _step(find_submission(session, submission_id), deed)
-    return take_step(request, services, browser, step, form, take, _DONE[deed])
-
-
-def _step(submission: Submission, deed: Deed) -> Step:
+        submission = find_submission(session, submission_id)
     method, of = submission.method, f"exceptiondrive organizer submissions {deed} {submission.id}"
     step = Step(
         section="submissions",
@@ -225,6 +175,8 @@ def _step(submission: Submission, deed: Deed) -> Step:
         back_words="The submission",
         fields=(REASON,),
         command=f'{of} --reason "…"',
+        take=partial(retry_submission, submission_id=submission_id),
+        done="submission_retried",
     )
     match deed:
         case "retry":
@@ -237,6 +189,8 @@ def _step(submission: Submission, deed: Deed) -> Step:
                 meaning="A worker scores the upload anew under the protocol and split revision that "
                 "the phase shows, and compares every bit with the sheet. Nothing is changed.",
                 button="Recompute",
+                take=partial(verify_submission, submission_id=submission_id),
+                done="submission_verified",
             )
         case "restore":
             at = submission.withdrawn_at
@@ -247,6 +201,8 @@ def _step(submission: Submission, deed: Deed) -> Step:
                 "none is kept under the present protocol, it is scored. No quota is touched.",
                 button="Restore",
                 facts=(("Withdrawn", minute(at)),) if at is not None else (),
+                take=partial(restore_submission, submission_id=submission_id),
+                done="submission_restored",
             )
         case "note":
             return replace(
@@ -257,6 +213,8 @@ def _step(submission: Submission, deed: Deed) -> Step:
                 button="Send",
                 fields=(WORDS,),
                 command=f'{of} --words "…"',
+                take=partial(write_about, submission_id=submission_id),
+                done="team_told",
             )
 
 

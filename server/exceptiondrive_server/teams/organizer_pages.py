@@ -1,13 +1,12 @@
 """Teams: list, make, approve or refuse, and their tokens; each decision on a page of its own."""
 
 from collections.abc import Mapping
-from typing import Annotated
+from functools import partial
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
-from sqlalchemy.orm import Session
 
-from exceptiondrive_records.accounts.tables import Token
 from exceptiondrive_records.accounts.tokens import (
     MEANING_OF_SCOPE,
     TEAM_SCOPES,
@@ -42,8 +41,7 @@ from exceptiondrive_server.web.organizer_frame import (
     Step,
     go,
     organizer_page,
-    step_page,
-    take_step,
+    step_at,
 )
 from exceptiondrive_server.web.services import Services
 
@@ -199,114 +197,58 @@ def _team(
     )
 
 
-@router.get("/teams/{team_id}/approve")
-def show_approval(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, team_id: Slug
-) -> Response:
-    """Ask whether a team may submit."""
-    with services.database.read() as session:
-        step = _approval(find_team(session, team_id))
-    return step_page(request, browser, step)
-
-
-@router.post("/teams/{team_id}/approve")
-def post_approval(
-    services: ServicesOf, browser: OrganizerBrowser, form: PostedForm, team_id: Slug
-) -> Response:
+@step_at(router, "/teams/{team_id}/approve")
+def approval(services: ServicesOf, team_id: Slug) -> Step:
     """Let a team that registered itself submit."""
-    with services.database.write() as session:
-        approve_team(session, team_id, actor=browser.principal.actor)
-    return go(f"/organize/teams/{team_id}", "team_approved")
-
-
-@router.get("/teams/{team_id}/refuse")
-def show_refusal(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, team_id: Slug
-) -> Response:
-    """Ask whether a registration shall be refused."""
     with services.database.read() as session:
-        step = _refusal(find_team(session, team_id))
-    return step_page(request, browser, step)
-
-
-@router.post("/teams/{team_id}/refuse")
-def post_refusal(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    form: PostedForm,
-    team_id: Slug,
-) -> Response:
-    """Refuse a registration."""
-
-    def take(session: Session, values: Mapping[str, str]) -> str:
-        refuse_team(session, team_id, reason=values["reason"], actor=browser.principal.actor)
-        return "/organize/teams"
-
-    with services.database.read() as session:
-        step = _refusal(find_team(session, team_id))
-    return take_step(request, services, browser, step, form, take, "team_refused")
-
-
-@router.get("/tokens/{token_id}/revoke")
-def show_revocation(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, token_id: TokenId
-) -> Response:
-    """Ask whether a token shall be revoked."""
-    with services.database.read() as session:
-        step = _revocation(session, find_token(session, token_id))
-    return step_page(request, browser, step)
-
-
-@router.post("/tokens/{token_id}/revoke")
-def post_revocation(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    form: PostedForm,
-    token_id: TokenId,
-) -> Response:
-    """Revoke a token for good."""
-
-    def take(session: Session, _: object) -> None:
-        revoke_token(session, token_id, actor=browser.principal.actor)
-
-    with services.database.read() as session:
-        step = _revocation(session, find_token(session, token_id))
-    return take_step(request, services, browser, step, form, take, "token_revoked")
-
-
-def _approval(team: Team) -> Step:
-    return Step(
-        section="teams",
+        team = find_team(session, team_id)
+    return _registration(
+        team,
         title=f"Approve {team.name}",
         meaning="The team may submit from now on.",
         button="Approve",
-        back=f"/organize/teams/{team.slug}",
-        back_words="The team",
-        facts=(("Id", team.slug), ("They say", team.registration_note or "nothing")),
         command=f"exceptiondrive organizer teams approve {team.slug}",
+        take=partial(approve_team, slug=team_id),
+        done="team_approved",
     )
 
 
-def _refusal(team: Team) -> Step:
-    return Step(
-        section="teams",
+@step_at(router, "/teams/{team_id}/refuse")
+def refusal_of(services: ServicesOf, team_id: Slug) -> Step:
+    """Refuse a registration."""
+    with services.database.read() as session:
+        team = find_team(session, team_id)
+    return _registration(
+        team,
         title=f"Refuse {team.name}",
         meaning="The team and its tokens are removed; its id and name are free again. The reason "
         "stays in the audit log. The team is not told: write to them if you wish.",
         button="Refuse",
-        back=f"/organize/teams/{team.slug}",
-        back_words="The team",
         fields=(REASON,),
-        facts=(("Id", team.slug), ("They say", team.registration_note or "nothing")),
         command=f'exceptiondrive organizer teams refuse {team.slug} --reason "…"',
         is_grave=True,
+        take=partial(refuse_team, slug=team_id),
+        done="team_refused",
+        onward=lambda _: "/organize/teams",
     )
 
 
-def _revocation(session: Session, token: Token) -> Step:
-    team = None if token.team_id is None else session.get(Team, token.team_id)
+def _registration(team: Team, **words: Any) -> Step:
+    return Step(
+        section="teams",
+        back=f"/organize/teams/{team.slug}",
+        back_words="The team",
+        facts=(("Id", team.slug), ("They say", team.registration_note or "nothing")),
+        **words,
+    )
+
+
+@step_at(router, "/tokens/{token_id}/revoke")
+def revocation(services: ServicesOf, token_id: TokenId) -> Step:
+    """Revoke a token for good."""
+    with services.database.read() as session:
+        token = find_token(session, token_id)
+        team = None if token.team_id is None else session.get(Team, token.team_id)
     return Step(
         section="teams",
         title=f"Revoke {token.name}",
@@ -321,4 +263,6 @@ def _revocation(session: Session, token: Token) -> Step:
         ),
         command=f"exceptiondrive organizer teams revoke-token {token.id}",
         is_grave=True,
+        take=partial(revoke_token, token_id=token_id),
+        done="token_revoked",
     )

@@ -1,13 +1,12 @@
 """Around every page of the organizers: who may see it, what all of them carry, and their steps."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Annotated, Any
 
-from fastapi import Depends, Request
+from fastapi import APIRouter, Depends, Request
 from fastapi.responses import RedirectResponse, Response
-from sqlalchemy.orm import Session
 from starlette.datastructures import FormData
 
 from exceptiondrive_records.accounts.tokens import Principal
@@ -15,7 +14,7 @@ from exceptiondrive_records.db.errors import NotFound, RecordsError
 from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.web.auth import ServicesOf
-from exceptiondrive_server.web.browser_session import Browser, PhaseNeeded, SignedIn
+from exceptiondrive_server.web.browser_session import Browser, PhaseNeeded, PostedForm, SignedIn
 from exceptiondrive_server.web.forms import filled, read, typed
 from exceptiondrive_server.web.organizer_rights import require_right
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
@@ -145,7 +144,7 @@ def go(path: str, done: str | None = None) -> Response:
 
 @dataclass(frozen=True)
 class Step:
-    """What the page of a step says and asks."""
+    """A deed of an organizer: what its page says and asks, and what does it."""
 
     section: str
     title: str
@@ -154,7 +153,15 @@ class Step:
     button: str
     back: str
     back_words: str
+    take: Callable[..., object]
+    """Does it in one transaction: called with a session, the fields by name, and `actor`."""
+    done: str
+    """Key of `DONE`."""
+    onward: Callable[[Any], str] | None = None
+    """Where to go on, told from what `take` returned; without it, back."""
     fields: tuple[FormField, ...] = ()
+    texts: Mapping[str, str] = field(default_factory=dict)
+    """What stands in the fields at first."""
     facts: tuple[tuple[str, str | tuple[str, ...]], ...] = ()
     """Name and words; several lines where there are several."""
     command: str = ""
@@ -164,6 +171,31 @@ class Step:
     hidden: tuple[tuple[str, str], ...] = ()
     blockers: tuple[str, ...] = ()
     """Why it would be refused now."""
+
+
+def step_at(router: APIRouter, path: str) -> Callable[[Callable[..., Step]], Callable[..., Step]]:
+    """Let a function that returns a step, from the parameters of a path, be its page and its POST."""
+
+    def register(step_of: Callable[..., Step]) -> Callable[..., Step]:
+        @router.get(path, name=f"show_{step_of.__name__}")
+        def show(
+            request: Request, browser: OrganizerBrowser, step: Annotated[Step, Depends(step_of)]
+        ) -> Response:
+            return step_page(request, browser, step)
+
+        @router.post(path, name=f"post_{step_of.__name__}")
+        def post(
+            request: Request,
+            services: ServicesOf,
+            browser: OrganizerBrowser,
+            form: PostedForm,
+            step: Annotated[Step, Depends(step_of)],
+        ) -> Response:
+            return take_step(request, services, browser, step, form)
+
+        return step_of
+
+    return register
 
 
 def step_page(
@@ -182,39 +214,24 @@ def step_page(
         step.section,
         refusal=refusal,
         step=step,
-        fields=filled(step.fields, texts or {}),
+        fields=filled(step.fields, step.texts if texts is None else texts),
     )
 
 
 def take_step(
-    request: Request,
-    services: Services,
-    browser: SignedIn,
-    step: Step,
-    form: FormData,
-    take: Callable[[Session, dict[str, Any]], str | None],
-    done: str,
+    request: Request, services: Services, browser: SignedIn, step: Step, form: FormData
 ) -> Response:
-    """Take a step in one transaction, and lead on; a refusal shows the step again.
-
-    Args:
-        request: What was asked.
-        services: Of the server.
-        browser: Of an organizer.
-        step: What the page of the step says and asks.
-        form: What was sent.
-        take: Does it, with the values of the fields; returns where to go on, by default back.
-        done: Key of `DONE`.
-    """
+    """Take a step in one transaction, and lead on; a refusal shows the step again."""
     try:
         values = read(step.fields, form)
         with services.database.write() as session:
-            address = take(session, values)
+            came = step.take(session, **values, actor=browser.principal.actor)
+            address = step.back if step.onward is None else step.onward(came)
     except NotFound:
         raise
     except RecordsError as refusal:
         return step_page(request, browser, step, texts=typed(form), refusal=refusal)
-    return go(address or step.back, done)
+    return go(address, step.done)
 
 
 def duration_words(seconds: float) -> str:

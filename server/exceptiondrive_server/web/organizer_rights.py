@@ -1,8 +1,8 @@
 """Which organizer may use which route: one table, asked once for the API and for pages.
 
 Whoever reads needs the role read-only, whoever changes anything the role owner, but for the deeds of
-helpers below. A route whose path names a phase, a run or a submission is a phase's: a role that is
-confined to that phase counts there. Every other route is the whole site's.
+helpers below. A route whose path names a phase, a run or a submission is a phase's, unless it moves
+other phases, too: a role that is confined to that phase counts there. Every other route is the whole site's.
 """
 
 from collections.abc import Mapping
@@ -13,8 +13,10 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.roles import OrganizerRole
 from exceptiondrive_records.accounts.tokens import Principal, Scope
+from exceptiondrive_records.db.errors import NotAllowed
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_schemas.phase_settings import PhaseChange
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.web.middleware import route_of
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
@@ -37,6 +39,13 @@ HELPER_DEEDS = frozenset(
     }
 )
 """Paths of what a helper may do: none lets anybody act for a team, or moves a score or a board."""
+_OF_THE_SITE = frozenset(
+    {
+        "/api/v1/organizer/phases/{phase_id}/feature",
+        "/organize/phases/{phase_id}/feature",
+    }
+)
+"""Paths that name a phase and move all others."""
 
 
 def role_needed(method: str, path: str) -> OrganizerRole:
@@ -71,11 +80,22 @@ def require_right(request: Request, services: Services, principal: Principal) ->
     if principal.is_organizer:
         return
     with services.database.read() as session:
-        phase_id = _phase_of(session, request.path_params)
+        is_of_phase = _path_of(request) not in _OF_THE_SITE
+        phase_id = _phase_of(session, request.path_params) if is_of_phase else None
     if not principal.organizes(phase_id):
         confined = ", ".join(sorted(principal.phases))
         detail = f"Your role is confined to {confined}, and this is not of it."
         raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
+
+
+def require_order_right(principal: Principal, change: PhaseChange) -> None:
+    """Refuse a change of where a phase stands among all, to who organizes some of them.
+
+    Raises:
+        NotAllowed: It is one, and the role is confined to phases.
+    """
+    if "position" in change.model_fields_set and not principal.is_organizer:
+        raise NotAllowed("The order of all phases is set by organizers of the whole site.")
 
 
 def _path_of(request: Request) -> str:

@@ -72,6 +72,11 @@ def create_teams() -> None:
         sa.Column("pending_since", TIME),
         sa.Column("registration_note", sa.String()),
         sa.Column("forgotten_at", TIME),
+        sa.Column(
+            "merged_into_id",
+            sa.Integer(),
+            sa.ForeignKey("teams.id", deferrable=True, initially="DEFERRED"),
+        ),
         sa.Column("registered_from", sa.String()),
         sa.UniqueConstraint("name"),
         sa.UniqueConstraint("name_skeleton"),

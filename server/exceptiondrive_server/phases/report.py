@@ -1,0 +1,123 @@
+"""The final report of a phase, made of its published boards alone."""
+
+from collections import Counter
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.boards.boards import current_board, parsed_board, was_shown
+from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, BoardRow
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.participation.tables import Allowance
+from exceptiondrive_records.phases.policy import frozen_since, has_closed, is_split_revealed
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.splits.splits import part_revision
+from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.phase_report import PhaseReport, PlaceChange, ShakeUp
+from exceptiondrive_server.boards.entry_facts import is_listed
+from exceptiondrive_server.boards.queries import protocol_versions
+
+LAST_PLACE = 3
+
+
+def has_ended(session: Session, phase: Phase) -> bool:
+    """Whether a phase is closed to every team, and its board is shown as it ended."""
+    now = database_now(session)
+    latest = select(func.max(Allowance.closes_at)).where(Allowance.phase_id == phase.id)
+    granted_until = session.scalar(latest)
+    return (
+        has_closed(phase, now)
+        and (granted_until is None or granted_until <= now)
+        and frozen_since(phase, now) is None
+        and phase.current_board_id is not None
+    )
+
+
+def report_of(session: Session, phase: Phase) -> PhaseReport:
+    """Tell how a phase ended.
+
+    Raises:
+        NotFound: It has not ended.
+    """
+    row = current_board(session, phase.id)
+    if row is None or not has_ended(session, phase):
+        raise NotFound(
+            "report, which comes when all teams are done and the board is shown, of", phase.id
+        )
+    board = parsed_board(row)
+    scored = [entry for entry in board.entries if entry.source == "scored"]
+    leading = [entry for entry in scored if entry.may_lead]
+    before = board_before_reveal(session, phase, row)
+    stood = select(func.count(BoardEntryRow.submission_id.distinct())).join(
+        BoardRow, BoardRow.id == BoardEntryRow.board_id
+    )
+    boards = select(func.count(BoardFlip.board_id.distinct())).where(BoardFlip.phase_id == phase.id)
+    assert phase.closes_at is not None
+    return PhaseReport(
+        phase=phase.id,
+        title=phase.title,
+        challenge=board.challenge,
+        opened_at=phase.opens_at,
+        closed_at=phase.closes_at,
+        board=board.board,
+        board_digest=row.told_digest,
+        published_at=board.published_at,
+        split=board.split,
+        part=board.part,
+        protocol=board.protocol,
+        n_samples=board.n_samples,
+        n_boards=session.scalar(boards) or 0,
+        n_teams=len({entry.team for entry in scored}),
+        n_submissions=session.scalar(stood.where(BoardRow.phase_id == phase.id, was_shown())) or 0,
+        n_ranked=sum(entry.rank is not None for entry in scored),
+        n_listed=sum(is_listed(entry) for entry in scored),
+        winners=tuple(entry for entry in leading if (entry.rank or 0) <= LAST_PLACE),
+        may_be_first=tuple(
+            entry.submission_id
+            for entry in leading
+            if entry.submission_id and entry.rank_interval and entry.rank_interval[0] == 1
+        ),
+        flags=dict(Counter(flag.code for entry in scored for flag in entry.flags)),
+        shake_up=None if before is None else _shake_up(parsed_board(before), board),
+        protocols=protocol_versions(session, phase.id),
+    )
+
+
+def board_before_reveal(session: Session, phase: Phase, final: BoardRow) -> BoardRow | None:
+    """Return the last board that readers saw before a reveal; None where nothing was revealed.
+
+    Where both were, the other part of the split counts, not the end of a freeze.
+    """
+    shown = (
+        select(BoardRow)
+        .join(BoardFlip, BoardFlip.board_id == BoardRow.id)
+        .where(BoardFlip.phase_id == phase.id, BoardRow.id != final.id)
+        .order_by(BoardFlip.id.desc())
+        .limit(1)
+    )
+    if is_split_revealed(session, phase):
+        public = part_revision(session, phase.split_name, phase.split_revision, "public")
+        return session.scalars(shown.where(BoardRow.split_revision == public)).first()
+    if phase.unfrozen_at is not None:
+        return session.scalars(shown.where(BoardFlip.at < phase.unfrozen_at)).first()
+    return None
+
+
+def _shake_up(before: Board, after: Board) -> ShakeUp:
+    old = {entry.submission_id: entry for entry in before.entries if entry.rank is not None}
+    new = {entry.submission_id: entry for entry in after.entries if entry.rank is not None}
+
+    def place(entry: BoardEntry) -> PlaceChange:
+        key = entry.submission_id or ""
+        was, now = old.get(key), new.get(key)
+        return PlaceChange(
+            submission_id=key,
+            method=entry.method,
+            team=entry.team,
+            before=was.rank if was else None,
+            after=now.rank if now else None,
+        )
+
+    places = map(place, {**new, **{key: old[key] for key in old if key not in new}}.values())
+    return ShakeUp(board=before.board, part=before.part, places=tuple(places))

@@ -1,0 +1,93 @@
+"""The final report of a phase: each claim is found again on its published boards."""
+
+from typing import TYPE_CHECKING, Any
+
+from tests.phases.test_page import text_of
+from tests.phases.test_parts import CAREFUL, PRIVATE_ONLY, PUBLIC_ONLY, reveal
+
+if TYPE_CHECKING:
+    from tests.phases.conftest import Life
+
+REPORT, PAGE = "/api/v1/phases/test/report", "/phases/test/report"
+
+
+def boards_of(life: "Life") -> list[Any]:
+    """Every board that readers saw, oldest first, at its permanent address."""
+    lines = life.json("/api/v1/boards?phase=test")
+    return [life.json(line["address"]) for line in reversed(lines)]
+
+
+def ranks(board: Any) -> dict[str, int]:
+    return {e["submission_id"]: e["rank"] for e in board["entries"] if e["rank"] is not None}
+
+
+def test_a_report_comes_with_the_end_and_tells_what_the_boards_tell(life: "Life") -> None:
+    life.make_phase(closes_at=life.ahead(60))
+    ids = [life.submit("alpha", PUBLIC_ONLY), life.submit("beta", PRIVATE_ONLY)]
+    life.work()
+    ids.append(life.submit("gamma", CAREFUL))
+    life.work()
+    assert life.get(REPORT).status_code == life.get(PAGE).status_code == 404
+    assert "How it ended" not in life.get("/phases/test").text
+    life.move(closes_at=life.now())
+    assert life.json(REPORT)["shake_up"] is None
+    assert "has not been revealed" in life.get(PAGE).text
+    last_public = life.json(REPORT)["board"]
+    life.apply(reveal(life))
+
+    report, boards = life.json(REPORT), boards_of(life)
+    final = boards[-1]
+    assert (report["board"], report["n_samples"], report["part"]) == (final["board"], 3, "private")
+    by_id = {entry["submission_id"]: entry for entry in final["entries"]}
+    assert report["n_boards"] == len({board["board"] for board in boards})
+    assert report["n_submissions"] == len({i for board in boards for i in ranks(board)}) == 3
+    assert report["n_teams"] == len({by_id[key]["team"] for key in ids}) == 3
+    assert report["protocols"] == sorted({board["protocol"]["version"] for board in boards})
+    for winner in report["winners"]:
+        assert winner == by_id[winner["submission_id"]]
+    may_lead = {
+        key
+        for key, entry in by_id.items()
+        if entry["rank_interval"] and entry["rank_interval"][0] == 1
+    }
+    assert set(report["may_be_first"]) <= may_lead
+
+    shake_up = report["shake_up"]
+    before = next(board for board in boards if board["board"] == shake_up["board"])
+    assert (before["board"], before["part"]) == (last_public, "public")
+    told = {one["submission_id"]: (one["before"], one["after"]) for one in shake_up["places"]}
+    assert told == {key: (ranks(before)[key], ranks(final)[key]) for key in ids}
+    assert told[ids[0]][0] < told[ids[0]][1], "good on the public part alone"
+
+    page = life.get(PAGE).text
+    words = text_of(page)
+    assert f"board {final['board']}" in words
+    assert "3 teams" in words
+    assert f'href="/?phase=test&amp;board={before["board"]}#board"' in page
+    assert f"{told[ids[0]][1] - told[ids[0]][0]} down" in words
+    for winner in report["winners"]:
+        assert f"{winner['metrics']['hcc'] * 100:.2f}" in words
+    assert 'href="/phases/test/report"' in life.get("/phases/test").text
+
+
+def test_a_freeze_and_a_team_with_a_later_deadline_keep_the_report_back(life: "Life") -> None:
+    life.make_phase(split="plain", closes_at=life.ahead(60))
+    early = life.submit("alpha", 1.0, "Early", "plain")
+    life.work()
+    life.done("/phases/test/freeze")
+    late = life.submit("beta", 0.5, "Behind the freeze", "plain")
+    life.work()
+    allowance = "/teams/gamma/allowances/test"
+    life.done(allowance, {"closes_at": life.ahead(90), "reason": "ill"}, "PUT")
+    life.move(closes_at=life.now())
+    life.done("/phases/test/reveal", {"what": "board", "reason": "the end"})
+    assert life.get(REPORT).status_code == 404, "gamma is not done"
+    life.done(allowance, {"reason": "it is well again"}, "PUT")
+    shake_up = life.json(REPORT)["shake_up"]
+    assert {one["submission_id"]: one["before"] for one in shake_up["places"]} == {
+        early: 1,
+        late: None,
+    }
+    assert "new" in text_of(life.get(PAGE).text)
+    life.done("/phases/test/freeze")
+    assert life.get(REPORT).status_code == 404
