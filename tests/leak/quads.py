@@ -7,15 +7,18 @@ which the rectangles found so far differ most.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from exceptiondrive_schemas.protocol import NEWEST_WITHHELD, packaged_protocol
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_scoring.drawing import tube_pieces_m
 from exceptiondrive_scoring.grade import clearance_compliance, proximity_response
+from exceptiondrive_worker.split_store import load_split, read_split
 
 if TYPE_CHECKING:
     from tests.leak.conftest import Oracle
@@ -101,18 +104,20 @@ class Attack:
 
     Attributes:
         oracle: Publishes as the server does.
-        rows: Samples that are read at once; one where cells do not part them.
-        by_task: Whether task cells are read; else the totals.
+        rows: Samples that are read at once, one of a task; where tasks are not shown, one sample.
     """
 
     oracle: "Oracle"
     rows: Sequence[int]
-    by_task: bool
     seed: int = 0
     victims: list[Victim] = field(init=False)
 
     def __post_init__(self) -> None:
         arrays = self.oracle.split.arrays
+        smallest = np.bincount(arrays.task_index).min()
+        self.by_task = smallest >= self.oracle.protocol.publication.min_samples_per_cell
+        if not self.by_task and len(self.rows) > 1:
+            raise ValueError("the totals part no two: they are read of one sample")
         self.chance = np.random.default_rng(self.seed)
         self.victims = [Victim(row, float(arrays.d_safe_m[row]), self.chance) for row in self.rows]
 
@@ -175,3 +180,26 @@ class Attack:
             if told > most:
                 best, most = path, told
         return best
+
+
+def main() -> None:
+    """Print how well 21 regions are read; the figures of docs/leakage.md."""
+    from tests.leak.conftest import SAMPLE, Oracle
+
+    for version, counts in (("1.1", (8, 22)), (NEWEST_WITHHELD, (8, 20))):
+        protocol = packaged_protocol(version)
+        oracle = Oracle(load_split(read_split(SAMPLE), protocol), protocol)
+        rows = np.unique(oracle.split.arrays.task_index, return_index=True)[1].tolist()
+        attacks = (
+            [Attack(oracle, rows)] if version == "1.1" else [Attack(oracle, [r]) for r in rows]
+        )
+        for before, count in pairwise((0, *counts)):
+            for attack in attacks:
+                for _ in range(count - before):
+                    attack.upload()
+            ious = np.array([iou for attack in attacks for iou in attack.ious()])
+            print(version, count, np.median(ious).round(2), (ious > 0.5).sum())  # noqa: T201
+
+
+if __name__ == "__main__":
+    main()
