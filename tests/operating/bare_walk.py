@@ -68,7 +68,7 @@ class Walk:
 
     def run(self, script: str) -> str:
         """Run lines of shell; the first that fails ends the walk."""
-        sys.stderr.write(script)
+        sys.stderr.write(f"{script}\n")
         done = subprocess.run(
             ["bash", "-eu", "-c", script],
             env=self.environment,
@@ -142,14 +142,15 @@ def carry_out(walk: Walk) -> None:
     walk.block(install)
     walk.block("su postgres -c psql")
     split = write_sample_split(walk.home / "splits")
-    token = walk.block("chown -R 10002:10001").splitlines()[0]
+    printed = walk.block("chown -R 10002:10001").splitlines()
+    (token,) = [line for line in printed if " " not in line]
     os.environ["SSL_CERT_FILE"] = walk.environment["SSL_CERT_FILE"] = f"{walk.home}/secrets/tls.crt"
     walk.until(f"curl -fsk -o /dev/null {SITE}/readyz")
     phase = ("test", "--split", "sample", "--title", "Test", "--quota-per-day", "9")
     walk.organizer(token, "phases", "create", *phase)
     walk.organizer(token, "teams", "create", "alpha", "Alpha")
     team = walk.organizer(token, "teams", "issue-token", "alpha", "--name", "walk").split()[-1]
-    ids = [sample.id for sample in read_split(split).samples]
+    ids = [sample.sample_id for sample in read_split(split).samples]
     submit(walk, team, ids, 5.0)
     before = ranks(team)
     assert len(before) == 1

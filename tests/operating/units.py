@@ -47,17 +47,20 @@ class Systemd:
             for path in sorted(self._state.glob("*.pid")):
                 self.stop(path.stem)
             return
-        pid = int((self._state / f"{name}.pid").read_text())
-        os.kill(pid, signal.SIGTERM)
         deadline = time.monotonic() + 60
+        if self._lives(name):
+            os.kill(self._pid(name), signal.SIGTERM)
         while self._lives(name):
             if time.monotonic() > deadline:
                 sys.exit(f"{name} does not stop")
             time.sleep(0.05)
-        (self._state / f"{name}.pid").unlink()
+        (self._state / f"{name}.pid").unlink(missing_ok=True)
 
     def reload(self, name: str) -> None:
-        os.kill(int((self._state / f"{name}.pid").read_text()), signal.SIGHUP)
+        os.kill(self._pid(name), signal.SIGHUP)
+
+    def _pid(self, name: str) -> int:
+        return int((self._state / f"{name}.pid").read_text())
 
     def _read(self, name: str) -> Unit:
         stem, at, instance = name.partition("@")
@@ -107,12 +110,12 @@ class Systemd:
         if not word.endswith("nginx.conf"):
             return word
         copy = self._state / "nginx.conf"
-        copy.write_text(Path(word).read_text().replace(" /tmp/", f" {own}/"))
+        copy.write_text(Path(word).read_text().replace("_path /tmp/", f"_path {own}/"))
         return str(copy)
 
     def _lives(self, name: str) -> bool:
         try:
-            status = Path(f"/proc/{int((self._state / f'{name}.pid').read_text())}/stat")
+            status = Path(f"/proc/{self._pid(name)}/stat")
             return status.read_text().rpartition(")")[2].split()[0] != "Z"
         except (FileNotFoundError, ProcessLookupError):
             return False
