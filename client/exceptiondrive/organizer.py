@@ -219,6 +219,10 @@ class Organizer(Connection):
         path = f"/organizer/phases/{quoted(phase_id)}/delete"
         return self._transport.post_once(path, {"reason": reason})
 
+    def export_phase(self, phase_id: str) -> bytes:
+        """Return what readers may see of a phase as a tar; its `README.md` says what each file is."""
+        return self._transport.get(f"/organizer/phases/{quoted(phase_id)}/export").content
+
     def freeze_phase(self, phase_id: str, reason: str) -> Record:
         """Freeze the public board now; scoring goes on."""
         path = f"/organizer/phases/{quoted(phase_id)}/freeze"

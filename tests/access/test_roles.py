@@ -41,6 +41,7 @@ DEEDS = [
     ("GET", "/organizer/people", WHOLE_SITE),
     ("GET", "/organizer/phases/dev/board", SEEN_OF_DEV),
     ("GET", "/organizer/phases/dev/similar", SEEN_OF_DEV),
+    ("GET", "/organizer/phases/dev/export", SEEN_OF_DEV),
     ("POST", "/organizer/protocols/check", WHOLE_SITE),
     ("POST", "/organizer/teams/alpha/approve", {"owner", "helper"}),
     ("POST", "/organizer/teams/alpha/refuse", {"owner", "helper"}),

@@ -124,6 +124,9 @@ def test_a_question_changes_no_link_of_its_answer(open_phase: "Life") -> None:
     assert "# Big" in told
     for tag in ("<a ", "<h5", "<ol", "<hr"):
         assert tag not in told
+    notice = life.json("/api/v1/notifications", "beta")[0]
+    said = "\n".join(notice["what_changed"])
+    assert ("1. one" in said, "\\" in said) == (True, False), "an inbox knows no Markdown"
 
 
 def test_who_may_not_is_refused(open_phase: "Life") -> None:

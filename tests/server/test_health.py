@@ -5,8 +5,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from sqlalchemy import text
 from tests.later_release import become_later_release
 
+from exceptiondrive_records.db.roles import Role
 from exceptiondrive_records.migrations import migrate
 from exceptiondrive_records.submissions import file_store
 from exceptiondrive_records.work.heartbeats import beat
@@ -93,6 +95,24 @@ def test_without_the_database_every_answer_is_503_and_says_when_to_come_back(
         as_problem(response, 503, "store_unavailable")
         assert int(response.headers["retry-after"]) > 0
     assert "sqlite" not in api.get("/phases").text.lower()
+
+
+@pytest.mark.postgres
+@pytest.mark.parametrize("database_url", ["postgres"], indirect=True)
+def test_a_right_that_is_missing_is_said_in_the_log_alone(
+    make_api: MakeApi,
+    database_url: str,
+    as_problem: Callable[[Any, int, str], dict[str, Any]],
+    logs: list[Any],
+) -> None:
+    api = make_api(database_url)
+    with api.database.write() as session:
+        session.execute(text(f"REVOKE ALL ON phases FROM {Role.API}"))
+    answer = api.get("/phases")
+    as_problem(answer, 503, "store_unavailable")
+    assert "permission" not in answer.text
+    (line,) = [line for line in logs if line["event"] == "database error"]
+    assert line["reason"].startswith("permission denied for table phases; its owner gives")
 
 
 def test_without_the_file_store_an_upload_is_503_and_costs_no_quota(

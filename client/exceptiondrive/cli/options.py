@@ -24,6 +24,9 @@ Server = Annotated[
         help="Address of the server; else EXCEPTIONDRIVE_SERVER, `config`, what login kept.",
     ),
 ]
+Output = Annotated[
+    Path | None, typer.Option("--output", "-o", metavar="FILE", help="Else named by what it is.")
+]
 STDIN = Path("-")
 
 

@@ -23,9 +23,6 @@ from exceptiondrive.inputs import given_bytes, given_protocol
 from exceptiondrive_schemas.split import SplitRef
 
 SubmissionId = Annotated[str, typer.Argument(metavar="ID", help="Id of the submission.")]
-OutputOption = Annotated[
-    Path | None, typer.Option("--output", "-o", metavar="FILE", help="Else named by what it is.")
-]
 TeamId = Annotated[str, typer.Argument(metavar="TEAM", help="Id of the team.")]
 FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="Protocol document, TOML.")]
 
@@ -226,7 +223,7 @@ def write_about(
 
 def download_upload(
     submission_id: SubmissionId,
-    output: OutputOption = None,
+    output: options.Output = None,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -238,7 +235,7 @@ def download_upload(
 
 def download_story(
     submission_id: SubmissionId,
-    output: OutputOption = None,
+    output: options.Output = None,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -258,7 +255,7 @@ def download_archive(
     status: Annotated[
         str | None, typer.Option("--status", metavar="STATUS", help="Only in this status.")
     ] = None,
-    output: OutputOption = None,
+    output: options.Output = None,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:

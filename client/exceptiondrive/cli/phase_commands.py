@@ -6,13 +6,14 @@ The options of the settings are made from `PhaseSettings`: a further field is a 
 from collections.abc import Callable, Mapping
 from functools import wraps
 from inspect import Parameter, Signature, signature
+from pathlib import Path
 from textwrap import shorten
 from typing import Annotated, Any
 
 import typer
 
 from exceptiondrive.cli import options
-from exceptiondrive.cli.output import show, show_result
+from exceptiondrive.cli.output import show, show_result, show_saved
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive.inputs import given_bytes
@@ -119,6 +120,18 @@ def delete(
     with open_organizer(server) as organizer:
         phase = organizer.delete_phase(phase_id, reason)
     show_result(phase, json, f"phase {phase['id']} deleted")
+
+
+def export(
+    phase_id: PhaseArgument,
+    output: options.Output = None,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Get what readers may see of a phase, as a tar for a paper or an archive."""
+    with open_organizer(server) as organizer:
+        data = organizer.export_phase(phase_id)
+    show_saved(output or Path(f"exceptiondrive-{phase_id}.tar"), data, json)
 
 
 def freeze(
@@ -256,6 +269,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "update": with_settings(update, PhaseChange),
     "feature": feature,
     "delete": delete,
+    "export": export,
     "freeze": freeze,
     "reveal": reveal,
 }

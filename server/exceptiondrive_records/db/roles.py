@@ -110,11 +110,15 @@ WORK_RIGHTS = MappingProxyType(
         "delivery": (RIUD, RI, RIU),
         "lead": (R, NONE, RIUD),
         "recheck": (RIU, RU, RU),
-        "trial": (RI, RU, R),  # workers alone say what was tried, and what came of it
+        "trial": (RI, RU, R),  # see `_ASKED_FOR`
         "score": (RIUD, RU, RIUD),  # workers score what others ask for
     }
 )
 """All work stands in one table; policies of its rows keep each role to its kinds."""
+
+
+_ASKED_FOR = "(kind <> 'trial' OR protocol_digest IS NULL AND split_name IS NULL AND trial IS NULL)"
+"""The server asks for trials; workers alone say what was tried, which counts, and what came of it."""
 
 
 def rights_of(role: Role) -> dict[str, str]:
@@ -171,6 +175,8 @@ def _work_policies(role: Role) -> Iterator[str]:
     for verb in ("SELECT", "INSERT", "UPDATE", "DELETE"):
         kinds = [f"'{kind}'" for kind, rights in WORK_RIGHTS.items() if verb in rights[column]]
         rows = "true" if verb == "SELECT" else f"kind IN ({', '.join(kinds)})" if kinds else "false"
+        if verb == "INSERT":
+            rows = f"{rows} AND {_ASKED_FOR}"
         clause = f"WITH CHECK ({rows})" if verb == "INSERT" else f"USING ({rows})"
         name = f"{role}_{verb.lower()}"
         yield f"DROP POLICY IF EXISTS {name} ON work"

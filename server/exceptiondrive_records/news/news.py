@@ -24,6 +24,7 @@ def publish_news(
     text: str,
     *,
     actor: str,
+    plain: str | None = None,
     to_its_teams: bool = False,
 ) -> News:
     """Announce something of a phase, and tell every team; the same words go out once.
@@ -34,6 +35,7 @@ def publish_news(
         title: One line.
         text: Markdown.
         actor: Who.
+        plain: What inboxes are told, which know no Markdown; None: the text as it is written.
         to_its_teams: Tell those alone that submitted to the phase.
 
     Raises:
@@ -57,7 +59,7 @@ def publish_news(
     only_of = phase.id if to_its_teams else None
     if recipients(session, phase_id=only_of):
         title = f"{phase.title}: {row.title}"[:MAX_TITLE]
-        send_message(session, title, row.text, actor=actor, phase_id=only_of)
+        send_message(session, title, plain or row.text, actor=actor, phase_id=only_of)
     audit(session, actor, "news published", row.id, {"phase": phase.id, "title": row.title})
     return row
 

@@ -83,8 +83,9 @@ def answer_question(
     row.answered_at = database_now(session)
     if to_all:
         quoted = "\n".join(f"> {_as_words(line)}" for line in row.text.splitlines())
-        told = f"{quoted}\n\n{row.answer}"
-        row.news_id = publish_news(session, row.phase_id, _TITLE, told, actor=actor).id
+        told, plain = (f"{asked}\n\n{row.answer}" for asked in (quoted, f"Asked: {row.text}"))
+        news = publish_news(session, row.phase_id, _TITLE, told, actor=actor, plain=plain)
+        row.news_id = news.id
     else:
         slug = session.get_one(Team, row.team_id).slug
         told = f"You asked: {row.text}\n\n{row.answer}"

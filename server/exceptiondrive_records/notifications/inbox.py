@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from sqlalchemy import func, select
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
@@ -221,16 +221,6 @@ def list_notifications(
     if only_unread:
         query = query.where(Notification.read_at.is_(None))
     return [_view(row) for row in session.scalars(query)]
-
-
-def count_unread(session: Session, team_id: int) -> int:
-    """Return how many messages of a team were not read yet."""
-    query = select(func.count()).where(
-        Notification.team_id == team_id,
-        Notification.kind != "confirm_address",
-        Notification.read_at.is_(None),
-    )
-    return session.scalar(query) or 0
 
 
 def mark_read(session: Session, team_id: int, notification_id: str) -> NotificationView:

@@ -29,7 +29,6 @@ from exceptiondrive_schemas.phase_settings import BoardView
 Average = Literal["macro_family", "micro"]
 SOURCES: tuple[EntrySource, ...] = ("scored", "reference", "reported")
 """In the order in which boards show them; rows of different sources are never mixed."""
-AVERAGES: tuple[Average, ...] = ("macro_family", "micro")
 AVERAGE_TITLES: Mapping[Average, str] = {
     "macro_family": "mean of families",
     "micro": "mean of scenes",

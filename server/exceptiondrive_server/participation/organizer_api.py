@@ -34,21 +34,19 @@ from exceptiondrive_server.participation.queries import (
     participation_of,
 )
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
-from exceptiondrive_server.web.forms import Form
+from exceptiondrive_server.web.forms import Deed, Form
 
 router = APIRouter()
 Slug = Annotated[str, Path(max_length=64, description="id of a team")]
 PhaseId = Annotated[str, Path(max_length=64, description="id of a phase")]
 SubmissionId = Annotated[str, Path(max_length=64, description="id of a submission")]
-Reason = Annotated[str, Field(min_length=1, max_length=1000)]
 Quota = Annotated[int, Field(ge=1, le=1_000_000)]
 MAX_TABLE = 200_000
 
 
-class TeamChange(Form):
+class TeamChange(Deed):
     """What is changed of a team; what is left out stays."""
 
-    reason: Reason
     name: Annotated[str | None, Field(max_length=400)] = None
     affiliation: Annotated[str | None, Field(max_length=MAX_AFFILIATION)] = None
 
@@ -61,11 +59,10 @@ class ChangedTeam(BaseModel):
     affiliation: str
 
 
-class Merge(Form):
+class Merge(Deed):
     """Of which team this one becomes a part."""
 
     into: Annotated[str, Field(max_length=64, description="id of a team")]
-    reason: Reason
 
 
 class Merged(BaseModel):
@@ -76,18 +73,9 @@ class Merged(BaseModel):
     n_submissions: int
 
 
-class Forgetting(Form):
-    """Why a team is forgotten."""
-
-    reason: Reason
-    """Stays in the audit log: name nobody in it."""
-
-
-class EntryDisqualification(Form):
+class EntryDisqualification(Deed):
     """Why an entry is disqualified."""
 
-    reason: Reason
-    """Told to the team, and kept in the audit log."""
     public_note: Annotated[str | None, Field(max_length=MAX_NOTE)] = None
     """What readers of the board are told; without one, nothing."""
 
@@ -98,16 +86,9 @@ class TeamDisqualification(EntryDisqualification):
     phase: Annotated[str | None, Field(max_length=64, description="null: in every phase")] = None
 
 
-class Reinstatement(Form):
-    """Why a disqualification ends."""
-
-    reason: Reason
-
-
-class NewAllowance(Form):
+class NewAllowance(Deed):
     """What a team has in a phase instead of what all have; null: as all."""
 
-    reason: Reason
     closes_at: Time | None = None
     quota_per_day: Quota | None = None
     quota_total: Quota | None = None
@@ -177,14 +158,7 @@ def patch_team(
 ) -> ChangedTeam:
     """Change name or affiliation; new boards show the new name, earlier ones stay as they are."""
     with services.database.write() as session:
-        team = change_team(
-            session,
-            team_id,
-            name=change.name,
-            affiliation=change.affiliation,
-            reason=change.reason,
-            actor=organizer.actor,
-        )
+        team = change_team(session, team_id, **change.model_dump(), actor=organizer.actor)
         return ChangedTeam(id=team.slug, name=team.name, affiliation=team.affiliation)
 
 
@@ -192,19 +166,20 @@ def patch_team(
 def post_merge(services: ServicesOf, organizer: Organizer, team_id: Slug, merge: Merge) -> Merged:
     """Make a team part of another one, with submissions, people and addresses; for good."""
     with services.database.write() as session:
-        team, n_moved = merge_teams(
-            session, team_id, merge.into, reason=merge.reason, actor=organizer.actor
-        )
+        team, n_moved = merge_teams(session, team_id, **merge.model_dump(), actor=organizer.actor)
         return Merged(id=team.slug, name=team.name, n_submissions=n_moved)
 
 
 @router.post("/teams/{team_id}/forget", operation_id="forgetTeam")
 def post_forgetting(
-    services: ServicesOf, organizer: Organizer, team_id: Slug, wanted: Forgetting
+    services: ServicesOf, organizer: Organizer, team_id: Slug, deed: Deed
 ) -> ChangedTeam:
-    """Take everything personal of a team out of the records; an alias stands on every board."""
+    """Take everything personal of a team out of the records; an alias stands on every board.
+
+    The reason stays in the audit log: name nobody in it.
+    """
     with services.database.write() as session:
-        team = forget_team(session, team_id, reason=wanted.reason, actor=organizer.actor)
+        team = forget_team(session, team_id, reason=deed.reason, actor=organizer.actor)
         return ChangedTeam(id=team.slug, name=team.name, affiliation=team.affiliation)
 
 
@@ -239,11 +214,7 @@ def post_entry_disqualification(
     """Take one submission off the boards; the same bytes are not taken again."""
     with services.database.write() as session:
         row = disqualify_submission(
-            session,
-            submission_id,
-            reason=wanted.reason,
-            public_note=wanted.public_note,
-            actor=organizer.actor,
+            session, submission_id, **wanted.model_dump(), actor=organizer.actor
         )
         return disqualification_view(session, row)
 
@@ -260,11 +231,11 @@ def post_reinstatement(
     services: ServicesOf,
     organizer: Organizer,
     disqualification_id: Annotated[int, Path(ge=1, le=2**31 - 1)],
-    wanted: Reinstatement,
+    deed: Deed,
 ) -> DisqualificationView:
     """End a disqualification: what was scored stands on the next board."""
     with services.database.write() as session:
-        row = reinstate(session, disqualification_id, reason=wanted.reason, actor=organizer.actor)
+        row = reinstate(session, disqualification_id, reason=deed.reason, actor=organizer.actor)
         return disqualification_view(session, row)
 
 
@@ -279,14 +250,7 @@ def put_allowance(
     """Set a later deadline or another quota for one team; all null: as for all teams again."""
     with services.database.write() as session:
         row = set_allowance(
-            session,
-            team_id,
-            phase_id,
-            closes_at=wanted.closes_at,
-            quota_per_day=wanted.quota_per_day,
-            quota_total=wanted.quota_total,
-            reason=wanted.reason,
-            actor=organizer.actor,
+            session, team_id, phase_id, **wanted.model_dump(), actor=organizer.actor
         )
         return AllowanceView(phase=phase_id) if row is None else allowance_view(row)
 

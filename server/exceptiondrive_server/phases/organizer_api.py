@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Path
+from fastapi import APIRouter, Path, Request, Response
 from pydantic import BaseModel
 from sqlalchemy.orm import Session
 
@@ -27,9 +27,11 @@ from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.datasheet import SplitWarning
 from exceptiondrive_schemas.phase_settings import NewPhase, PhaseChange, SplitPart
 from exceptiondrive_schemas.submission import PhaseView
+from exceptiondrive_server.phases.export import export_phase
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
 from exceptiondrive_server.web.forms import Deed
 from exceptiondrive_server.web.organizer_rights import require_order_right
+from exceptiondrive_server.web.responses import origin_of
 from exceptiondrive_server.web.services import Services
 
 router = APIRouter()
@@ -121,6 +123,19 @@ def post_deletion(
         gone = _view(session, services, find_phase(session, phase_id))
         delete_phase(session, phase_id, reason=step.reason, actor=organizer.actor)
     return gone
+
+
+@router.get(
+    "/phases/{phase_id}/export",
+    operation_id="exportPhase",
+    response_class=Response,
+    responses={200: {"content": {"application/x-tar": {}}}},
+)
+def get_export(
+    request: Request, services: ServicesOf, organizer: Organizer, phase_id: PhaseId
+) -> Response:
+    """Download what readers may see of a phase, as a tar for a paper or an archive."""
+    return export_phase(services, organizer, phase_id, origin_of(request))
 
 
 @router.post("/phases/{phase_id}/freeze", operation_id="freezePhase")

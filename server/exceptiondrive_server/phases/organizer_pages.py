@@ -40,6 +40,7 @@ from exceptiondrive_schemas.phase_settings import (
 )
 from exceptiondrive_schemas.submission import PhaseView
 from exceptiondrive_server.audit.queries import history
+from exceptiondrive_server.phases.export import export_phase
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import PostedForm, SignedIn
 from exceptiondrive_server.web.forms import REASON, filled, made, read, text_of, typed
@@ -51,6 +52,7 @@ from exceptiondrive_server.web.organizer_frame import (
     step_at,
 )
 from exceptiondrive_server.web.organizer_rights import require_order_right
+from exceptiondrive_server.web.responses import origin_of
 from exceptiondrive_server.web.services import Services
 from exceptiondrive_server.web.templating import template_filter
 
@@ -257,6 +259,14 @@ def post_phase(
     except RecordsError as refusal:
         return _phase(request, services, browser, phase_id, typed(form), refusal)
     return go(f"{HERE}/{phase_id}", "phase_changed")
+
+
+@router.get("/{phase_id}/export")
+def get_export(
+    request: Request, services: ServicesOf, browser: OrganizerBrowser, phase_id: PhaseId
+) -> Response:
+    """Download what readers may see of a phase, as a tar for a paper or an archive."""
+    return export_phase(services, browser.principal, phase_id, origin_of(request))
 
 
 @step_at(router, "/{phase_id}/{step}")

@@ -14,43 +14,34 @@ from exceptiondrive_records.rescoring.views import preview_of, run_view, run_vie
 from exceptiondrive_schemas.rescoring import PreviewView, RunView, VerificationView
 from exceptiondrive_server.rescoring.exports import comparison_csv
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
-from exceptiondrive_server.web.forms import Form
+from exceptiondrive_server.web.forms import Deed
 from exceptiondrive_server.web.services import Services
 
 router = APIRouter()
 RunId = Annotated[str, Path(max_length=64, description="of the run")]
 PhaseQuery = Annotated[str | None, Query(max_length=64, description="only of this phase")]
-Reason = Annotated[str, Field(min_length=1, max_length=1000)]
 
 
-class NewRun(Form):
+class NewRun(Deed):
     """A run to be drafted: a protocol, a split revision, or both."""
 
     phase: Annotated[str, Field(max_length=64)]
     protocol: Annotated[str, Field(max_length=100)] | None = None
     split_revision: Annotated[str, Field(max_length=100)] | None = None
-    reason: Reason
 
 
-class Step(Form):
-    """One step of a run."""
-
-    reason: Reason
-
-
-class ApplyStep(Step):
+class ApplyStep(Deed):
     """The step that readers see."""
 
     preview: Annotated[str, Field(max_length=100)]
     """Digest of the preview that was looked at."""
 
 
-class NewVerification(Form):
+class NewVerification(Deed):
     """Sheets to be recomputed; without a sample all of them."""
 
     phase: Annotated[str, Field(max_length=64)]
     sample: Annotated[StrictInt, Field(ge=1, le=100_000)] | None = None
-    reason: Reason
 
 
 @router.get("/rescoring", operation_id="listRuns")
@@ -64,14 +55,8 @@ def get_runs(services: ServicesOf, phase: PhaseQuery = None) -> list[RunView]:
 def post_run(services: ServicesOf, organizer: Organizer, wanted: NewRun) -> RunView:
     """Draft a run: nothing is scored yet."""
     with services.database.write() as session:
-        run = runs.create_run(
-            session,
-            wanted.phase,
-            protocol=wanted.protocol,
-            split_revision=wanted.split_revision,
-            reason=wanted.reason,
-            actor=organizer.actor,
-        )
+        given = wanted.model_dump()
+        run = runs.create_run(session, given.pop("phase"), **given, actor=organizer.actor)
         return run_view(session, run)
 
 
@@ -88,12 +73,9 @@ def post_verification(
 ) -> VerificationView:
     """Recompute sheets from their uploads, and demand every bit again."""
     with services.database.write() as session:
+        given = wanted.model_dump()
         started = runs.start_verification(
-            session,
-            wanted.phase,
-            sample=wanted.sample,
-            reason=wanted.reason,
-            actor=organizer.actor,
+            session, given.pop("phase"), **given, actor=organizer.actor
         )
         return verification.verification_view(session, started.id)
 
@@ -141,27 +123,27 @@ def get_preview_csv(services: ServicesOf, run_id: RunId) -> Response:
 
 
 @router.post("/rescoring/{run_id}/start", operation_id="startRun")
-def post_start(services: ServicesOf, organizer: Organizer, run_id: RunId, step: Step) -> RunView:
+def post_start(services: ServicesOf, organizer: Organizer, run_id: RunId, deed: Deed) -> RunView:
     """Begin to score in the background."""
-    return _step(services, runs.start_run, organizer.actor, run_id, step)
+    return _step(services, runs.start_run, organizer.actor, run_id, deed)
 
 
 @router.post("/rescoring/{run_id}/pause", operation_id="pauseRun")
-def post_pause(services: ServicesOf, organizer: Organizer, run_id: RunId, step: Step) -> RunView:
+def post_pause(services: ServicesOf, organizer: Organizer, run_id: RunId, deed: Deed) -> RunView:
     """Let no further sheet of the run begin."""
-    return _step(services, runs.pause_run, organizer.actor, run_id, step)
+    return _step(services, runs.pause_run, organizer.actor, run_id, deed)
 
 
 @router.post("/rescoring/{run_id}/resume", operation_id="resumeRun")
-def post_resume(services: ServicesOf, organizer: Organizer, run_id: RunId, step: Step) -> RunView:
+def post_resume(services: ServicesOf, organizer: Organizer, run_id: RunId, deed: Deed) -> RunView:
     """Go on, and try failed sheets again."""
-    return _step(services, runs.resume_run, organizer.actor, run_id, step)
+    return _step(services, runs.resume_run, organizer.actor, run_id, deed)
 
 
 @router.post("/rescoring/{run_id}/cancel", operation_id="cancelRun")
-def post_cancel(services: ServicesOf, organizer: Organizer, run_id: RunId, step: Step) -> RunView:
+def post_cancel(services: ServicesOf, organizer: Organizer, run_id: RunId, deed: Deed) -> RunView:
     """End a run that was not applied; the board never changed."""
-    return _step(services, runs.cancel_run, organizer.actor, run_id, step)
+    return _step(services, runs.cancel_run, organizer.actor, run_id, deed)
 
 
 @router.post("/rescoring/{run_id}/apply", operation_id="applyRun")
@@ -178,16 +160,16 @@ def post_apply(
 
 
 @router.post("/rescoring/{run_id}/rollback", operation_id="rollbackRun")
-def post_rollback(services: ServicesOf, organizer: Organizer, run_id: RunId, step: Step) -> RunView:
+def post_rollback(services: ServicesOf, organizer: Organizer, run_id: RunId, deed: Deed) -> RunView:
     """Show the board under the earlier protocol again."""
     flip.work_out(services.database, run_id)
-    return _step(services, flip.rollback_run, organizer.actor, run_id, step)
+    return _step(services, flip.rollback_run, organizer.actor, run_id, deed)
 
 
 @router.post("/rescoring/{run_id}/close", operation_id="closeRun")
-def post_close(services: ServicesOf, organizer: Organizer, run_id: RunId, step: Step) -> RunView:
+def post_close(services: ServicesOf, organizer: Organizer, run_id: RunId, deed: Deed) -> RunView:
     """End an applied run for good: it can no longer be rolled back."""
-    return _step(services, runs.close_run, organizer.actor, run_id, step)
+    return _step(services, runs.close_run, organizer.actor, run_id, deed)
 
 
 def _step(
@@ -195,8 +177,8 @@ def _step(
     take: Callable[..., RescoringRun],
     actor: str,
     run_id: str,
-    step: Step,
+    deed: Deed,
 ) -> RunView:
     with services.database.write() as session:
-        take(session, run_id, reason=step.reason, actor=actor)
+        take(session, run_id, reason=deed.reason, actor=actor)
     return get_run(services, run_id)

@@ -143,12 +143,12 @@ def read_upload(services: Services, one: SubmissionView) -> tuple[bytes | None, 
         return None, str(error)
 
 
-def tar_stream(members: Iterable[tuple[str, bytes]]) -> Iterator[bytes]:
-    """Yield a tar, member by member: no more than one file stands in memory."""
-    at = int(datetime.now(UTC).timestamp())
+def tar_stream(members: Iterable[tuple[str, bytes]], at: datetime | None = None) -> Iterator[bytes]:
+    """Yield a tar, member by member, each of the time `at`, else of now."""
+    at_s = int((at or datetime.now(UTC)).timestamp())
     for name, data in members:
         info = tarfile.TarInfo(name)
-        info.size, info.mtime = len(data), at
+        info.size, info.mtime = len(data), at_s
         yield info.tobuf()
         yield data
         yield bytes(-len(data) % tarfile.BLOCKSIZE)

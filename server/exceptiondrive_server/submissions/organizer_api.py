@@ -20,15 +20,9 @@ from exceptiondrive_server.submissions.api import SubmissionId
 from exceptiondrive_server.submissions.download import any_upload, archive
 from exceptiondrive_server.submissions.story import SubmissionStory, story_folder, story_of
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
-from exceptiondrive_server.web.forms import Form
+from exceptiondrive_server.web.forms import Deed, Form
 
 router = APIRouter()
-
-
-class Why(Form):
-    """Why something is done with a submission; stays in the audit log."""
-
-    reason: Annotated[str, Field(min_length=1, max_length=1000)]
 
 
 class Note(Form):
@@ -90,21 +84,21 @@ def get_folder(services: ServicesOf, organizer: Organizer, submission_id: Submis
     "/submissions/{submission_id}/verify", operation_id="verifySubmission", status_code=202
 )
 def post_verify(
-    services: ServicesOf, organizer: Organizer, submission_id: SubmissionId, why: Why
+    services: ServicesOf, organizer: Organizer, submission_id: SubmissionId, deed: Deed
 ) -> VerificationView:
     """Recompute its score from the upload, and demand every bit again; nothing is changed."""
     with services.database.write() as session:
-        run = verify_submission(session, submission_id, reason=why.reason, actor=organizer.actor)
+        run = verify_submission(session, submission_id, reason=deed.reason, actor=organizer.actor)
         return verification_view(session, run.id)
 
 
 @router.post("/submissions/{submission_id}/restore", operation_id="restoreSubmission")
 def post_restore(
-    services: ServicesOf, organizer: Organizer, submission_id: SubmissionId, why: Why
+    services: ServicesOf, organizer: Organizer, submission_id: SubmissionId, deed: Deed
 ) -> SubmissionView:
     """Let a withdrawn submission stand again, at its old place in time."""
     with services.database.write() as session:
-        restore_submission(session, submission_id, reason=why.reason, actor=organizer.actor)
+        restore_submission(session, submission_id, reason=deed.reason, actor=organizer.actor)
     with services.database.read() as session:
         return view(session, find_submission(session, submission_id))
 
@@ -123,12 +117,12 @@ def post_note(
 
 @router.post("/submissions/{submission_id}/retry", operation_id="retrySubmission")
 def post_retry(
-    services: ServicesOf, organizer: Organizer, submission_id: SubmissionId, retry: Why
+    services: ServicesOf, organizer: Organizer, submission_id: SubmissionId, deed: Deed
 ) -> SubmissionView:
     """Queue a failed submission again, with all its attempts."""
     with services.database.write() as session:
         submission = retry_submission(
-            session, submission_id, actor=organizer.actor, reason=retry.reason
+            session, submission_id, actor=organizer.actor, reason=deed.reason
         )
         session.flush()
         return view(session, submission)

@@ -24,7 +24,7 @@ from exceptiondrive_records.teams.teams import (
 from exceptiondrive_schemas.datetimes import Time
 from exceptiondrive_server.accounts.queries import IssuedToken, TokenView, token_view
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
-from exceptiondrive_server.web.forms import Form
+from exceptiondrive_server.web.forms import Deed, Form
 
 router = APIRouter()
 Slug = Annotated[str, Path(max_length=64, description="id of a team")]
@@ -38,12 +38,6 @@ class NewTeam(Form):
     ]
     name: Annotated[str, Field(max_length=400)]
     is_reference: StrictBool = False
-
-
-class Refusal(Form):
-    """Why a registration is refused."""
-
-    reason: Annotated[str, Field(min_length=1, max_length=1000)]
 
 
 class TeamView(BaseModel):
@@ -92,13 +86,11 @@ def post_approval(services: ServicesOf, organizer: Organizer, team_id: Slug) -> 
 
 
 @router.post("/teams/{team_id}/refuse", operation_id="refuseTeam")
-def post_refusal(
-    services: ServicesOf, organizer: Organizer, team_id: Slug, refusal: Refusal
-) -> TeamView:
+def post_refusal(services: ServicesOf, organizer: Organizer, team_id: Slug, deed: Deed) -> TeamView:
     """Refuse a registration: the team and its tokens go, the reason stays in the audit log."""
     with services.database.write() as session:
         refused = _team(find_team(session, team_id))
-        refuse_team(session, team_id, reason=refusal.reason, actor=organizer.actor)
+        refuse_team(session, team_id, reason=deed.reason, actor=organizer.actor)
     return refused
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from datetime import UTC, datetime
 from http import HTTPStatus
 from typing import Any
@@ -15,6 +16,7 @@ from sqlalchemy.exc import TimeoutError as PoolTimeout
 from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
+from exceptiondrive_records.db.database import sentence_of
 from exceptiondrive_records.db.errors import (
     ConcurrentQuotaExceeded,
     InvalidRecord,
@@ -206,12 +208,20 @@ async def _unstorable(request: Request, error: Exception) -> Response:
 
 async def _database_error(request: Request, error: Exception) -> Response:
     is_outage = isinstance(error, DBAPIError | PoolTimeout)
-    _log.error("database error", kind=type(error).__name__, is_outage=is_outage)
+    _log.error("database error", kind=type(error).__name__, is_outage=is_outage, **_said(error))
     if not is_outage:
         return problem_response(request, _internal(request))
     detail = "The records cannot be reached right now. Nothing was changed; try again shortly."
     problem = ApiProblem(ProblemCode.STORE_UNAVAILABLE, detail, retry_after_s=RETRY_AFTER_S)
     return problem_response(request, problem)
+
+
+def _said(error: Exception) -> dict[str, str]:
+    """What the database said, where an operator can do something about it: a right that is missing."""
+    if isinstance(error, DBAPIError):
+        with suppress(DBAPIError):
+            return {"reason": sentence_of(error)}
+    return {}
 
 
 async def _unexpected(request: Request, error: Exception) -> Response:

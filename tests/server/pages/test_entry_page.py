@@ -112,6 +112,10 @@ async def test_names_are_escaped(site: Any, lively_board: Board) -> None:
 async def test_the_badge_says_rank_and_score_and_follows_the_board(lively_site: Any) -> None:
     answer = await lively_site.get("/badges/s0000000kq.svg")
     assert answer.headers["content-type"] == "image/svg+xml"
+    assert answer.headers["cache-control"] == "public, max-age=300"
+    told = list(answer.headers)
+    assert answer.headers["x-accel-expires"] == "5", "a proxy shows no longer what is taken back"
+    assert told.index("x-accel-expires") < told.index("cache-control")
     assert "rank 1, HCC 61.40 %" in Xml.fromstring(answer.text).itertext().__next__()
     flagged = await lively_site.get("/badges/s0000005kq.svg")
     assert "rank 6, HCC 22.18 %, flagged: Blind to the edit" in flagged.text

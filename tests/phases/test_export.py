@@ -1,0 +1,143 @@
+"""The export of a phase: the same bytes twice, nothing that readers may not see, valid records."""
+
+import io
+import json
+import tarfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import jsonschema
+import pandas as pd
+import pytest
+import tests.support
+from tests.canary.values import CANARY_M
+from tests.phases.test_parts import CAREFUL, PRIVATE_ONLY, PUBLIC_ONLY, reveal, revisions
+
+if TYPE_CHECKING:
+    from tests.phases.conftest import Life
+
+EXPORT = "/api/v1/organizer/phases/test/export"
+SHARED = Path(tests.support.__path__[0]) / "every_eval_ever" / "eval.schema.json"
+"""Of github.com/evaleval/every_eval_ever at 8afa738d5, MIT: its licence lies beside it."""
+
+
+def files_of(life: "Life") -> dict[str, bytes]:
+    """The files of the export, by their path within its folder."""
+    answer = life.get(EXPORT, "organizer")
+    assert answer.status_code == 200, answer.text
+    with tarfile.open(fileobj=io.BytesIO(answer.content)) as tar:
+        members = [(one.name, tar.extractfile(one)) for one in tar.getmembers()]
+    return {name.split("/", 1)[1]: file.read() for name, file in members if file is not None}
+
+
+@pytest.fixture
+def ended(life: "Life") -> "Life":
+    life.make_phase(closes_at=life.ahead(60))
+    life.submit("alpha", PUBLIC_ONLY, "=1+1 & Co")
+    life.submit("beta", PRIVATE_ONLY)
+    life.submit("gamma", CAREFUL)
+    life.work()
+    life.move(closes_at=life.now())
+    life.apply(reveal(life))
+    return life
+
+
+def test_it_holds_what_readers_see_and_is_the_same_twice(ended: "Life") -> None:
+    first = ended.get(EXPORT, "organizer").content
+    assert ended.get(EXPORT, "organizer").content == first
+    line = ended.json("/api/v1/organizer/audit?limit=1", "organizer")[0]
+    assert (line["action"], line["subject"]) == ("phase exported", "test")
+    files = files_of(ended)
+    report = ended.json("/api/v1/phases/test/report")
+    assert json.loads(files["report.json"]) == report
+    for number in (report["board"], report["shake_up"]["board"]):
+        public = ended.get(f"/api/v1/boards/test/{number}").content
+        assert files[f"boards/board-{number}.json"] == public
+        table = ended.get(f"/export/board.tex?phase=test&board={number}").content
+        assert files[f"boards/board-{number}.tex"] == table
+    assert json.loads(files["history.json"]) == ended.json("/api/v1/boards?phase=test")
+    toml = ended.get("/api/v1/protocols/1.0?format=toml").content
+    assert files["protocols/1.0.toml"] == toml
+    for key in ended.entry_ids():
+        sheet = ended.json(f"/api/v1/entries/{key}")["sheet"]
+        assert json.loads(files[f"sheets/{key}.json"]) == sheet
+    for name in files.keys() - {"README.md"}:
+        folder = name.split("/")[0]
+        assert folder.split(".")[0] in files["README.md"].decode(), name
+
+
+def test_the_table_holds_every_number_of_every_sheet_in_both_forms(ended: "Life") -> None:
+    files = files_of(ended)
+    table = pd.read_parquet(io.BytesIO(files["results.parquet"]))
+    assert len(table) == len(pd.read_csv(io.BytesIO(files["results.csv"])))
+    for (key, scope, name), line in table.set_index(["submission_id", "scope", "id"]).iterrows():
+        sheet = json.loads(files[f"sheets/{key}.json"])
+        row: Any = {
+            "average": lambda s=sheet, n=name: s[n],
+            "family": lambda s=sheet, n=name: s["families"][n],
+            "task": lambda s=sheet, n=name: s["tasks"][n],
+        }[scope]()
+        for metric, value in row.items():
+            told = line[metric]
+            assert (value is None and pd.isna(told)) or told == value, (key, scope, name, metric)
+    assert "'=1+1 & Co" in set(table["method"]), "no formula for a spreadsheet"
+
+
+def test_nothing_of_regions_and_no_unshown_part_is_in_it(life: "Life") -> None:
+    life.make_phase(closes_at=life.ahead(60))
+    life.submit("alpha", PUBLIC_ONLY)
+    life.work()
+    reveal(life)  # scored, and not applied: readers see nothing of it
+    files = files_of(life)
+    assert "report.json" not in files
+    everything = b"\n".join(files.values())
+    board = life.board()
+    assert board["split"]["revision"].encode() in everything
+    for secret in (revisions(life)["private"], str(CANARY_M), "scene-"):
+        assert secret.encode() not in everything, secret
+    for who in (None, "alpha"):
+        assert life.get(EXPORT, who).status_code in (401, 403)
+
+
+def test_a_phase_without_a_board_has_no_export(life: "Life") -> None:
+    life.make_phase()
+    assert life.get(EXPORT, "organizer").status_code == 404
+
+
+def test_entries_are_records_of_every_eval_ever(ended: "Life") -> None:
+    validator = jsonschema.Draft7Validator(json.loads(SHARED.read_text()))
+    found = {
+        name.removeprefix("every_eval_ever/"): json.loads(data)
+        for name, data in files_of(ended).items()
+        if name.startswith("every_eval_ever/")
+    }
+    board = ended.board()
+    assert len(found) == len(board["entries"]) == 3
+    by_id = {entry["submission_id"]: entry for entry in board["entries"]}
+    for path, record in found.items():
+        assert [error.message for error in validator.iter_errors(record)] == []
+        assert path.startswith(f"data/exceptiondrive/{record['model_info']['id']}/")
+        entry = by_id[record["evaluation_id"].split("/")[1]]
+        scores = {one["evaluation_result_id"]: one for one in record["evaluation_results"]}
+        assert len(scores) == len(record["evaluation_results"])
+        for metric in ("hcc", "ur"):
+            score = scores[f"exceptiondrive.test.{metric}"]
+            assert score["score_details"]["score"] == entry["metrics"][metric]
+            assert score["metric_config"]["lower_is_better"] is (metric == "ur")
+            limits = score["metric_config"]
+            assert limits["min_score"] <= score["score_details"]["score"] <= limits["max_score"]
+        for family, cell in entry["families"].items():
+            score = scores[f"exceptiondrive.test.{family}.hcc"]["score_details"]
+            assert (score["score"], score["uncertainty"]["num_samples"]) == (cell["hcc"], cell["n"])
+
+
+def test_the_package_of_every_eval_ever_takes_them(ended: "Life", tmp_path: Path) -> None:
+    """Its own validator, where the package is installed (it needs Python 3.12)."""
+    validate = pytest.importorskip("every_eval_ever.validate", reason="every-eval-ever is absent")
+    for name, data in files_of(ended).items():
+        if name.startswith("every_eval_ever/"):
+            file = tmp_path / name.removeprefix("every_eval_ever/")
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(data)
+            report = validate.validate_file(file)
+            assert report.valid, report.errors
