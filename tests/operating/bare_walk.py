@@ -146,7 +146,17 @@ def carry_out(walk: Walk) -> None:
     (token,) = [line for line in printed if " " not in line]
     os.environ["SSL_CERT_FILE"] = walk.environment["SSL_CERT_FILE"] = f"{walk.home}/secrets/tls.crt"
     walk.until(f"curl -fsk -o /dev/null {SITE}/readyz")
-    phase = ("test", "--split", "sample", "--title", "Test", "--quota-per-day", "9")
+    phase = (
+        "test",
+        "--split",
+        "sample",
+        "--title",
+        "Test",
+        "--protocol",
+        "1.0",
+        "--quota-per-day",
+        "9",
+    )
     walk.organizer(token, "phases", "create", *phase)
     walk.organizer(token, "teams", "create", "alpha", "Alpha")
     team = walk.organizer(token, "teams", "issue-token", "alpha", "--name", "walk").split()[-1]
