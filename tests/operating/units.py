@@ -74,10 +74,8 @@ class Systemd:
     def _spawn(self, name: str, unit: Unit) -> None:
         (user,) = unit["User"]
         own = self._state / f"tmp-{user}"  # systemd would give it a /tmp of its own
-        runtime = [Path("/run") / folder for folder in unit["RuntimeDirectory"]]
-        for folder in (own, *runtime):
-            folder.mkdir(exist_ok=True)
-            os.chown(folder, int(user), int(GROUP))
+        own.mkdir(exist_ok=True)
+        os.chown(own, int(user), int(GROUP))
         environment = {"PATH": os.environ["PATH"], "TMPDIR": str(own)}
         for file in unit["EnvironmentFile"]:
             for line in Path(file).read_text().splitlines():
@@ -110,7 +108,8 @@ class Systemd:
         if not word.endswith("nginx.conf"):
             return word
         copy = self._state / "nginx.conf"
-        copy.write_text(Path(word).read_text().replace("_path /tmp/", f"_path {own}/"))
+        text = Path(word).read_text().replace("_path /tmp/", f"_path {own}/")
+        copy.write_text(text.replace("/run/exceptiondrive-proxy/", f"{own}/"))
         return str(copy)
 
     def _lives(self, name: str) -> bool:
