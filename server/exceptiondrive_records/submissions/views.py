@@ -94,6 +94,7 @@ def view(
         and disqualified_at is None
         and _is_board_coming(session, phase, submission),
         is_duplicate=is_duplicate,
+        confirmed_as=submission.confirmed_as,
         is_late=is_late(phase, submission),
         replaced_by=replaced,
         is_chosen=is_chosen,
