@@ -66,7 +66,8 @@ class Victim:
     def errors(self, guesses: FloatArray, tolerance: float) -> FloatArray:
         """How much what was published contradicts each rectangle, in roundings."""
         polygons = quads(guesses)
-        total = 1e-3 * np.abs(guesses[:, 2:4] - 1.0).sum(1)  # of two that say the same, the usual
+        sides_m = guesses[:, 2:4]  # of two that say the same, the usual one
+        total: FloatArray = 1e-3 * np.abs(sides_m - 1.0).sum(axis=1)
         for tube, said in zip(self.tubes, self.seen, strict=True):
             gap = np.abs(self.values(polygons, tube) - said[:, None]) / tolerance
             total += np.log1p(np.maximum(gap - 0.5, 0.0)).sum(0)
@@ -157,7 +158,8 @@ class Attack:
         task = self.oracle.protocol.tasks[self.oracle.split.arrays.task_index[row]].id
         cell = sheet.tasks[task].metrics if self.by_task else sheet.micro
         means = np.array([cell[key] for key in METRICS], dtype=np.float64)
-        return n * means - (n - 1) * np.array([0.0, 1.0, 0.0])
+        own: FloatArray = n * means - (n - 1) * np.array([0.0, 1.0, 0.0])
+        return own
 
     def _path(self, victim: Victim) -> FloatArray:
         """The path about which the guesses differ most, in roundings."""

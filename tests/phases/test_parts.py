@@ -2,11 +2,16 @@
 
 import re
 from collections.abc import Callable
+from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from exceptiondrive_records.db.errors import PhaseClosed
 from exceptiondrive_records.splits.splits import find_split, list_splits
+from exceptiondrive_records.submissions.submissions import accept
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.split import Split
@@ -154,6 +159,49 @@ def test_nothing_of_the_private_part_is_readable_before_it_is_revealed(life: "Li
     assert seen == before  # draft sheets and the draft board changed nothing that can be read
     assert life.get(f"/api/v1/rescoring/{run}").status_code == 404
     assert life.get(f"/api/v1/organizer/rescoring/{run}/preview", "alpha").status_code == 403
+
+
+def accepted_with_its_first_byte(life: "Life", at: datetime, content: str) -> Submission:
+    with life.database.write() as session:
+        team = find_team(session, "beta")
+        return accept(
+            session,
+            team_id=team.id,
+            phase_id="test",
+            method="Held in the air",
+            file_digest=content,
+            size_bytes=1,
+            arrived_at=at,
+        ).submission
+
+
+@pytest.mark.parametrize("policy", [{}, {"late_entries": "own_view"}])
+def test_an_upload_in_the_air_answers_nothing_that_was_revealed(
+    life: "Life", policy: dict[str, str]
+) -> None:
+    """Its first byte came before the deadline; what it answers is written after the reveal."""
+    life.make_phase(closes_at=life.ahead(60), policy={"live_part": "public", **policy})
+    life.submit("alpha", PUBLIC_ONLY)
+    life.work()
+    run, before = reveal(life), life.now()
+    life.move(closes_at=life.now())
+    slow = accepted_with_its_first_byte(life, before, "sha256:slow")
+    assert slow.arrived_at == before, "a slow upload is in time until then"
+    life.work()
+    life.apply(run)
+    with pytest.raises(PhaseClosed, match="closed at"):
+        accepted_with_its_first_byte(life, before, "sha256:held")
+
+
+def test_an_upload_in_the_air_answers_no_board_that_was_hidden(life: "Life") -> None:
+    life.make_phase(split="plain", closes_at=life.ahead(60), policy={"frozen_scores": "hidden"})
+    before = life.now()
+    life.done("/phases/test/freeze")
+    life.move(closes_at=life.now())
+    assert accepted_with_its_first_byte(life, before, "sha256:slow").arrived_at == before
+    life.done("/phases/test/reveal", {"what": "board", "reason": "the end"})
+    with pytest.raises(PhaseClosed, match="closed at"):
+        accepted_with_its_first_byte(life, before, "sha256:held")
 
 
 def test_the_reveal_waits_for_the_deadline_then_flips_the_board_once(life: "Life") -> None:

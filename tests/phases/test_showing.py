@@ -89,6 +89,23 @@ def test_a_frozen_board_stays_while_scoring_goes_on(life: "Life", scores: str) -
     assert life.json("/api/v1/phases/test")["now"]["frozen_since"] is None
 
 
+def test_the_best_of_a_method_is_not_said_of_scores_that_are_kept_back(life: "Life") -> None:
+    """Which of two files is better is a bit of the hidden score, each time the team asks."""
+    plain(life, showing={"frozen_scores": "hidden", "run_choice": "team"})
+    shown = submit(life, "alpha", 3.0)
+    best = f"/api/v1/submissions/{shown}/choose?rule=best"
+    assert life.request("POST", best, "alpha").status_code == 200
+    life.done("/phases/test/freeze")
+    hidden = [submit(life, "alpha", speed) for speed in (1.0, 9.0)]
+    told = [life.json(f"/api/v1/submissions/{each}", "alpha") for each in (shown, *hidden)]
+    assert [one["replaced_by"] for one in told] == [None] * 3
+    listed = life.json("/api/v1/submissions", "alpha")
+    assert all(one["replaced_by"] is None for one in listed.get("submissions", listed))
+    life.done("/phases/test/reveal", {"what": "board", "reason": "ceremony"})
+    told = [life.json(f"/api/v1/submissions/{each}", "alpha") for each in (shown, *hidden)]
+    assert [one["replaced_by"] for one in told] == [hidden[0], None, hidden[0]]
+
+
 def test_a_board_freezes_by_its_date_and_no_update_shows_what_it_hides(life: "Life") -> None:
     plain(life, closes_at=life.ahead(60), showing={"freezes_at": life.ahead(30)})
     submit(life, "alpha", 3.0)
@@ -168,12 +185,15 @@ def test_every_link_of_the_late_view_leads_somewhere(life: "Life") -> None:
 
 
 def test_the_deadline_is_judged_by_the_first_byte_but_nobody_holds_it_open(life: "Life") -> None:
+    plain(life)
     now = life.now()
-    soon = now - timedelta(minutes=2)
-    assert arrival(soon, now) == soon
-    assert arrival(now - LONGEST_UPLOAD - timedelta(seconds=1), now) == now
-    assert arrival(now + timedelta(seconds=1), now) == now
-    assert arrival(None, now) == now
+    soon, long_ago = now - timedelta(minutes=2), now - LONGEST_UPLOAD - timedelta(seconds=1)
+    with life.database.read() as session:
+        phase = find_phase(session, "test")
+        assert arrival(session, phase, soon, now) == soon
+        assert arrival(session, phase, long_ago, now) == now
+        assert arrival(session, phase, now + timedelta(seconds=1), now) == now
+        assert arrival(session, phase, None, now) == now
 
 
 # --- choice of the final entry ----------------------------------------------------------------

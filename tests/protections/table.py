@@ -132,6 +132,19 @@ PROTECTIONS = (
         "tests/records/test_names.py::test_no_team_calls_itself_like_one_that_is_not_named",
     ),
     Protection(
+        "held-in-the-air",
+        f"{RECORDS}.phases.policy:has_revealed",
+        _always(False),
+        "tests/phases/test_parts.py::test_an_upload_in_the_air_answers_nothing_that_was_revealed",
+    ),
+    Protection(
+        "best-of-hidden",
+        f"{RECORDS}.boards.ranking:score_kept_back_since",
+        _always(None),
+        "tests/phases/test_showing.py::"
+        "test_the_best_of_a_method_is_not_said_of_scores_that_are_kept_back",
+    ),
+    Protection(
         "order-of-phases",
         f"{SERVER}.web.organizer_rights:require_order_right",
         _nothing,

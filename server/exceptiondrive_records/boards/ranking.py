@@ -16,6 +16,7 @@ from exceptiondrive_records.phases.policy import (
     is_split_revealed,
     pseudonym_of_method,
     pseudonym_of_team,
+    score_kept_back_since,
 )
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
@@ -151,10 +152,13 @@ def replaced_by(session: Session, submission: Submission) -> str | None:
     """Return what stands on the board in place of a scored submission of the same team.
 
     A later run of the same method, or the one that stands for the team where the phase shows one of
-    each; None where it stands itself, or is no entry at all. Late ones stand apart.
+    each; None where it stands itself, or is no entry at all. Late ones stand apart, and so do those
+    whose score is kept back: which of two is the better would tell it.
     """
     phase = session.get_one(Phase, submission.phase_id)
     if submission.status is not SubmissionStatus.SCORED or not _is_public(phase, submission):
+        return None
+    if score_kept_back_since(session, phase, submission) is not None:
         return None
     team = session.get_one(Team, submission.team_id)
     is_late_one = is_late(phase, submission)
@@ -172,7 +176,9 @@ def replaced_by(session: Session, submission: Submission) -> str | None:
     stood = [
         _Scored(each, team, "")
         for each in session.scalars(query)
-        if _is_public(phase, each) and is_late(phase, each) == is_late_one
+        if _is_public(phase, each)
+        and is_late(phase, each) == is_late_one
+        and score_kept_back_since(session, phase, each) is None
     ]
     key = phase.protocol_digest, phase.split_revision
     due = _of_teams(stood) if shows_one else _of_methods(stood, _picker(session, phase, *key))

@@ -4,7 +4,7 @@ import hashlib
 import hmac
 import secrets
 from collections.abc import Collection
-from datetime import datetime
+from datetime import UTC, datetime
 
 from sqlalchemy.orm import Session
 
@@ -75,8 +75,14 @@ def is_split_revealed(session: Session, phase: Phase) -> bool:
 
 def hid_scores(session: Session, phase: Phase) -> bool:
     """Whether teams were shown scores after the deadline that were kept from them before."""
-    was_hidden = phase.unfrozen_at is not None and phase.policy.frozen_scores == "hidden"
-    return was_hidden or is_split_revealed(session, phase)
+    return has_revealed(session, phase, datetime.min.replace(tzinfo=UTC))
+
+
+def has_revealed(session: Session, phase: Phase, since: datetime) -> bool:
+    """Whether scores that had been kept back were shown at or after a moment; a split at any time."""
+    unfrozen_at = phase.unfrozen_at if phase.policy.frozen_scores == "hidden" else None
+    is_since = unfrozen_at is not None and unfrozen_at >= since
+    return is_since or is_split_revealed(session, phase)
 
 
 def is_late(phase: Phase, submission: Submission) -> bool:

@@ -20,7 +20,7 @@ from exceptiondrive_records.participation.tables import Allowance
 from exceptiondrive_records.phases.allowances import allowance_of, is_open_to
 from exceptiondrive_records.phases.disqualified import require_not_disqualified
 from exceptiondrive_records.phases.phases import find_phase
-from exceptiondrive_records.phases.policy import takes_late_entries
+from exceptiondrive_records.phases.policy import has_closed, has_revealed, takes_late_entries
 from exceptiondrive_records.phases.quotas import require_quota
 from exceptiondrive_records.phases.scoring_keys import shadow_key_of_phase
 from exceptiondrive_records.phases.tables import Phase
@@ -251,7 +251,7 @@ def accept(
         status=SubmissionStatus.RECEIVED,
         received_at=now,
         status_at=now,
-        arrived_at=arrival(arrived_at, now),
+        arrived_at=arrival(session, phase, arrived_at, now),
         granted_until=_granted_until(session, team_id, phase),
         idempotency_key=idempotency_key,
         asks_first=asks_first,
@@ -350,16 +350,23 @@ def require_acceptable(
         return first
     require_terms(session, team_id, phase)
     allowance = allowance_of(session, team_id, phase.id)
-    _require_open(session, phase, allowance, arrival(arrived_at, now))
+    _require_open(session, phase, allowance, arrival(session, phase, arrived_at, now))
     require_quota(session, team_id, phase)
     require_counterpart(session, team_id, phase, linked_to)
     return first
 
 
-def arrival(arrived_at: datetime | None, now: datetime) -> datetime:
-    """Return the moment by which an upload is judged: its first byte, or now if that is long ago."""
-    is_told = arrived_at is not None and now - LONGEST_UPLOAD <= arrived_at <= now
-    return arrived_at if arrived_at is not None and is_told else now
+def arrival(session: Session, phase: Phase, arrived_at: datetime | None, now: datetime) -> datetime:
+    """Return the moment by which an upload is judged: its first byte, or now if that is long ago.
+
+    It is now, too, once scores were revealed that were kept back when the first byte came: a file
+    that is held in the air would answer them.
+    """
+    if arrived_at is None or not now - LONGEST_UPLOAD <= arrived_at <= now:
+        return now
+    return (
+        now if has_closed(phase, now) and has_revealed(session, phase, arrived_at) else arrived_at
+    )
 
 
 def _score_under_both(session: Session, submission: Submission, now: datetime) -> None:
