@@ -335,6 +335,8 @@ def test_phases_manifest_and_split_make_a_file_that_can_be_evaluated(
         (("manifest", "dve"), "Did you mean 'dev'? There are the phases dev, words."),
         (("leaderboard", "--phase", "wrds"), "Did you mean 'words'?"),
         (("quota", "--phase", "dew"), "Did you mean 'dev'?"),
+        (("quota", "--phase", "DEV"), "Did you mean 'dev'?"),
+        (("submissions", "--phase", "dvev"), "Did you mean 'dev'?"),
         (("split", "download", "tinny"), "Did you mean 'tiny'? There are the public splits tiny."),
     ],
 )
