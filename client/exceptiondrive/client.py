@@ -13,6 +13,7 @@ from pydantic import TypeAdapter
 
 from exceptiondrive.checking import check_file
 from exceptiondrive.errors import (
+    SUBMIT_AGAIN,
     InvalidArgumentError,
     InvalidFileError,
     NetworkError,
@@ -185,7 +186,7 @@ class Submission:
                 view,
             )
         if view.status is SubmissionStatus.REJECTED and view.report is not None:
-            raise InvalidFileError(view.report)
+            raise InvalidFileError(view.report, advice=SUBMIT_AGAIN)
         if view.status is SubmissionStatus.WITHDRAWN:
             raise ScoringFailedError(
                 "withdrawn", f"Submission {view.id} was withdrawn.", "Submit again.", view
@@ -444,7 +445,7 @@ class Client(Connection):
             )
         outlook = self._outlook(given, view, method)
         if not outlook.report.is_valid:
-            raise InvalidFileError(outlook.report)
+            raise InvalidFileError(outlook.report, advice=SUBMIT_AGAIN)
         if before_upload is not None:
             before_upload(outlook)
         else:

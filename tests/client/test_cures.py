@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from tests.schemas.test_walk import (
     MANIFEST,
     N,
     as_bytes,
+    as_csv,
     predictions,
     report_of,
     said_of,
@@ -20,13 +22,15 @@ from typer.testing import CliRunner
 
 from exceptiondrive.checking import check_file
 from exceptiondrive.cli import app
+from exceptiondrive_schemas.faults import MAX_EXAMPLES, FaultCode
 
 STEPS_S = {"60 waypoints": "0.1"}
 """What only its author knows: how far apart the waypoints of a file are."""
 BY_HAND = {"seven kinds at once"}
 """What takes more than one mend, of which conversion is one."""
 UNTOUCHED = {"60 waypoints", "null inside a trajectory", "NaN and Infinity", "a huge number"}
-UNTOUCHED |= {"NaN as a text", "one a second", "1 s apart"}
+UNTOUCHED |= {"NaN as a text", "one a second", "1 s apart", "None as a text", "nan as a text"}
+UNTOUCHED |= {"an empty text", "empty lists for nothing", "false for nothing"}
 """What is mended here is not the file that all of them come from: other numbers, or null."""
 COMMAND = re.compile("`exceptiondrive convert FILE([^`]*)`")
 
@@ -65,6 +69,45 @@ def test_the_advice_mends_the_file(name: str, options: str, tmp_path: Path) -> N
             assert [list(point) for point in each[side]] == [
                 pytest.approx(point, abs=0.011) for point in own[each["sample_id"]][side]
             ]
+
+
+def lines(start: int | None, stop: int | None) -> Callable[[bytes], bytes]:
+    return lambda data: b"\n".join(data.splitlines()[start:stop])
+
+
+def as_meant(data: bytes) -> bytes:
+    """Take the ids that the examples of the report say were meant."""
+    meant = {}
+    document = json.loads(data)
+    for start in range(0, N, MAX_EXAMPLES):
+        part = document | {"predictions": document["predictions"][start : start + MAX_EXAMPLES]}
+        (group,) = (
+            group
+            for group in check_file(as_bytes(part), manifest=MANIFEST).faults
+            if group.code is FaultCode.UNKNOWN_SAMPLE
+        )
+        for each in group.examples:
+            meant[json.loads(each.got)] = str(each.hint).split('"')[1]
+    for prediction in document["predictions"]:
+        prediction["sample_id"] = meant[prediction["sample_id"]]
+    return as_bytes(document)
+
+
+def test_what_the_advice_says_to_do_by_hand_mends_the_file() -> None:
+    cures: dict[str, Callable[[bytes], bytes]] = {
+        "a log before it": lines(2, None),
+        "a log behind it": lines(None, 1),
+        "paths of images as ids": as_meant,
+        "ids in capitals": as_meant,
+        "CSV without its header": lambda data: as_csv().splitlines()[0] + b"\n" + data,
+    }
+    for name, cure in cures.items():
+        mended = cure(ALL_FILES[name].make())
+        if name.startswith("CSV"):
+            report = check_file(mended, manifest=MANIFEST)
+            assert "`exceptiondrive convert FILE --split extract`" in said_of(report)
+        else:
+            assert json.loads(mended) == sound(), name
 
 
 def test_shards_become_the_file(tmp_path: Path) -> None:
