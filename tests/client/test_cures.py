@@ -123,3 +123,43 @@ def test_shards_become_the_file(tmp_path: Path) -> None:
     output = tmp_path / "whole.json"
     assert CliRunner().invoke(app, ["convert", *names, "-o", str(output)]).exit_code == 0
     assert check_file(output, manifest=MANIFEST).is_valid
+
+
+def test_what_came_by_stdin_is_mended(tmp_path: Path) -> None:
+    output = tmp_path / "mended.json"
+    for name in ("a list of modes", "gzip files by cat"):
+        done = CliRunner().invoke(
+            app,
+            ["convert", "-", "--mode", "0", "-o", str(output)],
+            input=ALL_FILES[name].make(),
+        )
+        assert done.exit_code == 0, done.output
+        assert json.loads(output.read_bytes())["predictions"] == predictions()
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("CSV", "read CSV"),
+        ("JSON lines", "read 160 JSON documents in a row"),
+        ("UTF-16", "read text with a byte order mark, or in another encoding than UTF-8"),
+        ("a foreign schema", "read a file of the schema 'my.planner/1'"),
+        ("None as a text", "read text in the place of null"),
+    ],
+)
+def test_convert_says_which_form_it_read(name: str, said: str, tmp_path: Path) -> None:
+    file, output = tmp_path / "broken", tmp_path / "mended.json"
+    file.write_bytes(ALL_FILES[name].make())
+    done = CliRunner().invoke(
+        app, ["convert", str(file), "--split", "extract", "-o", str(output), "--json"]
+    )
+    assert said in json.loads(done.stdout)["done"]
+
+
+def test_convert_that_fails_speaks_of_no_submission(tmp_path: Path) -> None:
+    file = tmp_path / "broken"
+    file.write_bytes(ALL_FILES["centimetres"].make())
+    done = CliRunner().invoke(app, ["convert", str(file), "-o", str(tmp_path / "out.json")])
+    assert done.exit_code == 2
+    assert "was not written" in done.stderr
+    assert "submit again" not in done.stderr

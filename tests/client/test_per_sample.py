@@ -122,3 +122,15 @@ def test_a_strategy_file_has_none(tmp_path: Path, folder: Path) -> None:
     file.write_text(json.dumps(document))
     with pytest.raises(InvalidArgumentError, match="Only planning files"):
         evaluate_samples(file, split=folder / "split.json.gz", protocol=packaged_protocol())
+
+
+def test_a_table_of_no_known_ending_is_refused_before_anything_is_scored(
+    folder: Path, tmp_path: Path
+) -> None:
+    file = make_extract().path(folder, "braking")
+    output = tmp_path / "out.xlsx"
+    command = ["evaluate", str(file), "--split", str(folder / "split.json.gz")]
+    done = CliRunner().invoke(app, [*command, "--per-sample", str(output)])
+    assert done.exit_code == 2
+    assert ".csv, .csv.gz or .parquet" in done.stderr
+    assert not output.exists()

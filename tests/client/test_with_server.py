@@ -210,7 +210,7 @@ def test_an_entry_without_a_rank_says_why(working: "Running", planning_file: Mak
     refused = submit(working, file, "--wait")
     assert refused.exit_code == 2
     assert (
-        "75.00% of the scenes with hazard are answered; ranking takes 99%. Nothing was sent."
+        "75.00% of the scenes with hazard are answered; a rank needs 99%. Nothing was sent."
         in refused.stderr
     )
     assert "add --allow-unranked" in refused.stderr
