@@ -140,6 +140,8 @@ def _spark(values: Sequence[float]) -> str:
 
 def _note(one: SubmissionView) -> str:
     """Say why it has no rank."""
+    if one.is_asked and one.report is not None:
+        return f"Nothing is counted yet. {' '.join(one.report.to_confirm)}"
     if one.status is SubmissionStatus.REJECTED and one.report is not None:
         n_faults = sum(group.count for group in one.report.faults)
         return f"The file is wrong: {counted(n_faults, 'fault')}. No quota was spent."
