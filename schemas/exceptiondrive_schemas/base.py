@@ -29,12 +29,7 @@ class Document(BaseModel):
     """Immutable and strict: an unknown key is an error, a number never comes from a string."""
 
     model_config = ConfigDict(
-        frozen=True,
-        extra="forbid",
-        strict=True,
-        populate_by_name=True,
-        ser_json_inf_nan="null",
-        defer_build=True,  # a process pays for the models that it uses
+        frozen=True, extra="forbid", strict=True, populate_by_name=True, ser_json_inf_nan="null"
     )
 
     def __repr_args__(self) -> Iterator[tuple[str, Any]]:

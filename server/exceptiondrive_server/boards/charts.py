@@ -101,6 +101,32 @@ class EffectLine:
 
 
 @dataclass(frozen=True)
+class Frame:
+    """Size of a chart, and where its axes end; SVG units."""
+
+    width: int
+    height: int
+    top: float
+    bottom: float
+    left: float = 52.0
+
+    @property
+    def right(self) -> float:
+        """Where x ends."""
+        return self.width - 16.0
+
+    @property
+    def across(self) -> tuple[float, float]:
+        """Extent of x."""
+        return self.left, self.right
+
+    @property
+    def upwards(self) -> tuple[float, float]:
+        """Extent of y."""
+        return self.bottom, self.top
+
+
+@dataclass(frozen=True)
 class Tick:
     """A tick: its position and its text."""
 
@@ -125,12 +151,7 @@ class Point:
 class ScatterChart:
     """All coordinates of the chart, and the entries without one of the two metrics."""
 
-    width: int
-    height: int
-    left: str
-    right: str
-    top: str
-    bottom: str
+    frame: Frame
     x_ticks: tuple[Tick, ...]
     y_ticks: tuple[Tick, ...]
     corners: tuple[Label, ...]
@@ -225,18 +246,13 @@ def scatter_chart(
     marks = _marks(board, entries, average, metrics)
     if not marks:
         return None
-    left, right, top, bottom = 52.0, width - 16.0, 32.0, height - 52.0
-    x_scale = _scale([m.x for m in marks], [m.x_interval for m in marks], (left, right), width)
-    y_scale = _scale([m.y for m in marks], [m.y_interval for m in marks], (bottom, top), width)
+    frame = Frame(width, height, top=32.0, bottom=height - 52.0)
+    x_scale = _scale([m.x for m in marks], [m.x_interval for m in marks], frame.across, width)
+    y_scale = _scale([m.y for m in marks], [m.y_interval for m in marks], frame.upwards, width)
     drawn = {entry_key(mark.entry) for mark in marks}
     corners = _corners(words.corners, x_scale, y_scale)
     return ScatterChart(
-        width=width,
-        height=height,
-        left=px(left),
-        right=px(right),
-        top=px(top),
-        bottom=px(bottom),
+        frame=frame,
         x_ticks=_ticks(x_scale),
         y_ticks=_ticks(y_scale),
         corners=corners,
@@ -537,12 +553,7 @@ class CurveChart:
     `transform` brings them to the axes, so that they are written once for every size.
     """
 
-    width: int
-    height: int
-    left: str
-    right: str
-    top: str
-    bottom: str
+    frame: Frame
     required_x: str
     x_ticks: tuple[Tick, ...]
     y_ticks: tuple[Tick, ...]
@@ -596,25 +607,21 @@ def curve_chart(
     """Draw the curves of some entries; None where there are none."""
     if not known:
         return None
-    left, right, top, bottom = 52.0, width - 16.0, 14.0, height - 52.0
+    frame = Frame(width, height, top=14.0, bottom=height - 52.0)
     reach = max((len(curve.micro) - 1) * curve.step for _, curve in known)
-    x_scale = Scale((0.0, reach), (left, right), tuple(i / 2 for i in range(int(reach * 2) + 1)))
-    y_scale = Scale((0.0, 1.0), (bottom, top), (0.0, 0.25, 0.5, 0.75, 1.0))
+    x_scale = Scale((0.0, reach), frame.across, tuple(i / 2 for i in range(int(reach * 2) + 1)))
+    y_scale = Scale((0.0, 1.0), frame.upwards, (0.0, 0.25, 0.5, 0.75, 1.0))
     curves = []
     names = labels_of([entry for entry, _ in known])
     for name, (_, curve) in zip(names, known, strict=True):
         shares = curve.micro if average == "micro" else curve.macro_family
         points = " ".join([f"{k},{share * 1000:.0f}" for k, share in enumerate(shares)])
         curves.append(Curve(name, points, shares[round(1 / curve.step)]))
-    along = (right - left) / reach * known[0][1].step
-    transform = f"matrix({along:.4f} 0 0 {(top - bottom) / 1000:.4f} {left:g} {bottom:g})"
+    along = (frame.right - frame.left) / reach * known[0][1].step
+    up = (frame.top - frame.bottom) / 1000
+    transform = f"matrix({along:.4f} 0 0 {up:.4f} {frame.left:g} {frame.bottom:g})"
     return CurveChart(
-        width=width,
-        height=height,
-        left=px(left),
-        right=px(right),
-        top=px(top),
-        bottom=px(bottom),
+        frame=frame,
         required_x=px(x_scale.at(1.0)),
         x_ticks=tuple(Tick(px(x_scale.at(tick)), f"{tick:g}") for tick in x_scale.ticks),
         y_ticks=tuple(Tick(px(y_scale.at(tick)), f"{tick:.0%}"[:-1]) for tick in y_scale.ticks),

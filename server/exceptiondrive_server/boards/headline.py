@@ -119,7 +119,7 @@ def _findings(
     if len(ranked) == 1:
         lead = f"The only ranked {words.subject} so far is {leader.method}"
     else:
-        lead = f"Of {len(ranked)} ranked {words.subjects}, {leader.method} leads"
+        lead = f"Of {grouped(len(ranked))} ranked {words.subjects}, {leader.method} leads"
     above = [entry for entry in ranked if (entry.rank or 0) < (leader.rank or 0)]
     return (f"{lead}: {numbers} ({average}){_own_flags(leader)}.", *_above(above, leader))
 

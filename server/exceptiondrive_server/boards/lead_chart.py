@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from exceptiondrive_records.boards.boards import Lead
 from exceptiondrive_schemas.challenges import Metric
-from exceptiondrive_server.boards.charts import Box, Label, Tick, place_labels
+from exceptiondrive_server.boards.charts import Box, Frame, Label, Tick, place_labels
 from exceptiondrive_server.web.numbers import Digits, day, minute, nice_scale, px
 
 N_DATES = 4
@@ -35,12 +35,7 @@ class ProtocolMark(NamedTuple):
 class LeadChart:
     """Steps of the best value; a step never crosses a change of protocol."""
 
-    width: int
-    height: int
-    left: str
-    right: str
-    top: str
-    bottom: str
+    frame: Frame
     x_ticks: tuple[Tick, ...]
     y_ticks: tuple[Tick, ...]
     steps: tuple[str, ...]
@@ -75,7 +70,8 @@ def lead_chart(
     if not changes:
         return None
     height = 330 if width > 480 else 300
-    left, right, top, bottom = 52.0, width - 16.0, 30.0, height - 34.0
+    frame = Frame(width, height, top=30.0, bottom=height - 34.0)
+    left, right = frame.across
     start, span = changes[0].lead.at, max(now - changes[0].lead.at, timedelta(minutes=1))
 
     def along(at: datetime) -> float:
@@ -83,7 +79,7 @@ def lead_chart(
 
     scale = nice_scale(
         [100 * change.value for change in changes],
-        (bottom, top),
+        frame.upwards,
         n_ticks=5,
         floor=0.0,
         ceiling=100.0,
@@ -105,16 +101,11 @@ def lead_chart(
         for change, (x, _) in zip(changes, places, strict=True)
         if change.is_new_protocol
     ]
-    frame = Box(left + 2, top, right + 12, bottom - 2)
+    room = Box(left + 2, frame.top, right + 12, frame.bottom - 2)
     flats = [Box(x, y - 2, end, y + 2) for (x, y), end in zip(places, ends, strict=True) if end > x]
     return LeadChart(
-        width=width,
-        height=height,
-        left=px(left),
-        right=px(right),
-        top=px(top),
-        bottom=px(bottom),
-        x_ticks=tuple(_dates(start, span, left, right, N_DATES if width > 480 else 3)),
+        frame=frame,
+        x_ticks=tuple(_dates(start, span, frame, N_DATES if width > 480 else 3)),
         y_ticks=tuple(
             Tick(px(scale.at(tick)), f"{tick:.{scale.tick_decimals}f}") for tick in scale.ticks
         ),
@@ -123,7 +114,7 @@ def lead_chart(
             LeadPoint(px(x), px(y), _title(change, metric, digits), change.is_new_leader)
             for change, (x, y) in zip(changes, places, strict=True)
         ),
-        labels=place_labels(named, frame, flats),
+        labels=place_labels(named, room, flats),
         protocols=tuple(
             ProtocolMark(px(x), version, "start" if x < (left + right) / 2 else "end")
             for version, x in marks
@@ -160,12 +151,12 @@ def _title(change: _Change, metric: Metric, digits: Digits) -> str:
     )
 
 
-def _dates(start: datetime, span: timedelta, left: float, right: float, count: int) -> list[Tick]:
+def _dates(start: datetime, span: timedelta, frame: Frame, count: int) -> list[Tick]:
     """Evenly placed; times of day where all of it is within two days."""
     ticks = []
     for k in range(count):
         share = k / (count - 1)
         at = start + share * span
         text = f"{at:%H:%M}" if span < timedelta(days=2) else day(at)
-        ticks.append(Tick(px(left + share * (right - left)), text))
+        ticks.append(Tick(px(frame.left + share * (frame.right - frame.left)), text))
     return ticks

@@ -1,6 +1,7 @@
 """The board page over real records."""
 
 import csv
+import gzip
 import io
 import re
 import struct
@@ -20,6 +21,8 @@ from exceptiondrive_server.web.static_files import STATIC, STYLES
 
 AGO, AGO_TOO = LONG_AGO, LONG_AGO + timedelta(hours=1)
 AHEAD = datetime(2090, 5, 5, 9, 30, tzinfo=UTC)
+MAX_BYTES_TO_PAINT = 39_000
+"""Compressed: what a slow line brings before a phone shows anything."""
 
 
 async def test_the_board_page_shows_the_ranked_entries(lively_site: Any) -> None:
@@ -326,13 +329,29 @@ async def test_the_quick_start_says_so_where_a_phase_takes_nothing(lively_site: 
 
 async def test_each_font_is_asked_for_under_one_address(lively_site: Any) -> None:
     text = (await lively_site.get("/")).text
-    preloaded = set(re.findall(r'<link rel="preload"[^>]* href="([^"]+)"', text))
+    preloaded = set(re.findall(r'<link\s+rel="preload"[^>]*\shref="([^"]+)"', text))
     (sheet,) = re.findall(r'<link rel="stylesheet" href="([^"]+)"', text)
     style = (await lively_site.get(sheet)).text
     assert preloaded == set(re.findall(r"url\((/[^)]+)\)", style))
     assert len(preloaded) == 2
     kept = {(await lively_site.get(font)).headers["cache-control"] for font in preloaded}
     assert kept == {"public, max-age=31536000, immutable"}
+
+
+async def test_a_phone_paints_after_little_more_than_the_page_and_its_style(
+    lively_site: Any,
+) -> None:
+    page = await lively_site.get("/")
+    links = re.findall(r"<link\s[^>]*>", page.text)
+    preloads = [link for link in links if 'rel="preload"' in link]
+    assert len(preloads) == 2
+    assert all('media="(min-width: 600px)"' in link for link in preloads)
+    scripts = re.findall(r"<script\s[^>]*>", page.text)
+    assert scripts
+    assert all(" defer" in script for script in scripts)
+    (sheet,) = re.findall(r'<link rel="stylesheet" href="([^"]+)"', page.text)
+    style = await lively_site.get(sheet)
+    assert sum(len(gzip.compress(one.content)) for one in (page, style)) < MAX_BYTES_TO_PAINT
 
 
 async def test_all_sources_of_the_style_are_one_sheet(lively_site: Any) -> None:

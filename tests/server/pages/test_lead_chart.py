@@ -39,7 +39,7 @@ def corners(step: str) -> list[tuple[float, float]]:
 def test_a_step_is_as_long_as_the_lead_and_as_high_as_its_value(width: int) -> None:
     chart = lead_chart(STORY, START + timedelta(days=20), HCC, Digits(), width=width)
     assert chart is not None
-    left, right = float(chart.left), float(chart.right)
+    left, right = chart.frame.across
     ticks = [(float(tick.at), float(tick.text)) for tick in chart.y_ticks]
     (y0, v0), (y1, v1) = ticks[0], ticks[-1]
     days = [20 * (x - left) / (right - left) for step in chart.steps for x, _ in corners(step)]

@@ -12,6 +12,7 @@ from exceptiondrive_schemas.board import Board
 from exceptiondrive_server.boards.charts import Box, _text_box, place_labels, scatter_chart
 from exceptiondrive_server.boards.page import BoardPage
 from exceptiondrive_server.boards.query import BoardQuery
+from exceptiondrive_server.web.numbers import px
 
 
 @pytest.mark.parametrize("width", [640, 350])
@@ -22,8 +23,8 @@ def test_every_mark_and_whisker_stays_inside_the_frame(lively_board: Board, widt
     for point in chart.points:
         xs = [float(x) for x in (point.x, *(point.x_whisker or ()))]
         ys = [float(y) for y in (point.y, *(point.y_whisker or ()))]
-        assert float(chart.left) <= min(xs) <= max(xs) <= float(chart.right)
-        assert float(chart.top) <= min(ys) <= max(ys) <= float(chart.bottom)
+        assert chart.frame.left <= min(xs) <= max(xs) <= chart.frame.right
+        assert chart.frame.top <= min(ys) <= max(ys) <= chart.frame.bottom
 
 
 def test_a_parked_car_stands_at_the_left_above_all_others(lively_board: Board) -> None:
@@ -31,7 +32,7 @@ def test_a_parked_car_stands_at_the_left_above_all_others(lively_board: Board) -
     assert chart is not None
     freeze = next(point for point in chart.points if point.title.startswith("FREEZE"))
     others = [point for point in chart.points if point is not freeze]
-    assert freeze.x == chart.left
+    assert freeze.x == px(chart.frame.left)
     assert all(float(freeze.y) < float(point.y) for point in others)
     assert all(float(freeze.x) < float(point.x) for point in others)
     assert freeze.title == "FREEZE (Stands still): HCC 97.20 %, Progress 0.00 %"
@@ -56,7 +57,7 @@ def test_a_reference_without_progress_stands_at_the_edge_and_says_so(lively_boar
     chart = scatter_chart(lively_board.model_copy(update={"entries": entries}), "macro_family")
     assert chart is not None
     freeze = next(point for point in chart.points if point.title.startswith("FREEZE"))
-    assert (freeze.x, chart.has_edge) == (chart.left, True)
+    assert (freeze.x, chart.has_edge) == (px(chart.frame.left), True)
     assert freeze.title.endswith("Progress not defined")
     assert "FREEZE" not in chart.without
 
