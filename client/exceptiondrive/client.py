@@ -13,6 +13,7 @@ from pydantic import TypeAdapter
 
 from exceptiondrive.checking import check_file
 from exceptiondrive.errors import (
+    SUBMIT_AGAIN,
     InvalidArgumentError,
     InvalidFileError,
     NetworkError,
@@ -31,6 +32,7 @@ from exceptiondrive_schemas.base import Document, bytes_digest
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.method_facts import SubmissionEditView
+from exceptiondrive_schemas.own_entries import replaced_entry
 from exceptiondrive_schemas.phase_report import PhaseReport
 from exceptiondrive_schemas.phase_settings import RunRule
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
@@ -176,8 +178,15 @@ class Submission:
 
     def _raise_unless_scored(self) -> None:
         view = self.view
+        if view.is_asked and view.report is not None:
+            raise ScoringFailedError(
+                "not_confirmed",
+                f"Submission {view.id} counts for nothing yet. {' '.join(view.report.to_confirm)}",
+                "To submit it all the same, send the file again, or confirm it on its page.",
+                view,
+            )
         if view.status is SubmissionStatus.REJECTED and view.report is not None:
-            raise InvalidFileError(view.report)
+            raise InvalidFileError(view.report, advice=SUBMIT_AGAIN)
         if view.status is SubmissionStatus.WITHDRAWN:
             raise ScoringFailedError(
                 "withdrawn", f"Submission {view.id} was withdrawn.", "Submit again.", view
@@ -368,7 +377,8 @@ class Client(Connection):
             each.file_digest == report.digest and each.status not in SENT_ANEW for each in own
         )
         scored = [each for each in own if each.status is SubmissionStatus.SCORED]
-        replaces = None if is_known else self._replaced(phase, method, scored)
+        replaces = replaced_entry(own, method, phase.policy, is_open=phase.is_open)
+        replaces = None if is_known else replaces
         if phase.policy.entries_shown == "chosen":
             rule = "Of each team the entry stands that it chose, else its newest."
             return Outlook(report, replaces, rule, is_known)
@@ -376,24 +386,7 @@ class Client(Connection):
         said = rules[0] if rules else "newest"
         may_say = " Your team may say otherwise: exceptiondrive choose."
         rule = RUN_RULES[said] + (may_say if phase.policy.run_choice == "team" else "")
-        return Outlook(report, None if said == "best" else replaces, rule, is_known)
-
-    def _replaced(
-        self, phase: PhaseView, method: str | None, scored: Sequence[SubmissionView]
-    ) -> SubmissionView | None:
-        """Return the team's entry that a file takes the place of, as far as the token may know."""
-        if phase.policy.entries_private:
-            return None
-        shows_one = phase.policy.entries_shown == "chosen" and phase.is_open
-        standing = (
-            each
-            for each in scored
-            if each.replaced_by is None
-            and each.is_late != phase.is_open
-            and (each.method == method or shows_one)
-            and not each.is_chosen
-        )
-        return next(standing, None)
+        return Outlook(report, replaces, rule, is_known)
 
     def submit(
         self,
@@ -452,7 +445,7 @@ class Client(Connection):
             )
         outlook = self._outlook(given, view, method)
         if not outlook.report.is_valid:
-            raise InvalidFileError(outlook.report)
+            raise InvalidFileError(outlook.report, advice=SUBMIT_AGAIN)
         if before_upload is not None:
             before_upload(outlook)
         else:

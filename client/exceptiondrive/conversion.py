@@ -1,8 +1,8 @@
 """Bring a planner's own trajectories into the form and frame of a submission.
 
-The steps run in one order, each only if asked for or needed, and each says what it did: heading
-columns away, other units to metres, axes exchanged, turned, mirrored, time reversed, increments
-added up, source and edited exchanged, sensor to rear axle, t = 0 away, time step, horizon, and what
+The steps run in one order, each only if asked for or needed, and each says what it did: camera
+frame, heading columns away, axes exchanged, bearings to sides, other units to metres, turned,
+mirrored, time reversed, velocities to increments, increments added up, source and edited exchanged, sensor to rear axle, t = 0 away, time step, horizon, and what
 is still invalid to null. Pure.
 """
 
@@ -15,10 +15,11 @@ from typing import Literal
 
 from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.check.planning_rules import AT_ORIGIN_M
 from exceptiondrive_schemas.check.source_fit import (
+    AT_ORIGIN_M,
     UNITS_M,
     at_times,
+    from_polar,
     mirrored,
     rotated,
     scaled,
@@ -31,8 +32,10 @@ from exceptiondrive_schemas.protocol import GeometrySection
 
 Waypoints = tuple[tuple[float, ...], ...]
 FollowedPoint = Literal["sensor", "rear-axle"]
+Angles = Literal["radians", "degrees"]
 
 QUARTER_TURN_DEG = 90
+CAMERA_WIDTH = 3
 MAX_WIDTH = 8
 """Columns of a waypoint: x and y, and what is left out."""
 
@@ -52,12 +55,15 @@ class ConversionPlan:
 
     Attributes:
         geometry: Waypoints, time step and bounds of the protocol.
-        unit: What the numbers are, one of `UNITS_M`; None: metres.
+        camera: The columns are x right, y down, z ahead.
         swap: Exchange x and y.
+        polar: What bearings are in, where the columns are range and bearing: `radians` or `degrees`.
+        unit: What the numbers are, one of `UNITS_M`; None: metres.
         rotate_deg: Turn counter-clockwise by 90, -90 or 180 degrees; -90 makes x forward / y left of
             x right / y forward.
         mirror: Turn y to the other side.
         reverse: Turn the order of the waypoints round.
+        velocities: The numbers are velocities: multiply by the time step, then add up.
         cumulative: Add up increments.
         exchange: Take source as edited, and edited as source.
         origin_offset_m: How far the origin of the given frame sits ahead of the rear axle.
@@ -68,11 +74,14 @@ class ConversionPlan:
     """
 
     geometry: GeometrySection
-    unit: str | None = None
+    camera: bool = False
     swap: bool = False
+    polar: Angles | None = None
+    unit: str | None = None
     rotate_deg: int = 0
     mirror: bool = False
     reverse: bool = False
+    velocities: bool = False
     cumulative: bool = False
     exchange: bool = False
     origin_offset_m: float = 0.0
@@ -166,15 +175,22 @@ def convert(pairs: tuple[RawPair, ...], plan: ConversionPlan) -> Conversion:
         "Every waypoint begins with x and y, all of them finite numbers. Write null where the planner "
         "failed; --null-invalid does it for you.",
     )
+    if plan.camera:
+        _from_camera(work)
     _leave_out_columns(work)
     unit_m = UNITS_M[plan.unit] if plan.unit else 1.0
     for is_asked, change, sentence in (
+        (plan.swap, swapped, "exchanged x and y: (x, y) -> (y, x)"),
+        (
+            plan.polar is not None,
+            lambda points: from_polar(points, degrees=plan.polar == "degrees"),
+            f"took the columns as range and bearing in {plan.polar}",
+        ),
         (
             plan.unit is not None,
             lambda points: scaled(points, unit_m),
             f"took {plan.unit} as metres: x {unit_m:g}",
         ),
-        (plan.swap, swapped, "exchanged x and y: (x, y) -> (y, x)"),
         (
             plan.rotate_deg != 0,
             lambda points: rotated(points, plan.rotate_deg // QUARTER_TURN_DEG),
@@ -182,6 +198,11 @@ def convert(pairs: tuple[RawPair, ...], plan: ConversionPlan) -> Conversion:
         ),
         (plan.mirror, mirrored, "mirrored: (x, y) -> (x, -y)"),
         (plan.reverse, lambda points: points[::-1], "reversed the order of the waypoints"),
+        (
+            plan.velocities,
+            lambda points: summed(scaled(points, plan.step_s)),
+            f"took velocities times {plan.step_s:g} s and added them up to positions",
+        ),
         (plan.cumulative, summed, "added up increments to positions"),
     ):
         if is_asked:
@@ -261,6 +282,18 @@ def _bounds_fault(points: Waypoints, geometry: GeometrySection) -> str | None:
     if longest_m > geometry.max_step_m:
         return f"has a step of {longest_m:.2f} m"
     return None
+
+
+def _from_camera(work: _Work) -> None:
+    work.refuse(
+        lambda points: "has no third column" if points and len(points[0]) < CAMERA_WIDTH else None,
+        "wrong_waypoint_shape",
+        "Camera coordinates are x right, y down, z ahead; --rotate -90 turns x right / z ahead.",
+    )
+    work.change(
+        lambda points: tuple((point[2], -point[0]) for point in points),
+        "took camera coordinates: (x right, y down, z ahead) -> (z, -x)",
+    )
 
 
 def _leave_out_columns(work: _Work) -> None:

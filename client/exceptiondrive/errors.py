@@ -65,16 +65,24 @@ class InvalidArgumentError(ExceptionDriveError):
         return {**super().document(), "fields": self.fields}
 
 
+SUBMIT_AGAIN = "Correct the faults in the list and submit again; nothing was counted."
+
+
 class InvalidFileError(InvalidArgumentError):
     """The file cannot be scored; `report` lists every fault."""
 
-    def __init__(self, report: "CheckReport", sentence: str = "") -> None:
+    def __init__(
+        self,
+        report: "CheckReport",
+        sentence: str = "",
+        advice: str = "Correct the faults in the list.",
+    ) -> None:
         self.report = report
         kinds = ", ".join(f"{group.code} ({group.count})" for group in report.faults)
         super().__init__(
             "file_invalid",
             sentence or f"The file cannot be scored: {kinds}.",
-            "Correct the faults in the list and submit again; nothing was counted.",
+            advice,
         )
 
     def document(self) -> dict[str, Any]:

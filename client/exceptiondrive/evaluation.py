@@ -5,7 +5,8 @@ Needs a split with its hazard regions, such as the development split, and numpy 
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from itertools import zip_longest
 from typing import TYPE_CHECKING, NamedTuple
 
 from exceptiondrive.checking import manifest_of
@@ -156,7 +157,8 @@ def evaluate_samples(
         protocol: A document, the path of its TOML file, or a version; else the one that ships.
 
     Returns:
-        The worst first: missing ones, then the deepest in the hazard, then the least HCC.
+        The unsafe ones first, then the others, each in turn of the families: of each family the
+        deepest in the hazard first, then those without an answer, then the least HCC.
 
     Raises:
         InvalidFileError: The file cannot be scored; the error carries every fault.
@@ -169,7 +171,7 @@ def evaluate_samples(
 def sample_results(
     document: CheckedDocument, split: Split, protocol: ProtocolDocument
 ) -> tuple[SampleResult, ...]:
-    """Score every sample of a sound planning file, the worst first."""
+    """Score every sample of a sound planning file, in turn of each family, the worst first."""
     from exceptiondrive_scoring.arrays import TrajectoryPairs
     from exceptiondrive_scoring.challenge import SCORING, document_columns
     from exceptiondrive_scoring.depth import intrusion_depth_m
@@ -208,7 +210,20 @@ def sample_results(
                 source_l2_m=_known(columns["source_l2_m"][index]),
             )
         )
-    return tuple(sorted(results, key=_worst_first))
+    ordered = sorted(results, key=_worst_first)
+    unsafe, safe = (
+        [each for each in ordered if bool(each.ur) is is_hit] for is_hit in (True, False)
+    )
+    return (*in_turn(unsafe), *in_turn(safe))
+
+
+def in_turn(results: Iterable[SampleResult]) -> tuple[SampleResult, ...]:
+    """Take the first of each family, then the second of each, and so on."""
+    families: dict[str, list[SampleResult]] = {}
+    for result in results:
+        families.setdefault(result.family, []).append(result)
+    turns = zip_longest(*families.values())
+    return tuple(each for turn in turns for each in turn if each is not None)
 
 
 def _known(value: float) -> float | None:
@@ -216,8 +231,7 @@ def _known(value: float) -> float | None:
 
 
 def _worst_first(result: SampleResult) -> tuple[float, float, float, str]:
-    depth_m = math.inf if result.depth_m is None else result.depth_m
-    return -result.ur, -depth_m if result.ur else 0.0, result.hcc, result.sample_id
+    return -result.ur, -(result.depth_m or 0.0), result.hcc, result.sample_id
 
 
 def require_numpy() -> None:

@@ -54,6 +54,7 @@ SplitLike = Split | BytesLike | Mapping[str, Any]
 ProtocolLike = ProtocolDocument | str | os.PathLike[str]
 MAX_SPLIT_BYTES = 256 * 1024 * 1024
 SIDES = ("source", "edited")
+STDIN = Path("-")
 Model = TypeVar("Model", bound=Document)
 
 

@@ -267,13 +267,18 @@ class Organizer(Connection):
         actor: str | None = None,
         subject: str | None = None,
         by_people: bool = False,
+        since: str | None = None,
     ) -> list[Record]:
-        """Return the newest lines of the audit log; `by_people` leaves out what the machinery writes."""
+        """Return the newest lines of the audit log; `by_people` leaves out what the machinery writes.
+
+        `since` is a time such as `2027-01-31T00:00:00Z`, or a day.
+        """
         query = {
             "limit": limit,
             "actor": actor,
             "subject": subject,
             "by_people": "true" if by_people else None,
+            "since": since,
         }
         return self._transport.records("/organizer/audit", query)
 

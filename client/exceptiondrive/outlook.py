@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from exceptiondrive.words import entry_words
 from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.own_entries import to_confirm
 from exceptiondrive_schemas.submission import SubmissionView
 
 
@@ -29,10 +29,4 @@ class Outlook:
         """What nobody may be surprised by, in a sentence; by the argument of `submit` that says yes."""
         if self.is_known:
             return {}
-        found = {}
-        if self.replaces is not None:
-            found["replace"] = f"It replaces {entry_words(self.replaces)}."
-        if self.report.unranked_because is not None:
-            because = self.report.unranked_because
-            found["allow_unranked"] = f"It will be scored but not ranked: {because}."
-        return found
+        return to_confirm(self.report.unranked_because, self.replaces)

@@ -10,20 +10,25 @@ several modes, or in a form of `exceptiondrive_schemas.check.trajectory_forms`. 
 UTF-16 or UTF-32, with or without a byte order mark. Nothing is ever unpickled.
 """
 
+import codecs
 import csv
 import gzip
 import io
 import json
 import math
+import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from exceptiondrive.conversion import RawPair, Waypoints
 from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.inputs import STDIN
 from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.check.checker import CSV_COLUMNS
 from exceptiondrive_schemas.check.inflate import wide_encoding
 from exceptiondrive_schemas.check.trajectory_forms import (
+    is_null_word,
     is_number,
     number_in,
     point_in,
@@ -31,8 +36,8 @@ from exceptiondrive_schemas.check.trajectory_forms import (
 )
 
 SIDES = ("source", "edited")
+OUR_SCHEMAS = "exceptiondrive."
 CSV_DELIMITERS = ",;\t"
-CSV_COLUMNS = ("sample_id", "trajectory", "step", "x_m", "y_m")
 NPZ_MAGIC, NPY_MAGIC = b"PK\x03\x04", b"\x93NUMPY"
 PARQUET_MAGIC = b"PAR1"
 PICKLE_MAGIC = b"\x80"
@@ -70,13 +75,13 @@ def read_pairs(
 
 
 def read_bytes(path: Path) -> bytes:
-    """Return what a file holds, inflated if it is gzip.
+    """Return what a file holds, or stdin where it is `-`, inflated if it is gzip.
 
     Raises:
         InvalidArgumentError: It cannot be read, or is a pickle.
     """
     try:
-        data = path.read_bytes()
+        data = sys.stdin.buffer.read() if path == STDIN else path.read_bytes()
         data = gzip.decompress(data) if data[:2] == b"\x1f\x8b" else data
     except (OSError, EOFError) as error:
         raise fault(path, f"cannot be read: {error}.") from None
@@ -89,21 +94,30 @@ def read_bytes(path: Path) -> bytes:
     return data
 
 
-def read_text(path: Path) -> str:
+def read_text(path: Path, data: bytes | None = None) -> str:
     """Return a text file, inflated if it is gzip, without a byte order mark.
+
+    Args:
+        path: The file.
+        data: What `read_bytes` gave of it, where it was read before.
 
     Raises:
         InvalidArgumentError: It cannot be read, or is no UTF-8 text.
     """
     try:
-        data = read_bytes(path)
+        data = read_bytes(path) if data is None else data
         return data.decode(wide_encoding(data) or "utf-8-sig").removeprefix("\ufeff")
     except UnicodeDecodeError:
         raise fault(path, "is not UTF-8 text.") from None
 
 
-def read_arrays(path: Path, *names: str) -> tuple[list[Any], ...]:
+def read_arrays(path: Path, data: bytes, *names: str) -> tuple[list[Any], ...]:
     """Return named arrays of an NPZ file as nested lists; objects in it are refused, not unpickled.
+
+    Args:
+        path: The file, to be named where it is wrong.
+        data: What it holds.
+        names: Of the arrays.
 
     Raises:
         InvalidArgumentError: No such array, it holds objects, or numpy is missing.
@@ -117,7 +131,7 @@ def read_arrays(path: Path, *names: str) -> tuple[list[Any], ...]:
             'Run: pip install "exceptiondrive[evaluate]"',
         ) from None
     try:
-        arrays = np.load(io.BytesIO(read_bytes(path)), allow_pickle=False)
+        arrays = np.load(io.BytesIO(data), allow_pickle=False)
         if isinstance(arrays, np.ndarray):
             raise fault(
                 path,
@@ -142,12 +156,14 @@ def points_of(
     """
     if value is None:
         return None
-    modes = _modes(value)
-    if modes is not None:
-        value = _chosen_mode(path, where, modes, mode)
-        if len(modes) > 1:
-            on_form(f"mode {mode} of {len(modes)}")
+    if is_null_word(value):
+        on_form("text in the place of null")
+        return None
     other = trajectory_in(value)
+    if other is None and (modes := _modes(value)) is not None:
+        value = _chosen_mode(path, where, modes, mode)
+        on_form(f"mode {mode} of {len(modes)}" if len(modes) > 1 else "a list of one trajectory")
+        other = trajectory_in(value)
     if other is not None:
         value, form = other
         on_form(form)
@@ -199,43 +215,62 @@ def _number(value: Any) -> float:
 def _pairs_of(path: Path, splits: set[str], mode: int | None, on_form: OnForm) -> Iterator[RawPair]:
     data = read_bytes(path)
     if data.startswith((NPZ_MAGIC, NPY_MAGIC)):
-        yield from _pairs_of_arrays(path)
+        on_form("arrays (NPZ)")
+        yield from _pairs_of_arrays(path, data)
         return
     if data.startswith(PARQUET_MAGIC):
+        on_form("Parquet")
         yield from _pairs_of_parquet(path, data, mode)
         return
-    text = read_text(path)
-    if text.lstrip()[:1] not in ("{", "["):
+    if wide_encoding(data) or data.startswith(codecs.BOM_UTF8):
+        on_form("text with a byte order mark, or in another encoding than UTF-8")
+    text = read_text(path, data)
+    if not text.lstrip().startswith(("{", "[", '"{', '"[')):
+        on_form("CSV")
         yield from _pairs_of_csv(path, text)
         return
-    for value in _predictions(path, text, splits):
+    for value in _predictions(path, text, splits, on_form):
         yield _pair_of_json(path, value, mode, on_form)
 
 
-def _pairs_of_arrays(path: Path) -> Iterator[RawPair]:
-    sample_ids, *sides = read_arrays(path, "sample_id", *SIDES)
+def _pairs_of_arrays(path: Path, data: bytes) -> Iterator[RawPair]:
+    sample_ids, *sides = read_arrays(path, data, "sample_id", *SIDES)
     for sample_id, *pair in zip(sample_ids, *sides, strict=True):
         source, edited = (points_of(path, str(sample_id), points, None) for points in pair)
         yield RawPair(str(sample_id), source, edited)
 
 
-def _predictions(path: Path, text: str, splits: set[str]) -> Iterator[Any]:
-    """Yield the predictions of a JSON document, or of JSON lines."""
-    try:
-        document = json.loads(text)
+def _predictions(path: Path, text: str, splits: set[str], on_form: OnForm) -> Iterator[Any]:
+    """Yield the predictions of a JSON document, of several in a row, or of JSON lines."""
+    documents = list(_documents(path, text))
+    if len(documents) == 1 and isinstance(documents[0], str):
+        on_form("JSON within a JSON text")
+        documents = list(_documents(path, documents[0]))
+    if len(documents) > 1:
+        on_form(f"{len(documents):,} JSON documents in a row")
+        values = documents
+    else:
+        (document,) = documents
         values = document if isinstance(document, list) else [document]
-    except ValueError:
-        values = _json_lines(path, text)
+    if not all(isinstance(value, dict) and "predictions" in value for value in values):
+        on_form("predictions in another form than that of a submission")
     for value in values:
         value = _unwrapped(value)
         if isinstance(value, dict) and ("schema" in value or "predictions" in value):
-            if value.get("schema", PLANNING.file_schema) != PLANNING.file_schema:
-                raise fault(
-                    path, f"is {value['schema']!r}: only {PLANNING.file_schema!r} has trajectories."
-                )
+            schema = value.get("schema", PLANNING.file_schema)
+            if schema != PLANNING.file_schema:
+                if str(schema).startswith(OUR_SCHEMAS):
+                    raise fault(
+                        path, f"is {schema!r}: only {PLANNING.file_schema!r} has trajectories."
+                    )
+                on_form(f"a file of the schema {schema!r}")
             if isinstance(value.get("split"), str):
                 splits.add(value["split"])
-            yield from _listed(value.get("predictions", ()))
+            predictions = value.get("predictions", ())
+            if isinstance(predictions, str):
+                on_form("predictions written as text")
+                (predictions,) = _documents(path, predictions)
+            yield from _listed(predictions)
         elif isinstance(value, dict) and isinstance(value.get("sample_id"), list):
             yield from _of_columns(path, value)
         elif isinstance(value, dict) and all(isinstance(value.get(side), dict) for side in SIDES):
@@ -298,15 +333,20 @@ def _listed(predictions: Any) -> Iterator[Any]:
         yield {**value, "sample_id": sample_id} if isinstance(value, dict) else value
 
 
-def _json_lines(path: Path, text: str) -> list[Any]:
-    values = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        if line.strip():
-            try:
-                values.append(json.loads(line))
-            except ValueError as error:
-                raise fault(path, f"line {number} is not JSON: {error}.") from None
-    return values
+def _documents(path: Path, text: str) -> Iterator[Any]:
+    """Yield the JSON documents of a text, with or without line ends between them."""
+    decoder, at = json.JSONDecoder(), 0
+    while at < len(text):
+        if text[at].isspace():
+            at += 1
+            continue
+        try:
+            value, at = decoder.raw_decode(text, at)
+        except (ValueError, RecursionError) as error:
+            at = getattr(error, "pos", at)
+            number = text.count("\n", 0, at) + 1
+            raise fault(path, f"line {number} is not JSON: {error}.") from None
+        yield value
 
 
 def _pair_of_json(path: Path, value: Any, mode: int | None, on_form: OnForm) -> RawPair:

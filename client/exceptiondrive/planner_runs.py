@@ -103,8 +103,9 @@ def read_trajectories(path: Path, mode: int | None) -> Tokens:
     lines 226 to 257). ST-P3's `final_traj` (OpenDriveLab/ST-P3 @ 6b11e13, evaluate.py lines 123 to
     137) has a heading too and its x to the right (stp3/datas/NuscenesData.py lines 505 to 532).
     """
-    if read_bytes(path).startswith(NPZ_MAGIC):
-        tokens, trajectories = read_arrays(path, "token", "trajectory")
+    data = read_bytes(path)
+    if data.startswith(NPZ_MAGIC):
+        tokens, trajectories = read_arrays(path, data, "token", "trajectory")
         for token, points in zip(tokens, trajectories, strict=True):
             yield str(token), points_of(path, str(token), points, mode)
         return

@@ -7,11 +7,10 @@ regions and numpy (the extra `plot`, which also writes PNG).
 import os
 from collections.abc import Sequence
 from html import escape
-from itertools import zip_longest
 from pathlib import Path
 
 from exceptiondrive.errors import InvalidArgumentError
-from exceptiondrive.evaluation import sample_results, sound_file
+from exceptiondrive.evaluation import in_turn, sample_results, sound_file
 from exceptiondrive.inputs import (
     ProtocolLike,
     SplitLike,
@@ -82,12 +81,8 @@ class Scenes:
 
     def worst(self, count: int) -> list[str]:
         """Return the worst samples of those answered, in turn of each family, the deepest first."""
-        families: dict[str, list[str]] = {}
-        for result in self._results:
-            if result.clearance_m is not None:
-                families.setdefault(result.family, []).append(result.sample_id)
-        turns = zip_longest(*families.values())
-        return [each for turn in turns for each in turn if each is not None][:count]
+        answered = (each for each in self._results if each.clearance_m is not None)
+        return [each.sample_id for each in in_turn(answered)][:count]
 
     def scene(self, sample_id: str) -> SampleDrawing:
         """Return what a picture of one sample shows.

@@ -17,6 +17,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from exceptiondrive.credentials import find_server, find_token
 from exceptiondrive.errors import (
+    SUBMIT_AGAIN,
     ExceptionDriveError,
     InvalidArgumentError,
     InvalidFileError,
@@ -161,7 +162,7 @@ def error_of(problem: Problem, wait_s: float | None = None) -> ExceptionDriveErr
         wait_s: Seconds of its Retry-After header.
     """
     if problem.report is not None and problem.report.faults:
-        return InvalidFileError(problem.report, problem.detail)
+        return InvalidFileError(problem.report, problem.detail, SUBMIT_AGAIN)
     if problem.code in _QUOTA_CODES:
         wait_s = problem.retry_after_s if problem.retry_after_s is not None else wait_s
         return QuotaError(problem.code.value, problem.detail, _reset(wait_s))

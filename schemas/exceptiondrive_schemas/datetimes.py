@@ -66,3 +66,10 @@ Time = Annotated[
 """A time with its zone, kept in UTC; text in every form of JSON."""
 Moment = Annotated[datetime | date, BeforeValidator(_date_or_time), AfterValidator(_moment_in_utc)]
 """A time, or a whole day."""
+
+
+def first_moment(moment: datetime | date) -> datetime:
+    """Return the time, or the first one of the day in UTC."""
+    if isinstance(moment, datetime):
+        return moment
+    return datetime(moment.year, moment.month, moment.day, tzinfo=UTC)

@@ -117,6 +117,8 @@ class CheckReport(Document):
     """What a planning file looks like."""
     unranked_because: str | None = None
     """Why a sound file would be scored but not ranked, as far as it tells itself."""
+    to_confirm: tuple[str, ...] = ()
+    """What its team is asked before a sound file counts; empty where nothing has to be asked."""
 
     @property
     def is_valid(self) -> bool:

@@ -10,31 +10,39 @@ the slowest has 0.83."""
 
 
 class Mend(Document):
-    """A simple transformation that brings the source trajectories to the recorded drive.
+    """A simple mistake that explains the file, and what mends it.
 
-    Errors are median distances from the recorded drive as shares of its distance from the origin.
+    Errors are median distances of the sources from the recorded drive as shares of its distance from
+    the origin; None where the trajectories tell the mistake by themselves.
     """
 
     looks_like: str
     convert_option: str | None
     """What `exceptiondrive convert` needs to mend the file; None where the planner has to."""
-    error: float
+    error: float | None = None
     """As the file is."""
-    mended_error: float
+    mended_error: float | None = None
     """Mended."""
+    by_hand: str | None = None
+    """What the planner's author does, where no conversion can mend the file."""
 
     @property
     def sentence(self) -> str:
         """What it looks like, with both figures and what mends it."""
+        if self.convert_option:
+            cure = f"mend it by {CONVERT} {self.convert_option}`"
+        else:
+            cure = ": ".join(filter(None, ("no conversion can mend that", self.by_hand)))
+        return f"The file looks like {self.looks_like}{self._fit}; {cure}."
+
+    @property
+    def _fit(self) -> str:
+        if self.error is None or self.mended_error is None:
+            return ""
         as_is = "" if self.error == self.mended_error else f", {self.error:.0%} as they are"
-        cure = (
-            f"mend it by {CONVERT} {self.convert_option}`"
-            if self.convert_option
-            else "no conversion can mend that"
-        )
         return (
-            f"The file looks like {self.looks_like}: taken so, the sources are "
-            f"{self.mended_error:.0%} of the driven distance off the recorded drives{as_is}; {cure}."
+            f": taken so, the sources are {self.mended_error:.0%} of the driven distance off the "
+            f"recorded drives{as_is}"
         )
 
 

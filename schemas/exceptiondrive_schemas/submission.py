@@ -109,6 +109,14 @@ class SubmissionView(Document):
     """It stands on no board since then; the team's notices say why."""
     known_as: str | None = None
     """The pseudonym of the team on the board of an anonymous phase."""
+    confirmed_as: str | None = None
+    """The submission that counts in its place, since the team said yes to what was asked."""
+
+    @property
+    def is_asked(self) -> bool:
+        """Whether its file is sound, and its team has to say yes before it counts."""
+        is_rejected = self.status is SubmissionStatus.REJECTED
+        return is_rejected and self.report is not None and bool(self.report.to_confirm)
 
 
 class SubmissionPage(Document):

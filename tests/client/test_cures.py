@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from tests.schemas.test_walk import (
     MANIFEST,
     N,
     as_bytes,
+    as_csv,
     predictions,
     report_of,
     said_of,
@@ -20,13 +22,15 @@ from typer.testing import CliRunner
 
 from exceptiondrive.checking import check_file
 from exceptiondrive.cli import app
+from exceptiondrive_schemas.faults import MAX_EXAMPLES, FaultCode
 
 STEPS_S = {"60 waypoints": "0.1"}
 """What only its author knows: how far apart the waypoints of a file are."""
 BY_HAND = {"seven kinds at once"}
 """What takes more than one mend, of which conversion is one."""
 UNTOUCHED = {"60 waypoints", "null inside a trajectory", "NaN and Infinity", "a huge number"}
-UNTOUCHED |= {"NaN as a text", "one a second", "1 s apart"}
+UNTOUCHED |= {"NaN as a text", "one a second", "1 s apart", "None as a text", "nan as a text"}
+UNTOUCHED |= {"an empty text", "empty lists for nothing", "false for nothing"}
 """What is mended here is not the file that all of them come from: other numbers, or null."""
 COMMAND = re.compile("`exceptiondrive convert FILE([^`]*)`")
 
@@ -67,6 +71,45 @@ def test_the_advice_mends_the_file(name: str, options: str, tmp_path: Path) -> N
             ]
 
 
+def lines(start: int | None, stop: int | None) -> Callable[[bytes], bytes]:
+    return lambda data: b"\n".join(data.splitlines()[start:stop])
+
+
+def as_meant(data: bytes) -> bytes:
+    """Take the ids that the examples of the report say were meant."""
+    meant = {}
+    document = json.loads(data)
+    for start in range(0, N, MAX_EXAMPLES):
+        part = document | {"predictions": document["predictions"][start : start + MAX_EXAMPLES]}
+        (group,) = (
+            group
+            for group in check_file(as_bytes(part), manifest=MANIFEST).faults
+            if group.code is FaultCode.UNKNOWN_SAMPLE
+        )
+        for each in group.examples:
+            meant[json.loads(each.got)] = str(each.hint).split('"')[1]
+    for prediction in document["predictions"]:
+        prediction["sample_id"] = meant[prediction["sample_id"]]
+    return as_bytes(document)
+
+
+def test_what_the_advice_says_to_do_by_hand_mends_the_file() -> None:
+    cures: dict[str, Callable[[bytes], bytes]] = {
+        "a log before it": lines(2, None),
+        "a log behind it": lines(None, 1),
+        "paths of images as ids": as_meant,
+        "ids in capitals": as_meant,
+        "CSV without its header": lambda data: as_csv().splitlines()[0] + b"\n" + data,
+    }
+    for name, cure in cures.items():
+        mended = cure(ALL_FILES[name].make())
+        if name.startswith("CSV"):
+            report = check_file(mended, manifest=MANIFEST)
+            assert "`exceptiondrive convert FILE --split extract`" in said_of(report)
+        else:
+            assert json.loads(mended) == sound(), name
+
+
 def test_shards_become_the_file(tmp_path: Path) -> None:
     report = check_file(
         as_bytes(sound() | {"predictions": predictions()[: N // 4]}), manifest=MANIFEST
@@ -80,3 +123,43 @@ def test_shards_become_the_file(tmp_path: Path) -> None:
     output = tmp_path / "whole.json"
     assert CliRunner().invoke(app, ["convert", *names, "-o", str(output)]).exit_code == 0
     assert check_file(output, manifest=MANIFEST).is_valid
+
+
+def test_what_came_by_stdin_is_mended(tmp_path: Path) -> None:
+    output = tmp_path / "mended.json"
+    for name in ("a list of modes", "gzip files by cat"):
+        done = CliRunner().invoke(
+            app,
+            ["convert", "-", "--mode", "0", "-o", str(output)],
+            input=ALL_FILES[name].make(),
+        )
+        assert done.exit_code == 0, done.output
+        assert json.loads(output.read_bytes())["predictions"] == predictions()
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("CSV", "read CSV"),
+        ("JSON lines", "read 160 JSON documents in a row"),
+        ("UTF-16", "read text with a byte order mark, or in another encoding than UTF-8"),
+        ("a foreign schema", "read a file of the schema 'my.planner/1'"),
+        ("None as a text", "read text in the place of null"),
+    ],
+)
+def test_convert_says_which_form_it_read(name: str, said: str, tmp_path: Path) -> None:
+    file, output = tmp_path / "broken", tmp_path / "mended.json"
+    file.write_bytes(ALL_FILES[name].make())
+    done = CliRunner().invoke(
+        app, ["convert", str(file), "--split", "extract", "-o", str(output), "--json"]
+    )
+    assert said in json.loads(done.stdout)["done"]
+
+
+def test_convert_that_fails_speaks_of_no_submission(tmp_path: Path) -> None:
+    file = tmp_path / "broken"
+    file.write_bytes(ALL_FILES["centimetres"].make())
+    done = CliRunner().invoke(app, ["convert", str(file), "-o", str(tmp_path / "out.json")])
+    assert done.exit_code == 2
+    assert "was not written" in done.stderr
+    assert "submit again" not in done.stderr

@@ -108,6 +108,13 @@ def test_a_tampered_audit_log_is_found(running: "Running") -> None:
     assert "phase created" in organize(running, "audit", "list").stdout
     few = json.loads(organize(running, "audit", "list", "--limit", "2", "--json").stdout)
     assert len(few) == 2
+    late = organize(running, "audit", "list", "--since", few[1]["at"], "--json").stdout
+    assert [line["id"] for line in json.loads(late)] == [line["id"] for line in few]
+    assert (
+        json.loads(organize(running, "audit", "list", "--since", "2999-01-01", "--json").stdout)
+        == []
+    )
+    assert organize(running, "audit", "list", "--since", "lately").exit_code == 2
     with running.context.database.write() as session:
         triggers = session.execute(text("SELECT name FROM sqlite_master WHERE type = 'trigger'"))
         for (name,) in list(triggers):

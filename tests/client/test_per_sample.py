@@ -2,7 +2,6 @@
 
 import csv
 import json
-import math
 from pathlib import Path
 from statistics import fmean
 
@@ -48,11 +47,15 @@ def test_the_worst_stands_first_and_intrusions_are_told_apart_by_depth(folder: P
     found = results(folder, "wild")
     hits = [each for each in found if each.ur]
     assert hits == list(found[: len(hits)])
-    depths = [math.inf if each.depth_m is None else each.depth_m for each in hits]
-    assert depths == sorted(depths, reverse=True)
-    assert len(set(depths)) > len(depths) / 2
-    rest = [each.hcc for each in found[len(hits) :]]
-    assert rest == sorted(rest)
+    families = {each.family for each in hits}
+    assert {each.family for each in hits[: len(families)]} == families
+    for family in families:
+        depths = [each.depth_m or 0.0 for each in hits if each.family == family]
+        assert depths == sorted(depths, reverse=True)
+        rest = [each.hcc for each in found[len(hits) :] if each.family == family]
+        assert rest == sorted(rest)
+    deep = [each.depth_m for each in hits if each.depth_m]
+    assert len(set(deep)) > len(hits) / 2
     for each in found:
         if not each.ur:
             assert each.depth_m == 0.0
@@ -119,3 +122,15 @@ def test_a_strategy_file_has_none(tmp_path: Path, folder: Path) -> None:
     file.write_text(json.dumps(document))
     with pytest.raises(InvalidArgumentError, match="Only planning files"):
         evaluate_samples(file, split=folder / "split.json.gz", protocol=packaged_protocol())
+
+
+def test_a_table_of_no_known_ending_is_refused_before_anything_is_scored(
+    folder: Path, tmp_path: Path
+) -> None:
+    file = make_extract().path(folder, "braking")
+    output = tmp_path / "out.xlsx"
+    command = ["evaluate", str(file), "--split", str(folder / "split.json.gz")]
+    done = CliRunner().invoke(app, [*command, "--per-sample", str(output)])
+    assert done.exit_code == 2
+    assert ".csv, .csv.gz or .parquet" in done.stderr
+    assert not output.exists()

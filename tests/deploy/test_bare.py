@@ -5,13 +5,13 @@ import shlex
 import shutil
 import stat
 import subprocess
-from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 from tests.chaos.users import can_change_user
+from tests.operating.units import Unit, read_unit
 from typer.testing import CliRunner, Result
 
 from exceptiondrive_server.launcher.child import LaunchError
@@ -27,7 +27,6 @@ AS_IN_COMPOSE = {
     "migrate": "migrate",
     "broker": "broker",
 }
-Unit = dict[str, list[str]]
 
 
 def init(folder: Path, host: str = "board.example.org") -> Result:
@@ -52,14 +51,7 @@ def mode(path: Path) -> tuple[int, int]:
 
 
 def unit(folder: Path, name: str) -> Unit:
-    """Return the settings of a service's unit; a setting may stand several times."""
-    text = (folder / "systemd" / f"exceptiondrive-{name}.service").read_text()
-    found: Unit = defaultdict(list)
-    for line in text.replace("\\\n", " ").splitlines():
-        if "=" in line and not line.startswith("#"):
-            key, _, value = line.partition("=")
-            found[key].append(value)
-    return found
+    return read_unit(folder / "systemd" / f"exceptiondrive-{name}.service")
 
 
 @pytest.fixture

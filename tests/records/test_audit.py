@@ -1,6 +1,7 @@
 """The audit chain: whole under parallel writers, and broken by any change."""
 
 from concurrent.futures import ThreadPoolExecutor
+from datetime import timedelta
 
 import pytest
 from sqlalchemy import text
@@ -51,6 +52,15 @@ def test_pages_go_backwards_from_the_newest_line(database: Database) -> None:
         first = audit_page(session, limit=3)
         rest = audit_page(session, before=first[-1].id, limit=3)
     assert [line.id for line in (*first, *rest)] == [5, 4, 3, 2, 1]
+
+
+def test_lines_since_a_time_are_those_of_it_and_later(database: Database) -> None:
+    for number in range(4):
+        write_line(database, number)
+    with database.read() as session:
+        third = audit_page(session)[1]
+        assert [line.id for line in audit_page(session, since=third.at)] == [4, 3]
+        assert audit_page(session, since=third.at + timedelta(days=1)) == []
 
 
 def test_lines_cut_off_at_the_end_are_found_by_the_head_that_was_kept(database: Database) -> None:

@@ -21,8 +21,8 @@ def test_until_their_date_no_row_tells_of_some_samples_alone(world: World) -> No
     with world.database.write() as session:
         policy = PhasePolicy(families_from=database_now(session) + timedelta(days=1))
         phase = update_phase(session, "dev", PhaseChange(policy=policy), actor="test")
-        shown = shown_sheet(session, phase, row)
+        shown = shown_sheet(phase, row, database_now(session))
         assert (shown.families, shown.tasks) == ({}, {})
         assert shown.extra == {"reminder": {"given": 1.0}}
         phase.policy = PhasePolicy()
-        assert shown_sheet(session, phase, row) == row.sheet
+        assert shown_sheet(phase, row, database_now(session)) == row.sheet

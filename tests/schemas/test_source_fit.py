@@ -4,6 +4,7 @@ from __future__ import annotations  # array[float] is no runtime type before 3.1
 
 import gzip
 import json
+import math
 import random
 from array import array
 from collections.abc import Callable, Mapping, Sequence
@@ -50,6 +51,10 @@ def sampled(time_step_s: float) -> Mistake:
     return sample
 
 
+def polar(points: Points) -> Points:
+    return [(math.hypot(x, y), math.atan2(y, x)) for x, y in points]
+
+
 MISTAKES: dict[str, Mistake] = {
     "--mirror": mirrored,
     "--swap": swapped,
@@ -58,6 +63,12 @@ MISTAKES: dict[str, Mistake] = {
     "--rotate 180": lambda points: rotated(points, 2),
     **{f"--unit {unit}": partial(scaled, factor=1 / metres) for unit, metres in UNITS_M.items()},
     "--cumulative": increments,
+    "--velocities": lambda points: scaled(increments(points), 2.0),
+    "--polar radians": polar,
+    "--polar degrees": lambda points: [(r, math.degrees(b)) for r, b in polar(points)],
+    "--swap --polar radians": lambda points: swapped(polar(points)),
+    "--swap --polar degrees": lambda points: [(math.degrees(b), r) for r, b in polar(points)],
+    "--polar radians --velocities": lambda points: polar(scaled(increments(points), 2.0)),
     "--reverse": lambda points: points[::-1],
     **{f"--time-step-s {step:g} --truncate": sampled(step) for step in (1.0, 2.5, 5.0)},
 }
@@ -133,6 +144,8 @@ def test_each_mistake_is_named_with_what_mends_it(
     profile = profile_of(pairs_of(wrong), protocol, recorded)
     assert profile.mend is not None
     assert profile.mend.convert_option == option
+    assert profile.mend.error is not None
+    assert profile.mend.mended_error is not None
     assert profile.mend.error > profile.mend.mended_error
     (sentence,) = profile.warnings
     assert f"{profile.mend.error:.0%} as they are" in sentence
@@ -354,6 +367,50 @@ def test_a_real_planner_is_not_suspected_and_each_mistake_of_it_is_named(
     assert {option: mend and mend.convert_option for option, mend in found.items()} == {
         option: option for option in MISTAKES
     }
+
+
+BY_HAND: dict[str, Callable[[dict[str, Points]], dict[str, Points]]] = {
+    "waypoints from t = 0 on": lambda all_: changed(all_, lambda p: [(0.0, 0.0), *p[:-1]]),
+    "waypoints from 1 s on": lambda all_: changed(all_, lambda p: [*p[1:], sampled(1.0)(p)[3]]),
+    "trajectories that stand one row off": lambda all_: dict(
+        zip(all_, [*list(all_.values())[1:], *list(all_.values())[:1]], strict=True)
+    ),
+}
+"""What no conversion mends, by the words that name it."""
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("mistake", BY_HAND)
+def test_what_only_its_author_can_mend_is_named_for_real_planners(
+    mistake: str, method: str, protocol: ProtocolDocument
+) -> None:
+    driven = real_sources("recorded-human", protocol)
+    wrong = BY_HAND[mistake](real_sources(method, protocol))
+    mend = profile_of(pairs_of(wrong), protocol, driven).mend
+    assert mend is not None
+    assert mend.looks_like.startswith(mistake)
+    assert mend.by_hand
+
+
+@pytest.mark.parametrize("method", realdata.PLANNERS["carla-pairs"])
+def test_rows_of_real_pairs_that_stand_one_off_are_named_and_no_right_ones(
+    method: str, protocol: ProtocolDocument
+) -> None:
+    realdata.require()
+    data = realdata.file_path("carla-pairs", method).read_bytes()
+    document = check(data, protocol=protocol).document
+    assert isinstance(document, PlanningDocument)
+    assert profile_of(document.answers, protocol, None).mend is None
+    edited = [pair.edited for pair in document.answers.values()]
+    off = {
+        sample_id: TrajectoryPair(pair.source, other)
+        for (sample_id, pair), other in zip(
+            document.answers.items(), [*edited[1:], edited[0]], strict=True
+        )
+    }
+    mend = profile_of(off, protocol, None).mend
+    assert mend is not None
+    assert mend.looks_like.startswith("edited trajectories, or the source ones, that stand one row")
 
 
 def test_a_packed_file_of_the_wrong_frame_is_told_from_its_mirror_image(

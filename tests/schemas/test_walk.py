@@ -9,6 +9,7 @@ import csv
 import gzip
 import io
 import json
+import math
 import pickle
 import random
 import tarfile
@@ -618,7 +619,293 @@ MORE: dict[str, Row] = {
 """More of them, met or thought of since."""
 
 
-ALL_FILES = WALK | MORE
+def as_numpy(path: Path6) -> str:
+    return "[" + "\n ".join(f"[{x:.3f} {y:.3f}]" for x, y in path) + "]"
+
+
+def from_start(path: Path6) -> Path6:
+    return [(0.0, 0.0), *path[:-1]]
+
+
+def late(path: Path6) -> Path6:
+    (x0, y0), (x1, y1) = path[-2:]
+    return [*path[1:], (2 * x1 - x0, 2 * y1 - y0)]
+
+
+def polar(path: Path6) -> Path6:
+    return [(math.hypot(x, y), math.atan2(y, x)) for x, y in path]
+
+
+def velocities(path: Path6) -> Path6:
+    return [(2 * x, 2 * y) for x, y in increments(path)]
+
+
+def shifted(*sides: str) -> bytes:
+    """Give each sample what belongs to the one behind it."""
+    found = predictions()
+    behind = [*predictions()[1:], predictions()[0]]
+    return outer(
+        predictions=[
+            {**each, **{side: other[side] for side in sides}}
+            for each, other in zip(found, behind, strict=True)
+        ]
+    )
+
+
+def without(key: str) -> bytes:
+    return outer(
+        predictions=[
+            {name: value for name, value in each.items() if name != key} for each in predictions()
+        ]
+    )
+
+
+def named(change: Callable[[str], str]) -> bytes:
+    return outer(
+        predictions=[{**each, "sample_id": change(each["sample_id"])} for each in predictions()]
+    )
+
+
+def halves() -> list[bytes]:
+    return [
+        as_bytes(sound() | {"predictions": half})
+        for half in (predictions()[:80], predictions()[80:])
+    ]
+
+
+def put_edited(value: Any) -> bytes:
+    return first(lambda prediction: prediction.update(edited=value), 5)
+
+
+TWO_RUNS = "convert --source-run FILE --edited-run FILE` makes a submission of two runs"
+NULL_WORD = (
+    {"wrong_type": f"5 values in 5 of {N} samples"},
+    ["null stands without quotes", f"{CONVERT}` writes it so"],
+)
+SECOND_WALK: dict[str, Row] = {
+    "t = 0 in place of 3 s": Row(
+        lambda: paths(from_start),
+        {},
+        [
+            "looks like waypoints from t = 0 on (the last at 2.5 s, where 3 s are wanted)",
+            "leave out t",
+        ],
+    ),
+    "t = 0 in the edited ones": Row(
+        lambda: outer(
+            predictions=[{**each, "edited": from_start(each["edited"])} for each in predictions()]
+        ),
+        {},
+        ["looks like waypoints from t = 0 on", "write the waypoint that is missing at the end"],
+    ),
+    "without the waypoint at 0.5 s": Row(
+        lambda: paths(late),
+        {},
+        ["looks like waypoints from 1 s on (the one at 0.5 s is missing)", "write the waypoint at"],
+    ),
+    "rows one off": Row(
+        lambda: shifted("source", "edited"),
+        {},
+        [
+            "like trajectories that stand one row off",
+            "the drive of the sample behind",
+            "own sample id",
+        ],
+    ),
+    "edited rows one off": Row(
+        lambda: shifted("edited"),
+        {},
+        ["like edited trajectories that stand one row off", "the source trajectory of the sample"],
+    ),
+    "source rows one off": Row(
+        lambda: shifted("source"), {}, ["like source trajectories that stand one row off"]
+    ),
+    "range and bearing": Row(
+        lambda: paths(polar), {}, ["range and bearing in radians", f"{CONVERT} --polar radians`"]
+    ),
+    "range and bearing in degrees": Row(
+        lambda: paths(lambda path: [(r, math.degrees(b)) for r, b in polar(path)]),
+        {"step_too_long": f"12 steps in 6 of {N} samples"},
+        ["looks like range and bearing in degrees", f"{CONVERT} --polar degrees`"],
+    ),
+    "bearing and range": Row(
+        lambda: paths(lambda path: swapped(polar(path))),
+        {"wrong_frame": "1 fault"},
+        ["looks like bearing in radians and range", f"{CONVERT} --swap --polar radians`"],
+    ),
+    "the camera's frame": Row(
+        lambda: paths(lambda path: [(-y, 1.5, x) for x, y in path]),
+        {"wrong_waypoint_shape": f"{12 * N:,} waypoints {ALL}"},
+        ["looks like camera coordinates (x right, y down, z ahead)", f"{CONVERT} --camera`"],
+    ),
+    "velocities": Row(
+        lambda: paths(velocities),
+        {},
+        ["looks like velocities instead of positions", f"{CONVERT} --velocities`"],
+    ),
+    "a split file": Row(
+        lambda: as_bytes(EXTRACT.split),
+        {"wrong_schema": "1 fault"},
+        ["The file is a split file, which says what is scored: hand in what the planner answered."],
+    ),
+    "a manifest": Row(
+        lambda: MANIFEST.model_dump_json(by_alias=True).encode(),
+        {"wrong_schema": "1 fault"},
+        ["The file is the manifest, which lists the samples to answer: hand in"],
+    ),
+    "a foreign schema": Row(
+        lambda: outer(schema="my.planner/1"),
+        {"wrong_schema": "1 fault"},
+        ["no form of ours", f'{CONVERT}` writes "exceptiondrive.planning/1"'],
+    ),
+    "another key for the schema": Row(
+        lambda: as_bytes(
+            {"$schema" if key == "schema" else key: value for key, value in sound().items()}
+        ),
+        {"unknown_key": "1 key", "missing_key": "1 key"},
+        ['the key "schema"', WITH_SPLIT],
+    ),
+    "no edited": Row(
+        lambda: without("edited"),
+        {"missing_key": f"{N} keys {ALL}"},
+        ['No prediction has the key "edited", what the planner answered to the edited', TWO_RUNS],
+    ),
+    "no source": Row(
+        lambda: without("source"),
+        {"missing_key": f"{N} keys {ALL}"},
+        ['No prediction has the key "source", what the planner answered to the scene as', TWO_RUNS],
+    ),
+    "null for every edited": Row(
+        lambda: outer(predictions=[{**each, "edited": None} for each in predictions()]),
+        {},
+        [
+            "edited is null for every sample. It is what the planner answered to the edited",
+            TWO_RUNS,
+        ],
+    ),
+    "None as a text": Row(lambda: put_edited("None"), *NULL_WORD),
+    "nan as a text": Row(lambda: put_edited("nan"), *NULL_WORD),
+    "an empty text": Row(lambda: put_edited(""), *NULL_WORD),
+    "a log before it": Row(
+        lambda: b"[INFO] loading\n2026-11-22 12:00:00 done\n" + as_bytes(sound()),
+        {"not_json": "1 fault"},
+        ["looks like 2 lines of a log: remove what stands before the JSON"],
+    ),
+    "a log behind it": Row(
+        lambda: as_bytes(sound()) + b"\nDone in 12.3 s\n",
+        {"trailing_data": "1 fault"},
+        ["remove what stands behind the last }", "line 2"],
+    ),
+    "paths of images as ids": Row(
+        lambda: named(lambda name: f"/data/images/{name}.jpg"),
+        {"unknown_sample": f"{N} samples"},
+        ["they look like names of images; write the ids", f'did you mean "{next(iter(DRIVES))}"?'],
+    ),
+    "names of images as ids": Row(
+        lambda: named(lambda name: f"{name.replace('/', '_')}__CAM_FRONT__1531.jpg"),
+        {"unknown_sample": f"{N} samples"},
+        ["they look like names of images", f'did you mean "{next(iter(DRIVES))}"?'],
+    ),
+    "gzip files by cat": Row(
+        lambda: b"".join(map(gzip.compress, halves())),
+        {"damaged_gzip": "1 fault"},
+        ["several gzip streams in a row, as `cat` makes of several files", WITH_SPLIT],
+    ),
+    "files by cat": Row(
+        lambda: b"\n".join(halves()),
+        {"trailing_data": "1 fault"},
+        ["looks like several files in one", WITH_SPLIT],
+    ),
+}
+"""Those of a second reader's walk that were not told well, and their like."""
+OWN: dict[str, Row] = {
+    "numpy's print": Row(
+        lambda: paths(as_numpy),
+        {"wrong_waypoint_shape": f"{2 * N} waypoints {ALL}"},
+        ["a list that is written as text", f"{CONVERT}` reads it"],
+    ),
+    "torch's print": Row(
+        lambda: paths(lambda path: f"tensor({[list(point) for point in path]}, device='cuda:0')"),
+        {"wrong_waypoint_shape": f"{2 * N} waypoints {ALL}"},
+        ["a list that is written as text", f"{CONVERT}` reads it"],
+    ),
+    "waypoints as text": Row(
+        lambda: paths(lambda path: [f"{x}, {y}" for x, y in path]),
+        {"wrong_waypoint_shape": f"{12 * N:,} waypoints {ALL}"},
+        ["write [x, y]", f"{CONVERT}` does"],
+    ),
+    "X and Y in capitals": Row(
+        lambda: paths(lambda path: [{"X": x, "Y": y} for x, y in path]),
+        {"wrong_waypoint_shape": f"{12 * N:,} waypoints {ALL}"},
+        ["write [x, y]", f"{CONVERT}` does"],
+    ),
+    "an axis too many": Row(
+        lambda: paths(lambda path: [[point] for point in path]),
+        {"wrong_waypoint_shape": f"{2 * N} waypoints {ALL}"},
+        ["waypoints each in a list of its own", f"{CONVERT}` reads it"],
+    ),
+    "empty lists for nothing": Row(
+        lambda: put_edited([]),
+        {"wrong_waypoint_count": f"5 trajectories in 5 of {N} samples"},
+        ["null stands for the whole trajectory", f"{CONVERT} --null-invalid`"],
+    ),
+    "false for nothing": Row(lambda: put_edited(False), *NULL_WORD),
+    "decimal commas": Row(
+        lambda: paths(lambda path: [[str(c).replace(".", ",") for c in point] for point in path]),
+        {"wrong_type": f"{24 * N:,} values {ALL}"},
+        ["without quotes", f"{CONVERT}` does"],
+    ),
+    "JSON within JSON": Row(
+        lambda: as_bytes(json.dumps(sound())),
+        {"not_json": "1 fault"},
+        ["JSON within a JSON text", WITH_SPLIT],
+    ),
+    "predictions as text": Row(
+        lambda: outer(predictions=json.dumps(predictions())),
+        {"wrong_type": "1 value"},
+        ["JSON within JSON", f"{CONVERT}` writes it as a list"],
+    ),
+    "ids in capitals": Row(
+        lambda: named(str.upper),
+        {"unknown_sample": f"{N} samples"},
+        ["take the ids from the split's manifest", f'did you mean "{next(iter(DRIVES))}"?'],
+    ),
+    "YAML": Row(
+        lambda: b"schema: exceptiondrive.planning/1\nsplit: extract\npredictions:\n",
+        {"not_json": "1 fault"},
+        ["looks like YAML: write it with json.dump"],
+    ),
+    "CSV without its header": Row(
+        lambda: b"\n".join(as_csv().splitlines()[1:]),
+        {"not_json": "1 fault"},
+        ["looks like CSV with commas, without sample_id, trajectory", "one waypoint a row under"],
+    ),
+    "null for the split": Row(
+        lambda: outer(split=None), {"wrong_type": "1 value"}, ['"extract"', WITH_SPLIT]
+    ),
+    "speeds and headings": Row(
+        lambda: paths(lambda path: polar(velocities(path))),
+        {},
+        ["looks like speed and heading in radians", f"{CONVERT} --polar radians --velocities`"],
+    ),
+    "the path of the bumper": Row(
+        lambda: paths(lambda path: [(x + 3.5, y) for x, y in path]),
+        {},
+        [
+            "a point 3.50 m ahead of the rear axle",
+            f"{CONVERT} --origin-offset-m -3.50 --follows rear",
+        ],
+    ),
+    "the goal six times": Row(
+        lambda: paths(lambda path: [path[-1]] * 6),
+        {"wrong_frame": "1 fault"},
+        ["looks like one point repeated, such as the goal; write where the car is at every"],
+    ),
+}
+"""And what else code around a planner writes."""
+
+
+ALL_FILES = WALK | MORE | SECOND_WALK | OWN
 
 
 def report_of(name: str) -> CheckReport:

@@ -134,7 +134,10 @@ def test_the_form_says_what_a_later_run_replaces_and_the_page_by_what(
     form = " ".join(alpha.get("/submit").text.split())
     assert "A later run of a method takes the place of the earlier one" in form
     assert f'<a href="{first}">Planner</a> in <code>dev</code>' in form
-    assert "answers fewer than 99% of the samples is scored, but not ranked" in form
+    assert (
+        "one that answers fewer than 99% of the samples, you are asked before anything counts"
+        in form
+    )
     api.score(second.removeprefix("/submissions/"), hcc=0.1)
     form = alpha.get("/submit").text
     assert f'<a href="{second}">' in form
@@ -271,6 +274,38 @@ def test_the_page_of_a_rejected_file_lists_its_faults_safely(
         assert words in page, words
     assert "<b>5</b>" not in page
     assert "/withdraw" not in page
+
+
+def test_what_is_asked_first_waits_for_the_word_of_its_team(
+    api: "Api", alpha: "TeamBrowser", browse: Open
+) -> None:
+    assert 'name="asks_first" value="true"' in alpha.get("/submit").text
+    address = alpha.submit("a", asks_first="true").headers["location"]
+    asked_id = address.rpartition("/")[2]
+    asked = "It will be scored but not ranked: 66.96% < 99%."
+    reject(api, asked_id, REPORT.model_copy(update={"faults": (), "to_confirm": (asked,)}))
+    page = alpha.get(address).text
+    for words in (
+        "not confirmed",
+        "no quota is spent",
+        asked.replace("<", "&lt;"),
+        "Submit it",
+        "Leave it",
+    ):
+        assert words in page, words
+    assert "The file is wrong" not in page
+    beta = browse(api)
+    beta.sign_in("beta")
+    assert beta.post(f"{address}/confirm", {}, page="/submit").status_code == 404
+    assert api.post(f"{address}/confirm", "beta").status_code == 404
+
+    answers = [alpha.post(f"{address}/confirm", {}, page="/submit") for _ in range(2)]
+    (counted,) = {answer.headers["location"] for answer in answers}
+    assert [answer.status_code for answer in answers] == [303, 303]
+    assert counted != address
+    assert f"Submission {counted.rpartition('/')[2]} counts in its place" in alpha.get(address).text
+    assert api.post(f"{address}/confirm", "alpha").json()["id"] == counted.rpartition("/")[2]
+    assert api.post(f"{counted}/confirm", "alpha").status_code == 409
 
 
 def test_a_scored_submission_shows_its_sheet_then_its_rank(

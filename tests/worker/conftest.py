@@ -138,6 +138,7 @@ class World:
         team: str = "alpha",
         phase_id: str = "dev",
         linked_to: str | None = None,
+        asks_first: bool = False,
     ) -> tuple[str, str]:
         """Accept an upload as the server does; return ids of submission and job."""
         digest, size = self.files.put_stream([data], limit_bytes=2**24)
@@ -153,6 +154,7 @@ class World:
                 linked_to=linked_to,
                 file_digest=digest,
                 size_bytes=size,
+                asks_first=asks_first,
             )
             assert accepted.job_id is not None
             return accepted.submission.id, accepted.job_id

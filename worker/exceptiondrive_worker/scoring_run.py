@@ -6,11 +6,14 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
+from exceptiondrive_records.phases.policy import is_late
 from exceptiondrive_records.phases.scoring_keys import ScoringKey, accepted_under
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.drawings import find_public_split
+from exceptiondrive_records.submissions.submissions import list_submissions
 from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.work.fair_share import waits
 from exceptiondrive_records.work.jobs import (
     claim_job,
@@ -21,7 +24,9 @@ from exceptiondrive_records.work.jobs import (
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.own_entries import replaced_entry, to_confirm
 from exceptiondrive_schemas.split import SplitRef
+from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.failures import Failure, job_boundary, places
@@ -39,6 +44,8 @@ from exceptiondrive_worker.stages import RejectedUpload, Target
 
 _CANNOT_LOAD = (ArithmeticError, LookupError, MemoryError, OSError, TypeError, ValueError)
 """One split that trips the loader must not keep the jobs of all others waiting."""
+MAX_LOOKED_AT = 200
+"""So many of a team's newest scored submissions are looked through for the one that is replaced."""
 _KEY = tuple_(Job.protocol_digest, Job.split_revision)
 
 _log = structlog.get_logger("exceptiondrive.worker")
@@ -132,6 +139,8 @@ def _score(context: WorkerContext, job: Job) -> None:
         split = context.splits.find(phase.split_name, job.split_revision, protocol)
         target = Target(submission.file_digest, challenge, split, protocol, read_under)
         try:
+            if submission.asks_first:
+                _require_nothing_to_ask(context, target, submission.id)
             scored = context.stages.score(target)
             size_bytes = submission.size_bytes
             report = sound_report(context.stages, target, size_bytes) if job.is_first else None
@@ -155,6 +164,34 @@ def _score(context: WorkerContext, job: Job) -> None:
                 report=report,
             )
         _log.info("scored", **_ids(job), outcome=outcome.value)
+
+
+def _require_nothing_to_ask(context: WorkerContext, target: Target, submission_id: str) -> None:
+    """Let no upload count before its team knows what it does, where it wants to be asked.
+
+    Asked is what the file and the team's own list tell; nothing of regions, controls or scores, which
+    a submission pays for.
+
+    Raises:
+        RejectedUpload: It replaces an entry, or would not be ranked; the report has the questions.
+    """
+    report = context.stages.report(target)
+    with context.database.read() as session:
+        submission = session.get_one(Submission, submission_id)
+        phase = session.get_one(Phase, submission.phase_id)
+        scored = list_submissions(
+            session,
+            team_id=submission.team_id,
+            phase_id=phase.id,
+            status=SubmissionStatus.SCORED,
+            limit=MAX_LOOKED_AT,
+        )
+        own = [view(session, each) for each in scored if each.id != submission_id]
+        is_open = not is_late(phase, submission)
+    replaced = replaced_entry(own, submission.method, phase.policy, is_open=is_open)
+    asked = tuple(to_confirm(report.unranked_because, replaced).values())
+    if report.is_valid and asked:
+        raise RejectedUpload(report.model_copy(update={"to_confirm": asked}))
 
 
 def _record_failure(context: WorkerContext, job: Job, failure: Failure) -> None:

@@ -15,6 +15,7 @@ from pydantic import ValidationError
 
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.challenges import Challenge, ChallengeId
+from exceptiondrive_schemas.check import check_bytes
 from exceptiondrive_schemas.faults import CheckReport, Fault, FaultCode, FaultGroup
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ProtocolRef, ScoreSheet
@@ -145,6 +146,15 @@ class Stages:
         )
         self._private.write_columns(Shelf.MEASUREMENTS, key, measured)
         return measured
+
+    def report(self, target: Target) -> CheckReport:
+        """Return what the precise checker says of an upload: for its team, word for word as `check`."""
+        return check_bytes(
+            self._load_upload(target.file_digest),
+            protocol=target.read_under or target.protocol,
+            manifest=target.split.manifest,
+            challenge=target.challenge.id,
+        )
 
     def answers(self, target: Target) -> Columns:
         """Return what an upload holds, in the split's order.

@@ -11,6 +11,7 @@ from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.output import show_result
 from exceptiondrive.cli.tables import report_view
 from exceptiondrive.conversion import (
+    Angles,
     Conversion,
     ConversionPlan,
     FollowedPoint,
@@ -29,13 +30,15 @@ from exceptiondrive_schemas.printable import counted
 
 MAX_OFFSET_M = 20.0
 ROTATIONS_DEG = (90, -90, 180)
+ANGLES = get_args(Angles)
 
 
 def convert(
     files: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="FILE", help="JSON, JSON lines, CSV, Parquet or NPZ; shards become one."
+            metavar="FILE",
+            help="JSON, JSON lines, CSV, Parquet or NPZ; - is stdin; shards become one.",
         ),
     ] = None,
     output: Annotated[
@@ -70,6 +73,19 @@ def convert(
         int | None,
         typer.Option("--mode", metavar="N", min=0, help="Which of several modes, from 0."),
     ] = None,
+    camera: Annotated[
+        bool, typer.Option("--camera", help="Columns are x right, y down, z ahead.")
+    ] = False,
+    swap: Annotated[bool, typer.Option("--swap", help="Exchange x and y.")] = False,
+    polar: Annotated[
+        str | None,
+        typer.Option(
+            "--polar",
+            metavar="|".join(ANGLES),
+            autocompletion=choices(*ANGLES),
+            help="Columns are range and bearing (counter-clockwise), in these angles.",
+        ),
+    ] = None,
     unit: Annotated[
         str | None,
         typer.Option(
@@ -79,7 +95,6 @@ def convert(
             help=f"What the numbers are: {', '.join(UNITS_M)}.",
         ),
     ] = None,
-    swap: Annotated[bool, typer.Option("--swap", help="Exchange x and y.")] = False,
     rotate: Annotated[
         int | None,
         typer.Option(
@@ -91,6 +106,9 @@ def convert(
     mirror: Annotated[bool, typer.Option("--mirror", help="y points to the right.")] = False,
     reverse: Annotated[
         bool, typer.Option("--reverse", help="The last waypoint stands first.")
+    ] = False,
+    velocities: Annotated[
+        bool, typer.Option("--velocities", help="Numbers are m/s: times the step, added up.")
     ] = False,
     cumulative: Annotated[
         bool, typer.Option("--cumulative", help="Add up increments to positions.")
@@ -141,6 +159,8 @@ def convert(
         raise InvalidArgumentError("wrong_option", "--rotate must be 90, -90 or 180.")
     if follows not in get_args(FollowedPoint):
         raise InvalidArgumentError("wrong_option", "--follows must be sensor or rear-axle.")
+    if polar not in (None, *ANGLES):
+        raise InvalidArgumentError("wrong_option", f"--polar must be {' or '.join(ANGLES)}.")
     if unit not in (None, *UNITS_M):
         raise InvalidArgumentError("wrong_option", f"--unit must be one of {', '.join(UNITS_M)}.")
     if not abs(origin_offset_m) <= MAX_OFFSET_M:
@@ -177,11 +197,14 @@ def convert(
         pairs,
         ConversionPlan(
             geometry=rules.geometry,
-            unit=unit,
+            camera=camera,
             swap=swap,
+            polar=cast(Angles | None, polar),
+            unit=unit,
             rotate_deg=(form.rotate_deg if form else 0) if rotate is None else rotate,
             mirror=mirror,
             reverse=reverse,
+            velocities=velocities,
             cumulative=cumulative,
             exchange=exchange,
             origin_offset_m=origin_offset_m,
@@ -194,7 +217,11 @@ def convert(
     text = submission_text(split, outcome.pairs)
     report = check_bytes(text.encode(), protocol=rules, manifest=known, challenge=PLANNING.id)
     if not report.is_valid:
-        raise InvalidFileError(report, f"The result is not valid; {output} was not written.")
+        raise InvalidFileError(
+            report,
+            f"The result is not valid; {output} was not written.",
+            "Correct what is listed where the planner writes, or by an option of this command.",
+        )
     size_bytes = write_file(output, text)
     facts = {"output": str(output), "split": split, "n_predictions": len(outcome.pairs)}
     done = (*(f"read {form_read}" for form_read in forms), *outcome.done)

@@ -27,6 +27,9 @@ from exceptiondrive_schemas.coverage import unranked_reasons
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import packaged_protocol
 
+TABLES = (".csv", ".csv.gz", ".parquet")
+"""Endings of the files that results of samples are written to."""
+
 
 def check(
     context: typer.Context,
@@ -65,7 +68,13 @@ def check(
     words = report_view(report, given.name, with_all=name_all)
     is_told = report.is_valid and phase is not None and protocol is None
     show_result(report, json, *words, *(outlook_view(outlook) if is_told else ()))
-    if report.is_valid and not json and split is None and manifest is None and phase is None:
+    has_samples = split is not None or manifest is not None or phase is not None
+    if has_samples and report.profile is not None and report.profile.source_l2_m is None:
+        say(
+            "No recorded drives are known of these samples: whether the sources fit the scenes, and "
+            "so the frame, the time step and the order of the rows, could only be checked in part."
+        )
+    if report.is_valid and not json and not has_samples:
         say("Only the form was checked; add --phase, --manifest or --split for the sample ids.")
     if not report.is_valid:
         raise typer.Exit(InvalidFileError.exit_code)
@@ -107,7 +116,8 @@ def evaluate(
         typer.Option(
             "--per-sample",
             metavar="FILE",
-            help="Write the result of every sample, the worst first: .csv or .parquet.",
+            help="Write the result of every sample, the worst of each family first; its name ends "
+            "in .csv, .csv.gz or .parquet.",
         ),
     ] = None,
     phase: options.DefaultPhase = None,
@@ -122,6 +132,12 @@ def evaluate(
     the exact score sheet. Needs the extra `evaluate` (numpy) and a split with regions: see `split
     download`.
     """
+    if per_sample is not None and not per_sample.name.endswith(TABLES):
+        raise InvalidArgumentError(
+            "wrong_option",
+            f"{per_sample} has no known ending: results of samples are written as "
+            f"{', '.join(TABLES[:-1])} or {TABLES[-1]}.",
+        )
     given = options.given(file, context)
     rules: ProtocolLike | None = protocol
     if protocol is None and (named := find_setting("phase", phase).value) is not None:

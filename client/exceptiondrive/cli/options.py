@@ -10,7 +10,7 @@ import typer
 from exceptiondrive.cli import completion
 from exceptiondrive.cli.output import remember_json
 from exceptiondrive.errors import InvalidArgumentError
-from exceptiondrive.inputs import GivenFile, given_bytes
+from exceptiondrive.inputs import STDIN, GivenFile, given_bytes
 
 Json = Annotated[
     bool,
@@ -27,9 +27,6 @@ Server = Annotated[
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", metavar="FILE", help="Else named by what it is.")
 ]
-STDIN = Path("-")
-
-
 ONE_FILE = {"allow_extra_args": True}
 """Settings of a command that says itself that it takes one file: see `given`."""
 

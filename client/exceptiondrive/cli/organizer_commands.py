@@ -465,12 +465,20 @@ def read_audit(
     by_people: Annotated[
         bool, typer.Option("--by-people", help="Without what worker and server write.")
     ] = False,
+    since: Annotated[
+        str | None,
+        typer.Option(
+            "--since", metavar="TIME", help="2027-01-31T00:00:00Z, or a day: from then on."
+        ),
+    ] = None,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
     """Show the newest lines of the audit log."""
     with open_organizer(server) as organizer:
-        found = organizer.audit(limit, actor=actor, subject=subject, by_people=by_people)
+        found = organizer.audit(
+            limit, actor=actor, subject=subject, by_people=by_people, since=since
+        )
     show_result(found, json, records_table(found, ("id", "at", "actor", "action", "subject")))
 
 

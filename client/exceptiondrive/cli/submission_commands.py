@@ -31,7 +31,7 @@ from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive.facts import facts_of_pairs
 from exceptiondrive.outlook import Outlook
 from exceptiondrive.settings import default_phase
-from exceptiondrive.words import entry_words
+from exceptiondrive_schemas.own_entries import entry_words
 from exceptiondrive_schemas.phase_settings import RunRule
 from exceptiondrive_schemas.submission import Quota, SubmissionStatus
 

@@ -3,12 +3,19 @@
 import difflib
 import hashlib
 import re
+from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, ChallengeId, challenge_of_file
+from exceptiondrive_schemas.challenges import (
+    CHALLENGES,
+    PLANNING,
+    STRATEGY,
+    ChallengeId,
+    challenge_of_file,
+)
 from exceptiondrive_schemas.check.answers import CheckedDocument
 from exceptiondrive_schemas.check.fault_list import (
     MAX_SHOWN_CHARACTERS,
@@ -33,6 +40,7 @@ from exceptiondrive_schemas.check.json_stream import (
     members,
     skip,
 )
+from exceptiondrive_schemas.check.planning_rules import SIDES_MISSING
 from exceptiondrive_schemas.check.rules import RULES, PredictionRules, challenge_by_key
 from exceptiondrive_schemas.check.sample_ids import SampleIds
 from exceptiondrive_schemas.faults import CheckReport, FaultCode
@@ -40,6 +48,15 @@ from exceptiondrive_schemas.file_profile import CONVERT, FileProfile
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import SPLIT_NAME_PATTERN, Manifest
+
+OTHER_DOCUMENTS: Mapping[str, str] = MappingProxyType(
+    {
+        "exceptiondrive.split/1": "a split file, which says what is scored",
+        "exceptiondrive.manifest/1": "the manifest, which lists the samples to answer",
+        "exceptiondrive.receipt/1": "a receipt",
+    }
+)
+"""Documents of ours that are no submissions, by their schema."""
 
 
 def check_schema(
@@ -62,8 +79,15 @@ def check_schema(
     hint = None
     if named is not None and wanted is not None:
         hint = f"this is a {named} file, and a {wanted} file is wanted"
+    elif isinstance(value, str) and value in OTHER_DOCUMENTS:
+        what = OTHER_DOCUMENTS[value]
+        faults.say(
+            FaultCode.WRONG_SCHEMA, f"The file is {what}: hand in what the planner answered."
+        )
     elif isinstance(value, str) and _is_newer(value):
         hint = "a newer form: pip install --upgrade exceptiondrive"
+    elif wanted != STRATEGY.id:
+        hint = f"no form of ours; {CONVERT}` writes {quoted(PLANNING.file_schema)}"
     faults.add(
         FaultCode.WRONG_SCHEMA if isinstance(value, str) else FaultCode.WRONG_TYPE,
         ("schema",),
@@ -102,7 +126,8 @@ def check_split_name(value: object, manifest: Manifest | None, faults: FaultList
     """Check what stands under `split`: the manifest's name, or any legal name without one."""
     expected = quoted(manifest.name) if manifest else "a split name such as nuscenes-test"
     if not isinstance(value, str):
-        faults.add(FaultCode.WRONG_TYPE, ("split",), expected=expected, got=kind(value))
+        hint = f"{convert_advice(manifest)}"
+        faults.add(FaultCode.WRONG_TYPE, ("split",), expected=expected, got=kind(value), hint=hint)
         return
     if manifest is not None:
         is_right = value == manifest.name
@@ -135,6 +160,8 @@ MAX_HEADER_BYTES = 1024
 CSV_DELIMITERS: Mapping[bytes, str] = MappingProxyType(
     {b",": "commas", b";": "semicolons", b"\t": "tabs"}
 )
+CSV_COLUMNS = ("sample_id", "trajectory", "step", "x_m", "y_m")
+"""Of the CSV files that `exceptiondrive convert` reads."""
 MIN_CSV_DELIMITERS = 2
 MIN_IDS_AS_KEYS = 2
 """So many objects under keys that do not belong there, and none that does: ids stand as keys."""
@@ -146,6 +173,7 @@ OTHER_NAMES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "strategy": ("answer", "action", "decision"),
     }
 )
+ROOT_OF_JSON = re.compile(rb"^[ \t]*\{\s*\"(?:schema|split|predictions)\"", re.MULTILINE)
 
 
 def convert_advice(manifest: Manifest | None) -> str:
@@ -201,6 +229,7 @@ class SubmissionReader:
         self._n_ids_as_keys = 0
         self._wrapped_in: list[str] = []
         self._is_of_another_form = False
+        self._absent: Counter[str] = Counter()
         self.faults = faults
         self.challenge: ChallengeId | None = None
         self.split: str | None = None
@@ -224,9 +253,16 @@ class SubmissionReader:
         """Leave out faults that are there only because of another one."""
         if self._ids.are_of_another_split and self.faults.has(FaultCode.WRONG_SPLIT):
             self.faults.forget(FaultCode.UNKNOWN_SAMPLE)
+        for key, n_absent in self._absent.items():
+            if n_absent == self.n_predictions and key in SIDES_MISSING:
+                sentence = f"No prediction has the key {quoted(key)}, {SIDES_MISSING[key]}."
+                self.faults.say(FaultCode.MISSING_KEY, sentence)
         if self._is_of_another_form:
             self.faults.forget(
-                FaultCode.UNKNOWN_KEY, FaultCode.MISSING_KEY, FaultCode.DUPLICATE_KEY
+                FaultCode.UNKNOWN_KEY,
+                FaultCode.MISSING_KEY,
+                FaultCode.DUPLICATE_KEY,
+                FaultCode.MISSING_SAMPLE,
             )
 
     def _read_all(self) -> bool:
@@ -242,6 +278,8 @@ class SubmissionReader:
 
     def _read_root(self) -> bool:
         first = self._stream.peek()
+        if first != "{" and self._refuse_log():
+            return False
         if first == "":
             self.faults.add(
                 FaultCode.EMPTY_FILE, (), expected="a JSON document", got="blanks alone"
@@ -257,17 +295,31 @@ class SubmissionReader:
         self._reading = ()
         if self._stream.peek():
             follows = self._stream.not_json("the end of the file")
-            are_lines = self._stream.peek() == "{" and "predictions" not in self._seen
-            self._is_of_another_form |= are_lines
+            is_object = self._stream.peek() == "{"
+            form = "several files in one" if "predictions" in self._seen else "JSON lines"
+            self._is_of_another_form |= is_object
             self._refuse(
                 FaultCode.TRAILING_DATA,
                 (),
                 follows.expected,
                 follows.got,
-                hint=f"looks like JSON lines; {self._convert}" if are_lines else None,
+                hint=f"looks like {form}; {self._convert}"
+                if is_object
+                else "remove what stands behind the last }",
             )
         elif not self._seen and (self._n_ids_as_keys or self._wrapped_in):
             self._refuse_other_form()
+        return True
+
+    def _refuse_log(self) -> bool:
+        """Say that other lines stand before the JSON object, if they do."""
+        begins = ROOT_OF_JSON.search(self._data)
+        if begins is None or self._data[: begins.start()].strip() == b"[":
+            return False
+        lines = counted(self._data.count(b"\n", 0, begins.start()), "line")
+        hint = f"looks like {lines} of a log: remove what stands before the JSON"
+        expected = "a JSON object from the first line on"
+        self._refuse(FaultCode.NOT_JSON, (), expected, f"{lines} of other text", hint=hint)
         return True
 
     def _refuse_other_form(self) -> None:
@@ -329,6 +381,7 @@ class SubmissionReader:
         self._report_repeated(value, (key,))
         if key == "schema":
             self.challenge = check_schema(value, self._wanted, self.faults)
+            self._is_of_another_form |= isinstance(value, str) and value in OTHER_DOCUMENTS
         else:
             self.split = escaped(value) if isinstance(value, str) else None
             check_split_name(value, self._manifest, self.faults)
@@ -348,12 +401,13 @@ class SubmissionReader:
 
     def _refuse_predictions(self) -> None:
         is_object = self._stream.peek() == "{"
-        got = "an object" if is_object else kind(self._stream.value())
-        hint = (
-            f"write a list; the sample id stands inside each prediction: {CONVERT}` does"
-            if is_object
-            else None
-        )
+        value = None if is_object else self._stream.value()
+        got = "an object" if is_object else kind(value)
+        hint = None
+        if is_object:
+            hint = f"write a list; the sample id stands inside each prediction: {CONVERT}` does"
+        elif isinstance(value, str) and value.startswith("["):
+            hint = f"JSON within JSON: {CONVERT}` writes it as a list"
         self.faults.add(
             FaultCode.WRONG_TYPE, ("predictions",), expected="a list", got=got, hint=hint
         )
@@ -392,6 +446,7 @@ class SubmissionReader:
                 FaultCode.UNKNOWN_KEY, (*path, key), expected, quoted(key), sample_id, hint
             )
         for key in sorted(absent):
+            self._absent[key] += 1
             self._refuse(FaultCode.MISSING_KEY, path, f"the key {quoted(key)}", "none", sample_id)
 
     def _choose_rules(self, prediction: dict[str, Any]) -> PredictionRules:
@@ -407,6 +462,8 @@ class SubmissionReader:
         for key in ROOT_KEYS:
             if key not in self._seen:
                 hint = None
+                if key != "predictions" and type(self._rules) is RULES[PLANNING.id]:
+                    hint = self._convert
                 if key == "predictions" and len(self._wrapped_in) == 1:
                     hint = f"are they under {quoted(self._wrapped_in[0])}? {CONVERT}` renames it"
                 self._refuse(FaultCode.MISSING_KEY, (), f"the key {quoted(key)}", "none", hint=hint)
@@ -440,10 +497,23 @@ class SubmissionReader:
             return "looks like a comment: JSON has none, remove it"
         if self._data.lstrip().startswith((b"{", b"[")):
             return None
+        if self._data.startswith((b'"{', b'"[')):
+            return f"JSON within a JSON text; {self._convert}"
         first_line = self._data[:MAX_HEADER_BYTES].splitlines()[0]
+        if first_line.partition(b":")[0] in map(str.encode, ROOT_KEYS):
+            return "looks like YAML: write it with json.dump"
         for delimiter, name in CSV_DELIMITERS.items():
-            if first_line.count(delimiter) >= MIN_CSV_DELIMITERS:
-                return f"looks like CSV with {name}; {self._convert}"
+            if first_line.count(delimiter) < MIN_CSV_DELIMITERS:
+                continue
+            header = {
+                word.strip(b'" ').decode(errors="replace") for word in first_line.split(delimiter)
+            }
+            if absent := [column for column in CSV_COLUMNS if column not in header]:
+                return (
+                    f"looks like CSV with {name}, without {', '.join(absent)} in its first line: write "
+                    f"one waypoint a row under {','.join(CSV_COLUMNS)}, which convert reads"
+                )
+            return f"looks like CSV with {name}; {self._convert}"
         return None
 
     def _refuse(

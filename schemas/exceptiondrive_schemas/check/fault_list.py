@@ -179,6 +179,13 @@ class FaultList:
         """Replace the sentence of a code by one that knows more about this file."""
         self._sentences[code] = sentence
 
+    def advise(self, code: FaultCode, instead_of: str, hint: str) -> None:
+        """Replace what the examples of a code advise, where more is known at the end."""
+        self._examples[code] = [
+            example.model_copy(update={"hint": hint}) if example.hint == instead_of else example
+            for example in self._examples.get(code, ())
+        ]
+
     def groups(
         self, n_predictions: int | None = None, *, is_of_planner: bool = True
     ) -> tuple[FaultGroup, ...]:

@@ -91,6 +91,11 @@ class FrameCheck:
     def _away(self) -> str | None:
         """Say what it looks like where the trajectories do not begin at the car."""
         first, extent = statistics.median(self._first_m), statistics.median(self._extents_m)
+        if extent == 0 and first > 1:
+            return (
+                "looks like one point repeated, such as the goal; write where the car is at every "
+                "time step"
+            )
         if extent < DEGREES_EXTENT and first > 1:
             return (
                 "looks like degrees of latitude and longitude; turn each trajectory into the frame "

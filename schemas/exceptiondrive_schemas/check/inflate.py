@@ -33,7 +33,8 @@ MAGIC_BYTES: tuple[tuple[bytes, str], ...] = (
     (b"<", "an HTML or XML file"),
 )
 WIDE_TEXT = "UTF-16 or UTF-32 text"
-CONVERTIBLE = {"a Parquet file", "a NumPy archive (.npz)", WIDE_TEXT}
+STREAMS = "several gzip streams in a row, as `cat` makes of several files"
+CONVERTIBLE = {"a Parquet file", "a NumPy archive (.npz)", WIDE_TEXT, STREAMS}
 """Kinds of file that `exceptiondrive convert` reads, if they hold what it looks for."""
 PICKLE_PROTOCOLS = range(2, 6)
 TAR_MAGIC, TAR_MAGIC_AT = b"ustar", 257
@@ -149,6 +150,8 @@ def _gunzip(data: bytes, max_inflated_bytes: int) -> bytes:
         return inflated
     if not inflater.eof:
         raise _damaged("a stream that stops before its end; was the upload or the copy cut off?")
+    if inflater.unused_data.startswith(GZIP_MAGIC):
+        raise _damaged(STREAMS)
     if inflater.unused_data:
         raise _damaged(f"{counted(len(inflater.unused_data), 'byte')} after the stream's end")
     return inflated

@@ -6,14 +6,21 @@ import math
 from array import array
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check.answers import PlanningDocument, TrajectoryPair
 from exceptiondrive_schemas.check.fault_list import FaultList, Path, kind, shown
 from exceptiondrive_schemas.check.frame import FrameCheck
-from exceptiondrive_schemas.check.source_fit import file_profile
-from exceptiondrive_schemas.check.trajectory_forms import number_in, point_in, trajectory_in
+from exceptiondrive_schemas.check.source_fit import AT_ORIGIN_M, file_profile
+from exceptiondrive_schemas.check.trajectory_forms import (
+    is_null_word,
+    is_number,
+    number_in,
+    point_in,
+    trajectory_in,
+)
 from exceptiondrive_schemas.coverage import too_little_covered
 from exceptiondrive_schemas.faults import MESSAGES, FaultCode
 from exceptiondrive_schemas.file_profile import CONVERT, FileProfile
@@ -23,6 +30,17 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 
 NUMBERS = (float, int)
+_RUN_BOTH = (
+    "run it on both; `exceptiondrive convert --source-run FILE --edited-run FILE` makes a submission "
+    "of two runs"
+)
+SIDES_MISSING: Mapping[str, str] = MappingProxyType(
+    {
+        "source": f"what the planner answered to the scene as it was recorded: {_RUN_BOTH}",
+        "edited": f"what the planner answered to the edited scene: {_RUN_BOTH}",
+    }
+)
+"""What is not there, and how it is had, where a whole file lacks one side of its pairs."""
 FARTHEST_M = 1e9
 """Farther than any coordinate of the earth: nothing can be made of such a number."""
 
@@ -41,6 +59,7 @@ class PlanningRules:
         self._n_missing = {"source": 0, "edited": 0}
         self._n_trajectories = 0
         self._wrong_counts: Counter[int] = Counter()
+        self._columns: Counter[str] = Counter()
 
     def answer(self, prediction: dict[str, Any], path: Path, sample_id: str | None) -> Any:
         """Check the trajectories of one prediction and return them."""
@@ -72,6 +91,10 @@ class PlanningRules:
             advice = mend.sentence if mend else self._time_step_advice(self._n_given)
             message = MESSAGES[FaultCode.WRONG_WAYPOINT_COUNT]
             self._faults.say(FaultCode.WRONG_WAYPOINT_COUNT, f"{message} {advice}")
+        if self._columns["camera"] > self._columns["ego"]:
+            code = FaultCode.WRONG_WAYPOINT_SHAPE
+            self._faults.advise(code, COLUMNS_HINT, CAMERA_HINT)
+            self._faults.say(code, f"{MESSAGES[code]} The file {CAMERA_HINT}.")
         return profile
 
     def _time_step_advice(self, n_given: int) -> str:
@@ -100,6 +123,8 @@ class PlanningRules:
         return tuple(
             f"{key} is null for {self._n_missing[key]:,} of {n_predictions:,} samples: "
             f"for each, {cost}"
+            if self._n_missing[key] < n_predictions
+            else f"{key} is null for every sample. It is {SIDES_MISSING[key]}."
             for key, cost in costs.items()
             if self._n_missing[key]
         )
@@ -111,7 +136,7 @@ class PlanningRules:
             key: 1 - self._n_missing[key] / max(n_predictions, 1) for key in ("edited", "source")
         }
         reasons = [too_little_covered(PLANNING, shares, ranking.min_coverage)]
-        for code, why in self._flags(profile, shares):
+        for code, why in self._flags(profile, shares) if all(shares.values()) else ():
             if code in ranking.unranked_flags:
                 reasons.append(f"flagged {FLAGS[code].label}: {why}")
         return "; ".join(filter(None, reasons)) or None
@@ -160,7 +185,9 @@ class PlanningRules:
             )
             return None
         if not isinstance(value, list):
-            self._refuse(FaultCode.WRONG_TYPE, path, self._form, kind(value), sample_id)
+            is_null = is_null_word(value)
+            got, hint = (shown(value), NULL_WORD_HINT) if is_null else (kind(value), None)
+            self._refuse(FaultCode.WRONG_TYPE, path, self._form, got, sample_id, hint)
             return None
         if value and all(type(each) in NUMBERS for each in value):
             got = f"one flat list of {counted(len(value), 'number')}"
@@ -196,6 +223,7 @@ class PlanningRules:
 
     def _waypoints(self, value: list[Any], path: Path, sample_id: str | None) -> array[float]:
         """Return the finite points as they are, so that one cause of many faults can be found."""
+        self._note_columns(value)
         flat = array("d")
         previous: tuple[float, float] | None = (0.0, 0.0)
         start = 1 if len(value) > self._geometry.waypoints and _is_origin(value[0]) else 0
@@ -214,6 +242,16 @@ class PlanningRules:
         if len(value) != self._geometry.waypoints:
             self._refuse_count(value, path, sample_id, has_start=start > 0)
         return flat
+
+    def _note_columns(self, value: list[Any]) -> None:
+        """Note whether waypoints of three columns go on in the last one or in another."""
+        if not value or not all(_is_row_of_three(value[end]) for end in (0, -1)):
+            return
+        *others, depth_m = (
+            abs(end - start) for start, end in zip(value[0], value[-1], strict=True)
+        )
+        if max(*others, depth_m) > CLEARLY_MOVES_M:
+            self._columns["camera" if depth_m > max(others) else "ego"] += 1
 
     def _waypoint(
         self, value: Any, path: Path, sample_id: str | None
@@ -272,6 +310,8 @@ class PlanningRules:
         hint = None
         if n_given == self._geometry.waypoints:
             hint = f"leave out (0, 0) at t = 0; it is put in front for you, {CONVERT}` does"
+        elif not value:
+            hint = NULL_HINT
         expected = counted(self._geometry.waypoints, "waypoint")
         got = counted(len(value), "waypoint")
         self._refuse(FaultCode.WRONG_WAYPOINT_COUNT, path, expected, got, sample_id, hint)
@@ -292,12 +332,19 @@ class PlanningRules:
         self._faults.add(code, path, expected=expected, got=got, sample_id=sample_id, hint=hint)
 
 
-AT_ORIGIN_M = 0.05
-"""A first point as near to the origin as this is the car at t = 0."""
 NULL_HINT = (
     "null stands for the whole trajectory: write it in place of the list of waypoints "
     f"({CONVERT} --null-invalid` does)"
 )
+NULL_WORD_HINT = f"null stands without quotes: {CONVERT}` writes it so"
+COLUMNS_HINT = f"write x and y alone, without heading, z or time; {CONVERT}` does"
+CAMERA_HINT = f"looks like camera coordinates (x right, y down, z ahead): {CONVERT} --camera`"
+CLEARLY_MOVES_M = 5.0
+"""Farther than a column of times, headings or heights goes in a few seconds."""
+
+
+def _is_row_of_three(point: Any) -> bool:
+    return isinstance(point, list) and len(point) == 3 and all(map(is_number, point))
 
 
 def _is_origin(value: Any) -> bool:
@@ -324,7 +371,7 @@ def _shape_hint(value: Any) -> str | None:
     if point_in(value) is not None:
         return f"write [x, y]; {CONVERT}` does"
     if isinstance(value, list) and len(value) > 2:
-        return f"write x and y alone, without heading, z or time; {CONVERT}` does"
+        return COLUMNS_HINT
     return None
 
 

@@ -1,6 +1,7 @@
 """Every sample of the split exactly once: unknown, missing and duplicate sample ids."""
 
 import difflib
+import re
 from bisect import bisect
 from collections.abc import Iterable
 
@@ -12,6 +13,7 @@ NEIGHBOURS = 25
 MAX_ID_CHARACTERS = 128
 SIMILARITY = 0.75
 
+FILE_NAME = re.compile(r"\.(?:jpe?g|png|webp|bmp|tiff?|json|npz?|pkl|pt|bin|pcd)$", re.IGNORECASE)
 SHARDS = "one shard of several? `exceptiondrive convert FILE FILE ...` makes one file of them"
 
 
@@ -25,15 +27,25 @@ class NearestId:
     def __init__(self, valid_ids: Iterable[str]) -> None:
         self._forward = sorted(valid_ids)
         self._backward = sorted(valid_id[::-1] for valid_id in self._forward)
+        self._valid = {valid_id.casefold(): valid_id for valid_id in self._forward}
 
     def nearest(self, wanted: str) -> str | None:
         """Return the valid id most like `wanted`, or None where none is like it."""
+        if of_name := self._in_name(wanted):
+            return of_name
         if len(wanted) > MAX_ID_CHARACTERS:
             return None
         near = _around(self._forward, wanted)
         near += [valid_id[::-1] for valid_id in _around(self._backward, wanted[::-1])]
         found = difflib.get_close_matches(wanted, near, n=1, cutoff=SIMILARITY)
         return found[0] if found else None
+
+    def _in_name(self, wanted: str) -> str | None:
+        """Return the valid id in other capitals, or in the last parts of a file's path."""
+        parts = wanted[-2 * MAX_ID_CHARACTERS :].strip().casefold().replace("\\", "/").split("/")
+        parts[-1] = parts[-1].partition(".")[0].partition("__")[0]
+        names = ("/".join(parts[start:]) for start in range(len(parts)))
+        return next((self._valid[name] for name in names if name in self._valid), None)
 
 
 def _around(ordered: list[str], wanted: str) -> list[str]:
@@ -134,14 +146,23 @@ class SampleIds:
                 sample_id=escaped(text),
             )
         if self.are_of_another_split:
+            are_files = all(FILE_NAME.search(text) for _, text in self._unknown)
             self._faults.say(
                 FaultCode.UNKNOWN_SAMPLE,
-                f"No sample id of the file belongs to the split {name}: take the ids from the "
-                "split's manifest, or choose the phase that the file was made for.",
+                f"No sample id of the file belongs to the split {name}: "
+                + (
+                    "they look like names of images; write the ids of the split's manifest, without "
+                    "folder and ending."
+                    if are_files
+                    else "take the ids from the split's manifest, or choose the phase that the file "
+                    "was made for."
+                ),
             )
 
     def _report_missing(self, missing: list[str], unknown: NearestId) -> None:
-        is_a_part = not self._unknown and len(missing) >= len(self._first_at)
+        is_a_part = (
+            bool(self._first_at) and not self._unknown and len(missing) >= len(self._first_at)
+        )
         for sample_id in missing[:MAX_EXAMPLES]:
             hint = SHARDS if is_a_part else None
             if nearest := unknown.nearest(sample_id):

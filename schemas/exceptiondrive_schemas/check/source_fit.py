@@ -9,7 +9,10 @@ origin, so that a shorter time shown is no better fit. On the 13 planners of Lig
 samples of nuScenes) a file as it is has 0.07 to 0.15, and every transformation fits at least 3.7
 times worse. Each transformation of each of them is 5.0 to 1,400 times worse than the file mended. A
 mirrored file shows where the drive turns, at its last waypoint, sideways: there right files are off
-by 0.5 to 0.7 of the recorded distance, 2.0 to 3.2 times less than mirrored ones.
+by 0.5 to 0.7 of the recorded distance, 2.0 to 3.2 times less than mirrored ones, and 1.4 to 1.8 times
+less than bearings in radians in the place of y. Rows that stand one off show at the first waypoint,
+where two samples in a row were driven at different speeds: there at most an eighth of the answers of
+a right file are nearer to the other sample's drive, and seven eighths of a file that is one row off.
 """
 
 import math
@@ -34,6 +37,22 @@ MIRROR_FITS, MIRROR_FITS_BETTER = 0.75, 1.5
 """The same sideways, where the drive turns."""
 TURNS_ABOVE_M = 1.0
 """A recorded drive that ends this far to a side turns."""
+POLAR_IS_OFF, POLAR_FITS_BETTER = 0.9, 1.3
+"""The same for bearings, which are no side at all and never beyond half a turn."""
+AT_ORIGIN_M = 0.05
+"""A first point as near to the origin as this is the car at t = 0."""
+FROM_ORIGIN = 0.9
+"""So large a share of the moving trajectories begins at the origin only where t = 0 is written; and
+of standing ones elsewhere, all alike, only where another point than the rear axle is written."""
+FIRST_STEPS_LONGER = 1.6
+"""So many times longer than the second a median first step is where the first waypoint is missing."""
+LEAD_FITS_BETTER = 2.0
+OFFSET_ABOVE_M, OFFSET_SPREADS_M, MIN_STANDING = 1.0, 0.5, 5
+"""No standing car is so far away, nor are all of them equally far all the time."""
+ROWS_DIFFER_M = 1.5
+"""First waypoints that are so far apart are of cars at different speeds."""
+OF_NEIGHBOUR = 0.75
+"""So large a share of the answers is nearer to the neighbour's where rows stand one off."""
 MIN_COMPARED = 20
 """Fewer samples tell nothing."""
 MAX_COMPARED = 300
@@ -101,9 +120,11 @@ def file_profile(
         for sample_id, (source, edited) in sorted(whole.items())
         if source and recorded and sample_id in recorded
     ]
-    mend = _best_mend(compared, geometry, plausibility, n_given)
+    best = _best_mend(compared, geometry, plausibility, n_given)
     if n_given is not None:
-        return FileProfile(mend=mend)
+        return FileProfile(mend=best)
+    start = _start_mend(whole.values(), geometry, plausibility)
+    mend = start or best or _row_mend(whole, recorded)
     distances_m = [_distances_m(each.source, each.recorded) for each in compared]
     at_s = dict(zip(SECONDS_SHOWN, _means_at(distances_m, geometry), strict=True))
     means_m = [statistics.fmean(of_one) for of_one in distances_m]
@@ -232,6 +253,12 @@ def summed(points: Points) -> list[Point]:
     return positions
 
 
+def from_polar(points: Points, *, degrees: bool = False) -> list[Point]:
+    """Return x and y of ranges and bearings; a bearing is counter-clockwise from +x."""
+    unit_rad = math.pi / 180 if degrees else 1.0
+    return [(r * math.cos(b * unit_rad), r * math.sin(b * unit_rad)) for r, b in points]
+
+
 def at_times(points: Points, time_step_s: float, times_s: Sequence[float]) -> list[Point]:
     """Return where a trajectory is at given times, on straight lines between its waypoints.
 
@@ -291,12 +318,32 @@ _SPATIAL: tuple[tuple[str, str, Callable[[Points], Points]], ...] = (
 )
 TIME_FACTORS = (0.1, 0.2, 0.4, 0.5, 1.0, 2.0, 5.0, 10.0)
 MIRROR = _SPATIAL[0]
+_DEGREES = partial(from_polar, degrees=True)
+_POLAR: tuple[tuple[str, str, Callable[[Points], Points]], ...] = (
+    ("range and bearing in radians", "--polar radians", from_polar),
+    ("range and bearing in degrees", "--polar degrees", _DEGREES),
+)
+_BEARING_FIRST: tuple[tuple[str, str, Callable[[Points], Points]], ...] = (
+    ("bearing in radians and range", "--swap --polar radians", lambda p: from_polar(swapped(p))),
+    ("bearing in degrees and range", "--swap --polar degrees", lambda p: _DEGREES(swapped(p))),
+)
 EXCHANGE = Transformation("source and edited exchanged", "--exchange", _exchanged)
 """Where edits are slight, a file fits exchanged, too, and much better as it should be."""
 
 
-def _of_space() -> Iterator[Transformation]:
-    for looks_like, option, change in _SPATIAL:
+def _of_space(time_step_s: float) -> Iterator[Transformation]:
+    def moved(velocities: Points) -> Points:
+        return summed(scaled(velocities, time_step_s))
+
+    of_time = (
+        ("velocities instead of positions", "--velocities", moved),
+        (
+            "speed and heading in radians",
+            "--polar radians --velocities",
+            lambda points: moved(from_polar(points)),
+        ),
+    )
+    for looks_like, option, change in (*_SPATIAL, *_POLAR, *_BEARING_FIRST, *of_time):
         yield Transformation(looks_like, option, partial(_of_source, change))
     yield EXCHANGE
 
@@ -346,35 +393,43 @@ def _best_mend(
     as_is = [_with_step(geometry.time_step_s, geometry.time_step_s, each) for each in tried]
     error = _error(as_is)
     if n_given is not None:
-        return _best(tried, error, _of_time(geometry, n_given))
+        return _best_of(tried, error, _of_time(geometry, n_given))[0]
     if error <= FITS:
         transformations = [EXCHANGE]
     else:
-        transformations = [*_of_time(geometry, geometry.waypoints), *_of_space()]
-    best = _best(tried, error, transformations)
-    if best is not None and error > FITS_BETTER * best.mended_error:
+        transformations = [
+            *_of_time(geometry, geometry.waypoints),
+            *_of_space(geometry.time_step_s),
+        ]
+    best, mended_error = _best_of(tried, error, transformations)
+    if best is not None and error > FITS_BETTER * mended_error:
         return best
-    return _mirror_mend(moving) if error <= FITS else None
+    offset = _offset_mend(compared)
+    if offset is not None:
+        return offset
+    return _lead_mend(tried, error, geometry) or _sideways_mend(
+        moving, is_of_the_path=error <= FITS
+    )
 
 
-def _best(
+def _best_of(
     tried: Sequence[Compared], error: float, transformations: Iterable[Transformation]
-) -> Mend | None:
-    """Return what fits best, if it fits at all."""
-    mends: list[Mend] = []
+) -> tuple[Mend | None, float]:
+    """Return what fits best, if it fits at all, and how well."""
+    mends: list[tuple[float, Mend]] = []
     for transformation in transformations:
         applied = [found for each in tried if (found := transformation.apply(each)) is not None]
         if len(applied) >= MIN_COMPARED:
-            mends.append(
-                Mend(
-                    looks_like=transformation.looks_like,
-                    convert_option=transformation.option,
-                    error=error,
-                    mended_error=_error(applied),
-                )
+            mended_error = _error(applied)
+            mend = Mend(
+                looks_like=transformation.looks_like,
+                convert_option=transformation.option,
+                error=error,
+                mended_error=mended_error,
             )
-    best = min(mends, key=lambda mend: mend.mended_error, default=None)
-    return best if best is not None and best.mended_error <= FITS else None
+            mends.append((mended_error, mend))
+    mended_error, best = min(mends, key=lambda found: found[0], default=(math.inf, None))
+    return (best, mended_error) if mended_error <= FITS else (None, mended_error)
 
 
 def _some(samples: Sequence[Compared]) -> Sequence[Compared]:
@@ -391,15 +446,147 @@ def _error(pairs: Sequence[tuple[Points, Points]]) -> float:
     return distance_m / scale_m if scale_m else 0.0
 
 
-def _mirror_mend(moving: Sequence[Compared]) -> Mend | None:
+def _sideways_mend(moving: Sequence[Compared], *, is_of_the_path: bool) -> Mend | None:
+    """Return what mends the side to which the trajectories turn: a mirror image, or bearings."""
     turning = [each for each in moving if abs(each.recorded[-1][1]) > TURNS_ABOVE_M]
     if len(turning) < MIN_COMPARED:
         return None
-    sides_m = [(each.source[-1][1], each.recorded[-1][1]) for each in _some(turning)]
-    scale_m = statistics.median(abs(recorded) for _, recorded in sides_m)
-    error = statistics.median(abs(source - recorded) for source, recorded in sides_m) / scale_m
-    mended = statistics.median(abs(-source - recorded) for source, recorded in sides_m) / scale_m
-    if mended > MIRROR_FITS or error <= MIRROR_FITS_BETTER * mended:
+    tried = _some(turning)
+    scale_m = statistics.median(abs(each.recorded[-1][1]) for each in tried)
+
+    def error_of(change: Callable[[Points], Points]) -> float:
+        gaps_m = (abs(change(each.source)[-1][1] - each.recorded[-1][1]) for each in tried)
+        return statistics.median(gaps_m) / scale_m
+
+    error = error_of(list)
+    ranges_m, bearings = zip(*(point for each in moving for point in each.source), strict=True)
+    half_turns = (math.pi, 180.0) if min(ranges_m) >= 0 else ()
+    candidates = [(MIRROR, MIRROR_FITS_BETTER)] if is_of_the_path else []
+    candidates += [
+        (polar, POLAR_FITS_BETTER)
+        for polar, half_turn in zip(_POLAR, half_turns, strict=False)
+        if max(map(abs, bearings)) <= half_turn and error > POLAR_IS_OFF
+    ]
+    for (looks_like, option, change), times_better in candidates:
+        mended = error_of(change)
+        if mended <= MIRROR_FITS and error > times_better * mended:
+            return Mend(
+                looks_like=looks_like, convert_option=option, error=error, mended_error=mended
+            )
+    return None
+
+
+# Mistakes that trajectories tell by themselves, or by their neighbours in the file
+
+
+def _start_mend(
+    pairs: Iterable[tuple[Points | None, Points | None]],
+    geometry: GeometrySection,
+    plausibility: PlausibilitySection,
+) -> Mend | None:
+    """Name a first waypoint that is the car at t = 0, in the trajectories of either side."""
+    shares = []
+    for of_side in zip(*pairs, strict=True):
+        firsts_m = [
+            math.hypot(*points[0])
+            for points in of_side
+            if points and math.hypot(*points[-1]) > plausibility.frame_check_min_motion_m
+        ]
+        if len(firsts_m) >= MIN_COMPARED:
+            shares.append(_share(first_m <= AT_ORIGIN_M for first_m in firsts_m) or 0.0)
+    share = max(shares, default=0.0)
+    if share < FROM_ORIGIN:
         return None
-    looks_like, option, _ = MIRROR
-    return Mend(looks_like=looks_like, convert_option=option, error=error, mended_error=mended)
+    end_s = geometry.horizon_s - geometry.time_step_s
+    return Mend(
+        looks_like=(
+            f"waypoints from t = 0 on (the last at {end_s:g} s, where {geometry.horizon_s:g} s are "
+            f"wanted): {share:.0%} of the trajectories that move begin at (0, 0)"
+        ),
+        convert_option=None,
+        by_hand="leave out t = 0 and write the waypoint that is missing at the end",
+    )
+
+
+def _offset_mend(compared: Sequence[Compared]) -> Mend | None:
+    """Name waypoints of another point than the rear axle: a standing car is not where it stands."""
+    standing = [each for each in compared if math.hypot(*each.recorded[-1]) < OFFSET_SPREADS_M]
+    if len(standing) < MIN_STANDING:
+        return None
+    offset_m = statistics.median(each.source[0][0] for each in standing)
+    are_alike = _share(
+        max(abs(x_m - offset_m) for x_m, _ in each.source) < OFFSET_SPREADS_M for each in standing
+    )
+    if abs(offset_m) < OFFSET_ABOVE_M or (are_alike or 0.0) < FROM_ORIGIN:
+        return None
+    return Mend(
+        looks_like=(
+            f"waypoints of a point {offset_m:.2f} m ahead of the rear axle: there begin those of "
+            "cars that stand"
+        ),
+        convert_option=f"--origin-offset-m {-offset_m:.2f} --follows rear-axle",
+    )
+
+
+def _lead_mend(tried: Sequence[Compared], error: float, geometry: GeometrySection) -> Mend | None:
+    """Name waypoints that begin one time step late: a first step twice as long as the next."""
+    steps = [
+        math.hypot(*each.source[0]) / max(math.dist(*each.source[:2]), AT_ORIGIN_M)
+        for each in tried
+        if len(each.source) > 1
+    ]
+    if not steps or statistics.median(steps) < FIRST_STEPS_LONGER:
+        return None
+    mended_error = _error([(each.source[:-1], each.recorded[1:]) for each in tried])
+    if mended_error > FITS or error <= LEAD_FITS_BETTER * mended_error:
+        return None
+    step_s = geometry.time_step_s
+    return Mend(
+        looks_like=f"waypoints from {2 * step_s:g} s on (the one at {step_s:g} s is missing)",
+        convert_option=None,
+        error=error,
+        mended_error=mended_error,
+        by_hand=f"write the waypoint at {step_s:g} s first",
+    )
+
+
+def _row_mend(
+    whole: Mapping[str, tuple[Points | None, Points | None]], recorded: Mapping[str, Points] | None
+) -> Mend | None:
+    """Name trajectories that stand one row off: each is that of the sample before or behind it."""
+    sources = [source for source, _ in whole.values()]
+    of_edited = _neighbour(sources, [edited for _, edited in whole.values()])
+    found = _neighbour([(recorded or {}).get(name) for name in whole], sources)
+    if found is not None:
+        what = "trajectories" if of_edited is None else "source trajectories"
+        own = "drive"
+    elif of_edited is not None:
+        found, own = of_edited, "source trajectory"
+        what = "edited trajectories" if recorded else "edited trajectories, or the source ones,"
+    else:
+        return None
+    share, side = found
+    return Mend(
+        looks_like=(
+            f"{what} that stand one row off: where two rows differ, {share:.0%} begin nearer to "
+            f"the {own} of the sample {side} than to their own"
+        ),
+        convert_option=None,
+        by_hand="write each trajectory with its own sample id",
+    )
+
+
+def _neighbour(
+    own: Sequence[Points | None], answers: Sequence[Points | None]
+) -> tuple[float, str] | None:
+    """Return the share of answers that are nearer to what a neighbour is, and on which side of it."""
+    for step, side in ((1, "behind"), (-1, "before")):
+        others = [*own[step:], *own[:step]]
+        nearer = [
+            math.dist(answer[0], other[0]) < math.dist(answer[0], mine[0])
+            for answer, mine, other in zip(answers, own, others, strict=True)
+            if answer and mine and other and math.dist(mine[0], other[0]) > ROWS_DIFFER_M
+        ]
+        if len(nearer) >= MIN_COMPARED and sum(nearer) >= OF_NEIGHBOUR * len(nearer):
+            return sum(nearer) / len(nearer), side
+    return None

@@ -1,14 +1,24 @@
 """Other forms in which planners write a trajectory: the checker names them, `convert` reads them."""
 
-import json
 import math
+import re
 from collections.abc import Mapping
 from typing import Any
 
-AXES = (("x", "y"), ("x_m", "y_m"))
+AXES = (("x", "y"), ("x_m", "y_m"), ("X", "Y"))
 HEADINGS = ("heading", "heading_rad", "yaw", "theta")
+_ROW = re.compile(r"\[([^\[\]]+)\]")
 MAX_POINT_WIDTH = 3
 """x, y and a heading."""
+
+
+NULL_WORDS = frozenset({"", "none", "nan", "null", "na", "n/a", "nil"})
+"""What programs write as text for nothing, in small letters."""
+
+
+def is_null_word(value: Any) -> bool:
+    """Whether it is a text, or false, that stands for nothing."""
+    return value is False or (isinstance(value, str) and value.strip().lower() in NULL_WORDS)
 
 
 def is_number(value: Any) -> bool:
@@ -17,17 +27,24 @@ def is_number(value: Any) -> bool:
 
 
 def number_in(text: Any) -> float | None:
-    """Return the number that a text writes, NaN and infinities included; None where it is none."""
+    """Return the number that a text writes, NaN, infinities and a decimal comma included.
+
+    None where it is none.
+    """
     if not isinstance(text, str):
         return None
+    if is_null_word(text):
+        return math.nan
     try:
-        return float(text)
+        return float(text.replace(",", ".") if "." not in text else text)
     except ValueError:
         return None
 
 
 def point_in(value: Any) -> list[Any] | None:
-    """Return [x, y] or [x, y, heading] of a waypoint that is an object with these keys."""
+    """Return [x, y] or [x, y, heading] of a waypoint that is an object with these keys, or a text."""
+    if isinstance(value, str):
+        return _numbers_in(value)
     axes = _axes_of(value)
     if axes is None:
         return None
@@ -55,6 +72,8 @@ def trajectory_in(value: Any) -> tuple[list[Any], str] | None:
             return inner, f'waypoints in an object, under the key "{key}"'
     if not isinstance(value, list) or not value:
         return None
+    if len(value) > 1 and all(_is_point_in_list(each) for each in value):
+        return [each[0] for each in value], "waypoints each in a list of its own"
     if all(is_number(each) or number_in(each) is not None for each in value):
         if len(value) % 2:
             return None
@@ -66,11 +85,20 @@ def trajectory_in(value: Any) -> tuple[list[Any], str] | None:
 
 
 def _list_in(text: str) -> tuple[list[Any], str] | None:
-    try:
-        found = json.loads(text)
-    except (ValueError, RecursionError):
+    """Read `[[1.0, 0.0], ...]` with commas or blanks, as numpy and torch print it."""
+    found = [_numbers_in(row) for row in _ROW.findall(text)]
+    if len(found) < 2 or None in found:
         return None
-    return (found, "a list that is written as text") if isinstance(found, list) else None
+    return found, "a list that is written as text"
+
+
+def _numbers_in(text: str) -> list[Any] | None:
+    numbers = [number_in(word) for word in text.strip("()[] ").replace(",", " ").split()]
+    return numbers if len(numbers) > 1 and None not in numbers else None
+
+
+def _is_point_in_list(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 1 and isinstance(value[0], list)
 
 
 def _axes_of(value: Any) -> list[Any] | None:

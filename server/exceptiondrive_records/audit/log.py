@@ -7,6 +7,7 @@ head of the chain is locked last and shortly, and never in a circle with other l
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any
 
 from sqlalchemy import func, select, text
@@ -144,6 +145,7 @@ def audit_page(
     actor: str | None = None,
     subject: str | None = None,
     by_people: bool = False,
+    since: datetime | None = None,
 ) -> list[AuditLine]:
     """Return lines, newest first.
 
@@ -154,6 +156,7 @@ def audit_page(
         actor: Only by this one.
         subject: Only about this.
         by_people: Leave out what the machinery writes of itself.
+        since: Only lines of this time or later.
     """
     query = select(AuditLine).order_by(AuditLine.id.desc()).limit(limit)
     if before is not None:
@@ -164,6 +167,8 @@ def audit_page(
         query = query.where(AuditLine.subject == subject)
     if by_people:
         query = query.where(AuditLine.actor.not_in(_MACHINES))
+    if since is not None:
+        query = query.where(AuditLine.at >= since)
     return list(session.scalars(query))
 
 

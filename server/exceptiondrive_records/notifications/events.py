@@ -110,7 +110,8 @@ def _outcomes(
         seen = view(session, submission)
         if seen.awaits_board:
             continue
-        title = f"{seen.method} was {seen.status.value}"
+        outcome = "waits for your word" if seen.is_asked else f"was {seen.status.value}"
+        title = f"{seen.method} {outcome}"
         sentences = tuple(_sentences(session, seen))
         page = f"/submissions/{seen.id}"
         yield _Event(wish, seen.id, title, sentences, page, seen.phase)
@@ -120,6 +121,8 @@ def _sentences(session: Session, seen: SubmissionView) -> Iterator[str]:
     """Say of an outcome what the team's own page says."""
     if seen.report is not None and seen.report.faults:
         yield f"{counted(sum(each.count for each in seen.report.faults), 'fault')} in the file."
+    if seen.is_asked and seen.report is not None:
+        yield " ".join(("Nothing is counted yet.", *seen.report.to_confirm))
     if seen.failure is not None:
         yield seen.failure.message
     if seen.sheet is not None:

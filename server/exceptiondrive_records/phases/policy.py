@@ -173,9 +173,9 @@ def shown_board(phase: Phase, board: Board, now: datetime) -> Board:
     )
 
 
-def shown_sheet(session: Session, phase: Phase, row: ScoreSheetRow) -> ScoreSheet:
+def shown_sheet(phase: Phase, row: ScoreSheetRow, now: datetime) -> ScoreSheet:
     """Return a sheet as anybody may see it now; without families and tasks before their date."""
-    if families_shown_from(phase, database_now(session)) is None:
+    if families_shown_from(phase, now) is None:
         return row.sheet
     return without_breakdown(row.sheet)
 

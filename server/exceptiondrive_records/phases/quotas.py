@@ -16,7 +16,8 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.submission import Quota, SubmissionStatus
 
 COSTS_NOTHING = (SubmissionStatus.REJECTED, SubmissionStatus.FAILED)
-"""A wrong file costs no quota, nor does our own failure. A withdrawn submission does."""
+"""A wrong file costs no quota, nor does our own failure. A withdrawn submission does, unless another
+one counts in its place, as its team confirmed."""
 WAITING = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED, SubmissionStatus.SCORING)
 
 
@@ -24,12 +25,14 @@ def quota_of(session: Session, team_id: int, phase: Phase) -> Quota:
     """Return what the team has used and may still use."""
     now = database_now(session)
     today = start_of_day(now)
-    is_counted = Submission.status.not_in(COSTS_NOTHING)
+    is_asked_about = Submission.confirmed_as.is_not(None)
+    is_counted = Submission.status.not_in(COSTS_NOTHING) & ~is_asked_about
+    is_rejected = (Submission.status == SubmissionStatus.REJECTED) | is_asked_about
     is_of_today = Submission.received_at >= today
     counts = (
         is_counted,
         is_counted & is_of_today,
-        (Submission.status == SubmissionStatus.REJECTED) & is_of_today,
+        is_rejected & is_of_today,
         Submission.status.in_(WAITING),
     )
     query = select(*(func.count().filter(which) for which in counts)).where(

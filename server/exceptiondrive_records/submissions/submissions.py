@@ -175,10 +175,12 @@ def accept(
     size_bytes: int,
     arrived_at: datetime | None = None,
     idempotency_key: str | None = None,
+    asks_first: bool = False,
 ) -> Accepted:
     """Accept an upload: submission, first job and audit line, or none of them.
 
-    The same bytes of a team in a phase give the first submission again and cost nothing.
+    The same bytes of a team in a phase give the first submission again and cost nothing. Where that
+    one waits for the word of its team, they are the word: this one counts in its place.
 
     Args:
         session: Of a write transaction.
@@ -195,6 +197,8 @@ def accept(
             unless the rest took longer than `LONGEST_UPLOAD`.
         idempotency_key: What the sender names this upload: sent again it is the same submission,
             whatever became of that meanwhile.
+        asks_first: Let it count only if its team need not be asked, as it takes the place of no entry
+            and would be ranked; else it is rejected with what is to be confirmed.
 
     Raises:
         NotFound: No such phase or team, or the team has no submission to link to.
@@ -224,15 +228,20 @@ def accept(
         linked_to=linked_to,
         arrived_at=arrived_at,
         idempotency_key=idempotency_key,
+        asks_first=asks_first,
     )
-    if first is not None:
+    new_id, now = random_id(), database_now(session)
+    if first is not None and first.is_asked and not asks_first:
+        first.status, first.confirmed_as = SubmissionStatus.WITHDRAWN, new_id
+        first.status_at = first.withdrawn_at = now
+        session.flush()  # two living submissions of the same bytes cannot be
+    elif first is not None:
         require_same_words(first, told)
         is_same_upload = idempotency_key is not None and first.idempotency_key == idempotency_key
         return Accepted(first, is_duplicate=not is_same_upload, job_id=None)
-    now = database_now(session)
     told["facts"] = told["facts"] or _last_facts(session, team_id, phase.id, told["method"])
     submission = Submission(
-        id=random_id(),
+        id=new_id,
         phase_id=phase.id,
         team_id=team_id,
         **told,
@@ -245,6 +254,7 @@ def accept(
         arrived_at=arrival(arrived_at, now),
         granted_until=_granted_until(session, team_id, phase),
         idempotency_key=idempotency_key,
+        asks_first=asks_first,
     )
     job = new_job(submission, phase.protocol_digest, phase.split_revision, Lane.LIVE, True, now)
     session.add(submission)
@@ -254,6 +264,38 @@ def accept(
     detail = {"phase": phase.id, "file_digest": file_digest, "size_bytes": size_bytes}
     audit(session, f"team:{team_id}", "submission received", submission.id, detail)
     return Accepted(submission, is_duplicate=False, job_id=job.id)
+
+
+def confirm(session: Session, submission_id: str) -> Submission:
+    """Let what a team was asked about count: a new submission of the same file and words.
+
+    Confirming twice is once. The deadline is judged by the first byte of the file.
+
+    Raises:
+        NotFound: No such submission.
+        Conflict: Nothing is asked of it.
+        RecordsError: It is refused as by `accept`.
+    """
+    asked = find_submission(session, submission_id)
+    lock_team(session, asked.team_id)
+    session.refresh(asked)
+    if asked.confirmed_as is not None:
+        return find_submission(session, asked.confirmed_as)
+    if not asked.is_asked:
+        raise Conflict("Nothing is asked of this submission; there is nothing to confirm.")
+    return accept(
+        session,
+        team_id=asked.team_id,
+        phase_id=asked.phase_id,
+        method=asked.method,
+        description=asked.description,
+        links=Links(paper=asked.paper_url, code=asked.code_url),
+        facts=asked.facts,
+        linked_to=asked.linked_to,
+        file_digest=asked.file_digest,
+        size_bytes=asked.size_bytes,
+        arrived_at=asked.arrived_at,
+    ).submission
 
 
 def _last_facts(
@@ -285,6 +327,7 @@ def require_acceptable(
     linked_to: str | None,
     arrived_at: datetime | None,
     idempotency_key: str | None = None,
+    asks_first: bool = False,
 ) -> Submission | None:
     """Refuse what cannot be accepted; return the team's first submission of the same bytes, if any.
 
@@ -302,7 +345,7 @@ def require_acceptable(
     now = database_now(session)
     first = _same_upload(session, team_id, phase, file_digest, idempotency_key, now)
     first = first or _same_bytes(session, team_id, phase, file_digest)
-    if first is not None:
+    if first is not None and (asks_first or not first.is_asked):
         require_same_link(first, linked_to)
         return first
     require_terms(session, team_id, phase)
@@ -310,7 +353,7 @@ def require_acceptable(
     _require_open(session, phase, allowance, arrival(arrived_at, now))
     require_quota(session, team_id, phase)
     require_counterpart(session, team_id, phase, linked_to)
-    return None
+    return first
 
 
 def arrival(arrived_at: datetime | None, now: datetime) -> datetime:

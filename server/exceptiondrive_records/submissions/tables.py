@@ -66,11 +66,21 @@ class Submission(Base):
     """What was chosen then: this run, or the best or newest one of its method."""
     idempotency_key: Mapped[str | None]
     """What the team named the upload, so that one that is sent again is known."""
+    asks_first: Mapped[bool] = mapped_column(default=False)
+    """It counts only if nothing has to be asked first: else it is rejected with the questions."""
+    confirmed_as: Mapped[str | None]
+    """The submission that counts in its place, since the team said yes to what was asked."""
     published_at: Mapped[datetime | None]
     """When the team made it public, in a phase that keeps entries private."""
     facts: Mapped[MethodFacts | None] = mapped_column(DocumentText(MethodFacts))
     edited_at: Mapped[datetime | None]
     """When the team last changed name, words, links or facts; `SubmissionEdit` says how."""
+
+    @property
+    def is_asked(self) -> bool:
+        """Whether its file is sound, and its team has to say yes before it counts."""
+        is_rejected = self.status is SubmissionStatus.REJECTED
+        return is_rejected and self.report is not None and bool(self.report.to_confirm)
 
 
 class SubmissionEdit(Base):

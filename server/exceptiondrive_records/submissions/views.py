@@ -94,6 +94,7 @@ def view(
         and disqualified_at is None
         and _is_board_coming(session, phase, submission),
         is_duplicate=is_duplicate,
+        confirmed_as=submission.confirmed_as,
         is_late=is_late(phase, submission),
         replaced_by=replaced,
         is_chosen=is_chosen,
@@ -156,7 +157,7 @@ def published_sheet(session: Session, submission: Submission, phase: Phase) -> S
         return None
     key = (submission.id, phase.protocol_digest, phase.split_revision)
     row = session.get(ScoreSheetRow, key)
-    return None if row is None else shown_sheet(session, phase, row)
+    return None if row is None else shown_sheet(phase, row, database_now(session))
 
 
 def recent_scoring_s(session: Session) -> float | None:

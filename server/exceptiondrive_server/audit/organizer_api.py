@@ -6,6 +6,7 @@ from fastapi import APIRouter, Query
 from pydantic import BaseModel
 
 from exceptiondrive_records.audit.log import audit_page, verify_audit
+from exceptiondrive_schemas.datetimes import Moment, first_moment
 from exceptiondrive_server.audit.queries import AuditLineView, line_view
 from exceptiondrive_server.web.auth import ServicesOf
 
@@ -31,6 +32,9 @@ def get_audit(
     actor: Annotated[str | None, Query(max_length=200, description="only by this one")] = None,
     subject: Annotated[str | None, Query(max_length=200, description="only about this")] = None,
     by_people: Annotated[bool, Query(description="without what worker and server write")] = False,
+    since: Annotated[
+        Moment | None, Query(description="a time, or a day from its first moment in UTC")
+    ] = None,
 ) -> list[AuditLineView]:
     """Read the audit log, newest first."""
     with services.database.read() as session:
@@ -41,6 +45,7 @@ def get_audit(
             actor=actor,
             subject=subject,
             by_people=by_people,
+            since=None if since is None else first_moment(since),
         )
         return list(map(line_view, lines))
 

@@ -143,7 +143,8 @@ def _read_sheets(
             ScoreSheetRow.split_revision == board.split.revision,
         )
     )
-    sheets = {row.submission_id: shown_sheet(session, phase, row) for row in rows}
+    now = database_now(session)
+    sheets = {row.submission_id: shown_sheet(phase, row, now) for row in rows}
     found = ((entry, sheets.get(entry.submission_id or "")) for entry in best)
     curves = ((entry, sheet.clearance_curve) for entry, sheet in found if sheet)
     protocol, metric = find_protocol(session, board.protocol.digest), challenge_of(board).metrics[0]

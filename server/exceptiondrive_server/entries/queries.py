@@ -14,6 +14,7 @@ from exceptiondrive_records.boards.boards import (
     parsed_board,
 )
 from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import find_phase, list_phases
 from exceptiondrive_records.phases.policy import is_anonymous, shown_sheet
@@ -237,7 +238,7 @@ def _sheet(session: Session, key: str | None, board: Board) -> ScoreSheet | None
         return None
     row = session.get(ScoreSheetRow, (key, board.protocol.digest, board.split.revision))
     phase = session.get_one(Phase, board.phase)
-    return shown_sheet(session, phase, row) if row else None
+    return shown_sheet(phase, row, database_now(session)) if row else None
 
 
 def _is_kept_private(session: Session, submission: Submission) -> bool:

@@ -29,7 +29,12 @@ from exceptiondrive_schemas.phase_settings import RunRule
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.submission import SubmissionPage, SubmissionStatus, SubmissionView
 from exceptiondrive_server.submissions.download import own_upload
-from exceptiondrive_server.submissions.upload import received_upload, take_upload, upload_body
+from exceptiondrive_server.submissions.upload import (
+    confirmed_upload,
+    received_upload,
+    take_upload,
+    upload_body,
+)
 from exceptiondrive_server.web.auth import Reader, ServicesOf, Submitter, own_team, team_of
 from exceptiondrive_server.web.problems import problem_responses, quota_headers
 from exceptiondrive_server.web.services import Services
@@ -209,6 +214,29 @@ def withdraw_submission(
 ) -> SubmissionView:
     """Take a submission off the board; withdrawing twice is one."""
     return _decide(services, principal, submission_id, withdraw)
+
+
+@router.post(
+    "/{submission_id}/confirm",
+    operation_id="confirmSubmission",
+    responses=problem_responses(
+        *_SIGNED_IN,
+        ProblemCode.NOT_FOUND,
+        ProblemCode.CONFLICT,
+        ProblemCode.PHASE_CLOSED,
+        ProblemCode.QUOTA_EXCEEDED,
+        ProblemCode.REJECTED_CAP_EXCEEDED,
+    ),
+)
+def confirm_submission(
+    services: ServicesOf, principal: Submitter, submission_id: SubmissionId
+) -> SubmissionView:
+    """Say yes to what was asked of an upload with `asks_first`: a new submission of it counts.
+
+    Confirming twice is one. The deadline is judged by the first byte of the upload, if that came
+    within a quarter of an hour.
+    """
+    return confirmed_upload(services, principal, submission_id)
 
 
 @router.post(

@@ -42,7 +42,7 @@ from exceptiondrive_server.submissions.queries import phase_rules, score_tables
 from exceptiondrive_server.submissions.quick_start import quick_start
 from exceptiondrive_server.submissions.receipts_api import statement_of
 from exceptiondrive_server.submissions.runs import run_lines
-from exceptiondrive_server.submissions.upload import received_upload, take_upload
+from exceptiondrive_server.submissions.upload import confirmed_upload, received_upload, take_upload
 from exceptiondrive_server.submissions.view import (
     actions_of,
     is_spent,
@@ -332,6 +332,16 @@ def withdraw_submission(
     """Take a submission off the board."""
     _decide(services, browser, submission_id, withdraw)
     return RedirectResponse(f"/submissions/{submission_id}", status_code=303)
+
+
+@router.post("/submissions/{submission_id}/confirm")
+def confirm_submission(
+    services: ServicesOf, browser: Browser, form: PostedForm, submission_id: SubmissionId
+) -> Response:
+    """Let what the team was asked about count, and lead to what counts in its place."""
+    require_scope(browser, Scope.SUBMIT)
+    confirmed = confirmed_upload(services, browser.principal, submission_id)
+    return RedirectResponse(f"/submissions/{confirmed.id}", status_code=303)
 
 
 @router.post("/submissions/{submission_id}/{what}")

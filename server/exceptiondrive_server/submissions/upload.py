@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from sqlalchemy.orm import Session
 from starlette.datastructures import FormData, UploadFile
 
+from exceptiondrive_records.accounts.tokens import Principal
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import RecordsError, StoreError, UploadEmpty
 from exceptiondrive_records.operations.garbage import remove_orphan
@@ -27,6 +28,7 @@ from exceptiondrive_records.submissions.file_store import is_kept
 from exceptiondrive_records.submissions.submissions import (
     Accepted,
     accept,
+    confirm,
     find_submission,
     require_acceptable,
 )
@@ -38,6 +40,7 @@ from exceptiondrive_schemas.method_facts import MethodFacts
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.submission import Quota, SubmissionView
 from exceptiondrive_server.submissions.facts_form import PREFIX, facts_of_form
+from exceptiondrive_server.web.auth import own_team
 from exceptiondrive_server.web.browser_session import FORM_TOKEN
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.services import Services
@@ -66,6 +69,13 @@ class UploadFields(BaseModel):
     linked_to: Annotated[
         str, Field(max_length=64, description="your submission of the same agent without reminder")
     ] = ""
+    asks_first: Annotated[
+        bool,
+        Field(
+            description="if it replaces an entry or would not be ranked, count nothing and say so: "
+            "its `report.to_confirm`"
+        ),
+    ] = False
 
     @field_validator("facts")
     @classmethod
@@ -209,6 +219,7 @@ def take_upload(
             linked_to=fields.linked_to or None,
             arrived_at=_arrived_at(session, began_s),
             idempotency_key=idempotency_key,
+            asks_first=fields.asks_first,
         )
     size_bytes = _store(services, upload.file)
     try:
@@ -229,6 +240,22 @@ def take_upload(
         submission = find_submission(session, accepted.submission.id)
         taken = view(session, submission, is_duplicate=accepted.is_duplicate)
         return taken, quota_of(session, team_id, find_phase(session, fields.phase))
+
+
+def confirmed_upload(
+    services: Services, principal: Principal, submission_id: str
+) -> SubmissionView:
+    """Let a submission of a team count that it was asked about, and call a worker.
+
+    Raises:
+        RecordsError: It is refused; what was asked stays as it is.
+    """
+    with services.database.write() as session:
+        find_submission(session, submission_id, team_id=own_team(principal))
+        counted_id = confirm(session, submission_id).id
+    _wake(services)
+    with services.database.read() as session:
+        return view(session, find_submission(session, counted_id))
 
 
 def _accept(
@@ -258,6 +285,7 @@ def _accept(
             size_bytes=size_bytes,
             arrived_at=_arrived_at(session, began_s),
             idempotency_key=idempotency_key,
+            asks_first=fields.asks_first,
         )
 
 

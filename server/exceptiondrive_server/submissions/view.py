@@ -51,12 +51,21 @@ class Step:
 
 def status_of(submission: SubmissionView) -> Status:
     """Return the status in words."""
+    meaning = _MEANING[submission.status]
+    if submission.is_asked:
+        meaning = f"Nothing is counted yet, and no quota is spent. {_questions(submission)}"
     return Status(
-        word=submission.status.value,
-        meaning=_MEANING[submission.status],
+        word="not confirmed" if submission.is_asked else submission.status.value,
+        meaning=meaning,
         place=place_words(submission.queue) if submission.queue else None,
         is_final=submission.status.is_terminal,
     )
+
+
+def _questions(submission: SubmissionView) -> str:
+    """Say what the team is asked; it need not answer."""
+    asked = " ".join(submission.report.to_confirm) if submission.report else ""
+    return f"{asked} Submit it all the same?"
 
 
 def place_words(queue: QueuePlace) -> str:
@@ -76,7 +85,10 @@ def steps_of(submission: SubmissionView) -> tuple[Step, ...]:
         states = ["done" if at < now else "ahead" for at in range(len(STEPS))]
         states[now] = "done" if status.is_terminal else "now"
         return tuple(Step(s.value, state) for s, state in zip(STEPS, states, strict=True))
-    return (Step(SubmissionStatus.RECEIVED.value, "done"), Step(status.value, "ended"))
+    return (
+        Step(SubmissionStatus.RECEIVED.value, "done"),
+        Step(status_of(submission).word, "ended"),
+    )
 
 
 def _ahead(position: int) -> str:
@@ -134,6 +146,8 @@ def policy_sentences(seen: SubmissionView, policy: PhasePolicy) -> Iterator[str]
             "Samples that were private count now; a score on them is shown for the entries that "
             "stood on the board at the deadline alone."
         )
+    if seen.confirmed_as is not None:
+        yield f"Submission {seen.confirmed_as} counts in its place, as the team confirmed."
     if seen.replaced_by is not None:
         yield (
             f"Submission {seen.replaced_by} stands on the board in its place; withdraw that one, and "
@@ -155,6 +169,8 @@ def actions_of(
     seen: SubmissionView, policy: PhasePolicy, *, has_closed: bool
 ) -> tuple[tuple[str, str], ...]:
     """Return what the team may say of a submission now: end of the address, and words."""
+    if seen.is_asked:
+        return (("confirm", "Submit it"),)
     is_scored = seen.status is SubmissionStatus.SCORED
     return tuple(_actions(seen, policy, has_closed)) if is_scored else ()
 

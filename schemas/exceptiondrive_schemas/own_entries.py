@@ -1,0 +1,76 @@
+"""A team's own entries: which of them an upload takes the place of, and how they are named."""
+
+from collections.abc import Iterable, Mapping
+
+from exceptiondrive_schemas.challenges import CHALLENGES, Metric
+from exceptiondrive_schemas.phase_settings import PhasePolicy
+from exceptiondrive_schemas.protocol import PublicationSection
+from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
+
+HEADLINE = "macro_family"
+
+
+def replaced_entry(
+    own: Iterable[SubmissionView], method: str | None, policy: PhasePolicy, *, is_open: bool
+) -> SubmissionView | None:
+    """Return the entry that another upload of a team takes the place of once it is scored.
+
+    Args:
+        own: Submissions of the team in the phase.
+        method: Name of the method of the upload; None: a new one.
+        policy: Of the phase.
+        is_open: Whether the phase is; else what comes is late.
+    """
+    if policy.entries_private:
+        return None
+    shows_one = policy.entries_shown == "chosen"
+    standing = (
+        each
+        for each in own
+        if each.status is SubmissionStatus.SCORED
+        and each.replaced_by is None
+        and each.is_late != is_open
+        and (each.method == method or (shows_one and is_open))
+        and not each.is_chosen
+        and (shows_one or each.run_rule != "best")
+    )
+    return next(standing, None)
+
+
+def to_confirm(unranked_because: str | None, replaces: SubmissionView | None) -> Mapping[str, str]:
+    """Return what nobody may be surprised by, in a sentence; by the argument of `submit` that says yes."""
+    found = {}
+    if replaces is not None:
+        found["replace"] = f"It replaces {entry_words(replaces)}."
+    if unranked_because is not None:
+        found["allow_unranked"] = f"It will be scored but not ranked: {unranked_because}."
+    return found
+
+
+def metric_text(
+    metric: Metric, value: float | None, publication: PublicationSection | None = None
+) -> str:
+    """Return a value as the board shows it.
+
+    Args:
+        metric: Which metric.
+        value: Fraction or metres; None where undefined.
+        publication: Digits; two where not given.
+    """
+    if value is None:
+        return "-"
+    if metric.unit == "fraction":
+        return f"{100 * value:.{publication.percent_decimals if publication else 2}f}"
+    return f"{value:.{publication.metre_decimals if publication else 2}f}"
+
+
+def entry_words(view: SubmissionView) -> str:
+    """Name an entry of the team with its score and rank: "ID (HCC 55.13, rank 4) of "Method"."""
+    facts = []
+    if view.sheet is not None and view.challenge in CHALLENGES:
+        challenge = CHALLENGES[view.challenge]
+        metric = challenge.metric(challenge.primary_order[0].metric)
+        value = getattr(view.sheet, HEADLINE).get(metric.key)
+        facts.append(f"{metric.label} {metric_text(metric, value)}")
+    facts += [f"rank {view.rank}"] if view.rank else ["not ranked"]
+    return f'{view.id} ({", ".join(facts)}) of "{view.method}"'

@@ -1,0 +1,185 @@
+"""Uploads that count only once their team was asked, where there is something to ask."""
+
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import pytest
+
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict, PhaseClosed, QuotaExceeded
+from exceptiondrive_records.entries.selection import choose
+from exceptiondrive_records.operations.invariants import violations
+from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_records.phases.quotas import quota_of
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.submissions import confirm
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.submissions.views import view
+from exceptiondrive_records.work.jobs import jobs_of
+from exceptiondrive_schemas.phase_settings import PhasePolicy
+from exceptiondrive_schemas.split import Split
+from exceptiondrive_schemas.submission import Quota, SubmissionStatus, SubmissionView
+from exceptiondrive_worker.scoring_run import score_next
+
+World = Any
+MakeFile = Callable[..., bytes]
+GAPS = {"a": {"edited": None}}
+
+
+@pytest.fixture
+def on_both(make_world: Callable[..., World], database_url: str, tiny: Split) -> World:
+    world = make_world(database_url)
+    world.add_phase(tiny)
+    return world
+
+
+def seen(world: World, submission_id: str) -> SubmissionView:
+    with world.database.read() as session:
+        return view(session, session.get_one(Submission, submission_id))
+
+
+def quota(world: World, submission_id: str) -> Quota:
+    with world.database.read() as session:
+        submission = session.get_one(Submission, submission_id)
+        return quota_of(session, submission.team_id, find_phase(session, "dev"))
+
+
+def confirmed(world: World, submission_id: str) -> str:
+    """Say yes, and let a worker score it; return the id of what counts."""
+    with world.database.write() as session:
+        counted_id = confirm(session, submission_id).id
+        (job,) = jobs_of(session, counted_id)
+        lane = job.lane
+    assert lane is not None
+    assert score_next(world.context, lane)
+    return counted_id
+
+
+def test_what_would_not_be_ranked_costs_nothing_until_it_is_confirmed(
+    on_both: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    asked_id = on_both.score(planning_file(tiny, changes=GAPS), asks_first=True)
+    asked = seen(on_both, asked_id)
+    assert asked.is_asked
+    assert asked.sheet is None
+    assert asked.report is not None
+    (question,) = asked.report.to_confirm
+    assert question.endswith(
+        "not ranked: 75.00% of the scenes with hazard are answered; ranking takes 99%."
+    )
+    before = quota(on_both, asked_id)
+    assert (before.used_today, before.rejected_today) == (0, 1)
+
+    counted = seen(on_both, confirmed(on_both, asked_id))
+    assert counted.status is SubmissionStatus.SCORED
+    assert counted.sheet is not None
+    assert (counted.method, counted.file_digest) == (asked.method, asked.file_digest)
+    assert seen(on_both, asked_id).confirmed_as == counted.id
+    after = quota(on_both, asked_id)
+    assert (after.used_today, after.rejected_today) == (1, 1), "a question is no way round the cap"
+    with on_both.database.read() as session:
+        assert violations(session) == []
+
+
+def test_a_file_without_a_question_goes_straight_on(
+    on_both: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    scored = seen(on_both, on_both.score(planning_file(tiny), asks_first=True))
+    assert scored.status is SubmissionStatus.SCORED
+    assert not scored.is_asked
+
+
+def test_a_wrong_file_is_told_its_faults_and_asked_nothing(
+    on_both: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    on_both.score(planning_file(tiny))
+    rejected = seen(on_both, on_both.score(b"[]", asks_first=True))
+    assert rejected.report is not None
+    assert rejected.report.faults
+    assert not rejected.is_asked
+
+
+def test_a_run_that_takes_the_place_of_an_entry_is_asked_about_and_a_new_method_is_not(
+    on_both: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    first = on_both.score(planning_file(tiny), method="Kestrel")
+    other = on_both.score(planning_file(tiny, 1.1), method="Merlin", asks_first=True)
+    assert seen(on_both, other).status is SubmissionStatus.SCORED
+    asked_id = on_both.score(planning_file(tiny, 1.2), method="Kestrel", asks_first=True)
+    asked = seen(on_both, asked_id)
+    assert asked.report is not None
+    (question,) = asked.report.to_confirm
+    assert question.startswith(f"It replaces {first} (HCC ")
+    assert question.endswith('of "Kestrel".')
+    assert seen(on_both, first).replaced_by is None
+    counted_id = confirmed(on_both, asked_id)
+    assert seen(on_both, first).replaced_by == counted_id
+
+
+def test_where_the_best_run_stands_nothing_is_replaced(
+    world: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    world.add_phase(tiny, policy=PhasePolicy(run_choice="team"))
+    first = world.score(planning_file(tiny), method="Kestrel")
+    with world.database.write() as session:
+        choose(session, first, actor="test", rule="best")
+    later = world.score(planning_file(tiny, 1.2), method="Kestrel", asks_first=True)
+    assert seen(world, later).status is SubmissionStatus.SCORED
+
+
+def test_the_same_bytes_without_a_question_are_the_word(
+    on_both: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    data = planning_file(tiny, changes=GAPS)
+    asked_id = on_both.score(data, asks_first=True)
+    counted_id = on_both.score(data, method="Another name")
+    assert counted_id != asked_id
+    assert seen(on_both, counted_id).method == "Another name"
+    assert seen(on_both, asked_id).confirmed_as == counted_id
+
+
+def test_confirming_twice_is_once_and_there_must_be_a_question(
+    on_both: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    asked_id = on_both.score(planning_file(tiny, changes=GAPS), asks_first=True)
+    counted_id = confirmed(on_both, asked_id)
+    with on_both.database.write() as session:
+        assert confirm(session, asked_id).id == counted_id
+    with pytest.raises(Conflict, match="Nothing is asked"), on_both.database.write() as session:
+        confirm(session, counted_id)
+    assert quota(on_both, asked_id).used_today == 1
+
+
+def test_a_confirmation_takes_quota_as_an_upload_does(
+    on_both: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    asked_id = on_both.score(planning_file(tiny, changes=GAPS), asks_first=True)
+    on_both.score(planning_file(tiny), method="other")
+    with on_both.database.write() as session:
+        session.get_one(Phase, "dev").quota_per_day = 1
+    with pytest.raises(QuotaExceeded), on_both.database.write() as session:
+        confirm(session, asked_id)
+    assert seen(on_both, asked_id).is_asked, "what is refused changes nothing"
+
+
+@pytest.mark.parametrize(("minutes_ago", "is_late"), [(5, False), (20, True)])
+def test_a_confirmation_is_judged_by_the_first_byte_of_its_file(
+    on_both: World, tiny: Split, planning_file: MakeFile, minutes_ago: int, is_late: bool
+) -> None:
+    asked_id = on_both.score(planning_file(tiny, changes=GAPS), asks_first=True)
+    with on_both.database.write() as session:
+        now = database_now(session)
+        session.get_one(Submission, asked_id).arrived_at = now - timedelta(minutes=minutes_ago)
+        session.get_one(Phase, "dev").opens_at = datetime(2020, 1, 1, tzinfo=UTC)
+        session.get_one(Phase, "dev").closes_at = now - timedelta(minutes=2)
+    if is_late:
+        with pytest.raises(PhaseClosed), on_both.database.write() as session:
+            confirm(session, asked_id)
+        return
+    with on_both.database.write() as session:
+        counted = confirm(session, asked_id)
+        closes_at = session.get_one(Phase, "dev").closes_at
+        assert closes_at is not None
+        assert counted.arrived_at is not None
+        assert counted.arrived_at < closes_at
