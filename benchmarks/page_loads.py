@@ -28,7 +28,7 @@ PAGES = {
     "board of 1,000": "/?phase=board-1000",
     "entry": "{entry}",
     "compare": "/compare?phase=sample",
-    "protocol": "/protocols/1.0",
+    "protocol": "{protocol}",
 }
 LOADS, ASKS, CLIENTS, BURST = 5, 30, 8, 300
 PHONE: dict[str, Any] = {
@@ -122,9 +122,10 @@ def _measure(servers: dict[str, str]) -> None:
         browser = playwright.chromium.launch(
             executable_path=chromium, args=["--no-sandbox", "--disable-gpu"]
         )
+        links = {name: _linked(url) for name, url in servers.items()}
         for title, path in PAGES.items():
             for name, url in servers.items():
-                address = url.rstrip("/") + path.format(entry=_first_entry(url))
+                address = url.rstrip("/") + path.format_map(links[name])
                 desk = [_load(browser, address) for _ in range(LOADS)]
                 phone = [_load(browser, address, on_phone=True) for _ in range(LOADS)]
                 last = desk[-1]
@@ -173,10 +174,15 @@ def _watched_bytes(session: CDPSession) -> list[float]:
     return sizes
 
 
-def _first_entry(url: str) -> str:
+def _linked(url: str) -> dict[str, str]:
+    """Addresses of an entry and of the protocol, as the board of the sample links them."""
     html = _body(f"{url.rstrip('/')}/?phase=sample").decode()
-    found = re.search(r'href="(/entries/[a-z0-9]{10}[^"#]*)', html)
-    return found[1] if found else "/"
+    patterns = {
+        "entry": r'href="(/entries/[a-z0-9]{10}[^"#]*)',
+        "protocol": r'href="(/protocols/[^"#]+)',
+    }
+    found = {kind: re.search(pattern, html) for kind, pattern in patterns.items()}
+    return {kind: one[1] if one else "/" for kind, one in found.items()}
 
 
 def _body(address: str) -> bytes:

@@ -118,6 +118,16 @@ class Organizer(Connection):
         path = f"/organizer/news/{quoted(news_id)}/withdraw"
         return self._transport.post_once(path, {"reason": reason})
 
+    def people(self) -> list[Record]:
+        """Return everybody who signed in through the provider, with their roles."""
+        return self._transport.records("/organizer/people")
+
+    def set_role(self, person_id: str, role: str | None, phases: Sequence[str] = ()) -> Record:
+        """Give a person a role of organizers, confined to phases where they are named; None: none."""
+        body = {"is_organizer": role is not None, "phases": list(phases)}
+        path = f"/organizer/people/{quoted(person_id)}/organizer"
+        return self._transport.post_once(path, body | ({"role": role} if role else {}))
+
     def questions(self) -> list[Record]:
         """Return the questions of all teams, those that wait first."""
         return self._transport.records("/organizer/questions")

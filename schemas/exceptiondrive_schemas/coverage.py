@@ -44,7 +44,7 @@ def too_little_covered(
         for key, share in shares.items()
         if share < least
     ]
-    return f"{' and '.join(parts)} are answered; ranking takes {least:.0%}" if parts else None
+    return f"{' and '.join(parts)} are answered; a rank needs {least:.0%}" if parts else None
 
 
 def _below(share: float, least: float) -> str:

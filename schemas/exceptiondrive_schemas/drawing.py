@@ -234,10 +234,10 @@ def caption(sample: SampleDrawing) -> tuple[str, str]:
 def outcome(sample: SampleDrawing) -> str:
     """Say how near the tube comes, in a few words."""
     if sample.clearance_m is None:
-        return "no edited trajectory: counts as intrusion"
+        return "no path with the hazard: counts as a hit"
     if sample.is_intrusion:
-        return f"intrusion; {sample.d_safe_m:g} m asked for"
-    return f"clearance {sample.clearance_m:.2f} m of {sample.d_safe_m:g} m"
+        return f"hit; {sample.d_safe_m:g} m required"
+    return f"clearance {sample.clearance_m:.2f} m of {sample.d_safe_m:g} m required"
 
 
 def _with_unit(value: float, unit: str) -> str:

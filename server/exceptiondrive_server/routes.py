@@ -5,6 +5,7 @@ from fastapi import APIRouter, Depends
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.accounts import api as accounts
 from exceptiondrive_server.accounts import organizer_api as organizer_accounts
+from exceptiondrive_server.accounts import organizer_pages as people_pages
 from exceptiondrive_server.accounts import pages as account_pages
 from exceptiondrive_server.accounts import token_pages
 from exceptiondrive_server.audit import organizer_api as organizer_audit
@@ -137,6 +138,7 @@ for _part in (
     participation_pages.router,
     news_pages.router,
     organizer_team_pages.router,
+    people_pages.router,
     organizer_phase_pages.router,
     organizer_submission_pages.router,
     organizer_protocol_pages.router,

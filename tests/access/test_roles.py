@@ -240,6 +240,33 @@ def test_a_person_has_the_role_that_was_given_from_the_next_request_on(site: "Ap
     assert granted["detail"] == {"role": "helper", "phases": ["dev"]}
 
 
+def test_organizers_give_and_take_roles_by_page(
+    site: "Api", browse: Callable[..., "TeamBrowser"]
+) -> None:
+    with site.database.write() as session:
+        ada = welcome_person(session, Identity("https://issuer.example", "s", "Ada <b>"))
+        person_id = ada.id
+    reader, owner = browse(site), browse(site)
+    reader.sign_in("reader")
+    owner.sign_in("owner")
+    page = f"/organize/people/{person_id}"
+    assert page in owner.get("/organize/people").text
+    sent = {**reader.form(page), "role": "owner"}
+    assert reader.send(page, sent).status_code == 403
+    wrong = owner.post(page, {"role": "helper", "phases": "no-such"}, page=page)
+    assert wrong.status_code == 404
+    done = owner.post(page, {"role": "helper", "phases": "dev other"}, page=page)
+    assert done.headers["location"] == "/organize/people?done=role_set"
+    told = owner.get("/organize/people").text
+    assert ("dev, other" in told, "<b>" in told) == (True, False)
+    assert 'value="dev other"' in owner.get(page).text
+    owner.post(page, {"role": "", "phases": ""}, page=page)
+    (person,) = site.get("/organizer/people", "owner").json()
+    assert (person["role"], person["phases"]) == (None, [])
+    actions = [line["action"] for line in site.get("/organizer/audit", "owner").json()]
+    assert actions.index("organizer ended") < actions.index("organizer granted")
+
+
 def test_operators_give_roles_by_command(
     site: "Api", sqlite_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

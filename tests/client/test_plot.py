@@ -69,13 +69,13 @@ def test_a_scene_holds_the_clearance_by_hand(scenes: Scenes) -> None:
 def test_an_intrusion_has_no_clearance_to_draw(scenes: Scenes) -> None:
     svg = picture([scenes.scene("s1")], "one")
     assert "gap-text" not in _classes(svg)
-    assert "intrusion; 1 m asked for" in svg
+    assert "hit; 1 m required" in svg
     assert _classes(picture([scenes.scene("s0")], "one"))["gap-text"] == 1
 
 
 def test_what_is_missing_is_said_and_not_drawn(scenes: Scenes) -> None:
     without_edited, without_source = (picture([scenes.scene(s)], "one") for s in ("s3", "s2"))
-    assert "no edited trajectory: counts as intrusion" in without_edited
+    assert "no path with the hazard: counts as a hit" in without_edited
     assert "box" not in _classes(without_edited)
     assert _classes(without_edited)["source-dot"] == 6
     assert "source-dot" not in _classes(without_source)
@@ -103,7 +103,7 @@ def test_a_picture_says_in_words_what_it_shows_and_follows_light_and_dark(scenes
     svg = picture([scenes.scene("s0"), scenes.scene("s1")], "a & b")
     root = Xml.fromstring(svg)
     assert root.findtext(f"{SVG}title") == "a & b"
-    assert "clearance 4.47 m of 2 m" in (root.findtext(f"{SVG}desc") or "")
+    assert "clearance 4.47 m of 2 m required" in (root.findtext(f"{SVG}desc") or "")
     assert "prefers-color-scheme:dark" in svg
 
 

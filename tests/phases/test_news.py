@@ -129,6 +129,29 @@ def test_a_question_changes_no_link_of_its_answer(open_phase: "Life") -> None:
     assert ("1. one" in said, "\\" in said) == (True, False), "an inbox knows no Markdown"
 
 
+def test_no_question_is_too_long_to_be_answered(open_phase: "Life") -> None:
+    life = open_phase
+    for words in ("\n".join("*" * 500), "#" * 1000):
+        body = {"text": words}
+        asked = life.request("POST", "/api/v1/phases/test/questions", "alpha", json=body).json()
+        life.done(f"/questions/{asked['id']}/answer", {"text": "No.", "to_all": True})
+
+
+@pytest.mark.parametrize("to_all", [True, False])
+def test_a_question_speaks_to_no_inbox_in_the_organizers_name(
+    open_phase: "Life", *, to_all: bool
+) -> None:
+    life = open_phase
+    words = "May we use maps?\n\nAnswer of the organizers: yes.\n> \n\nYour organizers"
+    body = {"text": words}
+    asked = life.request("POST", "/api/v1/phases/test/questions", "alpha", json=body).json()
+    life.done(f"/questions/{asked['id']}/answer", {"text": "No.\n\nNever.", "to_all": to_all})
+    said = life.json("/api/v1/notifications", "beta" if to_all else "alpha")[0]["what_changed"]
+    answer = said.index("The organizers answer:")
+    assert all(line.startswith("> ") for line in said[:answer])
+    assert said[answer + 1 :] == ["No.", "Never."]
+
+
 def test_who_may_not_is_refused(open_phase: "Life") -> None:
     life = open_phase
     question = asked(life, "api")

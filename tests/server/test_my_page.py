@@ -25,16 +25,16 @@ def test_a_run_shows_score_interval_change_and_trend(
     api: "Api", browse: Callable[..., "TeamBrowser"], make_entry: MakeEntry
 ) -> None:
     first, second = (api.submit(text).json()["id"] for text in ("a", "b"))
-    api.score(first, hcc=0.5)
-    api.score(second, hcc=0.625)
+    api.score(first, hcc=0.375)
+    api.score(second, hcc=0.5)
     newest, oldest = my_rows(api, browse)
-    assert "62.50 +12.50 since the run before" in newest
-    assert "[HCC of the runs so far: 50.00, 62.50]" in newest
+    assert "50.00 +12.50 since the run before" in newest
+    assert "[HCC of the runs so far: 37.50, 50.00]" in newest
     assert "Rank awaited: the next board is being built." in newest
     assert "Another run stands in its place." in oldest
     api.publish(make_entry("Planner", submission_id=second))
     newest, oldest = my_rows(api, browse)
-    assert "±10.00" in newest
+    assert "±10.0" in newest.split()
     assert "Stands in place of 1 other run." in newest
     assert "awaited" not in newest
     assert "±" not in oldest
@@ -56,7 +56,7 @@ def test_what_is_not_ranked_says_why(
     one = api.submit("a").json()["id"]
     api.score(one)
     entry = make_entry("Planner", submission_id=one, rank=None)
-    because = "66.96% of the scenes are answered; ranking takes 99%"
+    because = "66.96% of the scenes are answered; a rank needs 99%"
     api.publish(entry.model_copy(update={"unranked_because": because}))
     (row,) = my_rows(api, browse)
     assert f"Not ranked: {because}." in row

@@ -210,7 +210,7 @@ def test_the_list_shows_scores_and_the_page_of_one_all_that_is_done_with_it(
     api.publish(make_entry("Planner", submission_id=one, rank=3))
     body = organizer.get("/organize/submissions").text.split("<tbody>")[1]
     row = " ".join(re.sub(r"<[^>]+>", " ", body).split())
-    assert re.search(r"^Planner .* scored 3 .*50\.00 ±10\.00 25\.00", row), row
+    assert re.search(r"^Planner .* scored 3 .*50\.00 ±10\.0 25\.00", row), row
     here = f"/organize/submissions/{one}"
     page = organizer.get(here).text
     for words in ("Score sheet", "HCC %", "50.00", "40 to 60"):

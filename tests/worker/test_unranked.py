@@ -125,7 +125,7 @@ def test_under_1_1_flagged_entries_are_listed_below_in_the_order_that_they_would
     assert rows["late"].rank_interval == (2, 2), "of two ranked entries, not of six"
     assert board.leader is not None
     assert board.leader.method == "in time"
-    assert "ranking takes 99%" in (rows["gaps"].unranked_because or "")
+    assert "a rank needs 99%" in (rows["gaps"].unranked_because or "")
 
 
 def test_zeros_in_place_of_missing_answers_rank_no_better_than_these(

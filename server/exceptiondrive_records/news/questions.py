@@ -78,18 +78,20 @@ def answer_question(
         raise NotFound("question", question_id)
     if row.answered_at is not None:
         raise Conflict("The question is answered already.")
-    limit = MAX_TEXT - MAX_QUESTION - MAX_TITLE
+    lines = row.text.splitlines()
+    quoted = "\n".join(f"> {_as_words(line)}" for line in lines)
+    marked = "\n\n".join(f"> {line.strip()}" for line in lines if line.strip())
+    limit = MAX_TEXT - max(len(quoted), len(marked)) - MAX_TITLE
     row.answer = checked_text("answer", text, max_length=limit, may_have_lines=True)
     row.answered_at = database_now(session)
+    plain = f"{marked}\n\nThe organizers answer:\n\n{row.answer}"
     if to_all:
-        quoted = "\n".join(f"> {_as_words(line)}" for line in row.text.splitlines())
-        told, plain = (f"{asked}\n\n{row.answer}" for asked in (quoted, f"Asked: {row.text}"))
+        told = f"{quoted}\n\n{row.answer}"
         news = publish_news(session, row.phase_id, _TITLE, told, actor=actor, plain=plain)
         row.news_id = news.id
     else:
         slug = session.get_one(Team, row.team_id).slug
-        told = f"You asked: {row.text}\n\n{row.answer}"
-        send_message(session, _TITLE, told, actor=actor, slugs=[slug])
+        send_message(session, _TITLE, plain, actor=actor, slugs=[slug])
     detail = {"phase": row.phase_id, "to_all": to_all}
     audit(session, actor, "question answered", row.id, detail)
     return row

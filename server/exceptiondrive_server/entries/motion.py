@@ -171,7 +171,7 @@ class Motion:
         )
         return (
             f"Clearance in metres every {self.time_step_s:g} s from 0 to {self.end_s:g} s, "
-            f"{self.first.d_safe_m:g} m asked for. {each}."
+            f"{self.first.d_safe_m:g} m required. {each}."
         )
 
     @property

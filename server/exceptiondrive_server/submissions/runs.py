@@ -25,11 +25,11 @@ class PhaseRules:
 
 @dataclass(frozen=True)
 class ScoreCell:
-    """One metric that ranks: as published, with half its interval, and the change."""
+    """One metric that ranks: as published, with its spread as on the board, and the change."""
 
     label: str
     text: str
-    plus_minus: str
+    spread: str
     change: str
     is_better: bool | None
     """Whether the change is for the better; None without one."""
@@ -123,14 +123,13 @@ def _cell(
 ) -> ScoreCell:
     value, earlier = values.get(metric.key), last.get(metric.key)
     difference = None if value is None or earlier is None else value - earlier
-    half = None if interval is None else (interval[1] - interval[0]) / 2
     is_better = None
     if difference:
         is_better = (difference > 0) == (metric.better == "higher")
     return ScoreCell(
         label=metric.label,
         text=digits.text(metric, value) or "none",
-        plus_minus="" if half is None else f"\u00b1{digits.text(metric, half)}",
+        spread="" if interval is None or value is None else digits.spread(metric, value, interval),
         change=digits.signed(metric, difference),
         is_better=is_better,
     )

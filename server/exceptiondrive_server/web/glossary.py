@@ -6,7 +6,11 @@ from typing import NamedTuple
 
 from exceptiondrive_schemas.challenges import CHALLENGES
 
-_DIRECTIONS = {"higher": "Higher is better.", "lower": "Lower is better.", None: "Not a score."}
+_DIRECTIONS = {
+    "higher": "Higher is better.",
+    "lower": "Lower is better.",
+    None: "It describes, and never ranks.",
+}
 
 
 class Term(NamedTuple):

@@ -40,6 +40,7 @@ DONE: Mapping[str, str] = MappingProxyType(
         "news_published": "The news are published, and every team is told.",
         "news_withdrawn": "The news are withdrawn: readers see them no more.",
         "question_answered": "The question is answered.",
+        "role_set": "The role is set. It counts from the next request on.",
         "phase_deleted": "The phase is deleted. The audit log keeps its name and your reason.",
         "submission_retried": "The submission is queued again, with all its attempts.",
         "submission_verified": "A worker recomputes it; what came of it stands below when it is done.",
@@ -70,6 +71,7 @@ SECTIONS = (
     ("protocols", "Protocols", "/organize/protocols"),
     ("rescoring", "Rescoring", "/organize/rescoring"),
     ("news", "News", "/organize/news"),
+    ("people", "People", "/organize/people"),
     ("site", "Site", "/organize/site"),
     ("audit", "Audit log", "/organize/audit"),
 )

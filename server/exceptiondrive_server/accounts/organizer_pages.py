@@ -1,0 +1,68 @@
+"""People who signed in through the provider, and the organizers' roles that they are given."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Request
+from fastapi.responses import Response
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.accounts.people import find_person, list_people, set_organizer
+from exceptiondrive_records.accounts.roles import OrganizerRole
+from exceptiondrive_schemas.form_fields import FormField
+from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.organizer_frame import (
+    OrganizerBrowser,
+    Step,
+    organizer_page,
+    step_at,
+)
+
+router = APIRouter(prefix="/organize/people", include_in_schema=False)
+HERE = "/organize/people"
+PersonId = Annotated[str, Path(max_length=64)]
+
+
+@router.get("")
+def show_people(request: Request, services: ServicesOf, browser: OrganizerBrowser) -> Response:
+    """List everybody who ever signed in through the provider, with their roles."""
+    with services.database.read() as session:
+        people = list_people(session)
+    return organizer_page(
+        request, browser, "accounts/organizer_people.html", "people", people=people
+    )
+
+
+@step_at(router, "/{person_id}")
+def role_of(services: ServicesOf, person_id: PersonId) -> Step:
+    """Give a person a role, or take it."""
+    with services.database.read() as session:
+        person = find_person(session, person_id)
+
+    def take(session: Session, role: str | None, phases: str | None, actor: str) -> None:
+        wanted = None if role is None else OrganizerRole(role)
+        set_organizer(session, person_id, wanted, (phases or "").split(), actor=actor)
+
+    return Step(
+        section="people",
+        title="Role of a person",
+        meaning="It counts from their next request on. An owner changes everything, a helper "
+        "approves teams and looks after submissions, read-only changes nothing.",
+        button="Set the role",
+        back=HERE,
+        back_words="People",
+        take=take,
+        done="role_set",
+        fields=(
+            FormField(
+                "role",
+                "Role",
+                "choice",
+                options=tuple((str(role), str(role)) for role in OrganizerRole),
+                empty="no organizer",
+            ),
+            FormField("phases", "Phases", hint="Ids, apart by blanks; empty: of the whole site."),
+        ),
+        texts={"role": person.organizer_role or "", "phases": " ".join(person.organizer_phases)},
+        facts=(("Name", person.name), ("Id", person.id)),
+        command=f"exceptiondrive organizer people set {person_id} --role helper --phase ID",
+    )

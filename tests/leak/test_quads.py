@@ -1,0 +1,36 @@
+"""A region is read from published sheets: many at once by usual settings, one by advised ones."""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from tests.leak.quads import Attack
+
+from exceptiondrive_schemas.protocol import NEWEST_WITHHELD, packaged_protocol
+
+if TYPE_CHECKING:
+    from tests.leak.conftest import Oracle
+
+N_UPLOADS = 8
+"""As many days with the advised quota of one a day."""
+
+
+def test_eight_uploads_read_several_regions_at_once_by_usual_settings(oracle: "Oracle") -> None:
+    first = np.unique(oracle.split.arrays.task_index, return_index=True)[1]
+    attack = Attack(replace(oracle, protocol=packaged_protocol("1.1")), first[:8].tolist())
+    for _ in range(N_UPLOADS):
+        attack.upload()
+    assert sum(iou > 0.3 for iou in attack.ious()) >= 3
+
+
+def test_eight_uploads_read_one_region_by_advised_settings(oracle: "Oracle") -> None:
+    """Nothing else is answered, so that the totals are those of one sample."""
+    advised = replace(oracle, protocol=packaged_protocol(NEWEST_WITHHELD))
+    first = np.unique(oracle.split.arrays.task_index, return_index=True)[1]
+    attack = Attack(advised, first[1:2].tolist())
+    for _ in range(N_UPLOADS):
+        attack.upload()
+    assert attack.ious()[0] > 0.3
+    with pytest.raises(ValueError, match="one sample"):
+        Attack(advised, first[:2].tolist())
