@@ -190,8 +190,9 @@ class PlanningRules:
             return None
         if not isinstance(value, list):
             is_null = is_null_word(value)
-            got, hint = (shown(value), NULL_WORD_HINT) if is_null else (kind(value), None)
-            self._refuse(FaultCode.WRONG_TYPE, path, self._form, got, sample_id, hint)
+            got = shown(value) if is_null else kind(value)
+            advice = NULL_WORD_HINT if is_null else None
+            self._refuse(FaultCode.WRONG_TYPE, path, self._form, got, sample_id, advice)
             return None
         if value and all(type(each) in NUMBERS for each in value):
             got = f"one flat list of {counted(len(value), 'number')}"
