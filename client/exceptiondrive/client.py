@@ -333,7 +333,7 @@ class Client(Connection):
             names = known() if name else [name]
             if name in names:  # something of it is not there
                 raise
-            near = get_close_matches(name, names, n=1)
+            near = get_close_matches(name.lower(), names, n=1)
             meant = f"Did you mean {near[0]!r}? " if near else ""
             listed = ", ".join(names[:MAX_NAMES]) + (" ..." if len(names) > MAX_NAMES else "")
             advice = f"{meant}There are the {what} {listed}." if names else f"There are no {what}."

@@ -72,5 +72,7 @@ def entry_words(view: SubmissionView) -> str:
         metric = challenge.metric(challenge.primary_order[0].metric)
         value = getattr(view.sheet, HEADLINE).get(metric.key)
         facts.append(f"{metric.label} {metric_text(metric, value)}")
-    facts += [f"rank {view.rank}"] if view.rank else ["not ranked"]
-    return f'{view.id} ({", ".join(facts)}) of "{view.method}"'
+    if view.rank is not None or view.unranked_because is not None:
+        facts.append(f"rank {view.rank}" if view.rank else "not ranked")
+    told = f" ({', '.join(facts)})" if facts else ""
+    return f'{view.id}{told} of "{view.method}"'

@@ -137,7 +137,7 @@ def test_the_sdk_replaces_an_entry_only_where_that_is_meant(
 def test_check_says_what_an_upload_will_do(working: "Running", planning_file: MakeFile) -> None:
     checked = ("check", "--phase", "dev", "--method", "Planner")
     before = run(working, *checked, str(planning_file())).stdout
-    assert "outlook: it will be ranked, as far as the file itself tells" in before
+    assert "outlook: it will be ranked, as far as can be told here" in before
     assert "it takes the place of no other entry" in before
     first = json.loads(submit(working, planning_file(), "--wait", "--json").stdout)
     told = run(working, *checked, str(slower_file(planning_file))).stdout
@@ -335,6 +335,8 @@ def test_phases_manifest_and_split_make_a_file_that_can_be_evaluated(
         (("manifest", "dve"), "Did you mean 'dev'? There are the phases dev, words."),
         (("leaderboard", "--phase", "wrds"), "Did you mean 'words'?"),
         (("quota", "--phase", "dew"), "Did you mean 'dev'?"),
+        (("quota", "--phase", "DEV"), "Did you mean 'dev'?"),
+        (("submissions", "--phase", "dvev"), "Did you mean 'dev'?"),
         (("split", "download", "tinny"), "Did you mean 'tiny'? There are the public splits tiny."),
     ],
 )

@@ -1,13 +1,17 @@
 """A season on real processes, as its organizers run it from the command line.
 
-Clone last year's phase, announce, open, 40 teams, a disqualification, protocol 1.1, freeze, reveal,
-archive, forget one team: at the end every board has the digest that it was published with.
+Clone last year's phase, announce, open, a question, 40 teams, a disqualification, a withdrawn sample
+together with protocol 1.1, freeze, reveal, close, report, export, archive, forget one team: at the end every
+board has the digest that it was published with.
 """
 
+import gzip
 import json
 import shutil
 import sqlite3
+import tarfile
 from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +21,7 @@ from tests.support.processes import wait_until
 from tests.support.system import System, running_system
 
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
+from exceptiondrive_schemas.split import Split
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 PHASE, LAST_YEAR, N_TEAMS = "year-2", "year-1", 40
@@ -54,6 +59,16 @@ def rescore(system: System, *words: str) -> Any:
     return json.loads(system.organize("rescore", *words, "--json"))
 
 
+def without_a_sample(system: System, folder: Path) -> str:
+    """Register a revision of the split of which one sample is withdrawn."""
+    later = json.loads(json.dumps(MADE.split))
+    later["samples"][0]["withdrawn"] = "The region lies on the wrong lane."
+    file, text = folder / "split.json.gz", json.dumps(later)
+    file.write_bytes(gzip.compress(text.encode()))
+    system.work("add-split", file, "--words", "One sample of the audit is withdrawn.")
+    return Split.model_validate_json(text).revision
+
+
 def test_a_season_from_clone_to_archive(system: System, tmp_path: Path) -> None:
     organize = system.organize
     options = ("--split", extract.NAME, "--protocol", "1.0", "--title", "The second year")
@@ -69,6 +84,12 @@ def test_a_season_from_clone_to_archive(system: System, tmp_path: Path) -> None:
     assert f"sent to {N_TEAMS} teams" in organize("message", "We begin", "--text", str(text))
     told = json.loads(system.client("notices", "--json", token=tokens["team-39"]).stdout)
     assert [(one["kind"], one["title"]) for one in told] == [("message", "We begin")]
+
+    asked = ("ask", "May a planner use a map?", "--phase", PHASE, "--json")
+    question = json.loads(system.client(*asked, token=tokens["team-7"]).stdout)["id"]
+    organize("questions", "answer", question, "--text", "Any map.", "--to-all")
+    page = system.read(f"/phases/{PHASE}")
+    assert ("Any map." in page, "Team 7" in page) == (True, False)
 
     ids = {}
     for number, (team, token) in enumerate(tokens.items()):
@@ -92,13 +113,19 @@ def test_a_season_from_clone_to_archive(system: System, tmp_path: Path) -> None:
     toml = tmp_path / "1.1.toml"
     toml.write_text(packaged_protocol_toml("1.1"), encoding="utf-8")
     organize("protocols", "add", str(toml))
-    run = rescore(system, "start", "--phase", PHASE, "--protocol", "1.1", *WHY)["id"]
+    revision = without_a_sample(system, tmp_path)
+    run = rescore(
+        system,
+        *("start", "--phase", PHASE, "--protocol", "1.1", "--split-revision", revision, *WHY),
+    )["id"]
     wait_until(
         lambda: rescore(system, "status", run)["state"] == "ready", "the update to be ready", 400
     )
     preview = rescore(system, "preview", run)
     rescore(system, "apply", run, "--preview", preview["digest"], *WHY)
-    assert system.get(f"/leaderboard?phase={PHASE}")["protocol"]["version"] == "1.1"
+    now = system.get(f"/leaderboard?phase={PHASE}")
+    assert (now["protocol"]["version"], now["n_samples"]) == ("1.1", extract.N_SAMPLES - 1)
+    assert "withdrawn" in system.read(f"/history?phase={PHASE}")
     assert len(board(system)) == N_TEAMS - 1
 
     before = digests(system)
@@ -108,7 +135,26 @@ def test_a_season_from_clone_to_archive(system: System, tmp_path: Path) -> None:
     assert "Team 4" in board(system)
     organize("phases", "reveal", PHASE, "--what", "board", *WHY)
     wait_until(lambda: "Team 4" not in board(system), "the revealed board", 120)
+    soon = datetime.now(UTC) + timedelta(seconds=30)
+    organize("phases", "update", PHASE, "--closes-at", soon.isoformat())
+    wait_until(lambda: f"/phases/{PHASE}/report" in system.read(f"/phases/{PHASE}"), "the end", 120)
     organize("phases", "update", PHASE, "--visibility", "archived")
+    report = json.loads(system.client("report", PHASE, "--json").stdout)
+    last = system.get(f"/leaderboard?phase={PHASE}")
+    frozen = system.get(f"/boards/{PHASE}/{report['shake_up']['board']}")
+    ranks = [{e["submission_id"]: e["rank"] for e in each["entries"]} for each in (frozen, last)]
+    assert (ids["team-4"] in ranks[0], ids["team-4"] in ranks[1]) == (True, False)
+    for one in report["shake_up"]["places"]:
+        name = one["submission_id"]
+        assert (one["before"], one["after"]) == (ranks[0].get(name), ranks[1].get(name))
+    assert (report["board"], report["n_submissions"]) == (last["board"], N_TEAMS)
+    assert report["protocols"] == ["1.0", "1.1"]
+    archive = tmp_path / "year-2.tar"
+    organize("phases", "export", PHASE, "--output", str(archive))
+    with tarfile.open(archive) as tar:
+        held = {name.split("/", 1)[1] for name in tar.getnames()}
+    assert {"README.md", "report.json", f"boards/board-{last['board']}.json"} <= held
+    assert sum(name.startswith("every_eval_ever/") for name in held) == len(board(system))
 
     numbers = digests(system)
     assert {number: numbers[number] for number in before} == before

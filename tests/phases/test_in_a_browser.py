@@ -24,6 +24,7 @@ OF_TEAM = (
     "/?phase=masked",
     "/?phase=parted",
     "/?phase=own",
+    "/phases/ended/report",
     "/my",
 )
 OF_ORGANIZER = ("/organize/phases", "/organize/phases/masked", "/organize/phases/new")
@@ -47,7 +48,8 @@ def _fill(life: "Life") -> None:
     life.make_phase("masked", title="Blind review", split="plain", policy={"anonymous": True})
     life.make_phase("parted", title="Public part")
     life.make_phase("own", title="Choose and publish", split="plain", policy=own)
-    for phase in ("frozen", "late", "masked", "parted", "own"):
+    life.make_phase("ended", title="Last year", split="plain", closes_at=life.ahead(60))
+    for phase in ("frozen", "late", "masked", "parted", "own", "ended"):
         split = "parted" if phase == "parted" else "plain"
         for who, speed in SPEEDS.items():
             life.submit(who, speed, f"{who.title()}Drive", split, phase)
@@ -58,8 +60,12 @@ def _fill(life: "Life") -> None:
         assert life.request("POST", address, "alpha").status_code == 200
     life.move("late", closes_at=life.now())
     life.submit("gamma", 1.0, "GammaDrive late", "plain", "late")
-    life.done("/phases/frozen/freeze")
+    for phase in ("frozen", "ended"):
+        life.done(f"/phases/{phase}/freeze")
+    life.submit("gamma", 0.5, "GammaDrive 2", "plain", "ended")
     life.work()
+    life.move("ended", closes_at=life.now())
+    life.done("/phases/ended/reveal", {"what": "board", "reason": "the end"})
 
 
 def signed_in(life: "Life", browser: Browser, site: str, who: str, **context: Any) -> Page:

@@ -36,6 +36,20 @@ def test_a_team_chooses_in_its_list_until_the_deadline(life: "Life") -> None:
     assert buttons(alpha.get(f"/submissions/{second}").text) == set()
 
 
+def test_a_team_with_a_later_deadline_chooses_until_then(life: "Life") -> None:
+    life.make_phase(split="plain", closes_at=life.ahead(60), policy={"entries_shown": "chosen"})
+    mine, theirs = (life.submit(who, 1.0, "Net", "plain") for who in ("alpha", "beta"))
+    life.work()
+    own = {"closes_at": life.ahead(90), "reason": "ill"}
+    life.done("/teams/alpha/allowances/test", own, "PUT")
+    life.move(closes_at=life.now())
+    alpha, beta = visitor(life, "alpha"), visitor(life, "beta")
+    assert buttons(alpha.get("/my").text) == {(mine, "choose")}
+    assert buttons(beta.get("/my").text) == set()
+    assert send(alpha, f"/submissions/{mine}/choose", BACK, page="/my").status_code == 303
+    assert send(beta, f"/submissions/{theirs}/choose", BACK, page="/my").status_code == 409
+
+
 def test_a_team_publishes_in_its_list_and_takes_back(life: "Life") -> None:
     life.make_phase(split="plain", policy={"entries_private": True})
     mine = life.submit("alpha", 1.0, "Net", "plain")

@@ -62,6 +62,7 @@ def test_a_report_comes_with_the_end_and_tells_what_the_boards_tell(life: "Life"
     page = life.get(PAGE).text
     words = text_of(page)
     assert f"board {final['board']}" in words
+    assert "</a> ," not in page
     assert "3 teams" in words
     assert f'href="/?phase=test&amp;board={before["board"]}#board"' in page
     assert f"{told[ids[0]][1] - told[ids[0]][0]} down" in words

@@ -110,7 +110,9 @@ def test_a_new_order_of_caution_goes_from_document_to_rollback(
     assert "regrade only, 3 sheets" in told
     organizer.say("protocols", "add", str(toml))
     done = counted(agents)
-    run = organizer.rescore("start", "--phase", "dev", "--protocol", "1.1", *REASON)
+    draft = ("--phase", "dev", "--protocol", "1.1", "--draft")
+    run = organizer.rescore("start", *draft, *REASON)
+    organizer.rescore("begin", run["id"], *REASON)
     assert agents.work() == 3
     assert done == {"grade": 3}, "a new order of caution reads and measures nothing again"
 

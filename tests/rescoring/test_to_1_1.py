@@ -48,7 +48,9 @@ def test_a_parked_car_leaves_rank_1_by_a_run_that_says_so(
     told = organizer.say("protocols", "diff", str(toml), "--phase", "dev")
     assert "flags with which an entry is listed without a rank: none -> Stands still, " in told
     organizer.say("protocols", "add", str(toml))
-    run = organizer.rescore("start", "--phase", "dev", "--protocol", "1.1", *REASON)
+    draft = ("--phase", "dev", "--protocol", "1.1", "--draft")
+    run = organizer.rescore("start", *draft, *REASON)
+    organizer.rescore("begin", run["id"], *REASON)
     parked.work()
 
     said = organizer.say("rescore", "preview", run["id"], "--csv", str(tmp_path / "new.csv"))

@@ -216,13 +216,15 @@ def test_terms_are_accepted_on_a_page_or_by_api_before_an_upload(
     browser = browse(api)
     assert 'href="/my/terms/dev"' in browser.get("/phases/dev").text
     browser.sign_in("alpha")
-    page = "/my/terms/dev"
+    page, first = "/my/terms/dev", "accept the terms of this phase"
+    assert first in browser.get("/submit").text
     assert "<em>fair</em>" in browser.get(page).text
     version = re.search(r'name="version" value="(\w+)"', browser.get(page).text)
     assert version is not None
     assert browser.post(page, {"version": "other"}, page=page).status_code == 409
     assert browser.post(page, {"version": version[1]}, page=page).status_code == 303
     assert "Accepted" in browser.get(page).text
+    assert first not in browser.get("/submit").text
     assert api.submit("a").status_code == 202
     seen = api.get("/phases/dev", "beta").json()
     assert (seen["terms_version"], seen["terms_accepted_at"]) == (version[1], None)

@@ -293,7 +293,9 @@ def test_what_is_asked_first_waits_for_the_word_of_its_team(
         "Leave it",
     ):
         assert words in page, words
-    assert "The file is wrong" not in page
+    listed = alpha.get("/my").text
+    assert "Nothing is counted yet. It will be scored but not ranked" in listed
+    assert "The file is wrong" not in page + listed
     beta = browse(api)
     beta.sign_in("beta")
     assert beta.post(f"{address}/confirm", {}, page="/submit").status_code == 404

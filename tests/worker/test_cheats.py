@@ -27,6 +27,7 @@ from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.flags import FLAGS
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.split import Manifest, Split
 from exceptiondrive_scoring.challenge import SCORING
@@ -182,6 +183,22 @@ def test_every_mistake_is_named_by_check_or_flagged(contest: Contest, name: str)
     outcome = contest.outcome(name)
     assert outcome.named or outcome.flags
     assert outcome.named, "with public recorded paths, `check` names every one of these"
+
+
+def test_check_tells_before_what_the_scorer_flags_without_a_region(contest: Contest) -> None:
+    told_of = set()
+    for name in contest.entries:
+        outcome = contest.outcome(name)
+        if not outcome.report.is_valid:
+            continue
+        said = outcome.report.unranked_because or ""
+        for code in ("impossible_motion", "reverses"):
+            assert (FLAGS[code].label in said) == (code in outcome.flags), (name, code, said)
+            told_of |= {code} & set(outcome.flags)
+        if FLAGS["hardly_moves"].label in said:
+            told_of.add("hardly_moves")
+            assert "hardly_moves" in outcome.flags, (name, said)
+    assert told_of == {"impossible_motion", "reverses", "hardly_moves"}
 
 
 def test_standing_still_leads_under_1_0_and_nothing_under_1_1(contest: Contest) -> None:

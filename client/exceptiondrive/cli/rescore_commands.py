@@ -35,6 +35,7 @@ WatchOption = Annotated[
 ]
 _SCORING = ("scoring",)
 _LOOK_EVERY_S = 1.0
+_MAX_LOOKS = 120
 MAX_SAMPLE = 100_000
 _ENDED = ("closed", "rolled_back", "cancelled")
 
@@ -54,11 +55,14 @@ def start(
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
-    """Draft a run and begin to score in the background; the board does not change."""
+    """Draft a run and begin to score in the background; the board does not change.
+
+    A worker tries the split first: where it cannot be scored, the run stays a draft.
+    """
     with _rescoring(server) as rescoring:
         run = rescoring.draft(phase, protocol, split_revision, reason)
         if not draft:
-            run = rescoring.step(run["id"], "start", reason)
+            run = rescoring.step(_tried(rescoring, run)["id"], "start", reason)
     _show_run(run, json)
 
 
@@ -191,6 +195,23 @@ def _watched(rescoring: Rescoring, run_id: str) -> Record:
             if run["state"] not in _SCORING or is_stuck:
                 return run
             time.sleep(_LOOK_EVERY_S)
+
+
+def _tried(rescoring: Rescoring, run: Record) -> Record:
+    """Wait until a worker has tried the split of a draft, which then may be refused."""
+    with Bar("trying the split") as bar:
+        for look in range(_MAX_LOOKS):
+            if (run.get("trial") or {}).get("state") != "waiting":
+                return run
+            bar.show(0, 1, f"run {run['id']}: a worker is to try the split")
+            if look:
+                time.sleep(_LOOK_EVERY_S)
+            run = rescoring.run(run["id"])
+    raise InvalidArgumentError(
+        "not_tried",
+        f"No worker has tried the split of run {run['id']} within {_MAX_LOOKS} s: it stays a draft.",
+        f"Look whether a worker serves the lane rescore; then: organizer rescore begin {run['id']}.",
+    )
 
 
 def _verified(rescoring: Rescoring, found: Record) -> Record:

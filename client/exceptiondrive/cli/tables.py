@@ -98,13 +98,18 @@ def report_view(
     yield from file_view(report)
 
 
+AS_FAR = (
+    "as far as can be told here: what asks for hazards, controls or families is tried by scoring"
+)
+
+
 def outlook_view(outlook: Outlook) -> Iterator[RenderableType]:
     """Yield what an upload will do, as far as the file and the team's entries tell."""
     if outlook.is_known:
         yield "these bytes were submitted before: that submission comes back, no quota is spent"
         return
     if outlook.report.unranked_because is None:
-        yield "outlook: it will be ranked, as far as the file itself tells"
+        yield f"outlook: it will be ranked, {AS_FAR}"
     if outlook.replaces is not None:
         yield f"outlook: it replaces {entry_words(outlook.replaces)}"
     elif outlook.report.is_valid:

@@ -5,7 +5,7 @@ from __future__ import annotations  # array[float] is no runtime type before 3.1
 import math
 from array import array
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -13,6 +13,7 @@ from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check.answers import PlanningDocument, TrajectoryPair
 from exceptiondrive_schemas.check.fault_list import FaultList, Path, kind, shown
 from exceptiondrive_schemas.check.frame import FrameCheck
+from exceptiondrive_schemas.check.motion import motion_flags
 from exceptiondrive_schemas.check.source_fit import AT_ORIGIN_M, file_profile
 from exceptiondrive_schemas.check.trajectory_forms import (
     is_null_word,
@@ -58,6 +59,7 @@ class PlanningRules:
         self._frame = FrameCheck(protocol)
         self._n_missing = {"source": 0, "edited": 0}
         self._n_trajectories = 0
+        self._pairs: Sequence[TrajectoryPair] = ()
         self._wrong_counts: Counter[int] = Counter()
         self._columns: Counter[str] = Counter()
 
@@ -77,6 +79,7 @@ class PlanningRules:
 
     def finish(self, answers: Mapping[str, Any], manifest: Manifest | None) -> FileProfile | None:
         """Check what can be told only over all predictions; say what the file looks like."""
+        self._pairs = tuple(answers.values())
         is_comparable = manifest is not None and self._frame.is_of_the_car
         profile = file_profile(
             answers,
@@ -160,6 +163,7 @@ class PlanningRules:
             )
         if source > section.flag_source_stationary:
             yield "source_stands_still", f"{source:.0%} of the source trajectories"
+        yield from motion_flags(self._pairs, self._protocol)
         same = profile.same_edited or 0.0
         if same > section.flag_same_answer:
             yield "same_answer", f"{same:.0%} of the edited trajectories are the same"
@@ -186,8 +190,9 @@ class PlanningRules:
             return None
         if not isinstance(value, list):
             is_null = is_null_word(value)
-            got, hint = (shown(value), NULL_WORD_HINT) if is_null else (kind(value), None)
-            self._refuse(FaultCode.WRONG_TYPE, path, self._form, got, sample_id, hint)
+            got = shown(value) if is_null else kind(value)
+            advice = NULL_WORD_HINT if is_null else None
+            self._refuse(FaultCode.WRONG_TYPE, path, self._form, got, sample_id, advice)
             return None
         if value and all(type(each) in NUMBERS for each in value):
             got = f"one flat list of {counted(len(value), 'number')}"

@@ -230,6 +230,8 @@ def show_my_submissions(
         seen = views(session, found[:SHOWN])
         phases = list_phases(session, with_hidden=True)
         rules = phase_rules(session, phases)
+        by_id, now = {phase.id: phase for phase in phases}, database_now(session)
+        ended = {one.id for one in found if not can_change(by_id[one.phase_id], one, now)}
         unread = (
             []
             if who.team_id is None
@@ -237,7 +239,7 @@ def show_my_submissions(
         )
         quotas = [phase for phase in _phases(session, services, who) if phase.is_open]
     can_decide = Scope.SUBMIT in who.scopes and who.team_id is not None
-    lines = run_lines(seen, rules, can_decide=can_decide)
+    lines = run_lines(seen, rules, ended=ended, can_decide=can_decide)
     has_tokens = Scope.TOKENS in who.scopes and who.team_id is not None
     return private_page(
         request,

@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.boards import entries_on
-from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.phases import find_phase
-from exceptiondrive_records.phases.policy import has_closed
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_schemas.challenges import CHALLENGES, Metric
@@ -48,10 +46,7 @@ def score_tables(session: Session, seen: SubmissionView) -> ScoreTables:
 
 def phase_rules(session: Session, phases: Iterable[Phase]) -> dict[str, PhaseRules]:
     """Return what a list of submissions needs of each phase."""
-    now = database_now(session)
     return {
-        phase.id: PhaseRules(
-            phase.policy, find_protocol(session, phase.protocol_digest), has_closed(phase, now)
-        )
+        phase.id: PhaseRules(phase.policy, find_protocol(session, phase.protocol_digest))
         for phase in phases
     }

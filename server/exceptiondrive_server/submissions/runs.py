@@ -1,6 +1,6 @@
 """A team's list of submissions: score with its interval, change to the run before, trend, standing."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from exceptiondrive_schemas.challenges import CHALLENGES, Metric
@@ -17,11 +17,10 @@ SPARK_PX = (76, 22)
 
 @dataclass(frozen=True)
 class PhaseRules:
-    """What of a phase the list needs: its policy, its protocol, and whether it has closed."""
+    """What of a phase the list needs: its policy and its protocol."""
 
     policy: PhasePolicy
     protocol: ProtocolDocument
-    has_closed: bool
 
 
 @dataclass(frozen=True)
@@ -54,20 +53,27 @@ class RunLine:
 
 
 def run_lines(
-    seen: Sequence[SubmissionView], rules: Mapping[str, PhaseRules], *, can_decide: bool
+    seen: Sequence[SubmissionView],
+    rules: Mapping[str, PhaseRules],
+    *,
+    ended: Collection[str] = (),
+    can_decide: bool,
 ) -> tuple[RunLine, ...]:
     """Return a line for each submission, in the order given: newest first.
 
     Args:
         seen: As their team sees them: what a phase keeps back is not in them.
         rules: By phase.
+        ended: Submissions whose deadline has passed, the team's own where it has a later one.
         can_decide: Whether who looks may choose, publish or withdraw.
     """
     lines: list[RunLine] = []
     runs: dict[tuple[str, str, str], list[SubmissionView]] = {}
     for one in reversed(seen):
         before = runs.setdefault((one.team, one.phase, one.method), [])
-        lines.append(_line(one, before, rules[one.phase], can_decide))
+        rule = rules[one.phase]
+        can_choose = can_decide and one.id not in ended
+        lines.append(_line(one, before, rule, can_decide, can_choose))
         if one.sheet is not None:
             before.append(one)
     replaced = [one.replaced_by for one in seen]
@@ -75,7 +81,11 @@ def run_lines(
 
 
 def _line(
-    one: SubmissionView, before: Sequence[SubmissionView], rule: PhaseRules, can_decide: bool
+    one: SubmissionView,
+    before: Sequence[SubmissionView],
+    rule: PhaseRules,
+    can_decide: bool,
+    can_choose: bool,
 ) -> RunLine:
     digits = Digits.of(rule.protocol.publication)
     challenge = CHALLENGES[one.challenge]
@@ -97,7 +107,7 @@ def _line(
         + ", ".join(digits.text(metrics[0], value) or "" for value in known),
         note=_note(one),
         standing=standing(one, rule.policy),
-        actions=actions_of(one, rule.policy, has_closed=rule.has_closed) if can_decide else (),
+        actions=actions_of(one, rule.policy, has_closed=not can_choose) if can_decide else (),
     )
 
 
@@ -140,6 +150,8 @@ def _spark(values: Sequence[float]) -> str:
 
 def _note(one: SubmissionView) -> str:
     """Say why it has no rank."""
+    if one.is_asked and one.report is not None:
+        return f"Nothing is counted yet. {' '.join(one.report.to_confirm)}"
     if one.status is SubmissionStatus.REJECTED and one.report is not None:
         n_faults = sum(group.count for group in one.report.faults)
         return f"The file is wrong: {counted(n_faults, 'fault')}. No quota was spent."
