@@ -5,9 +5,11 @@ import os
 import re
 import socket
 import ssl
+import threading
 import time
 from collections.abc import Iterator
 from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import httpx
 import pytest
@@ -236,3 +238,44 @@ def test_what_cannot_be_read_is_a_problem_in_words(
     assert b"content-type: application/problem+json" in head.lower()
     problem = Problem.model_validate_json(body)
     assert (problem.status, problem.title) == (status, PROBLEMS[problem.code].title)
+
+
+class SaysWhomItIsAskedAs(BaseHTTPRequestHandler):
+    """A page that names the host it is asked under, as those do where no public address is set."""
+
+    def do_GET(self) -> None:
+        body = self.headers["Host"].encode()
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Cache-Control", "public, max-age=60")
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, format: str, *args: object) -> None: ...
+
+
+@pytest.fixture
+def named_site() -> Iterator[Nginx]:
+    server = ThreadingHTTPServer(("127.0.0.1", 0), SaysWhomItIsAskedAs)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    names = Names("127.0.0.1")
+    started = Nginx(names, server.server_port)
+    yield started
+    started.close()
+    names.close()
+    server.shutdown()
+    server.server_close()
+
+
+def test_what_is_kept_for_one_host_was_asked_under_it(named_site: Nginx) -> None:
+    """A request in the absolute form names two; readers of one get nothing that names the other."""
+    trust = ssl.create_default_context(cafile=str(named_site.certificate))
+    answers = []
+    for target in (b"https://evil.example/api", b"/api"):
+        plain = socket.create_connection(("127.0.0.1", named_site.port), timeout=30)
+        with trust.wrap_socket(plain, server_hostname="127.0.0.1") as connection:
+            connection.sendall(
+                b"GET %s HTTP/1.1\r\nHost: good.example\r\nConnection: close\r\n\r\n" % target
+            )
+            answers.append(until_closed(connection).partition(b"\r\n\r\n")[2])
+    assert answers == [b"evil.example", b"good.example"]
