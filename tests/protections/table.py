@@ -13,6 +13,9 @@ from tests.protections.protection import nothing as _nothing
 from tests.protections.protection import same as _same
 from tests.protections.rescoring import RESCORING
 
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_schemas.submission import SubmissionStatus
+
 
 def _every_scope(principal_of: Any) -> Callable[..., Any]:
     from dataclasses import replace
@@ -345,6 +348,12 @@ PROTECTIONS = (
         "exceptiondrive_scoring.similarity:AlikeRule.is_probe",
         _always(False),
         "tests/worker/test_similarity_run.py::test_a_team_that_changes_one_sample_30_times_is_found_and_audited",
+    ),
+    Protection(
+        "probing-withdrawn",
+        "exceptiondrive_records.submissions.similarity:HAS_A_SHEET",
+        lambda _: Submission.status == SubmissionStatus.SCORED,
+        "tests/worker/test_similarity_run.py::test_probes_that_are_withdrawn_as_soon_as_they_are_scored_are_seen",
     ),
     Protection(
         "probing-share",

@@ -1,5 +1,6 @@
 """The board run: rank the scored entries of a phase under a protocol into a new snapshot."""
 
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import structlog
@@ -69,7 +70,7 @@ def build_board(context: WorkerContext, claimed: BoardRequest) -> None:
     """Build and publish the board that was claimed; what is drawn beside it follows."""
     phase_id = claimed.phase_id
     try:
-        board, standings = _board(context, claimed)
+        board, standings, like = _board(context, claimed)
         late = _late_board(context, claimed)
     except SplitUnavailableError as error:
         _log.error("split unavailable: board not built", phase=phase_id, reason=str(error))
@@ -82,8 +83,7 @@ def build_board(context: WorkerContext, claimed: BoardRequest) -> None:
     _log.info("board built", phase=phase_id, number=None if row is None else row.number)
     draw_protocol(context, claimed.protocol_digest)
     draw_entries(context, standings, most=DRAWN_AT_ONCE)
-    for target, _ in standings[:1]:
-        compare_submissions(context, phase_id, target)
+    compare_submissions(context, phase_id, like)
 
 
 def with_previous_ranks(
@@ -125,7 +125,8 @@ def _late_board(context: WorkerContext, claimed: BoardRequest) -> Board | None:
 
 def _board(
     context: WorkerContext, claimed: BoardRequest, view: BoardView = "main"
-) -> tuple[Board, list[Standing]]:
+) -> tuple[Board, list[Standing], Target]:
+    """The board, what stands on it, and the target of no file that is like all of the phase."""
     with context.database.read() as session:
         phase = find_phase(session, claimed.phase_id)
         protocol = find_protocol(session, claimed.protocol_digest)
@@ -146,7 +147,8 @@ def _board(
         context.database.read() as session,
     ):
         hold_floors(session, floors, ref, protocol)
-    targets = [Target(record.file_digest, challenge, split, protocol) for record in records]
+    like = Target("", challenge, split, protocol)
+    targets = [replace(like, file_digest=record.file_digest) for record in records]
     standings = list(zip(targets, records, strict=True))
     references = scored_references(context, challenge, split, protocol)
     rounding = Rounding(challenge, protocol.publication, is_public=is_public)
@@ -159,7 +161,7 @@ def _board(
     board = _document(phase, challenge, split, protocol, entries)
     board = board.model_copy(update={"comparisons": compared, "view": view, "part": part})
     _ = board.content_digest  # kept from here on: it is not made while the write lock is held
-    return board, standings
+    return board, standings, like
 
 
 def _scored(

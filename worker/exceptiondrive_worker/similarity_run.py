@@ -46,7 +46,7 @@ def compare_submissions(context: WorkerContext, phase_id: str, like: Target) -> 
     Args:
         context: Of this process.
         phase_id: The phase.
-        like: Any target of the phase: its challenge, split and protocol are those of all.
+        like: A target with the challenge, split and protocol of all, whatever its file.
     """
     rule = SCORING[like.challenge.id].alike
     if rule is None:
