@@ -145,6 +145,12 @@ PROTECTIONS = (
         "test_the_best_of_a_method_is_not_said_of_scores_that_are_kept_back",
     ),
     Protection(
+        "own-deadline-ends",
+        f"{RECORDS}.phases.allowances:end_own_deadlines",
+        _nothing,
+        "tests/phases/test_parts.py::test_a_later_deadline_of_a_team_ends_with_the_reveal",
+    ),
+    Protection(
         "order-of-phases",
         f"{SERVER}.web.organizer_rights:require_order_right",
         _nothing,

@@ -13,6 +13,7 @@ from tests.support.worker import build_board_of, score_submission
 from exceptiondrive_records.operations.dashboard import dashboard
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.similarity import similarity_report
+from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import SimilarityRow
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.similarity import AlikeKind, SimilarityReport
@@ -128,6 +129,18 @@ def test_a_team_that_changes_one_sample_30_times_is_found_and_audited(crowd: Wor
     assert [alarm.detail["submissions_at_least"] for alarm in alarms] == [20, 10, 5]
     assert {(alarm.subject, *alarm.detail["teams"]) for alarm in alarms} == {("dev", "Alpha")}
     assert "share most of their samples" in alarms[0].detail["seen"]
+
+
+def test_probes_that_are_withdrawn_once_they_are_read_are_seen(crowd: World) -> None:
+    crowd.score(upload(2), team="beta")
+    for number in range(8):
+        sent = crowd.score(upload(1, changed={7: 0.1 * number}), team="alpha", method=f"m{number}")
+        with crowd.database.write() as session:
+            withdraw(session, sent, actor="team:1")
+    found = report(crowd)
+    (probing,) = found.probing
+    assert (probing.teams, probing.n_submissions) == (("Alpha",), 7)
+    assert (found.n_compared, found.n_waiting) == (9, 0)
 
 
 def probes(number: int, base: int = 1, scale: float = 1.0) -> bytes:

@@ -18,6 +18,7 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import flush_or_refuse
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
 from exceptiondrive_records.db.identifiers import checked_text
+from exceptiondrive_records.phases.allowances import end_own_deadlines
 from exceptiondrive_records.phases.phases import (
     check_phase,
     find_phase,
@@ -149,6 +150,7 @@ def reveal_board(session: Session, phase_id: str, *, reason: str, actor: str) ->
 def unfreeze(session: Session, phase: Phase, now: datetime) -> None:
     """Let the pointer move again, to the newest board of what the phase shows."""
     phase.unfrozen_at = now
+    end_own_deadlines(session, phase, now)
     row = latest_board(session, phase.id, phase.protocol_digest, phase.split_revision)
     if row is not None:
         flip_board(session, phase, row)

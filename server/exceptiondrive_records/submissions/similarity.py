@@ -3,13 +3,13 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from sqlalchemy import func, select
+from sqlalchemy import exists, func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import PROBING_SUSPECTED, audit_once
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.phases import find_phase
-from exceptiondrive_records.submissions.tables import SimilarityRow, Submission
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, SimilarityRow, Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_schemas.similarity import (
     ALIKE_SUBMISSIONS,
@@ -20,11 +20,13 @@ from exceptiondrive_schemas.similarity import (
     SimilarityReport,
     SubmissionOfTeam,
 )
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 MOST_PAIRS = 500
 PROBES_BEFORE_ALARM = 5
 """So many submissions that change a few samples of another stand in the report and the audit log."""
+
+
+_HAS_SCORE = exists().where(ScoreSheetRow.submission_id == Submission.id)
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,10 @@ class ScoredFile:
 
 
 def scored_files(session: Session, phase_id: str) -> list[ScoredFile]:
-    """Return the scored submissions of a phase in order of receipt."""
+    """Return the submissions of a phase that ever had a score, in order of receipt.
+
+    Withdrawn ones too: what was read of them stays read.
+    """
     query = (
         select(
             Submission.id,
@@ -47,7 +52,7 @@ def scored_files(session: Session, phase_id: str) -> list[ScoredFile]:
             SimilarityRow.submission_id.is_not(None),
         )
         .outerjoin(SimilarityRow, SimilarityRow.submission_id == Submission.id)
-        .where(Submission.phase_id == phase_id, Submission.status == SubmissionStatus.SCORED)
+        .where(Submission.phase_id == phase_id, _HAS_SCORE)
         .order_by(Submission.received_at, Submission.id)
     )
     return [ScoredFile(*row) for row in session.execute(query)]
@@ -103,7 +108,7 @@ def similarity_report(session: Session, phase_id: str) -> SimilarityReport:
     n_scored = session.scalar(
         select(func.count())
         .select_from(Submission)
-        .where(Submission.phase_id == phase_id, Submission.status == SubmissionStatus.SCORED)
+        .where(Submission.phase_id == phase_id, _HAS_SCORE)
     )
     n_compared = sum(each.alike is not None for each in known.values())
     return SimilarityReport(
