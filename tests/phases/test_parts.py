@@ -251,6 +251,9 @@ def test_the_reveal_waits_for_the_deadline_then_flips_the_board_once(life: "Life
     assert (board["n_samples"], board["part"]) == (3, "private")
     assert [entry["team"] for entry in board["entries"]] == ["Beta Labs", "Alpha Institute"]
     assert life.json("/api/v1/phases/test")["now"]["part"] == "private"
+    for later in (life.ahead(60), None):  # the private part would answer live uploads
+        refused = life.refused("/phases/test", {"closes_at": later}, 409, "PATCH")
+        assert "Roll the reveal back" in refused
     assert life.board(f"&as_of={since}")["part"] == "public"
     assert life.get("/api/v1/boards/test/1").text == old
     changes = life.json("/api/v1/boards?phase=test")[0]["what_changed"]
