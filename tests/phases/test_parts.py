@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable
-from datetime import datetime
+from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -183,7 +183,7 @@ def test_an_upload_in_the_air_answers_nothing_that_was_revealed(
     life.make_phase(closes_at=life.ahead(60), policy={"live_part": "public", **policy})
     life.submit("alpha", PUBLIC_ONLY)
     life.work()
-    run, before = reveal(life), life.now()
+    run, before = reveal(life), life.now() - timedelta(seconds=1)
     life.move(closes_at=life.now())
     slow = accepted_with_its_first_byte(life, before, "sha256:slow")
     assert slow.arrived_at == before, "a slow upload is in time until then"
@@ -193,9 +193,39 @@ def test_an_upload_in_the_air_answers_nothing_that_was_revealed(
         accepted_with_its_first_byte(life, before, "sha256:held")
 
 
+@pytest.mark.parametrize("what", ["split", "board"])
+def test_a_later_deadline_of_a_team_ends_with_the_reveal(life: "Life", what: str) -> None:
+    """Else it chooses its final entry by the scores that were kept from all."""
+    hidden = {"live_part": "public"} if what == "split" else {"frozen_scores": "hidden"}
+    life.make_phase(
+        split="parted" if what == "split" else "plain",
+        closes_at=life.ahead(60),
+        policy={"entries_shown": "chosen", "run_choice": "team", **hidden},
+    )
+    split = "parted" if what == "split" else "plain"
+    own = [life.submit("beta", way, "M", split) for way in (PUBLIC_ONLY, PRIVATE_ONLY)]
+    life.work()
+    run = reveal(life) if what == "split" else life.done("/phases/test/freeze") and ""
+    life.move(closes_at=life.now())
+    grant = {"closes_at": life.ahead(60), "reason": "ill"}
+    life.done("/teams/beta/allowances/test", grant, "PUT")
+    chosen = f"/api/v1/submissions/{own[0]}/choose"
+    assert life.request("POST", chosen, "beta").status_code == 200
+    if what == "split":
+        life.work()
+        life.apply(run)
+    else:
+        life.done("/phases/test/reveal", {"what": "board", "reason": "the end"})
+    for each in own:
+        refused = life.request("POST", f"/api/v1/submissions/{each}/choose", "beta")
+        assert refused.status_code == 409
+    assert life.upload("beta", 3.0, "M", split).status_code == 403
+    assert "revealed" in life.refused("/teams/beta/allowances/test", grant, 409, "PUT")
+
+
 def test_an_upload_in_the_air_answers_no_board_that_was_hidden(life: "Life") -> None:
     life.make_phase(split="plain", closes_at=life.ahead(60), policy={"frozen_scores": "hidden"})
-    before = life.now()
+    before = life.now() - timedelta(seconds=1)
     life.done("/phases/test/freeze")
     life.move(closes_at=life.now())
     assert accepted_with_its_first_byte(life, before, "sha256:slow").arrived_at == before
@@ -221,6 +251,9 @@ def test_the_reveal_waits_for_the_deadline_then_flips_the_board_once(life: "Life
     assert (board["n_samples"], board["part"]) == (3, "private")
     assert [entry["team"] for entry in board["entries"]] == ["Beta Labs", "Alpha Institute"]
     assert life.json("/api/v1/phases/test")["now"]["part"] == "private"
+    for later in (life.ahead(60), None):  # the private part would answer live uploads
+        refused = life.refused("/phases/test", {"closes_at": later}, 409, "PATCH")
+        assert "Roll the reveal back" in refused
     assert life.board(f"&as_of={since}")["part"] == "public"
     assert life.get("/api/v1/boards/test/1").text == old
     changes = life.json("/api/v1/boards?phase=test")[0]["what_changed"]

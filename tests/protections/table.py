@@ -148,6 +148,12 @@ PROTECTIONS = (
         "test_the_best_of_a_method_is_not_said_of_scores_that_are_kept_back",
     ),
     Protection(
+        "own-deadline-ends",
+        f"{RECORDS}.phases.allowances:end_own_deadlines",
+        _nothing,
+        "tests/phases/test_parts.py::test_a_later_deadline_of_a_team_ends_with_the_reveal",
+    ),
+    Protection(
         "order-of-phases",
         f"{SERVER}.web.organizer_rights:require_order_right",
         _nothing,
@@ -351,7 +357,7 @@ PROTECTIONS = (
     ),
     Protection(
         "probing-withdrawn",
-        "exceptiondrive_records.submissions.similarity:HAS_A_SHEET",
+        "exceptiondrive_records.submissions.similarity:_HAS_SCORE",
         lambda _: Submission.status == SubmissionStatus.SCORED,
         "tests/worker/test_similarity_run.py::test_probes_that_are_withdrawn_as_soon_as_they_are_scored_are_seen",
     ),

@@ -31,6 +31,7 @@ from exceptiondrive_records.participation.disqualification import (
     disqualify_team,
     reinstate,
 )
+from exceptiondrive_records.participation.forgetting import forget_team
 from exceptiondrive_records.participation.importing import import_teams
 from exceptiondrive_records.participation.messages import recipients, send_message
 from exceptiondrive_records.phases.changes import update_phase
@@ -230,6 +231,19 @@ def test_two_teams_become_one_with_entries_people_and_addresses(world: World) ->
         tokens = session.scalars(select(Token).where(Token.team_id == beta))
         assert all(token.revoked_at is not None for token in tokens)
         assert find_team(session, "beta").name == "Beta"
+
+
+def test_an_upload_in_the_air_makes_no_entry_of_a_team_that_is_none_any_more(
+    world: World,
+) -> None:
+    """It was asked for a token before; what it says would stand under the alias for good."""
+    beta, gamma = another(world), another(world, "gamma")
+    with world.database.write() as session:
+        merge_teams(session, "beta", "alpha", **WHY)
+        forget_team(session, "gamma", **WHY)
+    for team_id in (beta, gamma):
+        with pytest.raises(NotAllowed, match="meanwhile"):
+            world.submit("held", team_id=team_id)
 
 
 def test_teams_with_the_same_bytes_or_a_disqualification_are_not_merged(world: World) -> None:

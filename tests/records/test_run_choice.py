@@ -5,7 +5,7 @@ from tests.records.conftest import World
 from tests.records.test_edits import close, scored, standing
 
 from exceptiondrive_records.db.errors import Conflict
-from exceptiondrive_records.entries.selection import choose
+from exceptiondrive_records.entries.selection import MAX_CHOICES_A_DAY, choose
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.submissions import find_submission, withdraw
 from exceptiondrive_records.submissions.views import view
@@ -57,6 +57,16 @@ def test_a_team_says_newest_best_or_one(world: World) -> None:
     assert set(standing(world)) == {first, other}
     say(world, first, "newest")
     assert set(standing(world)) == {last, other}
+
+
+def test_a_team_chooses_so_many_times_a_day(world: World) -> None:
+    """Each choice may become a board, and no board is ever removed."""
+    allow(world)
+    both = runs(world, 0.9, 0.5)
+    for number in range(MAX_CHOICES_A_DAY):
+        say(world, both[number % 2])
+    with pytest.raises(Conflict, match="50 times in 24 hours"):
+        say(world, both[0])
 
 
 def test_a_rule_holds_for_runs_to_come_and_a_withdrawn_choice_is_none(world: World) -> None:

@@ -1,9 +1,12 @@
 """What a team says of its entries: which one stands for it, and which are public."""
 
-from sqlalchemy import ColumnElement, select
+from datetime import timedelta
+
+from sqlalchemy import ColumnElement, func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.boards.ranking import stood_at_deadline
 from exceptiondrive_records.boards.requests import want_boards
 from exceptiondrive_records.db.clock import database_now
@@ -19,6 +22,9 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.phase_settings import RunRule
 from exceptiondrive_schemas.submission import SubmissionStatus
+
+MAX_CHOICES_A_DAY = 50
+"""Of a team, publications too."""
 
 
 def choose(
@@ -51,6 +57,7 @@ def choose(
         )
     if is_late(phase, submission):
         raise Conflict("This entry came after the deadline; it stands on the late view alone.")
+    _require_changes_left(session, submission)
     submission.chosen_at, submission.chosen_rule = now, rule
     want_boards(session, phase)
     audit(session, actor, "entry chosen", submission_id, {"phase": phase.id, "rule": rule})
@@ -98,6 +105,7 @@ def publish(session: Session, submission_id: str, *, actor: str) -> Submission:
     submission, phase = _scored(session, submission_id)
     _require_private(session, phase)
     if submission.published_at is None:
+        _require_changes_left(session, submission)
         submission.published_at = database_now(session)
         want_boards(session, phase)
         audit(session, actor, "entry published", submission_id, {"phase": phase.id})
@@ -114,10 +122,28 @@ def unpublish(session: Session, submission_id: str, *, actor: str) -> Submission
     submission, phase = _scored(session, submission_id)
     _require_private(session, phase)
     if submission.published_at is not None:
+        _require_changes_left(session, submission)
         submission.published_at = None
         want_boards(session, phase)
         audit(session, actor, "entry made private", submission_id, {"phase": phase.id})
     return submission
+
+
+def _require_changes_left(session: Session, submission: Submission) -> None:
+    """Each choice asks for a new board, which is kept for ever: audit lines say how many there were."""
+    since = database_now(session) - timedelta(days=1)
+    query = (
+        select(func.count())
+        .select_from(AuditLine)
+        .join(Submission, Submission.id == AuditLine.subject)
+        .where(
+            Submission.team_id == submission.team_id,
+            AuditLine.action.in_(("entry chosen", "entry published", "entry made private")),
+            AuditLine.at > since,
+        )
+    )
+    if (session.scalar(query) or 0) >= MAX_CHOICES_A_DAY:
+        raise Conflict(f"A team may choose {MAX_CHOICES_A_DAY} times in 24 hours; go on later.")
 
 
 def _scored(session: Session, submission_id: str) -> tuple[Submission, Phase]:

@@ -12,9 +12,8 @@ from exceptiondrive_records.db.errors import Conflict, InvalidRecord
 from exceptiondrive_records.db.identifiers import checked_reason
 from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.participation.tables import Allowance
-from exceptiondrive_records.phases.allowances import allowance_of
+from exceptiondrive_records.phases.allowances import allowance_of, is_revealed
 from exceptiondrive_records.phases.phases import lock_phase
-from exceptiondrive_records.phases.policy import is_split_revealed
 from exceptiondrive_records.submissions.submissions import lock_team
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import find_team
@@ -42,15 +41,15 @@ def set_allowance(
     Raises:
         NotFound: No such team or phase.
         InvalidRecord: The deadline is no later one, or the reason cannot be kept.
-        Conflict: The rest of the split is revealed already.
+        Conflict: The rest of the split, or a hidden freeze, is revealed already.
     """
     phase = lock_phase(session, phase_id)
     team = lock_team(session, find_team(session, slug).id)
     if closes_at is not None:
         if phase.closes_at is None or closes_at <= phase.closes_at:
             raise InvalidRecord("A team's own deadline must lie after that of the phase.")
-        if is_split_revealed(session, phase):
-            raise Conflict("The rest of the split is revealed: nothing more can be in time.")
+        if is_revealed(session, phase):
+            raise Conflict("What was kept back is revealed: nothing more can be in time.")
     row = allowance_of(session, team.id, phase.id)
     before = _words(row)
     wants = {"closes_at": closes_at, "quota_per_day": quota_per_day, "quota_total": quota_total}

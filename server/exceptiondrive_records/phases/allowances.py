@@ -2,11 +2,13 @@
 
 from datetime import datetime
 
+from sqlalchemy import update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.participation.tables import Allowance
-from exceptiondrive_records.phases.policy import is_open, is_split_revealed
+from exceptiondrive_records.phases.policy import has_closed, has_revealed, is_open
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.tables import Submission
 
 
 def allowance_of(session: Session, team_id: int, phase_id: str) -> Allowance | None:
@@ -17,11 +19,24 @@ def allowance_of(session: Session, team_id: int, phase_id: str) -> Allowance | N
 def is_open_to(session: Session, phase: Phase, allowance: Allowance | None, now: datetime) -> bool:
     """Whether a phase takes submissions of a team with this allowance.
 
-    A later deadline ends with the reveal of the split: whoever knows the rest would answer it.
+    A later deadline ends with the reveal of what was kept back: whoever knows it would answer it.
     """
     if is_open(phase, now):
         return True
     if phase.visibility != "shown" or (phase.opens_at is not None and now < phase.opens_at):
         return False
     closes_at = None if allowance is None else allowance.closes_at
-    return closes_at is not None and now < closes_at and not is_split_revealed(session, phase)
+    return closes_at is not None and now < closes_at and not is_revealed(session, phase)
+
+
+def is_revealed(session: Session, phase: Phase) -> bool:
+    """Whether scores that had been kept back were shown since the deadline of all."""
+    return phase.closes_at is not None and has_revealed(session, phase, phase.closes_at)
+
+
+def end_own_deadlines(session: Session, phase: Phase, now: datetime) -> None:
+    """Let later deadlines end with a reveal, so that nobody chooses by what is shown."""
+    if has_closed(phase, now) and is_revealed(session, phase):
+        longer = Submission.granted_until > now
+        own = update(Submission).where(Submission.phase_id == phase.id, longer)
+        session.execute(own.values(granted_until=now))

@@ -18,6 +18,7 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import flush_or_refuse
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
 from exceptiondrive_records.db.identifiers import checked_text
+from exceptiondrive_records.phases.allowances import end_own_deadlines
 from exceptiondrive_records.phases.phases import (
     check_phase,
     find_phase,
@@ -25,7 +26,12 @@ from exceptiondrive_records.phases.phases import (
     lock_phase,
     settings_of,
 )
-from exceptiondrive_records.phases.policy import frozen_since, is_anonymous, new_salt
+from exceptiondrive_records.phases.policy import (
+    frozen_since,
+    is_anonymous,
+    is_split_revealed,
+    new_salt,
+)
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.splits.splits import live_revision
 from exceptiondrive_records.submissions.tables import Submission
@@ -51,12 +57,18 @@ def update_phase(session: Session, phase_id: str, change: PhaseChange, *, actor:
     now = database_now(session)
     before = _document(phase)
     old_dates = (phase.closes_at, phase.policy.freezes_at)
+    was_revealed = is_split_revealed(session, phase)
     for name in change.model_fields_set - {"page", "policy"}:
         setattr(phase, name, getattr(change, name))
     if "page" in change.model_fields_set:
         phase.page = phase.page.model_copy(update=_given(change.page))
     if "policy" in change.model_fields_set:
         _set_policy(session, phase, phase.policy.model_copy(update=_given(change.policy)), now)
+    if was_revealed and phase.closes_at != old_dates[0]:
+        raise Conflict(
+            "The rest of the split is revealed: teams could tune on it if the deadline moved. Roll "
+            "the reveal back first."
+        )
     if phase.closes_at is not None and phase.closes_at != old_dates[0] and phase.closes_at < now:
         raise InvalidRecord(
             "closes_at lies in the past: what was accepted in time would become late. Set a time "
@@ -149,6 +161,7 @@ def reveal_board(session: Session, phase_id: str, *, reason: str, actor: str) ->
 def unfreeze(session: Session, phase: Phase, now: datetime) -> None:
     """Let the pointer move again, to the newest board of what the phase shows."""
     phase.unfrozen_at = now
+    end_own_deadlines(session, phase, now)
     row = latest_board(session, phase.id, phase.protocol_digest, phase.split_revision)
     if row is not None:
         flip_board(session, phase, row)

@@ -6,9 +6,11 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.boards.boards import flip_board
 from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.notifications.inbox import notify_teams
+from exceptiondrive_records.phases.allowances import end_own_deadlines
 from exceptiondrive_records.phases.phases import lock_phase
 from exceptiondrive_records.phases.policy import frozen_since
 from exceptiondrive_records.phases.quotas import WAITING
@@ -229,6 +231,7 @@ def _checked(session: Session, run_id: str, action: RunAction) -> tuple[Phase, B
 def _flip(session: Session, phase: Phase, row: BoardRow, key: ScoringKey) -> int | None:
     old = key_of_phase(phase)
     phase.protocol_digest, phase.split_revision = key.protocol_digest, key.split_revision
+    end_own_deadlines(session, phase, database_now(session))
     phase.late_board_id = None
     if phase.policy.late_entries == "own_view":  # its late view is built next
         want_board(session, phase.id, key.protocol_digest, key.split_revision)

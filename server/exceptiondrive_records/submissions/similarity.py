@@ -22,15 +22,16 @@ from exceptiondrive_schemas.similarity import (
 )
 
 MOST_PAIRS = 500
-HAS_A_SHEET = exists().where(ScoreSheetRow.submission_id == Submission.id)
-"""What was withdrawn later has told its score, too."""
 PROBES_BEFORE_ALARM = 5
 """So many submissions that change a few samples of another stand in the report and the audit log."""
 
 
+_HAS_SCORE = exists().where(ScoreSheetRow.submission_id == Submission.id)
+
+
 @dataclass(frozen=True)
 class ScoredFile:
-    """A submission that was scored, and whether it was compared already."""
+    """A scored submission, and whether it was compared already."""
 
     submission_id: str
     team_id: int
@@ -39,7 +40,10 @@ class ScoredFile:
 
 
 def scored_files(session: Session, phase_id: str) -> list[ScoredFile]:
-    """Return all submissions of a phase that were ever scored, in order of receipt."""
+    """Return the submissions of a phase that ever had a score, in order of receipt.
+
+    Withdrawn ones too: what was read of them stays read.
+    """
     query = (
         select(
             Submission.id,
@@ -48,7 +52,7 @@ def scored_files(session: Session, phase_id: str) -> list[ScoredFile]:
             SimilarityRow.submission_id.is_not(None),
         )
         .outerjoin(SimilarityRow, SimilarityRow.submission_id == Submission.id)
-        .where(Submission.phase_id == phase_id, HAS_A_SHEET)
+        .where(Submission.phase_id == phase_id, _HAS_SCORE)
         .order_by(Submission.received_at, Submission.id)
     )
     return [ScoredFile(*row) for row in session.execute(query)]
@@ -104,7 +108,7 @@ def similarity_report(session: Session, phase_id: str) -> SimilarityReport:
     n_scored = session.scalar(
         select(func.count())
         .select_from(Submission)
-        .where(Submission.phase_id == phase_id, HAS_A_SHEET)
+        .where(Submission.phase_id == phase_id, _HAS_SCORE)
     )
     n_compared = sum(each.alike is not None for each in known.values())
     return SimilarityReport(
