@@ -362,6 +362,12 @@ PROTECTIONS = (
         "tests/worker/test_similarity_run.py::test_probes_that_are_withdrawn_as_soon_as_they_are_scored_are_seen",
     ),
     Protection(
+        "board-told-otherwise",
+        "exceptiondrive_records.operations.invariants:_only_forgets",
+        _always(True),
+        "tests/server/test_participation.py::test_what_is_told_of_a_board_differs_in_forgotten_teams_alone",
+    ),
+    Protection(
         "probing-share",
         "exceptiondrive_scoring.similarity:AlikeRule.is_probe",
         _one_in_a_hundred,

@@ -10,7 +10,7 @@ from sqlalchemy import select
 from tests.server.test_organizer_team_pages import last_line
 
 from exceptiondrive_records.audit.log import verify_audit
-from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.boards.tables import BoardAlias, BoardFlip, BoardFlipAlias, BoardRow
 from exceptiondrive_records.notifications.tables import ContactPoint, Notification
 from exceptiondrive_records.operations.dump import dump_rows, dumped_tables
 from exceptiondrive_records.operations.invariants import broken_boards
@@ -19,6 +19,8 @@ from exceptiondrive_records.phases.policy import pseudonym_of_team
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import find_team
+from exceptiondrive_schemas.base import bytes_digest, canonical_json
+from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.phase_settings import PhaseChange
 
 if TYPE_CHECKING:
@@ -274,6 +276,40 @@ def test_a_forgotten_team_stands_under_an_alias_and_the_board_keeps_its_digest(
         assert (mine.description, "Alpha" in "".join(told_words)) == ("", False)
     again = api.post(f"/organizer/teams/{alias[1]}/forget", "organizer", json=WHY)
     assert again.status_code == 409
+
+
+@pytest.mark.parametrize("lie", [{"team": "Beta"}, {"rank": 2}, {"metrics": {}}])
+def test_what_is_told_of_a_board_differs_in_forgotten_teams_alone(
+    api: "Api", make_entry: Callable[..., Any], lie: dict[str, Any]
+) -> None:
+    own = api.submit("a").json()["id"]
+    api.score(own)
+    row = api.publish(make_entry("Planner", submission_id=own, team="Alpha"))
+    api.post("/organizer/teams/alpha/forget", "organizer", json=WHY)
+    with api.database.write() as session:
+        told = Board.model_validate_json(session.get_one(BoardRow, row.id).told_body)
+        entry = told.entries[0].model_copy(update=lie)
+        body = canonical_json(told.model_copy(update={"entries": (entry, *told.entries[1:])}))
+        alias = session.get_one(BoardAlias, row.id)
+        assert list(broken_boards(session)) == []
+        alias.body, alias.body_digest = body.decode("utf-8"), bytes_digest(body)
+    with api.database.read() as session:
+        assert [each.rule for each in broken_boards(session)] == ["board told otherwise"]
+
+
+def test_what_is_told_of_a_flip_differs_in_forgotten_teams_alone(
+    api: "Api", make_entry: Callable[..., Any]
+) -> None:
+    own = api.submit("a").json()["id"]
+    api.score(own)
+    api.publish(make_entry("Planner", submission_id=own, team="Alpha"))
+    with api.database.write() as session:
+        flip = session.scalars(select(BoardFlip).order_by(BoardFlip.id.desc())).first()
+        assert flip is not None
+        lie = flip.news.model_copy(update={"n_more": flip.news.n_more + 1})
+        session.add(BoardFlipAlias(flip_id=flip.id, news=lie))
+    with api.database.read() as session:
+        assert [each.rule for each in broken_boards(session)] == ["board told otherwise"]
 
 
 def test_a_team_that_was_merged_is_forgotten_with_the_one_it_became_part_of(

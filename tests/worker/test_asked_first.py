@@ -13,7 +13,8 @@ from exceptiondrive_records.operations.invariants import violations
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.submissions.submissions import confirm
+from exceptiondrive_records.rescoring.retry import restore_submission
+from exceptiondrive_records.submissions.submissions import confirm, withdraw
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.work.jobs import jobs_of
@@ -78,6 +79,10 @@ def test_what_would_not_be_ranked_costs_nothing_until_it_is_confirmed(
     assert seen(on_both, asked_id).confirmed_as == counted.id
     after = quota(on_both, asked_id)
     assert (after.used_today, after.rejected_today) == (1, 1), "a question is no way round the cap"
+    with on_both.database.write() as session:
+        withdraw(session, counted.id, actor="team:alpha")
+        with pytest.raises(Conflict, match=f"confirmed as {counted.id}"):
+            restore_submission(session, asked_id, actor="organizer", reason="a mistake")
     with on_both.database.read() as session:
         assert violations(session) == []
 

@@ -81,7 +81,8 @@ def restore_submission(
     Raises:
         InvalidRecord: The reason cannot be kept.
         NotFound: No such submission.
-        Conflict: It was not withdrawn, or the team has submitted the same bytes again since.
+        Conflict: It was not withdrawn, it was a question that the team confirmed, or the team has
+            submitted the same bytes again since.
     """
     lock_team(session, find_submission(session, submission_id).team_id)
     lock_jobs(session, submission_id)
@@ -90,6 +91,8 @@ def restore_submission(
     )
     if submission.status is not SubmissionStatus.WITHDRAWN:
         raise Conflict(f"The submission is {submission.status}; only withdrawn ones are restored.")
+    if submission.confirmed_as is not None:
+        raise Conflict(f"It was a question, and confirmed as {submission.confirmed_as}.")
     if _same_bytes_since(session, submission):
         raise Conflict("The team has submitted the same file again since; that one counts.")
     detail = {"reason": checked_reason(reason)}
