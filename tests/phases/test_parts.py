@@ -253,7 +253,7 @@ def test_the_reveal_waits_for_the_deadline_then_flips_the_board_once(life: "Life
     assert life.json("/api/v1/phases/test")["now"]["part"] == "private"
     for later in (life.ahead(60), None):  # the private part would answer live uploads
         refused = life.refused("/phases/test", {"closes_at": later}, 409, "PATCH")
-        assert "Roll the reveal back" in refused
+        assert "Make another phase" in refused
     assert life.board(f"&as_of={since}")["part"] == "public"
     assert life.get("/api/v1/boards/test/1").text == old
     changes = life.json("/api/v1/boards?phase=test")[0]["what_changed"]
@@ -261,6 +261,25 @@ def test_the_reveal_waits_for_the_deadline_then_flips_the_board_once(life: "Life
         "the private part of the split (3 samples) count in place of the public part of the split"
     )
     assert changes == [f"{words} (2 samples)"]
+
+
+def test_a_reveal_that_is_rolled_back_stays_known(life: "Life") -> None:
+    """What teams read of the private part they know: nothing that asks it opens again."""
+    life.make_phase(closes_at=life.ahead(60), policy={"entries_shown": "chosen"})
+    own = life.submit("beta", PUBLIC_ONLY)
+    life.work()
+    run, before = reveal(life), life.now() - timedelta(seconds=1)
+    life.move(closes_at=life.now())
+    life.apply(run)
+    life.done(f"/rescoring/{run}/rollback", {"reason": "a mistake"})
+    assert life.json("/api/v1/phases/test")["now"]["part"] == "public"
+    refused = life.refused("/phases/test", {"closes_at": life.ahead(60)}, 409, "PATCH")
+    assert "Make another phase" in refused
+    grant = {"closes_at": life.ahead(60), "reason": "ill"}
+    assert "revealed" in life.refused("/teams/beta/allowances/test", grant, 409, "PUT")
+    assert life.request("POST", f"/api/v1/submissions/{own}/choose", "beta").status_code == 409
+    with pytest.raises(PhaseClosed, match="closed at"):
+        accepted_with_its_first_byte(life, before, "sha256:held")
 
 
 def test_nobody_picks_after_the_reveal(life: "Life") -> None:

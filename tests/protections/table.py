@@ -368,6 +368,12 @@ PROTECTIONS = (
         "tests/server/test_participation.py::test_what_is_told_of_a_board_differs_in_forgotten_teams_alone",
     ),
     Protection(
+        "reveal-rolled-back",
+        "exceptiondrive_records.phases.policy:was_split_revealed",
+        _always(False),
+        "tests/phases/test_parts.py::test_a_reveal_that_is_rolled_back_stays_known",
+    ),
+    Protection(
         "probing-share",
         "exceptiondrive_scoring.similarity:AlikeRule.is_probe",
         _one_in_a_hundred,

@@ -29,8 +29,8 @@ from exceptiondrive_records.phases.phases import (
 from exceptiondrive_records.phases.policy import (
     frozen_since,
     is_anonymous,
-    is_split_revealed,
     new_salt,
+    was_split_revealed,
 )
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.splits.splits import live_revision
@@ -57,7 +57,7 @@ def update_phase(session: Session, phase_id: str, change: PhaseChange, *, actor:
     now = database_now(session)
     before = _document(phase)
     old_dates = (phase.closes_at, phase.policy.freezes_at)
-    was_revealed = is_split_revealed(session, phase)
+    was_revealed = was_split_revealed(session, phase)
     for name in change.model_fields_set - {"page", "policy"}:
         setattr(phase, name, getattr(change, name))
     if "page" in change.model_fields_set:
@@ -66,8 +66,8 @@ def update_phase(session: Session, phase_id: str, change: PhaseChange, *, actor:
         _set_policy(session, phase, phase.policy.model_copy(update=_given(change.policy)), now)
     if was_revealed and phase.closes_at != old_dates[0]:
         raise Conflict(
-            "The rest of the split is revealed: teams could tune on it if the deadline moved. Roll "
-            "the reveal back first."
+            "The rest of the split was revealed, and teams could tune on it if the deadline moved. Make "
+            "another phase."
         )
     if phase.closes_at is not None and phase.closes_at != old_dates[0] and phase.closes_at < now:
         raise InvalidRecord(

@@ -6,8 +6,10 @@ import secrets
 from collections.abc import Collection
 from datetime import UTC, datetime
 
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.splits.splits import part_revision
@@ -62,15 +64,36 @@ def takes_late_entries(session: Session, phase: Phase, moment: datetime) -> bool
     """
     is_wanted = has_closed(phase, moment) and phase.policy.late_entries == "own_view"
     is_wanted = is_wanted and phase.visibility == "shown"
-    return is_wanted and not is_split_revealed(session, phase)
+    return is_wanted and not was_split_revealed(session, phase)
 
 
 def is_split_revealed(session: Session, phase: Phase) -> bool:
     """Whether the phase began with the public part of its split and shows another one now."""
-    if phase.policy.live_part != "public":
+    return _public_part(session, phase) not in (None, phase.split_revision)
+
+
+def was_split_revealed(session: Session, phase: Phase) -> bool:
+    """Whether readers ever saw a board of more than the public part: no rollback takes that back."""
+    if _public_part(session, phase) is None:
         return False
-    public = part_revision(session, phase.split_name, phase.split_revision, "public")
-    return public not in (None, phase.split_revision)
+    shown = (
+        select(SplitRow.revision)
+        .join(BoardRow, BoardRow.split_revision == SplitRow.revision)
+        .join(BoardFlip, BoardFlip.board_id == BoardRow.id)
+        .where(
+            BoardFlip.phase_id == phase.id,
+            SplitRow.name == phase.split_name,
+            SplitRow.part.is_distinct_from("public"),
+        )
+    )
+    return is_split_revealed(session, phase) or session.scalars(shown).first() is not None
+
+
+def _public_part(session: Session, phase: Phase) -> str | None:
+    """Return the revision of the part that the phase began with; None where it began with all."""
+    if phase.policy.live_part != "public":
+        return None
+    return part_revision(session, phase.split_name, phase.split_revision, "public")
 
 
 def hid_scores(session: Session, phase: Phase) -> bool:
@@ -82,7 +105,7 @@ def has_revealed(session: Session, phase: Phase, since: datetime) -> bool:
     """Whether scores that had been kept back were shown at or after a moment; a split at any time."""
     unfrozen_at = phase.unfrozen_at if phase.policy.frozen_scores == "hidden" else None
     is_since = unfrozen_at is not None and unfrozen_at >= since
-    return is_since or is_split_revealed(session, phase)
+    return is_since or was_split_revealed(session, phase)
 
 
 def is_late(phase: Phase, submission: Submission) -> bool:
