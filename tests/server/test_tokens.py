@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from exceptiondrive_records.accounts.tokens import MAX_NEW_TOKENS_A_DAY
+
 if TYPE_CHECKING:
     from tests.server.conftest import Api, TeamBrowser
 
@@ -70,6 +72,16 @@ def test_rotating_keeps_the_old_token_for_a_while(api_on_both: "Api") -> None:
 def test_a_revoked_token_is_dead_at_once(api: "Api", as_problem: Problem) -> None:
     assert api.post(f"/tokens/{own_id(api)}/revoke", "alpha").json()["revoked_at"] is not None
     as_problem(api.get("/me", "alpha"), 401, "not_signed_in")
+
+
+def test_tokens_are_made_and_revoked_only_so_often_a_day(api: "Api", as_problem: Problem) -> None:
+    """Each leaves a row and an audit line for ever."""
+    for _ in range(MAX_NEW_TOKENS_A_DAY - len(api.get("/tokens", "alpha").json())):
+        made = api.post("/tokens", "alpha", json={"name": "x"})
+        assert api.post(f"/tokens/{made.json()['view']['id']}/revoke", "alpha").status_code == 200
+    refused = api.post("/tokens", "alpha", json={"name": "x"})
+    assert "in 24 hours" in as_problem(refused, 409, "conflict")["detail"]
+    assert api.post("/tokens", "beta", json={"name": "x"}).status_code == 201
 
 
 @pytest.mark.parametrize("what", ["revoke", "rotate"])

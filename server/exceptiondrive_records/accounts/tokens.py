@@ -308,6 +308,8 @@ def is_live(token: Token, now: datetime) -> bool:
 
 
 MAX_LIVE_TOKENS = 50
+MAX_NEW_TOKENS_A_DAY = 100
+"""Each leaves a row and an audit line for ever, however soon it is revoked."""
 DEFAULT_KEEP_DAYS = 7
 MAX_KEEP_DAYS = 90
 
@@ -323,13 +325,16 @@ def issue_team_token(
 
     Raises:
         NotAllowed: A scope is wanted that the asker does not hold.
-        Conflict: The team has enough live tokens.
+        Conflict: The team has enough live tokens, or made enough of them today.
         InvalidRecord: As `issue_token` raises it.
     """
     _refuse_more_rights(principal, scopes)
     now = database_now(session)
-    if sum(is_live(token, now) for token in team_tokens(session, principal)) >= MAX_LIVE_TOKENS:
+    known = team_tokens(session, principal)
+    if sum(is_live(token, now) for token in known) >= MAX_LIVE_TOKENS:
         raise Conflict(f"The team has {MAX_LIVE_TOKENS} live tokens; revoke one first.")
+    if sum(now - token.created_at < timedelta(days=1) for token in known) >= MAX_NEW_TOKENS_A_DAY:
+        raise Conflict(f"A team may make {MAX_NEW_TOKENS_A_DAY} tokens in 24 hours; go on later.")
     return issue_token(session, principal.team_id, name, scopes, expires_at, actor=principal.actor)
 
 
