@@ -35,6 +35,7 @@ class Lives:
     """What a newcomer saw before the first stop, and the deployment as it was started again."""
 
     methods: list[str]
+    first_page: str
     page: str
     said: str
     exit_code: int
@@ -47,13 +48,14 @@ def lives(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lives]:
     """Start everything with the generated sample, as `make run` does; stop when all is scored."""
     data, splits = tmp_path_factory.mktemp("sample") / "data", ROOT / "hidden_splits"
     with running_system(data, splits, "--sample") as first:
+        first_page = first.read("/")
         wait_until(lambda: "sample: 7 of 7 scored" in first.said(), "the agents", 400)
         wait_until(lambda: is_filled(first), "the boards", 400)
         wait_until(lambda: len(ranked(first)) >= 4, "the planners on the board", 400)
         methods, page = ranked(first), first.read("/")
     said, exit_code = first.said(), first.launcher.returncode
     with running_system(data, splits, "--sample") as second:
-        yield Lives(methods, page, said, exit_code, ranked(second), second)
+        yield Lives(methods, first_page, page, said, exit_code, ranked(second), second)
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +70,8 @@ def ranked(running: System) -> list[str]:
 
 
 def test_a_newcomer_sees_a_living_page_and_a_second_start_keeps_it(lives: Lives) -> None:
+    assert "The sample is being made: " in lives.first_page
+    assert "no phase yet" not in lives.first_page
     assert lives.methods[0] in lives.page
     assert lives.exit_code == 0
     assert "stopped; the data stays in" in lives.said

@@ -8,7 +8,8 @@ import subprocess
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 
@@ -41,7 +42,7 @@ from exceptiondrive_server.launcher.layout import (
     worker_environment,
 )
 from exceptiondrive_server.launcher.own_split import open_phase_on
-from exceptiondrive_server.launcher.sample import PHASES
+from exceptiondrive_server.launcher.sample import PHASES, announce_sample
 from exceptiondrive_server.launcher.steps import Say
 from exceptiondrive_server.launcher.users import own_user_of_server
 
@@ -98,6 +99,9 @@ class Launcher:
         given_url = os.environ.get("EXCEPTIONDRIVE_BROKER_URL")
         shared = shared_environment(self.layout, self.address, given_url or folder.url)
         self._migrate(shared)
+        if self.with_sample:
+            with _records(shared) as database:
+                announce_sample(database)
         if self.own_split is not None:
             self._open_phase(self.own_split, shared)
         user, words = own_user_of_server(self.layout.data)
@@ -136,24 +140,17 @@ class Launcher:
             raise LaunchError(f"the records could not be brought up to date: {error}") from None
 
     def _open_phase(self, split_file: Path, shared: Mapping[str, str]) -> None:
-        database = Database(shared["EXCEPTIONDRIVE_DATABASE_URL"])
-        try:
+        with _records(shared) as database:
             open_phase_on(split_file, self.layout, shared, database, self.say)
-        finally:
-            database.dispose()
 
     def _phase_to_try(self, shared: Mapping[str, str]) -> str | None:
         """Return a phase that takes files, for the first steps that are told; None: there is none."""
         if self.with_sample:
             return PHASES[PLANNING.id].id
-        database = Database(shared["EXCEPTIONDRIVE_DATABASE_URL"])
-        try:
-            with database.read() as session:
-                now = database_now(session)
-                taking = (phase.id for phase in list_phases(session) if is_open(phase, now))
-                return next(taking, None)
-        finally:
-            database.dispose()
+        with _records(shared) as database, database.read() as session:
+            now = database_now(session)
+            taking = (phase.id for phase in list_phases(session) if is_open(phase, now))
+            return next(taking, None)
 
     def _start(self, plan: ChildPlan) -> Child:
         child = Child(plan)
@@ -252,6 +249,15 @@ def require_free_port(address: Address) -> None:
             raise LaunchError(
                 f"cannot listen on {address.host}:{address.port}: {error.strerror}"
             ) from None
+
+
+@contextmanager
+def _records(shared: Mapping[str, str]) -> Iterator[Database]:
+    database = Database(shared["EXCEPTIONDRIVE_DATABASE_URL"])
+    try:
+        yield database
+    finally:
+        database.dispose()
 
 
 def _answers(address: Address) -> bool:

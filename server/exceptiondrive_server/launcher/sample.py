@@ -97,6 +97,11 @@ def seed_sample(database: Database, layout: Layout) -> None:
         _make_team(session, layout.data / TOKEN_FILE)
 
 
+def announce_sample(database: Database) -> None:
+    """Let the first page that is ever asked for say that the sample is coming."""
+    _tell(database, lambda words: None, "the server starts")
+
+
 def fill_sample(database: Database, layout: Layout, server_url: str, say: Say) -> None:
     """Register the sample split, seed, and submit every planner that is not on the records yet.
 
