@@ -194,8 +194,11 @@ class Organizer(Connection):
         return self._transport.records("/organizer/splits")
 
     def create_phase(self, phase: Mapping[str, Any]) -> Record:
-        """Make a phase: `id`, `challenge`, `title`, `split`, `protocol` and what may be set."""
-        return self._transport.post_once("/organizer/phases", dict(phase))
+        """Make a phase: `id`, `challenge`, `title`, `split`, `protocol` and what may be set.
+
+        What is left out has its default, which a withheld split makes stricter; None is no limit.
+        """
+        return self._transport.post_once("/organizer/phases", phase, with_none=True)
 
     def phase(self, phase_id: str) -> Record:
         """Return a phase: its settings and where it stands."""

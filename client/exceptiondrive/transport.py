@@ -290,12 +290,15 @@ class Transport:
         """
         return self._send(lambda: self._http.post(path, **body()), is_repeatable)
 
-    def post_once(self, path: str, document: Mapping[str, Any]) -> Record:
+    def post_once(
+        self, path: str, document: Mapping[str, Any], *, with_none: bool = False
+    ) -> Record:
         """POST a JSON object without a second attempt: what is made twice would be two.
 
-        Members that are None are left out.
+        Members that are None are left out, unless None says something.
         """
-        body = {"json": {key: value for key, value in document.items() if value is not None}}
+        told = document.items()
+        body = {"json": {key: value for key, value in told if with_none or value is not None}}
         return read_answer(_RECORD.validate_json, self.post(path, lambda: dict(body), False))
 
     def post_toml(self, path: str, toml: str, query: Query | None = None) -> Record:

@@ -4,7 +4,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pytest
 from sqlalchemy import text
+from tests.support.records import add_sample_split
 from typer.testing import CliRunner
 
 from exceptiondrive import Client
@@ -75,6 +77,18 @@ def test_a_phase_is_made_on_a_registered_split(running: "Running") -> None:
         assert client.phase("test").quota_per_day == 5
     unknown = organize(running, "phases", "create", "x", "--title", "X", "--split", "none")
     assert unknown.exit_code == 2
+
+
+@pytest.mark.parametrize(("said", "quota_total"), [((), 20), (("--quota-total", "none"), None)])
+def test_no_limit_is_another_thing_than_nothing_said(
+    running: "Running", said: tuple[str, ...], quota_total: int | None
+) -> None:
+    """A withheld split has a limit unless it is told otherwise."""
+    with running.context.database.write() as session:
+        add_sample_split(session)
+    new = ("phases", "create", "new", "--title", "New", "--split", "sample", "--protocol", "1.0")
+    made = organize(running, *new, *said, "--json")
+    assert json.loads(made.stdout)["quota_total"] == quota_total
 
 
 def test_a_protocol_is_added_once_and_checked_before_it_is_sent(

@@ -70,12 +70,11 @@ def create(
         wanted = {
             "id": phase_id,
             "split": split,
-            "split_revision": split_revision,
             "challenge": challenge,
             **_merged(taken_over, given),
         }
-        if protocol is not None:
-            wanted["protocol"] = protocol
+        named = {"split_revision": split_revision, "protocol": protocol}
+        wanted |= {key: value for key, value in named.items() if value is not None}
         phase = organizer.create_phase(wanted)
     notes = (f"note: {words}" for words in phase.get("not_checked", ()))
     show_result(phase, json, f"phase {phase['id']} made, {phase['n_samples']} samples", *notes)
