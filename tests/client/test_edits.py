@@ -73,6 +73,9 @@ def test_what_was_sent_is_downloaded_bit_by_bit_and_never_over_a_file(
     assert target.read_bytes() == path.read_bytes()
     refused = run(working, "download", one, "-o", target)
     assert refused.exit_code == 2
+    assert "again.json is there already; nothing was overwritten." in refused.stderr
+    assert "--output FILE" in refused.stderr
+    assert target.read_bytes() == path.read_bytes()
     with Client(working.url, working.token) as client, pytest.raises(NotFoundError):
         client.download("nobody")
 
