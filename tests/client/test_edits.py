@@ -60,6 +60,11 @@ def test_the_same_bytes_under_another_name_say_how_to_rename(
     again = submit(working, path, method="Planner")
     assert again.exit_code != 0
     assert f"exceptiondrive edit {one}" in again.stderr
+    for said in (
+        f"as {one} (Planer): that submission stands",
+        f"as '{one}', a run of 'Planer': that",
+    ):
+        assert said in again.stderr
     assert ok(submit(working, path, method="Planer")).count("no quota was spent") == 1
 
 
