@@ -41,7 +41,7 @@ from exceptiondrive_server.launcher.layout import (
     worker_environment,
 )
 from exceptiondrive_server.launcher.own_split import open_phase_on
-from exceptiondrive_server.launcher.sample import PHASES
+from exceptiondrive_server.launcher.sample import PHASES, tell
 from exceptiondrive_server.launcher.steps import Say
 from exceptiondrive_server.launcher.users import own_user_of_server
 
@@ -98,6 +98,7 @@ class Launcher:
         given_url = os.environ.get("EXCEPTIONDRIVE_BROKER_URL")
         shared = shared_environment(self.layout, self.address, given_url or folder.url)
         self._migrate(shared)
+        self._tell_pages(shared, "the server is started first" if self.with_sample else "")
         if self.own_split is not None:
             self._open_phase(self.own_split, shared)
         user, words = own_user_of_server(self.layout.data)
@@ -134,6 +135,14 @@ class Launcher:
             prepare(url)
         except (SQLAlchemyError, CommandError) as error:
             raise LaunchError(f"the records could not be brought up to date: {error}") from None
+
+    def _tell_pages(self, shared: Mapping[str, str], doing: str) -> None:
+        """Let pages say what is done for the sample; nothing ends what was said, by who died too."""
+        database = Database(shared["EXCEPTIONDRIVE_DATABASE_URL"])
+        try:
+            tell(database, lambda words: None, doing)
+        finally:
+            database.dispose()
 
     def _open_phase(self, split_file: Path, shared: Mapping[str, str]) -> None:
         database = Database(shared["EXCEPTIONDRIVE_DATABASE_URL"])
@@ -172,7 +181,7 @@ class Launcher:
                 is_ready = True
                 self.say(banner(self.layout.data, self.address, self._phase_to_try(shared)))
                 self._start_sample(shared)
-            self._check_sample()
+            self._check_sample(shared)
             time.sleep(_TICK_S)
 
     def _tell_death(self, child: Child, news: str, is_ready: bool) -> None:
@@ -197,11 +206,12 @@ class Launcher:
             preexec_fn=die_with_parent(os.getpid()),  # noqa: PLW1509 - no threads here
         )
 
-    def _check_sample(self) -> None:
+    def _check_sample(self, shared: Mapping[str, str]) -> None:
         if self._sample is None or self._sample.poll() is None:
             return
         if self._sample.returncode != 0:
             self.say("the sample could not be filled; the server runs on without it")
+            self._tell_pages(shared, "")
         self._sample = None
 
     def _end_all(self) -> None:
