@@ -373,20 +373,19 @@ class Client(Connection):
             own = self.submissions(phase=phase.id)
         except (NotAllowedError, NotSignedInError):
             own = ()
-        is_known = any(
-            each.file_digest == report.digest and each.status not in SENT_ANEW for each in own
-        )
+        same = (each for each in own if each.file_digest == report.digest)
+        first = next((each for each in same if each.status not in SENT_ANEW), None)
         scored = [each for each in own if each.status is SubmissionStatus.SCORED]
         replaces = replaced_entry(own, method, phase.policy, is_open=phase.is_open)
-        replaces = None if is_known else replaces
+        replaces = None if first is not None else replaces
         if phase.policy.entries_shown == "chosen":
             rule = "Of each team the entry stands that it chose, else its newest."
-            return Outlook(report, replaces, rule, is_known)
+            return Outlook(report, replaces, rule, first)
         rules: list[RunRule] = [each.run_rule for each in scored if each.method == method]
         said = rules[0] if rules else "newest"
         may_say = " Your team may say otherwise: exceptiondrive choose."
         rule = RUN_RULES[said] + (may_say if phase.policy.run_choice == "team" else "")
-        return Outlook(report, replaces, rule, is_known)
+        return Outlook(report, replaces, rule, first)
 
     def submit(
         self,

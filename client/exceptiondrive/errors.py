@@ -6,7 +6,7 @@ ExceptionDriveError
 │   ├── RecorderError         exit 2   what a planner gave cannot be recorded; a ValueError too
 │   └── NotFoundError         exit 2   no such phase, submission, split or protocol
 ├── QuotaError                exit 3   enough submitted for now; knows when the count resets
-├── NotAllowedError           exit 4   phase closed, or the token may not do this
+├── NotAllowedError           exit 4   phase closed, the token may not do this, or the records forbid it
 │   └── NotSignedInError      exit 4   no token, or one that the server does not accept
 ├── NetworkError              exit 5   the server cannot be reached, or asks to come back later
 │   └── ServerError           exit 5   the server answered with a fault of its own

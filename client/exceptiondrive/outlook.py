@@ -16,13 +16,18 @@ class Outlook:
         report: Of the check, with what the file looks like and why it would not be ranked.
         replaces: The team's entry that it takes the place of; None where there is none.
         rule: Which run of a method stands, in a sentence.
-        is_known: Whether the team submitted the same bytes before: they give that submission back.
+        first: The team's submission of the same bytes, which stands; None where there is none.
     """
 
     report: CheckReport
     replaces: SubmissionView | None
     rule: str = ""
-    is_known: bool = False
+    first: SubmissionView | None = None
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the team submitted the same bytes before."""
+        return self.first is not None
 
     @property
     def to_confirm(self) -> Mapping[str, str]:

@@ -60,6 +60,11 @@ def test_the_same_bytes_under_another_name_say_how_to_rename(
     again = submit(working, path, method="Planner")
     assert again.exit_code != 0
     assert f"exceptiondrive edit {one}" in again.stderr
+    for said in (
+        f"as {one} (Planer): that submission stands",
+        f"as '{one}', a run of 'Planer': that",
+    ):
+        assert said in again.stderr
     assert ok(submit(working, path, method="Planer")).count("no quota was spent") == 1
 
 
@@ -73,6 +78,9 @@ def test_what_was_sent_is_downloaded_bit_by_bit_and_never_over_a_file(
     assert target.read_bytes() == path.read_bytes()
     refused = run(working, "download", one, "-o", target)
     assert refused.exit_code == 2
+    assert "again.json is there already; nothing was overwritten." in refused.stderr
+    assert "--output FILE" in refused.stderr
+    assert target.read_bytes() == path.read_bytes()
     with Client(working.url, working.token) as client, pytest.raises(NotFoundError):
         client.download("nobody")
 

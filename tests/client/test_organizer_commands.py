@@ -71,7 +71,10 @@ def test_a_phase_is_made_on_a_registered_split(running: "Running") -> None:
         *("--quota-per-day", "5", "--closes-at", "2030-01-01T00:00:00Z"),
     )
     told, _, note = made.stdout.partition("\n")
-    assert (made.exit_code, told) == (0, "phase test made, 4 samples")
+    assert (made.exit_code, told) == (
+        0,
+        "phase test made, 4 samples, protocol 1.0, quota 5 a day",
+    )
     assert note.startswith("note: This split holds no recorded drives")
     with Client(running.url) as client:
         assert client.phase("test").quota_per_day == 5

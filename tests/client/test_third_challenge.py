@@ -111,7 +111,7 @@ class GapRules:
     def finish(self, answers: Mapping[str, Any], manifest: Manifest | None) -> None:
         pass
 
-    def notes(self, n_predictions: int) -> tuple[str, ...]:
+    def notes(self, n_predictions: int, profile: FileProfile | None) -> tuple[str, ...]:
         return ()
 
     def unranked_because(self, n_predictions: int, profile: FileProfile | None) -> None:

@@ -104,6 +104,33 @@ def test_whatever_dies_is_started_again_and_nothing_outlives_the_launcher(
         time.sleep(0.1)
 
 
+def test_pages_say_that_the_sample_is_being_made_and_only_while_it_is(tmp_path: Path) -> None:
+    for page in first_pages(tmp_path / "data", "--sample"):
+        assert "The sample is being made" in page
+        assert "There is no phase yet" not in page
+    for page in first_pages(tmp_path / "data"):
+        assert "The sample is being made" not in page, "the launcher that made it was ended"
+        assert "There is no phase yet" in page
+
+
+def first_pages(data: Path, *more: str) -> list[str]:
+    """Return what board and form say as soon as a new launcher answers; it ends then."""
+    port = free_port()
+    started = Running(data, port, command=[*run_command(data, port), *more])
+    try:
+        started.wait_until(lambda _: answers(port))
+        return [httpx.get(f"http://127.0.0.1:{port}{path}").text for path in ("/", "/submit")]
+    finally:
+        started.end()
+
+
+def answers(port: int) -> bool:
+    try:
+        return httpx.get(f"http://127.0.0.1:{port}/readyz").status_code == 200
+    except httpx.TransportError:
+        return False
+
+
 def is_any(before: dict[str, int], running: Running) -> bool:
     return bool(set(before.values()) & set(running.children().values()))
 

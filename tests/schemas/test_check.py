@@ -42,6 +42,31 @@ def test_a_sound_planning_file_gives_its_trajectories(
     assert is_missing == [False] * 12 + [True] * 12 + [False] * 12
 
 
+@pytest.mark.parametrize(
+    ("n_seen", "unranked", "noted", "refused"),
+    [(0, (), True, False), (1, (), False, False), (0, ("blind_to_the_edit",), False, True)],
+)
+def test_a_file_that_reacts_to_no_hazard_is_told_its_flag(
+    planning: dict[str, Any],
+    protocol: ProtocolDocument,
+    manifest: Manifest,
+    encoded: Encode,
+    n_seen: int,
+    unranked: tuple[str, ...],
+    noted: bool,
+    refused: bool,
+) -> None:
+    for prediction in planning["predictions"][:n_seen]:
+        prediction["edited"] = [[x / 2, y] for x, y in prediction["edited"]]
+    ranking = protocol.ranking.model_copy(update={"unranked_flags": unranked})
+    protocol = protocol.model_copy(update={"ranking": ranking})
+    report = check_bytes(encoded(planning), protocol=protocol, manifest=manifest)
+    why = "source and edited are alike in 100% of the pairs: it reacts to no hazard"
+    assert report.notes == ((f"it will be flagged Blind to the edit: {why}",) if noted else ())
+    wanted = f"flagged Blind to the edit: {why}" if refused else None
+    assert report.unranked_because == wanted
+
+
 def test_a_sound_strategy_file_gives_its_answers(
     strategy: dict[str, Any], protocol: ProtocolDocument, manifest: Manifest, encoded: Encode
 ) -> None:

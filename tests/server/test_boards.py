@@ -109,7 +109,15 @@ def test_sorting_keeps_ranks_and_puts_no_value_last(
 @pytest.mark.parametrize("sort", ["team", "accuracy", "--ur", "ur;drop", "", "-", "__class__"])
 def test_only_metrics_of_the_challenge_sort(lively: "Api", as_problem: Problem, sort: str) -> None:
     problem = as_problem(lively.get(f"/leaderboard?phase=dev&sort={sort}"), 400, "bad_request")
-    assert "sort" in problem["fields"]
+    assert "or one of hcc, ur, " in problem["fields"]["sort"]
+
+
+@pytest.mark.parametrize("sort", ["HCC", "-HCC", "hccc"])
+def test_a_metric_in_other_letters_is_told_what_was_meant(
+    lively: "Api", as_problem: Problem, sort: str
+) -> None:
+    problem = as_problem(lively.get(f"/leaderboard?phase=dev&sort={sort}"), 400, "bad_request")
+    assert problem["fields"]["sort"].startswith("did you mean hcc? sort by rank, ")
 
 
 @pytest.mark.parametrize(

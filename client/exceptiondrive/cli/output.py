@@ -91,6 +91,12 @@ def show_saved(path: Path, data: bytes, as_json: bool) -> None:
     try:
         with path.open("xb") as file:
             file.write(data)
+    except FileExistsError:
+        raise InvalidArgumentError(
+            "not_written",
+            f"{path} is there already; nothing was overwritten.",
+            "Name another file: --output FILE",
+        ) from None
     except OSError as error:
         raise InvalidArgumentError(
             "not_written", f"{path} cannot be written: {error.strerror}."

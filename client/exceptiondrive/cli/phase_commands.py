@@ -77,7 +77,9 @@ def create(
         wanted |= {key: value for key, value in named.items() if value is not None}
         phase = organizer.create_phase(wanted)
     notes = (f"note: {words}" for words in phase.get("not_checked", ()))
-    show_result(phase, json, f"phase {phase['id']} made, {phase['n_samples']} samples", *notes)
+    limits = f"protocol {phase['protocol']}, quota {phase['quota_per_day']} a day"
+    made = f"phase {phase['id']} made, {phase['n_samples']} samples, {limits}"
+    show_result(phase, json, made, *notes)
 
 
 def update(
@@ -93,8 +95,11 @@ def update(
             "nothing_to_set", "Say what to change: `--help` lists the settings."
         )
     with open_organizer(server) as organizer:
+        before = _lines(organizer.phase(phase_id))
         phase = organizer.change_phase(phase_id, changes)
-    _show(phase, json)
+    changed = {key: value for key, value in _lines(phase).items() if value != before.get(key)}
+    words = (f"{key}: {_words(before.get(key))} -> {_words(changed[key])}" for key in changed)
+    show_result(phase, json, *(words if changed else ("nothing changed",)))
 
 
 def feature(
@@ -248,10 +253,15 @@ def _value(field: FormField, given: Any) -> Any:
     return given
 
 
-def _show(phase: dict[str, Any], json: bool) -> None:
+def _lines(phase: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings of a phase and where it stands, by what a line calls them."""
     settings = {key: value for key, value in phase.items() if not isinstance(value, dict | list)}
     now = {f"now: {key}": value for key, value in phase["now"].items()}
-    lines = {**settings, **phase["page"], **phase["policy"], **now}
+    return {**settings, **phase["page"], **phase["policy"], **now}
+
+
+def _show(phase: dict[str, Any], json: bool) -> None:
+    lines = _lines(phase)
     width = max(len(key) for key in lines)
     show_result(phase, json, *(f"{key:<{width}}  {_words(value)}" for key, value in lines.items()))
 

@@ -105,8 +105,9 @@ AS_FAR = (
 
 def outlook_view(outlook: Outlook) -> Iterator[RenderableType]:
     """Yield what an upload will do, as far as the file and the team's entries tell."""
-    if outlook.is_known:
-        yield "these bytes were submitted before: that submission comes back, no quota is spent"
+    if outlook.first is not None:
+        first = f"{outlook.first.id} ({outlook.first.method})"
+        yield f"these bytes were submitted before, as {first}: that submission stands, no quota is spent"
         return
     if outlook.report.unranked_because is None:
         yield f"outlook: it will be ranked, {AS_FAR}"
@@ -317,7 +318,7 @@ def submission_view(
         style="dim",
     )
     if view.is_duplicate:
-        yield "The same bytes were submitted before: this is that submission, no quota was spent."
+        yield "The same bytes were submitted before: that submission stands, no quota was spent."
     if view.failure is not None:
         yield Text(f"{view.failure.code}: {view.failure.message}")
     if view.report is not None and view.report.faults:

@@ -481,7 +481,7 @@ class SubmissionReader:
             return None
         challenge = self.challenge or PLANNING.id
         rules = self._rules or RULES[challenge](self._protocol, self.faults)
-        self.notes += rules.notes(len(self._answers))
+        self.notes += rules.notes(len(self._answers), self.profile)
         self.unranked_because = rules.unranked_because(len(self._answers), self.profile)
         return rules.document(self.split, self._answers)
 

@@ -120,10 +120,10 @@ class PlanningRules:
         ((n_given, n_wrong),) = self._wrong_counts.most_common(1) or ((0, 0),)
         return n_given if n_wrong > n_right else None
 
-    def notes(self, n_predictions: int) -> tuple[str, ...]:
-        """Say what a sound file leaves out, and what that costs."""
+    def notes(self, n_predictions: int, profile: FileProfile | None) -> tuple[str, ...]:
+        """Say what a sound file leaves out, what that costs, and that it will be flagged as blind."""
         costs = {"source": "its shift is undefined", "edited": "it counts as unsafe"}
-        return tuple(
+        missing = (
             f"{key} is null for {self._n_missing[key]:,} of {n_predictions:,} samples: "
             f"for each, {cost}"
             if self._n_missing[key] < n_predictions
@@ -131,6 +131,12 @@ class PlanningRules:
             for key, cost in costs.items()
             if self._n_missing[key]
         )
+        blind = (
+            f"it will be flagged {FLAGS[code].label}: {why}"
+            for code, why in self._blind(profile)
+            if code not in self._protocol.ranking.unranked_flags
+        )
+        return *missing, *blind
 
     def unranked_because(self, n_predictions: int, profile: FileProfile | None) -> str | None:
         """Say why a sound file would be scored but not ranked; None where nothing tells that."""
@@ -163,6 +169,7 @@ class PlanningRules:
             )
         if source > section.flag_source_stationary:
             yield "source_stands_still", f"{source:.0%} of the source trajectories"
+        yield from self._blind(profile)
         yield from motion_flags(self._pairs, self._protocol)
         same = profile.same_edited or 0.0
         if same > section.flag_same_answer:
@@ -170,6 +177,15 @@ class PlanningRules:
         median_m = profile.median_source_l2_m
         if median_m is not None and median_m > section.flag_off_course_m:
             yield "off_course", f"median source L2 {median_m:.2f} m"
+
+    def _blind(self, profile: FileProfile | None) -> Iterator[tuple[str, str]]:
+        """Yield the flag of a file whose pairs are nearly all equal, and why."""
+        equal = 0.0 if profile is None else profile.equal_pairs or 0.0
+        if equal > self._protocol.plausibility.flag_blind:
+            yield (
+                "blind_to_the_edit",
+                f"source and edited are alike in {equal:.0%} of the pairs: it reacts to no hazard",
+            )
 
     def document(self, split: str, answers: Mapping[str, Any]) -> PlanningDocument:
         """Return the sound file."""

@@ -37,8 +37,8 @@ class PredictionRules(Protocol):
     def finish(self, answers: Mapping[str, Any], manifest: Manifest | None) -> FileProfile | None:
         """Check what can be told only over all predictions; say what the file looks like."""
 
-    def notes(self, n_predictions: int) -> tuple[str, ...]:
-        """Say what a sound file leaves out."""
+    def notes(self, n_predictions: int, profile: FileProfile | None) -> tuple[str, ...]:
+        """Say what a sound file leaves out, and what it will be flagged for, though ranked."""
 
     def unranked_because(self, n_predictions: int, profile: FileProfile | None) -> str | None:
         """Say why a sound file would be scored but not ranked; None where it would be ranked."""

@@ -48,7 +48,7 @@ class StrategyRules:
     def finish(self, answers: Mapping[str, Any], manifest: Manifest | None) -> None:
         """Nothing is left to be told over all predictions."""
 
-    def notes(self, n_predictions: int) -> tuple[str, ...]:
+    def notes(self, n_predictions: int, profile: FileProfile | None) -> tuple[str, ...]:
         """Say what a sound file leaves out, and what that costs."""
         if not self._n_missing:
             return ()

@@ -88,8 +88,8 @@ def require_same_link(first: Submission, linked_to: str | None) -> None:
         return
     link = "without a link" if first.linked_to is None else f"linked to {first.linked_to!r}"
     raise Conflict(
-        f"The same bytes were submitted as {first.id!r}, {link}. To link them anew, withdraw that "
-        "submission and submit again."
+        f"The same bytes were submitted before, as {first.id!r}, {link}: that submission stands, no "
+        "quota was spent. To link them anew, withdraw it and submit again."
     )
 
 
@@ -135,9 +135,10 @@ def require_same_words(first: Submission, told: Mapping[str, object]) -> None:
     if differs:
         words = ", ".join(name.removesuffix("_url") for name in differs)
         raise Conflict(
-            f"The same bytes were submitted as {first.id!r}, a run of {first.method!r}; nothing was "
-            f"changed. What differs now: {words}. To change that, without a new submission and "
-            f"without quota, edit it: exceptiondrive edit {first.id}, or on its page."
+            f"The same bytes were submitted before, as {first.id!r}, a run of {first.method!r}: that "
+            f"submission stands, no quota was spent and nothing changed. What differs now: {words}. "
+            f"To change that, without a new submission, edit it: exceptiondrive edit {first.id}, or "
+            "on its page."
         )
 
 

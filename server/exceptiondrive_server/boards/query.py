@@ -6,6 +6,7 @@ understood, or a pair that contradicts itself, is refused in the same words ever
 
 from collections.abc import Iterable, Mapping
 from datetime import UTC, date, datetime, time
+from difflib import get_close_matches
 from typing import Annotated, Any, Literal, Self
 from urllib.parse import urlencode
 
@@ -252,6 +253,8 @@ def _refused(error: ValidationError) -> RecordsError:
     whole: list[str] = []
     for found in error.errors():
         words = str(found["msg"]).removeprefix("Value error, ")
+        if found["loc"] == ("sort",):
+            words = sort_words(str(found["input"]), _METRICS)
         if found["loc"]:
             fields.setdefault(str(found["loc"][0]), words)
         else:
@@ -260,6 +263,17 @@ def _refused(error: ValidationError) -> RecordsError:
         return NoSuchBoard(" ".join(whole))
     return InvalidRecord(
         f"These parts of the request are missing or wrong: {', '.join(fields)}.", fields
+    )
+
+
+def sort_words(asked: str, metrics: Iterable[str]) -> str:
+    """Say what a board can be sorted by, and what was probably meant."""
+    names = (BY_RANK, "method", "date", *metrics)
+    near = get_close_matches(asked[:64].lower().removeprefix("-"), names, n=1)
+    meant = f"did you mean {near[0]}? " if near else ""
+    return (
+        f"{meant}sort by {BY_RANK}, method, date, a family, or one of {', '.join(metrics)}, with - in "
+        "front for descending"
     )
 
 

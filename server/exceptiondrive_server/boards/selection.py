@@ -8,7 +8,7 @@ from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.method_facts import LABELS, FactsOfBoard, MethodFacts
 from exceptiondrive_server.boards.entry_facts import challenge_of, is_listed, values_of
-from exceptiondrive_server.boards.query import BY_RANK, SOURCES, Average, BoardQuery
+from exceptiondrive_server.boards.query import BY_RANK, SOURCES, Average, BoardQuery, sort_words
 
 _NOTHING_TOLD = MethodFacts()
 _Value = Callable[[BoardEntry], float | str | None]
@@ -72,10 +72,7 @@ def _sort_value(board: Board, key: str, average: Average) -> _Value:
         )
     if key in challenge.metric_keys:
         return lambda entry: values_of(entry, board, average).get(key)
-    words = (
-        f"sort by {BY_RANK}, method, date, a family, or one of {', '.join(challenge.metric_keys)}, "
-        "with - in front for descending"
-    )
+    words = sort_words(key, challenge.metric_keys)
     raise InvalidRecord("There is nothing of that name to sort this board by.", {"sort": words})
 
 

@@ -42,7 +42,7 @@ from exceptiondrive_server.launcher.layout import (
     worker_environment,
 )
 from exceptiondrive_server.launcher.own_split import open_phase_on
-from exceptiondrive_server.launcher.sample import PHASES, announce_sample
+from exceptiondrive_server.launcher.sample import PHASES, tell
 from exceptiondrive_server.launcher.steps import Say
 from exceptiondrive_server.launcher.users import own_user_of_server
 
@@ -99,9 +99,9 @@ class Launcher:
         given_url = os.environ.get("EXCEPTIONDRIVE_BROKER_URL")
         shared = shared_environment(self.layout, self.address, given_url or folder.url)
         self._migrate(shared)
-        if self.with_sample:
-            with _records(shared) as database:
-                announce_sample(database)
+        with _records(shared) as database:
+            doing = "the server starts" if self.with_sample else ""
+            tell(database, lambda words: None, doing)
         if self.own_split is not None:
             self._open_phase(self.own_split, shared)
         user, words = own_user_of_server(self.layout.data)

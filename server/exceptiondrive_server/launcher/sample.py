@@ -97,11 +97,6 @@ def seed_sample(database: Database, layout: Layout) -> None:
         _make_team(session, layout.data / TOKEN_FILE)
 
 
-def announce_sample(database: Database) -> None:
-    """Let the first page that is ever asked for say that the sample is coming."""
-    _tell(database, lambda words: None, "the server starts")
-
-
 def fill_sample(database: Database, layout: Layout, server_url: str, say: Say) -> None:
     """Register the sample split, seed, and submit every planner that is not on the records yet.
 
@@ -111,28 +106,28 @@ def fill_sample(database: Database, layout: Layout, server_url: str, say: Say) -
     try:
         _fill(database, layout, server_url, say)
     finally:
-        _tell(database, lambda words: None, "")
+        tell(database, lambda words: None, "")
 
 
 def _fill(database: Database, layout: Layout, server_url: str, say: Say) -> None:
     worker = find_command("exceptiondrive-worker")
     environment = worker_environment(layout, {**os.environ, **layout.environment(os.environ)})
-    _tell(database, say, "making its scenes and their hazards")
+    tell(database, say, "making its scenes and their hazards")
     run_step([worker, "seed-sample"], environment)
     seed_sample(database, layout)
     listing = layout.planners / "planners.json"
     if not listing.exists():
         layout.planners.mkdir(parents=True, exist_ok=True)
-        _tell(database, say, "making the files of the synthetic planners")
+        tell(database, say, "making the files of the synthetic planners")
         run_step([worker, "make-planners", str(layout.planners)], environment)
     planners = TypeAdapter(tuple[Planner, ...]).validate_json(listing.read_bytes())
     missing = [planner for planner in planners if not _is_known(database, planner)]
     if missing:
-        _tell(database, say, f"{len(missing)} synthetic planners are submitted and scored")
+        tell(database, say, f"{len(missing)} synthetic planners are submitted and scored")
         _submit_all(missing, layout, server_url, say, partial(_submission_of, database))
 
 
-def _tell(database: Database, say: Say, doing: str) -> None:
+def tell(database: Database, say: Say, doing: str) -> None:
     """Say what is being made on the terminal and, until the first board stands, on the page."""
     say(f"sample: {doing}")
     with database.write() as session:

@@ -116,6 +116,7 @@ async def test_a_date_that_is_none_is_told_what_is_wrong(
 REFUSED = (
     "sort=nonsense",
     "sort=--ur",
+    "sort=HCC",
     "sort=accuracy",
     "as_of=yesterday",
     "as_of=2000-01-01&protocol=1.0",
