@@ -13,6 +13,7 @@ from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import flush_or_refuse
 from exceptiondrive_records.db.errors import Conflict, NotAllowed, NotFound
 from exceptiondrive_records.db.identifiers import (
     checked_reason,
@@ -43,7 +44,7 @@ def create_team(
         raise Conflict(f"There is a team with the {what} already.")
     team = Team(slug=slug, name=name, is_reference=is_reference, created_at=database_now(session))
     session.add(team)
-    session.flush()
+    flush_or_refuse(session, "Another team took this id or name meanwhile; choose another one.")
     audit(session, actor, "team created", slug, {"name": name, "is_reference": is_reference})
     return team
 
