@@ -133,8 +133,10 @@ PLANNING_WORDS = ChallengeWords(
 import json, sys
 from recorder import Recorder
 
-def plan(sample_id, scene):  # put your planner here; scene is "source" or "edited"
-    return [(3.5 * step, 0.0) for step in range(1, 7)]  # x forward, y left, each 0.5 s
+def plan(sample_id, scene):
+    # A stand-in: put your planner here. scene is "source" or "edited";
+    # x forward, y left, in metres, at 0.5, 1.0, ... 3.0 s.
+    return [(3.5 * step, 0.0) for step in range(1, 7)]
 
 manifest, output = sys.argv[1:]
 split = json.load(open(manifest))["name"]
@@ -191,7 +193,8 @@ STRATEGY_WORDS = ChallengeWords(
 import json, sys
 from recorder import StrategyRecorder
 
-def decide(sample_id):  # put your agent here; "A" to "E", or None
+def decide(sample_id):
+    # A stand-in: put your agent here. It says "A" to "E", or None.
     return "B"
 
 manifest, output = sys.argv[1:]
