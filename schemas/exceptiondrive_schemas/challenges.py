@@ -86,6 +86,8 @@ class ChallengeWords(Document):
     """What the shares of a coverage count: "edited" and, where there is one, "source"."""
     file_note: str
     """What a file is made of, in a sentence."""
+    alike: str
+    """What of two submissions is compared in search of copies, and what counts as the same."""
     code: CodeWords
 
 
@@ -126,6 +128,9 @@ PLANNING_WORDS = ChallengeWords(
     covered={"edited": "scenes with hazard", "source": "original scenes"},
     file_note="One JSON file with {waypoints} waypoints per trajectory, two trajectories per "
     "sample.",
+    alike="Compared are the paths for the scene with the hazard, sample by sample; those at most 5 cm "
+    "apart, on the mean of their waypoints, count as the same answer. Paths for the original scene are "
+    "not compared.",
     code=CodeWords(
         file="planner.json.gz",
         method="My planner",
@@ -186,6 +191,7 @@ STRATEGY_WORDS = ChallengeWords(
     covered={"edited": "scenes"},
     file_note="One JSON file with one letter per sample: what the agent would do in the edited "
     "scene.",
+    alike="Compared is the strategy that is named for each sample. Reminders are not compared.",
     code=CodeWords(
         file="agent.json.gz",
         method="My agent",
