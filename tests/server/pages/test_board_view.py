@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from tests.server.pages.invented_board import KEYS, STILL
+from tests.server.pages.invented_board import BLIND, KEYS, STILL
 
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import PLANNING
@@ -139,6 +139,22 @@ def test_listed_entries_stand_below_the_ranked_ones_whatever_the_sort(
         assert [row.entry.rank is None for row in rows] == [False] * 5 + [True] * 2
         (words,) = (row.rank_words for row in rows[-2:] if row.entry is listed)
         assert words == "it stands still"
+
+
+def test_a_row_without_a_rank_says_in_words_what_it_lacks(
+    lively_board: Board, protocol: ProtocolDocument
+) -> None:
+    (half,) = (entry for entry in lively_board.entries if entry.method == "half-a-file")
+    table = view(lively_board, protocol)
+    assert table.heading("scored", True)[0] == "Listed without a rank"
+    assert table.heading("scored", False) == ("", "")
+    assert table.lacks(half) == "coverage 0.62 is below 0.99"
+    half = half.model_copy(update={"coverage": {"edited": 0.6667, "source": 1.0}})
+    assert table.lacks(half) == "66.67 % answered"
+    still = half.model_copy(update={"flags": (STILL, BLIND), "unranked_flags": (STILL.code,)})
+    assert table.lacks(still) == "Stands still, 66.67 % answered"
+    covered = still.model_copy(update={"coverage": {"edited": 0.99}})
+    assert table.lacks(covered) == "Stands still"
 
 
 def test_tasks_that_are_not_told_are_counted(
