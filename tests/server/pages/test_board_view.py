@@ -64,7 +64,7 @@ def test_a_row_without_a_score_says_why_it_is_not_ranked(
 ) -> None:
     row = view(lively_board, protocol).blocks[0].rows[-1]
     assert row.rank is None
-    assert row.rank_words == "coverage 0.62 is below 0.99"
+    assert row.rank_words == "62.00% of the scenes with hazard are answered; a rank needs 99%"
     assert all(cell.text is None for cell in row.cells)
 
 
@@ -148,13 +148,13 @@ def test_a_row_without_a_rank_says_in_words_what_it_lacks(
     table = view(lively_board, protocol)
     assert table.heading("scored", True)[0] == "Listed without a rank"
     assert table.heading("scored", False) == ("", "")
-    assert table.lacks(half) == "coverage 0.62 is below 0.99"
-    half = half.model_copy(update={"coverage": {"edited": 0.6667, "source": 1.0}})
-    assert table.lacks(half) == "66.67 % answered"
+    assert table.lacks(half) == "62.00 % answered"
     still = half.model_copy(update={"flags": (STILL, BLIND), "unranked_flags": (STILL.code,)})
-    assert table.lacks(still) == "Stands still, 66.67 % answered"
+    assert table.lacks(still) == "Stands still, 62.00 % answered"
     covered = still.model_copy(update={"coverage": {"edited": 0.99}})
     assert table.lacks(covered) == "Stands still"
+    unknown = half.model_copy(update={"coverage": {}, "unranked_because": "HCC not defined"})
+    assert table.lacks(unknown) == "HCC not defined"
 
 
 def test_tasks_that_are_not_told_are_counted(
