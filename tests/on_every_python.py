@@ -91,7 +91,17 @@ def run_on(version: Version, tests: list[str], *, is_whole: bool) -> str:
     groups = [tests] if is_whole else list(_by_folder(tests))
     last_lines = []
     for group in groups:
-        command = [python, "-m", "pytest", "-q", "-n", "2", "-p", "no:cacheprovider", *group]
+        command: list[str | Path] = [
+            python,
+            "-m",
+            "pytest",
+            "-q",
+            "-n",
+            "2",
+            "-p",
+            "no:cacheprovider",
+            *group,
+        ]
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
         last_lines.append(done.stdout.strip().splitlines()[-1])
         if done.returncode != 0:
