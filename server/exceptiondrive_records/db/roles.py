@@ -83,6 +83,7 @@ RIGHTS = MappingProxyType(
         "protocols": (RID, R, R),  # foreign keys keep what is in use
         "questions": (RIUD, NONE, NONE),
         "receipt_keys": (RI, NONE, NONE),
+        "reported_boards": (RIU, NONE, NONE),
         "rescoring_runs": (RIU, R, RU),
         "sample_pictures": (R, RID, R),
         "score_sheets": (R, RI, R),  # only workers score
