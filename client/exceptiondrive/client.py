@@ -32,7 +32,7 @@ from exceptiondrive_schemas.base import Document, bytes_digest
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.method_facts import SubmissionEditView
-from exceptiondrive_schemas.own_entries import replaced_entry
+from exceptiondrive_schemas.own_entries import question_of, replaced_entry
 from exceptiondrive_schemas.phase_report import PhaseReport
 from exceptiondrive_schemas.phase_settings import RunRule
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
@@ -178,10 +178,10 @@ class Submission:
 
     def _raise_unless_scored(self) -> None:
         view = self.view
-        if view.is_asked and view.report is not None:
+        if question := question_of(view):
             raise ScoringFailedError(
                 "not_confirmed",
-                f"Submission {view.id} counts for nothing yet. {' '.join(view.report.to_confirm)}",
+                f"Submission {view.id}: {question}",
                 "To submit it all the same, send the file again, or confirm it on its page.",
                 view,
             )

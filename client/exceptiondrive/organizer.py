@@ -236,6 +236,20 @@ class Organizer(Connection):
         """Return what readers may see of a phase as a tar; its `README.md` says what each file is."""
         return self._transport.get(f"/organizer/phases/{quoted(phase_id)}/export").content
 
+    def reported_boards(self, phase_id: str) -> list[Record]:
+        """Return the boards of elsewhere beside a phase, withdrawn ones too, newest first."""
+        return self._transport.records(f"/organizer/phases/{quoted(phase_id)}/reported")
+
+    def import_reported(self, phase_id: str, file: str, title: str, cite: str) -> Record:
+        """Put the rows of another board beside a phase, unranked: all of them, or none."""
+        path = f"/organizer/phases/{quoted(phase_id)}/reported"
+        return self._transport.post_once(path, {"title": title, "cite": cite, "file": file})
+
+    def withdraw_reported(self, phase_id: str, reported_id: str, reason: str) -> Record:
+        """Take the rows of another board away from a phase."""
+        path = f"/organizer/phases/{quoted(phase_id)}/reported/{quoted(reported_id)}/withdraw"
+        return self._transport.post_once(path, {"reason": reason})
+
     def freeze_phase(self, phase_id: str, reason: str) -> Record:
         """Freeze the public board now; scoring goes on."""
         path = f"/organizer/phases/{quoted(phase_id)}/freeze"

@@ -256,3 +256,24 @@ def test_a_protocol_is_confirmed_with_a_key_of_this_machine(
     why = ("--reason", "wrong document")
     assert organize(running, "protocols", "withdraw-confirmation", kept["id"], *why).exit_code == 0
     assert json.loads(organize(running, "protocols", "confirmations", "--json").stdout) == []
+
+
+def test_a_board_of_elsewhere_is_imported_listed_and_withdrawn(
+    running: "Running", tmp_path: Path
+) -> None:
+    revision = "sha256:" + "a" * 64
+    file = tmp_path / "board.csv"
+    file.write_text(f"method;hcc;split;split_revision;protocol\nFar;0.2;far;{revision};1.0\n")
+    phases = ("phases", "import-reported", "dev", file, "--title", "Far", "--cite", "Far et al.")
+    made = json.loads(organize(running, *phases, "--json").stdout)
+    assert made["rows"][0]["differences"][0].startswith("Split far, not ")
+    assert "Far" in organize(running, "phases", "reported", "dev").stdout
+    again = organize(running, *phases)
+    assert (again.exit_code, "already" in again.stderr) == (4, True)
+    file.write_text(f"method;hcc;split;split_revision;protocol\nFar;20;far;{revision};1.0\n")
+    bad = organize(running, *phases)
+    assert (bad.exit_code, "Line 2: hcc is 20" in bad.stderr) == (2, True)
+    gone = ("phases", "withdraw-reported", "dev", made["id"], "--reason", "wrong")
+    assert "Far withdrawn" in organize(running, *gone).stdout
+    (line,) = json.loads(organize(running, "audit", "list", "--limit", "1", "--json").stdout)
+    assert (line["action"], line["subject"]) == ("reported board withdrawn", made["id"])

@@ -1,11 +1,14 @@
 """GET and POST /submit, GET /my, GET /submissions/{id}, its events, and withdrawing on its page."""
 
 from collections.abc import Callable
+from datetime import timedelta
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from tests.support.work import claim_this
 
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.challenges import PLANNING
@@ -290,7 +293,8 @@ def test_what_is_asked_first_waits_for_the_word_of_its_team(
     page = alpha.get(address).text
     for words in (
         "not confirmed",
-        "no quota is spent",
+        "No quota is spent",
+        "Confirm it until 20",
         asked.replace("<", "&lt;"),
         "Submit it",
         "Leave it",
@@ -308,9 +312,29 @@ def test_what_is_asked_first_waits_for_the_word_of_its_team(
     (counted,) = {answer.headers["location"] for answer in answers}
     assert [answer.status_code for answer in answers] == [303, 303]
     assert counted != address
-    assert f"Submission {counted.rpartition('/')[2]} counts in its place" in alpha.get(address).text
+    assert f"Submission {counted.rpartition('/')[2]} is in its place" in alpha.get(address).text
     assert api.post(f"{address}/confirm", "alpha").json()["id"] == counted.rpartition("/")[2]
     assert api.post(f"{counted}/confirm", "alpha").status_code == 409
+
+
+def test_what_was_not_confirmed_in_time_says_that_its_file_is_deleted(
+    api: "Api", alpha: "TeamBrowser"
+) -> None:
+    address = alpha.submit("a", asks_first="true").headers["location"]
+    asked_id = address.rpartition("/")[2]
+    asked = "It will be scored but not ranked: 66.96% < 99%."
+    reject(api, asked_id, REPORT.model_copy(update={"faults": (), "to_confirm": (asked,)}))
+    with api.database.write() as session:
+        submission = session.get_one(Submission, asked_id)
+        submission.confirm_until = database_now(session) - timedelta(minutes=1)
+    page, listed = alpha.get(address).text, alpha.get("/my").text
+    assert "It was not confirmed in time" in page
+    assert "It was not confirmed in time" in listed
+    assert "Submit it</button>" not in page + listed
+    seen = api.get(address, "alpha").json()
+    assert (seen["status"], seen["confirm_until"]) == ("rejected", None)
+    refused = api.post(f"{address}/confirm", "alpha")
+    assert (refused.status_code, "Send the file again" in refused.json()["detail"]) == (409, True)
 
 
 def test_a_scored_submission_shows_its_sheet_then_its_rank(

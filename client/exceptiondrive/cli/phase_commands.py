@@ -15,6 +15,7 @@ import typer
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import show, show_result, show_saved
 from exceptiondrive.cli.session import open_organizer
+from exceptiondrive.cli.tables import records_table
 from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive.inputs import given_bytes
 from exceptiondrive_schemas.base import Document
@@ -136,6 +137,57 @@ def export(
     with open_organizer(server) as organizer:
         data = organizer.export_phase(phase_id)
     show_saved(output or Path(f"exceptiondrive-{phase_id}.tar"), data, json)
+
+
+def list_reported(
+    phase_id: PhaseArgument, server: options.Server = None, json: options.Json = False
+) -> None:
+    """List the boards of elsewhere beside a phase, withdrawn ones too, newest first."""
+    with open_organizer(server) as organizer:
+        found = organizer.reported_boards(phase_id)
+    lines = [{**one, "n_rows": len(one["rows"])} for one in found]
+    columns = ("id", "title", "n_rows", "imported_at", "withdrawn_at")
+    show_result(found, json, records_table(lines, columns))
+
+
+def import_reported(
+    phase_id: PhaseArgument,
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="CSV or JSON rows, an exported board, or Every Eval Ever records; - is stdin.",
+        ),
+    ],
+    title: Annotated[
+        str, typer.Option("--title", metavar="TEXT", help="What the other board is called.")
+    ],
+    cite: Annotated[
+        str, typer.Option("--cite", metavar="TEXT", help="Where it is: address or citation.")
+    ],
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Put the rows of another board beside a phase, unranked: all of them, or none."""
+    text = options.given(file).data.decode("utf-8-sig", "replace")
+    with open_organizer(server) as organizer:
+        made = organizer.import_reported(phase_id, text, title, cite)
+    show_result(made, json, f"{len(made['rows'])} rows imported as {made['id']}; they rank nowhere")
+
+
+def withdraw_reported(
+    phase_id: PhaseArgument,
+    reported_id: Annotated[
+        str, typer.Argument(metavar="IMPORT", help="Id of the import: see `reported`.")
+    ],
+    reason: ReasonOption,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Take the rows of another board away from a phase; they can be imported again."""
+    with open_organizer(server) as organizer:
+        gone = organizer.withdraw_reported(phase_id, reported_id, reason)
+    show_result(gone, json, f"{gone['title']} withdrawn")
 
 
 def freeze(
@@ -279,6 +331,9 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "feature": feature,
     "delete": delete,
     "export": export,
+    "reported": list_reported,
+    "import-reported": import_reported,
+    "withdraw-reported": withdraw_reported,
     "freeze": freeze,
     "reveal": reveal,
 }

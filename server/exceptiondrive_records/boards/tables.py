@@ -9,6 +9,7 @@ from sqlalchemy.orm import Mapped, column_property, mapped_column, relationship
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText
 from exceptiondrive_schemas.board import BoardLeader, BoardNews
+from exceptiondrive_schemas.reported.imported import ImportedRows
 
 
 class BoardRow(Base):
@@ -101,3 +102,18 @@ class BoardEntryRow(Base):
     board_id: Mapped[int] = mapped_column(ForeignKey("boards.id"), primary_key=True)
     submission_id: Mapped[str] = mapped_column(primary_key=True)
     rank: Mapped[int | None]
+
+
+class ReportedBoard(Base):
+    """A board of elsewhere, as an organizer imported it beside a phase; its rows are on no board here."""
+
+    __tablename__ = "reported_boards"
+    id: Mapped[str] = mapped_column(primary_key=True)
+    phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id", ondelete="CASCADE"), index=True)
+    title: Mapped[str]
+    cite: Mapped[str]
+    """Where it is found: an address, or a citation."""
+    rows: Mapped[ImportedRows] = mapped_column(DocumentText(ImportedRows))
+    imported_at: Mapped[datetime]
+    withdrawn_at: Mapped[datetime | None]
+    """Since when readers see it no more."""

@@ -164,7 +164,15 @@ def comma_separated(
 def _columns(board: Board) -> list[str]:
     keys = challenge_of(board).metric_keys
     return [
-        *("board", "published_at", "protocol", "protocol_digest", "split", "split_revision"),
+        *(
+            "board",
+            "published_at",
+            "protocol",
+            "protocol_digest",
+            "split",
+            "split_revision",
+            "n_samples",
+        ),
         *("source", "rank", "rank_low", "rank_high"),
         *("submission_id", "method", "team", "submitted_at", *keys),
         *(f"{key}_{end}" for key in keys for end in ("low", "high")),
@@ -194,6 +202,7 @@ def _line(board: Board, entry: BoardEntry, address: str) -> dict[str, object]:
         "protocol_digest": board.protocol.digest,
         "split": board.split.name,
         "split_revision": board.split.revision,
+        "n_samples": board.n_samples,
         "source": entry.source,
         "rank": entry.rank,
         "rank_low": low,

@@ -301,6 +301,8 @@ class BoardPage:
     """What readers are told of who stands on no board any more."""
     has_reported: bool = False
     """Whether the phase also shows what a paper reports, which has a page of its own."""
+    n_reported: int = 0
+    """How many rows of boards of elsewhere stand on another page beside the phase."""
 
     @property
     def outline(self) -> "BoardPage":

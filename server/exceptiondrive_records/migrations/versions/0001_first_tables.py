@@ -312,6 +312,7 @@ def create_submissions() -> None:
         sa.Column("chosen_rule", sa.String(), nullable=False),
         sa.Column("idempotency_key", sa.String()),
         sa.Column("asks_first", sa.Boolean(), nullable=False),
+        sa.Column("confirm_until", TIME),
         sa.Column("confirmed_as", sa.String()),
         sa.Column("published_at", TIME),
         sa.Column("facts", sa.Text()),
@@ -512,6 +513,22 @@ def create_boards() -> None:
         sa.Column("flip_id", sa.Integer(), sa.ForeignKey("board_flips.id"), primary_key=True),
         sa.Column("news", sa.Text(), nullable=False),
     )
+    op.create_table(
+        "reported_boards",
+        sa.Column("id", sa.String(), primary_key=True),
+        sa.Column(
+            "phase_id",
+            sa.String(),
+            sa.ForeignKey("phases.id", ondelete="CASCADE"),
+            nullable=False,
+        ),
+        sa.Column("title", sa.String(), nullable=False),
+        sa.Column("cite", sa.String(), nullable=False),
+        sa.Column("rows", sa.Text(), nullable=False),
+        sa.Column("imported_at", TIME, nullable=False),
+        sa.Column("withdrawn_at", TIME),
+    )
+    op.create_index("ix_reported_boards_phase_id", "reported_boards", ["phase_id"])
 
 
 def create_rescoring() -> None:
