@@ -215,7 +215,10 @@ def test_the_list_shows_scores_and_the_page_of_one_all_that_is_done_with_it(
     page = organizer.get(here).text
     for words in ("Score sheet", "HCC %", "50.00", "40 to 60"):
         assert words in page
-    for deed in ("verify", "note", "file", "folder"):
+    story = organizer.get(f"{here}/story").text
+    assert "story.css" in story
+    assert "<style" not in story, "the site allows none"
+    for deed in ("verify", "note", "file", "folder", "story"):
         assert f'href="{here}/{deed}"' in page
     note = {"words": "We look into it.\n\nBack on Monday."}
     sent = organizer.post(f"{here}/note", note, page=f"{here}/note")
