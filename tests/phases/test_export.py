@@ -3,6 +3,8 @@
 import io
 import json
 import tarfile
+import weakref
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +14,8 @@ import pytest
 import tests.support
 from tests.canary.values import CANARY_M
 from tests.phases.test_parts import CAREFUL, PRIVATE_ONLY, PUBLIC_ONLY, reveal, revisions
+
+from exceptiondrive_server.submissions.download import PIECE_BYTES, written_down
 
 if TYPE_CHECKING:
     from tests.phases.conftest import Life
@@ -97,6 +101,27 @@ def test_nothing_of_regions_and_no_unshown_part_is_in_it(life: "Life") -> None:
         assert secret.encode() not in everything, secret
     for who in (None, "alpha"):
         assert life.get(EXPORT, who).status_code in (401, 403)
+
+
+def test_what_is_written_down_is_taken_one_by_one_and_comes_back_whole() -> None:
+    """No part waits in memory for another: each is gone when the next is made."""
+    alive: list[weakref.ref[bytearray]] = []
+
+    def parts() -> Iterator[bytearray]:
+        for n in range(5):
+            assert all(one() is None for one in alive[:-1]), "only the last part may be held"
+            made = _Part(bytes([n]) * PIECE_BYTES)
+            alive.append(weakref.ref(made))
+            yield made
+            del made
+
+    pieces = list(written_down(parts()))
+    assert [len(one) for one in pieces] == [PIECE_BYTES] * 5
+    assert b"".join(pieces) == b"".join(bytes([n]) * PIECE_BYTES for n in range(5))
+
+
+class _Part(bytearray):
+    """Bytes that can be watched."""
 
 
 def test_a_phase_without_a_board_has_no_export(life: "Life") -> None:
