@@ -105,9 +105,9 @@ def test_nothing_of_regions_and_no_unshown_part_is_in_it(life: "Life") -> None:
 
 def test_what_is_written_down_is_taken_one_by_one_and_comes_back_whole() -> None:
     """No part waits in memory for another: each is gone when the next is made."""
-    alive: list[weakref.ref[bytearray]] = []
+    alive: list[weakref.ref[bytes]] = []
 
-    def parts() -> Iterator[bytearray]:
+    def parts() -> Iterator[bytes]:
         for n in range(5):
             assert all(one() is None for one in alive[:-1]), "only the last part may be held"
             made = _Part(bytes([n]) * PIECE_BYTES)
@@ -120,7 +120,7 @@ def test_what_is_written_down_is_taken_one_by_one_and_comes_back_whole() -> None
     assert b"".join(pieces) == b"".join(bytes([n]) * PIECE_BYTES for n in range(5))
 
 
-class _Part(bytearray):
+class _Part(bytes):
     """Bytes that can be watched."""
 
 
