@@ -36,7 +36,7 @@ R, RI, RU, RIU, RID, RIUD = (
     "SELECT, INSERT, UPDATE, DELETE",
 )
 NONE = ""
-_STATUS = "SELECT, UPDATE (status, status_at, report, failure_code, failure_message)"
+_STATUS = "SELECT, UPDATE (status, status_at, report, confirm_until, failure_code, failure_message)"
 _POINTER = "SELECT, UPDATE (current_board_id, late_board_id)"
 _CONFIRMATIONS = "SELECT, INSERT, UPDATE (withdrawn_at)"
 _VERSIONS = "alembic_version"

@@ -165,7 +165,7 @@ async def test_the_same_filter_is_the_same_rows_on_page_api_and_csv(lively_site:
 async def shown_order(site: Any, query: str) -> list[list[str]]:
     """Return the scored methods as the page, the CSV and the API's CSV list them."""
     text = (await site.get(f"/{query}")).text
-    rows = text.split('class="blk-scored"')[1].split("</tbody>")[0]
+    rows = "".join(re.findall(r'(?s)class="blk-(?:scored|listed)".*?</tbody>', text))
     found = [[unescape(name) for name in re.findall(r'class="pn"[^>]*>([^<]*)</a>', rows)]]
     for path in ("/export/board.csv", "/api/v1/leaderboard.csv"):
         lines = csv.DictReader(io.StringIO((await site.get(f"{path}{query}")).text))

@@ -316,6 +316,7 @@ def create_submissions() -> None:
         sa.Column("chosen_rule", sa.String(), nullable=False),
         sa.Column("idempotency_key", sa.String()),
         sa.Column("asks_first", sa.Boolean(), nullable=False),
+        sa.Column("confirm_until", TIME),
         sa.Column("confirmed_as", sa.String()),
         sa.Column("published_at", TIME),
         sa.Column("facts", sa.Text()),
