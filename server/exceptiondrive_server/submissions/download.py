@@ -2,6 +2,7 @@
 
 import tarfile
 from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
 from datetime import UTC, datetime
 from tempfile import TemporaryFile
 from typing import IO
@@ -163,9 +164,11 @@ def written_down(parts: Iterable[bytes]) -> Iterator[bytes]:
 
     So a slow reader holds no transaction, and what is large stands in no memory.
     """
-    file = TemporaryFile()  # noqa: SIM115 - read after this returned
-    file.writelines(parts)
-    file.seek(0)
+    with ExitStack() as until_whole:
+        file = until_whole.enter_context(TemporaryFile())
+        file.writelines(parts)
+        file.seek(0)
+        until_whole.pop_all()
     return _read_out(file)
 
 
