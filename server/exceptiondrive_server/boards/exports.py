@@ -146,10 +146,8 @@ def bibtex(
 def entry_bibtex(board: Board, entry: BoardEntry, site_url: str) -> str:
     """Write a citation of an entry: by its paper, else its code, if its team links to one, and by this board."""
     at = entry.submitted_at or board.published_at
-    links = (entry.links.paper, entry.links.code)
-    own = next(
-        (link for link in links if https_only(link)), f"{site_url}/entries/{entry.submission_id}"
-    )
+    here = f"{site_url}/entries/{entry.submission_id}"
+    own = https_only(entry.links.paper) or https_only(entry.links.code) or here
     return (
         f"@misc{{exceptiondrive-{entry.submission_id},\n"
         f"  title  = {{{{{tex_escape(entry.method)}}}}},\n"
