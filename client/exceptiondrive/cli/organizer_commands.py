@@ -503,13 +503,27 @@ def read_audit(
             "--since", metavar="TIME", help="2027-01-31T00:00:00Z, or a day: from then on."
         ),
     ] = None,
+    until: Annotated[
+        str | None,
+        typer.Option("--until", metavar="TIME", help="Before this time, or to the end of a day."),
+    ] = None,
+    action: Annotated[
+        str | None,
+        typer.Option("--action", metavar="KIND", help="Only of this kind, as 'phase changed'."),
+    ] = None,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
     """Show the newest lines of the audit log."""
     with open_organizer(server) as organizer:
         found = organizer.audit(
-            limit, actor=actor, subject=subject, by_people=by_people, since=since
+            limit,
+            actor=actor,
+            subject=subject,
+            by_people=by_people,
+            since=since,
+            until=until,
+            action=action,
         )
     show_result(found, json, records_table(found, ("id", "at", "actor", "action", "subject")))
 
