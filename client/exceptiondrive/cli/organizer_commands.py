@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from exceptiondrive.cli import (
+    completion,
     news_commands,
     options,
     participation_commands,
@@ -24,9 +25,17 @@ from exceptiondrive.inputs import given_bytes, given_protocol
 from exceptiondrive_schemas.protocol import ProtocolDocument, ProtocolError
 from exceptiondrive_schemas.protocol_sense import nonsense
 from exceptiondrive_schemas.split import SplitRef
+from exceptiondrive_schemas.submission import SubmissionStatus
 
-SubmissionId = Annotated[str, typer.Argument(metavar="ID", help="Id of the submission.")]
-TeamId = Annotated[str, typer.Argument(metavar="TEAM", help="Id of the team.")]
+SubmissionId = Annotated[
+    str,
+    typer.Argument(
+        metavar="ID", autocompletion=completion.submission_ids, help="Id of the submission."
+    ),
+]
+TeamId = Annotated[
+    str, typer.Argument(metavar="TEAM", autocompletion=completion.teams, help="Id of the team.")
+]
 FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="Protocol document, TOML.")]
 
 
@@ -50,7 +59,12 @@ def diff_protocol(
     file: FileArgument,
     phase: Annotated[
         str | None,
-        typer.Option("--phase", metavar="ID", help="Against the protocol this phase shows."),
+        typer.Option(
+            "--phase",
+            metavar="ID",
+            autocompletion=completion.phases,
+            help="Against the protocol this phase shows.",
+        ),
     ] = None,
     server: options.Server = None,
     json: options.Json = False,
@@ -67,7 +81,12 @@ def diff_protocol(
 
 
 def similar(
-    phase: Annotated[str, typer.Option("--phase", metavar="PHASE", help="Id of the phase.")],
+    phase: Annotated[
+        str,
+        typer.Option(
+            "--phase", metavar="PHASE", autocompletion=completion.phases, help="Id of the phase."
+        ),
+    ],
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -259,13 +278,25 @@ def download_story(
 
 def download_archive(
     team: Annotated[
-        str | None, typer.Option("--team", metavar="TEAM", help="Only of this team.")
+        str | None,
+        typer.Option(
+            "--team", metavar="TEAM", autocompletion=completion.teams, help="Only of this team."
+        ),
     ] = None,
     phase: Annotated[
-        str | None, typer.Option("--phase", metavar="ID", help="Only of this phase.")
+        str | None,
+        typer.Option(
+            "--phase", metavar="ID", autocompletion=completion.phases, help="Only of this phase."
+        ),
     ] = None,
     status: Annotated[
-        str | None, typer.Option("--status", metavar="STATUS", help="Only in this status.")
+        str | None,
+        typer.Option(
+            "--status",
+            metavar="STATUS",
+            autocompletion=completion.choices(*SubmissionStatus),
+            help="Only in this status.",
+        ),
     ] = None,
     output: options.Output = None,
     server: options.Server = None,
