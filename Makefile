@@ -59,8 +59,8 @@ $(VENV)/.system: $(STAMP) tests/install-system-parts
 test: $(STAMP) $(VENV)/.system  ## all tests; T=path picks some, N=2 says how many processes
 	$(BIN)/python -m pytest -n $(N) --dist loadfile --no-loadscope-reorder $(T)
 
-pythons: $(STAMP)  ## the tests of client, scoring and worker on every other Python found, 3.10 to 3.14; T=path picks some
-	$(BIN)/python -m tests.on_every_python $(filter-out tests,$(T))
+pythons: $(STAMP)  ## the tests of client, scoring and worker on every other Python found, 3.10 to 3.14; T=path picks some, ENDS=1 the client's on the oldest and newest
+	$(BIN)/python -m tests.on_every_python $(if $(ENDS),--ends) $(filter-out tests,$(T))
 
 bench: $(STAMP)  ## measured ratios of every stage, side by side in one run; then upload to published rank
 	$(BIN)/python -m benchmarks

@@ -236,6 +236,20 @@ class Organizer(Connection):
         """Return what readers may see of a phase as a tar; its `README.md` says what each file is."""
         return self._transport.get(f"/organizer/phases/{quoted(phase_id)}/export").content
 
+    def reported_boards(self, phase_id: str) -> list[Record]:
+        """Return the boards of elsewhere beside a phase, withdrawn ones too, newest first."""
+        return self._transport.records(f"/organizer/phases/{quoted(phase_id)}/reported")
+
+    def import_reported(self, phase_id: str, file: str, title: str, cite: str) -> Record:
+        """Put the rows of another board beside a phase, unranked: all of them, or none."""
+        path = f"/organizer/phases/{quoted(phase_id)}/reported"
+        return self._transport.post_once(path, {"title": title, "cite": cite, "file": file})
+
+    def withdraw_reported(self, phase_id: str, reported_id: str, reason: str) -> Record:
+        """Take the rows of another board away from a phase."""
+        path = f"/organizer/phases/{quoted(phase_id)}/reported/{quoted(reported_id)}/withdraw"
+        return self._transport.post_once(path, {"reason": reason})
+
     def freeze_phase(self, phase_id: str, reason: str) -> Record:
         """Freeze the public board now; scoring goes on."""
         path = f"/organizer/phases/{quoted(phase_id)}/freeze"
@@ -281,10 +295,13 @@ class Organizer(Connection):
         subject: str | None = None,
         by_people: bool = False,
         since: str | None = None,
+        until: str | None = None,
+        action: str | None = None,
     ) -> list[Record]:
         """Return the newest lines of the audit log; `by_people` leaves out what the machinery writes.
 
-        `since` is a time such as `2027-01-31T00:00:00Z`, or a day.
+        `since` is a time such as `2027-01-31T00:00:00Z`, or a day; `until` one before which lines are,
+        or a day that is taken in.
         """
         query = {
             "limit": limit,
@@ -292,6 +309,8 @@ class Organizer(Connection):
             "subject": subject,
             "by_people": "true" if by_people else None,
             "since": since,
+            "until": until,
+            "action": action,
         }
         return self._transport.records("/organizer/audit", query)
 

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping
 from exceptiondrive_schemas.challenges import CHALLENGES, Metric
 from exceptiondrive_schemas.phase_settings import PhasePolicy
 from exceptiondrive_schemas.protocol import PublicationSection
+from exceptiondrive_schemas.python310 import UTC
 from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
 
 HEADLINE = "macro_family"
@@ -45,6 +46,19 @@ def to_confirm(unranked_because: str | None, replaces: SubmissionView | None) ->
     if unranked_because is not None:
         found["allow_unranked"] = f"It will be scored but not ranked: {unranked_because}."
     return found
+
+
+def question_of(view: SubmissionView) -> str:
+    """Say what a team is asked before an upload counts, and until when; empty: it was asked nothing."""
+    asked = view.report.to_confirm if view.report is not None else ()
+    if view.status is not SubmissionStatus.REJECTED or not asked:
+        return ""
+    if view.confirm_until is None:
+        return "It was not confirmed in time: it counts for nothing, and its file is deleted. Send it again."
+    until = f"{view.confirm_until.astimezone(UTC):%Y-%m-%d %H:%M} UTC"
+    return " ".join(
+        ("Nothing is counted yet.", *asked, f"Confirm it until {until}, or its file is deleted.")
+    )
 
 
 def metric_text(

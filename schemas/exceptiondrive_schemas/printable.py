@@ -32,6 +32,11 @@ def spreadsheet_text(text: str) -> str:
     return f"'{text}" if text.startswith(_STARTS) else text
 
 
+def from_spreadsheet(text: str) -> str:
+    """Return the text of which `spreadsheet_text` made a cell."""
+    return text[1:] if text.startswith("'") and text[1:].startswith(_STARTS) else text
+
+
 def counted(count: int, noun: str, plural: str | None = None) -> str:
     """Return `1 value`, `1,000 values`, `3 entries`."""
     return f"{count:,} {noun if count == 1 else plural or noun + 's'}"

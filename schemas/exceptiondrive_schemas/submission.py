@@ -109,14 +109,15 @@ class SubmissionView(Document):
     """It stands on no board since then; the team's notices say why."""
     known_as: str | None = None
     """The pseudonym of the team on the board of an anonymous phase."""
+    confirm_until: datetime | None = None
+    """Until when its team may say yes to what `report.to_confirm` asks; then the file is deleted."""
     confirmed_as: str | None = None
-    """The submission that counts in its place, since the team said yes to what was asked."""
+    """The submission in its place, since the team said yes to what was asked or sent it again."""
 
     @property
     def is_asked(self) -> bool:
         """Whether its file is sound, and its team has to say yes before it counts."""
-        is_rejected = self.status is SubmissionStatus.REJECTED
-        return is_rejected and self.report is not None and bool(self.report.to_confirm)
+        return self.status is SubmissionStatus.REJECTED and self.confirm_until is not None
 
 
 class SubmissionPage(Document):

@@ -11,6 +11,8 @@ from exceptiondrive_server.accounts import token_pages
 from exceptiondrive_server.audit import organizer_api as organizer_audit
 from exceptiondrive_server.audit import organizer_pages as audit_pages
 from exceptiondrive_server.boards import api as boards
+from exceptiondrive_server.boards import organizer_api as organizer_boards
+from exceptiondrive_server.boards import organizer_pages as organizer_board_pages
 from exceptiondrive_server.boards import pages as board_pages
 from exceptiondrive_server.boards import pictures
 from exceptiondrive_server.entries import api as entries
@@ -74,6 +76,7 @@ _ORGANIZER_API = APIRouter(
 for _part in (
     organizer_participation.router,
     organizer_news.router,
+    organizer_boards.router,
     organizer_teams.router,
     organizer_accounts.router,
     organizer_phases.router,
@@ -137,6 +140,7 @@ for _part in (
     overview_pages.router,
     participation_pages.router,
     news_pages.router,
+    organizer_board_pages.router,
     organizer_team_pages.router,
     people_pages.router,
     organizer_phase_pages.router,

@@ -95,8 +95,9 @@ def test_a_valid_file_is_0(planning_file: MakeFile, split_file: Path) -> None:
     done = run("check", planning_file(), "--split", split_file)
     assert done.exit_code == 0
     assert done.stderr.startswith("No recorded drives are known of these samples")
-    first, *profile = done.stdout.splitlines()
+    first, note, *profile = done.stdout.splitlines()
     assert first == "planner.json is valid: planning, 4 predictions, split tiny"
+    assert "will be flagged Blind to the edit: source and edited are alike in 100%" in note
     assert [" ".join(line.split()) for line in profile] == [
         "source speed median 8.00 m/s",
         "standing still sources 0.0%, edited 0.0%",

@@ -1,4 +1,5 @@
 import json
+import re
 import tarfile
 from collections.abc import Callable
 from pathlib import Path
@@ -114,6 +115,17 @@ def test_a_protocol_is_added_once_and_checked_before_it_is_sent(
     assert "is not UTF-8 text" in organize(running, "protocols", "add", path).stderr
 
 
+@pytest.mark.parametrize("command", ["check", "diff"])
+def test_what_nobody_can_mean_is_refused_at_home(
+    running: "Running", tmp_path: Path, command: str
+) -> None:
+    path = tmp_path / "new.toml"
+    text = packaged_protocol_toml().replace('version = "1.0"', 'version = "9.1"')
+    path.write_text(re.sub(r"footprint_length_m = .*", "footprint_length_m = 60.0", text))
+    done = organize(running, "protocols", command, path)
+    assert (done.exit_code, "no vehicle is 60 m" in done.stderr) == (2, True)
+
+
 def test_a_tampered_audit_log_is_found(running: "Running") -> None:
     whole = organize(running, "audit", "verify")
     assert whole.exit_code == 0
@@ -132,6 +144,15 @@ def test_a_tampered_audit_log_is_found(running: "Running") -> None:
         == []
     )
     assert organize(running, "audit", "list", "--since", "lately").exit_code == 2
+    lines = json.loads(organize(running, "audit", "list", "--json").stdout)
+    for asked, kept in (
+        (("--until", lines[0]["at"]), [one for one in lines if one["at"] < lines[0]["at"]]),
+        (("--until", lines[0]["at"][:10]), lines),
+        (("--until", "2000-01-01"), []),
+        (("--until", "9999-12-31"), lines),
+        (("--action", "phase created"), [o for o in lines if o["action"] == "phase created"]),
+    ):
+        assert json.loads(organize(running, "audit", "list", *asked, "--json").stdout) == kept
     with running.context.database.write() as session:
         triggers = session.execute(text("SELECT name FROM sqlite_master WHERE type = 'trigger'"))
         for (name,) in list(triggers):
@@ -256,3 +277,24 @@ def test_a_protocol_is_confirmed_with_a_key_of_this_machine(
     why = ("--reason", "wrong document")
     assert organize(running, "protocols", "withdraw-confirmation", kept["id"], *why).exit_code == 0
     assert json.loads(organize(running, "protocols", "confirmations", "--json").stdout) == []
+
+
+def test_a_board_of_elsewhere_is_imported_listed_and_withdrawn(
+    running: "Running", tmp_path: Path
+) -> None:
+    revision = "sha256:" + "a" * 64
+    file = tmp_path / "board.csv"
+    file.write_text(f"method;hcc;split;split_revision;protocol\nFar;0.2;far;{revision};1.0\n")
+    phases = ("phases", "import-reported", "dev", file, "--title", "Far", "--cite", "Far et al.")
+    made = json.loads(organize(running, *phases, "--json").stdout)
+    assert made["rows"][0]["differences"][0].startswith("Split far, not ")
+    assert "Far" in organize(running, "phases", "reported", "dev").stdout
+    again = organize(running, *phases)
+    assert (again.exit_code, "already" in again.stderr) == (4, True)
+    file.write_text(f"method;hcc;split;split_revision;protocol\nFar;20;far;{revision};1.0\n")
+    bad = organize(running, *phases)
+    assert (bad.exit_code, "Line 2: hcc is 20" in bad.stderr) == (2, True)
+    gone = ("phases", "withdraw-reported", "dev", made["id"], "--reason", "wrong")
+    assert "Far withdrawn" in organize(running, *gone).stdout
+    (line,) = json.loads(organize(running, "audit", "list", "--limit", "1", "--json").stdout)
+    assert (line["action"], line["subject"]) == ("reported board withdrawn", made["id"])

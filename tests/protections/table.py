@@ -406,7 +406,7 @@ PROTECTIONS = (
     Protection(
         "links-at-intake",
         f"{RECORDS}.db.identifiers:checked_link",
-        lambda _: lambda kind, url: url,
+        lambda _: lambda kind, url, **_options: url,
         INJECTION + "intake_refuses_links_that_are_not_plain_https",
     ),
     Protection(

@@ -1,11 +1,14 @@
 """GET and POST /submit, GET /my, GET /submissions/{id}, its events, and withdrawing on its page."""
 
 from collections.abc import Callable
+from datetime import timedelta
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from tests.support.work import claim_this
 
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.challenges import PLANNING
@@ -76,6 +79,8 @@ def test_the_form_shows_what_is_left_and_when_it_begins_anew(alpha: "TeamBrowser
     alpha.submit("a")
     page = alpha.get("/submit").text
     assert "4 of 5 left today" in page
+    assert "20 wrong files more may be sent today" in page
+    assert "at most 20 wrong ones a day are taken" in page
     assert "00:00 UTC" in page
 
 
@@ -270,7 +275,8 @@ def test_the_page_of_a_rejected_file_lists_its_faults_safely(
     reject(api, submission_id, REPORT)
     page = alpha.get(f"/submissions/{submission_id}").text
     for words in ("1,234 faults", "wrong_waypoint_count", "$.predictions[2].edited", "6 waypoints",
-                  "cut the horizon", "&lt;b&gt;5&lt;/b&gt;", "1,233 more of this kind"):  # fmt: skip
+                  "cut the horizon", "&lt;b&gt;5&lt;/b&gt;", "1,233 more of this kind",
+                  "No quota was spent; of a team, at most"):  # fmt: skip
         assert words in page, words
     assert "<b>5</b>" not in page
     assert "/withdraw" not in page
@@ -287,7 +293,8 @@ def test_what_is_asked_first_waits_for_the_word_of_its_team(
     page = alpha.get(address).text
     for words in (
         "not confirmed",
-        "no quota is spent",
+        "No quota is spent",
+        "Confirm it until 20",
         asked.replace("<", "&lt;"),
         "Submit it",
         "Leave it",
@@ -305,9 +312,29 @@ def test_what_is_asked_first_waits_for_the_word_of_its_team(
     (counted,) = {answer.headers["location"] for answer in answers}
     assert [answer.status_code for answer in answers] == [303, 303]
     assert counted != address
-    assert f"Submission {counted.rpartition('/')[2]} counts in its place" in alpha.get(address).text
+    assert f"Submission {counted.rpartition('/')[2]} is in its place" in alpha.get(address).text
     assert api.post(f"{address}/confirm", "alpha").json()["id"] == counted.rpartition("/")[2]
     assert api.post(f"{counted}/confirm", "alpha").status_code == 409
+
+
+def test_what_was_not_confirmed_in_time_says_that_its_file_is_deleted(
+    api: "Api", alpha: "TeamBrowser"
+) -> None:
+    address = alpha.submit("a", asks_first="true").headers["location"]
+    asked_id = address.rpartition("/")[2]
+    asked = "It will be scored but not ranked: 66.96% < 99%."
+    reject(api, asked_id, REPORT.model_copy(update={"faults": (), "to_confirm": (asked,)}))
+    with api.database.write() as session:
+        submission = session.get_one(Submission, asked_id)
+        submission.confirm_until = database_now(session) - timedelta(minutes=1)
+    page, listed = alpha.get(address).text, alpha.get("/my").text
+    assert "It was not confirmed in time" in page
+    assert "It was not confirmed in time" in listed
+    assert "Submit it</button>" not in page + listed
+    seen = api.get(address, "alpha").json()
+    assert (seen["status"], seen["confirm_until"]) == ("rejected", None)
+    refused = api.post(f"{address}/confirm", "alpha")
+    assert (refused.status_code, "Send the file again" in refused.json()["detail"]) == (409, True)
 
 
 def test_a_scored_submission_shows_its_sheet_then_its_rank(

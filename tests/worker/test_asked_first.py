@@ -9,15 +9,16 @@ import pytest
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, PhaseClosed, QuotaExceeded
 from exceptiondrive_records.entries.selection import choose
-from exceptiondrive_records.operations.invariants import violations
+from exceptiondrive_records.operations.garbage import sweep_orphans
+from exceptiondrive_records.operations.invariants import damaged_uploads, violations
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.retry import restore_submission
-from exceptiondrive_records.submissions.submissions import confirm, withdraw
+from exceptiondrive_records.submissions.submissions import LONGEST_CONFIRMATION, confirm, withdraw
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import view
-from exceptiondrive_records.work.jobs import jobs_of
+from exceptiondrive_records.work.jobs import CONFIRM_WITHIN, jobs_of
 from exceptiondrive_schemas.phase_settings import PhasePolicy
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_schemas.submission import Quota, SubmissionStatus, SubmissionView
@@ -166,6 +167,58 @@ def test_a_confirmation_takes_quota_as_an_upload_does(
     with pytest.raises(QuotaExceeded), on_both.database.write() as session:
         confirm(session, asked_id)
     assert seen(on_both, asked_id).is_asked, "what is refused changes nothing"
+
+
+def test_what_was_not_confirmed_in_time_loses_its_file_and_can_be_sent_again(
+    on_both: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    data = planning_file(tiny, changes=GAPS)
+    asked_id = on_both.score(data, asks_first=True)
+    asked = seen(on_both, asked_id)
+    assert asked.confirm_until is not None
+    assert asked.confirm_until - asked.status_at == pytest.approx(
+        CONFIRM_WITHIN, abs=timedelta(minutes=5)
+    )
+    lapse(on_both, asked_id, ago=timedelta(minutes=1))
+    with pytest.raises(Conflict, match="time to confirm"), on_both.database.write() as session:
+        confirm(session, asked_id)
+    assert seen(on_both, asked_id).confirm_until is None
+    assert not seen(on_both, asked_id).is_asked
+    assert sweep(on_both) == 0, "a confirmation that began in time may be under way"
+
+    lapse(on_both, asked_id, ago=LONGEST_CONFIRMATION)
+    assert sweep(on_both) == 1
+    assert not on_both.files.holds(asked.file_digest)
+    again_id = on_both.score(data, asks_first=True)
+    assert seen(on_both, again_id).is_asked
+    assert seen(on_both, asked_id).confirmed_as == again_id
+    lapse(on_both, again_id, ago=LONGEST_CONFIRMATION)
+    assert sweep(on_both) == 1
+    with on_both.database.read() as session:
+        assert violations(session) + damaged_uploads(session, on_both.files, limit_bytes=1) == []
+    counted_id = on_both.score(data)
+    assert seen(on_both, counted_id).sheet is not None
+    assert sweep(on_both) == 0
+
+
+def test_a_file_that_another_submission_has_is_kept(
+    on_both: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    data = planning_file(tiny, changes=GAPS)
+    asked_id = on_both.score(data, asks_first=True)
+    on_both.score(data, team="beta")
+    lapse(on_both, asked_id, ago=LONGEST_CONFIRMATION)
+    assert sweep(on_both) == 0
+
+
+def lapse(world: World, submission_id: str, *, ago: timedelta) -> None:
+    with world.database.write() as session:
+        session.get_one(Submission, submission_id).confirm_until = database_now(session) - ago
+
+
+def sweep(world: World) -> int:
+    grace = timedelta(seconds=-1)
+    return sweep_orphans(world.database, world.files, actor="test", grace=grace).n_files
 
 
 @pytest.mark.parametrize(("minutes_ago", "is_late"), [(5, False), (20, True)])

@@ -12,16 +12,20 @@ from typing import Annotated, Any
 
 import typer
 
-from exceptiondrive.cli import options
+from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.output import show, show_result, show_saved
 from exceptiondrive.cli.session import open_organizer
+from exceptiondrive.cli.tables import records_table
 from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive.inputs import given_bytes
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.form_fields import FormField, document_of, fields_of, values_of
 from exceptiondrive_schemas.phase_settings import PhaseChange, PhaseSettings
 
-PhaseArgument = Annotated[str, typer.Argument(metavar="ID", help="Id of the phase.")]
+PhaseArgument = Annotated[
+    str, typer.Argument(metavar="ID", autocompletion=completion.phases, help="Id of the phase.")
+]
 ReasonOption = Annotated[
     str, typer.Option("--reason", metavar="TEXT", help="Why; stays in the audit log.")
 ]
@@ -49,7 +53,13 @@ def create(
         typer.Option("--split-revision", metavar="REVISION", help="Else the one registered last."),
     ] = None,
     challenge: Annotated[
-        str, typer.Option("--challenge", metavar="C", help="planning or strategy.")
+        str,
+        typer.Option(
+            "--challenge",
+            metavar="C",
+            autocompletion=completion.choices(*CHALLENGES),
+            help="planning or strategy.",
+        ),
     ] = "planning",
     protocol: Annotated[
         str | None,
@@ -57,7 +67,12 @@ def create(
     ] = None,
     like: Annotated[
         str | None,
-        typer.Option("--like", metavar="ID", help="Take over settings of this phase, not dates."),
+        typer.Option(
+            "--like",
+            metavar="ID",
+            autocompletion=completion.phases,
+            help="Take over settings of this phase, not dates.",
+        ),
     ] = None,
     server: options.Server = None,
     json: options.Json = False,
@@ -138,6 +153,57 @@ def export(
     show_saved(output or Path(f"exceptiondrive-{phase_id}.tar"), data, json)
 
 
+def list_reported(
+    phase_id: PhaseArgument, server: options.Server = None, json: options.Json = False
+) -> None:
+    """List the boards of elsewhere beside a phase, withdrawn ones too, newest first."""
+    with open_organizer(server) as organizer:
+        found = organizer.reported_boards(phase_id)
+    lines = [{**one, "n_rows": len(one["rows"])} for one in found]
+    columns = ("id", "title", "n_rows", "imported_at", "withdrawn_at")
+    show_result(found, json, records_table(lines, columns))
+
+
+def import_reported(
+    phase_id: PhaseArgument,
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="CSV or JSON rows, an exported board, or Every Eval Ever records; - is stdin.",
+        ),
+    ],
+    title: Annotated[
+        str, typer.Option("--title", metavar="TEXT", help="What the other board is called.")
+    ],
+    cite: Annotated[
+        str, typer.Option("--cite", metavar="TEXT", help="Where it is: address or citation.")
+    ],
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Put the rows of another board beside a phase, unranked: all of them, or none."""
+    text = options.given(file).data.decode("utf-8-sig", "replace")
+    with open_organizer(server) as organizer:
+        made = organizer.import_reported(phase_id, text, title, cite)
+    show_result(made, json, f"{len(made['rows'])} rows imported as {made['id']}; they rank nowhere")
+
+
+def withdraw_reported(
+    phase_id: PhaseArgument,
+    reported_id: Annotated[
+        str, typer.Argument(metavar="IMPORT", help="Id of the import: see `reported`.")
+    ],
+    reason: ReasonOption,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Take the rows of another board away from a phase; they can be imported again."""
+    with open_organizer(server) as organizer:
+        gone = organizer.withdraw_reported(phase_id, reported_id, reason)
+    show_result(gone, json, f"{gone['title']} withdrawn")
+
+
 def freeze(
     phase_id: PhaseArgument,
     reason: ReasonOption,
@@ -153,7 +219,13 @@ def freeze(
 def reveal(
     phase_id: PhaseArgument,
     what: Annotated[
-        str, typer.Option("--what", metavar="|".join(WHAT), help="What readers are to see.")
+        str,
+        typer.Option(
+            "--what",
+            metavar="|".join(WHAT),
+            autocompletion=completion.choices(*WHAT),
+            help="What readers are to see.",
+        ),
     ],
     reason: ReasonOption,
     server: options.Server = None,
@@ -198,7 +270,9 @@ def _option(field: FormField) -> Parameter:
     }
     metavar = words.get(field.kind, "TEXT") + ("|none" if field.may_be_none else "")
     hint = f"{field.hint} `@FILE` reads it from a file." if field.kind == "lines" else field.hint
-    option = typer.Option(name, metavar=metavar, help=hint)
+    values = [value for value, _ in field.options] + ["none"] * field.may_be_none
+    offer = completion.choices(*values) if field.kind == "choice" else None
+    option = typer.Option(name, metavar=metavar, autocompletion=offer, help=hint)
     kind = str if default is Parameter.empty else str | None
     return _parameter(field.name, Annotated[kind, option], default)
 
@@ -279,6 +353,9 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "feature": feature,
     "delete": delete,
     "export": export,
+    "reported": list_reported,
+    "import-reported": import_reported,
+    "withdraw-reported": withdraw_reported,
     "freeze": freeze,
     "reveal": reveal,
 }

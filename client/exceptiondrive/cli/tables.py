@@ -16,7 +16,7 @@ from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.faults import CheckReport, FaultGroup
 from exceptiondrive_schemas.method_facts import SubmissionEditView, Told
-from exceptiondrive_schemas.own_entries import HEADLINE, entry_words, metric_text
+from exceptiondrive_schemas.own_entries import HEADLINE, entry_words, metric_text, question_of
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.rescoring import NotificationView
@@ -325,11 +325,12 @@ def submission_view(
         yield from report_view(view.report)
     elif view.report is not None and with_file:
         yield from file_view(view.report)
-    if view.is_asked and view.report is not None:
-        yield f"Nothing is counted yet. {' '.join(view.report.to_confirm)}"
+    if question := question_of(view):
+        yield question
+    if view.is_asked:
         yield f"To submit it all the same: send the file again, or confirm it on {page_url}"
     if view.confirmed_as is not None:
-        yield f"Submission {view.confirmed_as} counts in its place, as the team confirmed."
+        yield f"Submission {view.confirmed_as} is in its place: the team confirmed it or sent it again."
     if view.sheet is not None:
         n_predictions = view.report.n_predictions if view.report else None
         yield from sheet_view(view.sheet, with_tasks=False, n_predictions=n_predictions)

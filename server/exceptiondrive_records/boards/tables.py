@@ -11,6 +11,7 @@ from exceptiondrive_records.db.columns import DocumentText
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_schemas.board import BoardLeader, BoardNews
+from exceptiondrive_schemas.reported.imported import ImportedRows
 
 
 class BoardRow(Base):
@@ -93,3 +94,18 @@ _FORGOTTEN = (
     .correlate(BoardRow)
 )
 BoardRow.forgotten = column_property(_FORGOTTEN.scalar_subquery())
+
+
+class ReportedBoard(Base):
+    """A board of elsewhere, as an organizer imported it beside a phase; its rows are on no board here."""
+
+    __tablename__ = "reported_boards"
+    id: Mapped[str] = mapped_column(primary_key=True)
+    phase_id: Mapped[str] = mapped_column(ForeignKey("phases.id", ondelete="CASCADE"), index=True)
+    title: Mapped[str]
+    cite: Mapped[str]
+    """Where it is found: an address, or a citation."""
+    rows: Mapped[ImportedRows] = mapped_column(DocumentText(ImportedRows))
+    imported_at: Mapped[datetime]
+    withdrawn_at: Mapped[datetime | None]
+    """Since when readers see it no more."""

@@ -36,7 +36,7 @@ R, RI, RU, RIU, RID, RIUD = (
     "SELECT, INSERT, UPDATE, DELETE",
 )
 NONE = ""
-_STATUS = "SELECT, UPDATE (status, status_at, report, failure_code, failure_message)"
+_STATUS = "SELECT, UPDATE (status, status_at, report, confirm_until, failure_code, failure_message)"
 _POINTER = "SELECT, UPDATE (current_board_id, late_board_id)"
 _CONFIRMATIONS = "SELECT, INSERT, UPDATE (withdrawn_at)"
 _VERSIONS = "alembic_version"
@@ -81,6 +81,7 @@ RIGHTS = MappingProxyType(
         "protocols": (RID, R, R),  # foreign keys keep what is in use
         "questions": (RIUD, NONE, NONE),
         "receipt_keys": (RI, NONE, NONE),
+        "reported_boards": (RIU, NONE, NONE),
         "rescoring_runs": (RIU, R, RU),
         "sample_pictures": (R, RID, R),
         "score_sheets": (R, RI, R),  # only workers score

@@ -25,6 +25,7 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.own_entries import question_of
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.rescoring import NotificationView, Wish
 from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
@@ -121,8 +122,8 @@ def _sentences(session: Session, seen: SubmissionView) -> Iterator[str]:
     """Say of an outcome what the team's own page says."""
     if seen.report is not None and seen.report.faults:
         yield f"{counted(sum(each.count for each in seen.report.faults), 'fault')} in the file."
-    if seen.is_asked and seen.report is not None:
-        yield " ".join(("Nothing is counted yet.", *seen.report.to_confirm))
+    if question := question_of(seen):
+        yield question
     if seen.failure is not None:
         yield seen.failure.message
     if seen.sheet is not None:

@@ -29,6 +29,8 @@ from sqlalchemy.types import TypeEngine
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText, UtcDateTime
+from exceptiondrive_records.submissions.submissions import keeps_its_file
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.tables import Leader, WorkerHeartbeat
 
 _PASSING = {WorkerHeartbeat.__tablename__}
@@ -89,13 +91,20 @@ def is_empty(session: Session) -> bool:
     return not any(session.scalar(count) for count in counts)
 
 
-def file_digests(session: Session) -> list[str]:
-    """Return the digests of all stored files that any table mentions."""
+def file_digests(session: Session, only: str | None = None) -> list[str]:
+    """Return the digests of all stored files that any table mentions; of `only` this one, or none.
+
+    A submission that its team did not confirm in time mentions none.
+    """
     found: set[str] = set()
     for table in dumped_tables():
         for column in table.columns:
             if column.name.endswith("file_digest"):
                 query = select(column).where(column.is_not(None)).distinct()
+                if only is not None:
+                    query = query.where(column == only)
+                if table.name == Submission.__tablename__:
+                    query = query.where(keeps_its_file(session))
                 found |= set(session.scalars(query))
     return sorted(found)
 

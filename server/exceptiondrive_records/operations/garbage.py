@@ -1,6 +1,7 @@
-"""Garbage: stored files that no record mentions, left by refused uploads and by crashes.
+"""Garbage: stored files that no record mentions, left by refused uploads, unasked words and crashes.
 
-What a refused upload left goes at once, what a crash left when it is old. The hard case is an upload
+What a refused upload left goes at once, what a crash left when it is old, what its team did not
+confirm once the time for that has passed. The hard case is an upload
 of the same bytes at the same moment: it finds the file stored, and its record is not written yet.
 `file_store.is_kept` proves inside the transaction of the upload that the file is there, or has it
 stored again, under a lock that no removal can hold meanwhile; and storing a file makes it young.
@@ -11,15 +12,13 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
 import structlog
-from sqlalchemy import select
 from sqlalchemy.exc import SQLAlchemyError
-from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import StoreError
 from exceptiondrive_records.db.identifiers import random_id
-from exceptiondrive_records.operations.dump import dumped_tables, file_digests
+from exceptiondrive_records.operations.dump import file_digests
 from exceptiondrive_records.submissions.file_store import FileStore, lock_store
 from exceptiondrive_records.work.lease import take_lead
 
@@ -84,23 +83,10 @@ def remove_orphan(
         lock_store(session, alone=True)
         changed_at = files.changed_at(digest)
         is_young = before is not None and changed_at is not None and changed_at >= before
-        if changed_at is None or is_young or _is_mentioned(session, digest):
+        if changed_at is None or is_young or file_digests(session, digest):
             return False
         files.remove(digest)
         return True
-
-
-def _is_mentioned(session: Session, digest: str) -> bool:
-    columns = [
-        column
-        for table in dumped_tables()
-        for column in table.columns
-        if column.name.endswith("file_digest")
-    ]
-    return any(
-        session.execute(select(column).where(column == digest).limit(1)).first() is not None
-        for column in columns
-    )
 
 
 def run_sweeper(

@@ -25,6 +25,7 @@ from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.splits.drawings import drawings_of_withheld_splits
 from exceptiondrive_records.splits.pictures import pictures_of_withheld_splits
 from exceptiondrive_records.submissions.file_store import FileDamaged, FileStore
+from exceptiondrive_records.submissions.submissions import keeps_its_file
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
@@ -228,7 +229,8 @@ def unfinished(session: Session) -> list[Violation]:
 def damaged_uploads(session: Session, files: FileStore, *, limit_bytes: int) -> list[Violation]:
     """Read every upload that the records mention; return those that are missing or damaged."""
     found = []
-    digests = session.scalars(select(Submission.file_digest).distinct())
+    query = select(Submission.file_digest).where(keeps_its_file(session))
+    digests = session.scalars(query.distinct())
     for digest in digests:
         try:
             files.read(digest, limit_bytes=limit_bytes)

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from sqlalchemy import func, select, tuple_
+from sqlalchemy import ColumnElement, func, select, tuple_
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
@@ -146,6 +146,8 @@ _SAME_BYTES_AGAIN = (SubmissionStatus.WITHDRAWN, SubmissionStatus.FAILED)
 """After these the same bytes are a new submission."""
 KEYS_ARE_KEPT = timedelta(hours=24)
 """So long an upload that is sent again is known by its `Idempotency-Key`."""
+LONGEST_CONFIRMATION = timedelta(hours=1)
+"""No confirmation that began in time is under way after so long."""
 LONGEST_UPLOAD = timedelta(minutes=15)
 """An upload that takes longer is judged by its end: nobody holds a connection past the deadline."""
 
@@ -232,7 +234,7 @@ def accept(
         asks_first=asks_first,
     )
     new_id, now = random_id(), database_now(session)
-    if first is not None and first.is_asked and not asks_first:
+    if first is not None and _gives_way(first, now, asks_first=asks_first):
         first.status, first.confirmed_as = SubmissionStatus.WITHDRAWN, new_id
         first.status_at = first.withdrawn_at = now
         session.flush()  # two living submissions of the same bytes cannot be
@@ -270,11 +272,12 @@ def accept(
 def confirm(session: Session, submission_id: str) -> Submission:
     """Let what a team was asked about count: a new submission of the same file and words.
 
-    Confirming twice is once. The deadline is judged by the first byte of the file.
+    Confirming twice is once. The deadline is judged by the first byte of the file. The file is kept
+    for an hour longer than may be confirmed, so that no confirmation under way loses it.
 
     Raises:
         NotFound: No such submission.
-        Conflict: Nothing is asked of it.
+        Conflict: Nothing is asked of it, or the time to confirm has passed.
         RecordsError: It is refused as by `accept`.
     """
     asked = find_submission(session, submission_id)
@@ -284,6 +287,8 @@ def confirm(session: Session, submission_id: str) -> Submission:
         return find_submission(session, asked.confirmed_as)
     if not asked.is_asked:
         raise Conflict("Nothing is asked of this submission; there is nothing to confirm.")
+    if not asked.can_be_confirmed(database_now(session)):
+        raise Conflict("The time to confirm has passed. Send the file again to submit it.")
     return accept(
         session,
         team_id=asked.team_id,
@@ -346,7 +351,7 @@ def require_acceptable(
     now = database_now(session)
     first = _same_upload(session, team_id, phase, file_digest, idempotency_key, now)
     first = first or _same_bytes(session, team_id, phase, file_digest)
-    if first is not None and (asks_first or not first.is_asked):
+    if first is not None and not _gives_way(first, now, asks_first=asks_first):
         require_same_link(first, linked_to)
         return first
     require_terms(session, team_id, phase)
@@ -355,6 +360,11 @@ def require_acceptable(
     require_quota(session, team_id, phase)
     require_counterpart(session, team_id, phase, linked_to)
     return first
+
+
+def _gives_way(first: Submission, now: datetime, *, asks_first: bool) -> bool:
+    """Whether the same bytes count in its place: as the word of its team, or since that came too late."""
+    return first.is_asked and not (asks_first and first.can_be_confirmed(now))
 
 
 def arrival(session: Session, phase: Phase, arrived_at: datetime | None, now: datetime) -> datetime:
@@ -470,6 +480,15 @@ def counts_by_phase(session: Session) -> dict[str, int]:
     """Return how many submissions each phase has, whatever became of them."""
     query = select(Submission.phase_id, func.count()).group_by(Submission.phase_id)
     return {phase_id: count for phase_id, count in session.execute(query)}
+
+
+def keeps_its_file(session: Session) -> ColumnElement[bool]:
+    """Whether a submission mentions its file: not once the time to confirm it has long passed.
+
+    One that was confirmed or sent again has another in its place, which mentions the same file.
+    """
+    until = Submission.confirm_until
+    return until.is_(None) | (until > database_now(session) - LONGEST_CONFIRMATION)
 
 
 def lock_team(session: Session, team_id: int) -> Team:

@@ -54,7 +54,9 @@ class Submission(Base):
     received_at: Mapped[datetime]
     status_at: Mapped[datetime]
     withdrawn_at: Mapped[datetime | None]
-    linked_to: Mapped[str | None] = mapped_column(ForeignKey("submissions.id"))
+    linked_to: Mapped[str | None] = mapped_column(
+        ForeignKey("submissions.id", deferrable=True, initially="DEFERRED")
+    )
     """The counterpart that its board entry is compared with."""
     arrived_at: Mapped[datetime | None]
     """When its first byte came, where that was noted: the deadline is judged by it."""
@@ -68,6 +70,8 @@ class Submission(Base):
     """What the team named the upload, so that one that is sent again is known."""
     asks_first: Mapped[bool] = mapped_column(default=False)
     """It counts only if nothing has to be asked first: else it is rejected with the questions."""
+    confirm_until: Mapped[datetime | None]
+    """Until when its team may say yes to what was asked; an hour later its file is an orphan."""
     confirmed_as: Mapped[str | None]
     """The submission that counts in its place, since the team said yes to what was asked."""
     published_at: Mapped[datetime | None]
@@ -78,9 +82,12 @@ class Submission(Base):
 
     @property
     def is_asked(self) -> bool:
-        """Whether its file is sound, and its team has to say yes before it counts."""
-        is_rejected = self.status is SubmissionStatus.REJECTED
-        return is_rejected and self.report is not None and bool(self.report.to_confirm)
+        """Whether its file is sound, and its team has or had to say yes before it counts."""
+        return self.status is SubmissionStatus.REJECTED and self.confirm_until is not None
+
+    def can_be_confirmed(self, now: datetime) -> bool:
+        """Whether its team may still say yes."""
+        return self.is_asked and self.confirm_until is not None and now < self.confirm_until
 
 
 class SubmissionEdit(Base):

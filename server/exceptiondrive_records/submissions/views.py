@@ -56,6 +56,7 @@ def view(
     team = session.get_one(Team, submission.team_id)
     phase = session.get_one(Phase, submission.phase_id)
     is_scored = submission.status is SubmissionStatus.SCORED
+    can_be_confirmed = submission.can_be_confirmed(database_now(session))
     hidden_since = score_kept_back_since(session, phase, submission)
     shows_sheet = is_scored and hidden_since is None
     shown = entries_on(session, phase.current_board_id).get(submission.id) if is_scored else None
@@ -94,6 +95,7 @@ def view(
         and disqualified_at is None
         and _is_board_coming(session, phase, submission),
         is_duplicate=is_duplicate,
+        confirm_until=submission.confirm_until if can_be_confirmed else None,
         confirmed_as=submission.confirmed_as,
         is_late=is_late(phase, submission),
         replaced_by=replaced,

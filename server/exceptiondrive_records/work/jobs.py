@@ -1,6 +1,6 @@
 """Scoring jobs: claimed in fair order; score, status, audit line and board request are one step."""
 
-from datetime import datetime
+from datetime import datetime, timedelta
 from enum import StrEnum
 from typing import Any
 
@@ -22,6 +22,8 @@ from exceptiondrive_schemas.submission import SubmissionStatus
 
 _ACTOR = "worker"
 _OPEN = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED, SubmissionStatus.SCORING)
+CONFIRM_WITHIN = timedelta(hours=24)
+"""For so long a file waits for the word of its team."""
 EXHAUSTED_CODE = "attempts_exhausted"
 EXHAUSTED_MESSAGE = (
     "Scoring did not finish in any of its attempts. The organizers see this; your quota is "
@@ -142,7 +144,9 @@ def finish_rejected(session: Session, job: Job, report: CheckReport) -> Finish:
     if not finish(session, job):
         return Finish.LEASE_LOST
     if job.is_first:
-        _set_status(session, job.submission_id, SubmissionStatus.REJECTED, report=report)
+        until = database_now(session) + CONFIRM_WITHIN if report.to_confirm else None
+        values = {"report": report, "confirm_until": until}
+        _set_status(session, job.submission_id, SubmissionStatus.REJECTED, **values)
     faults = {group.code.value: group.count for group in report.faults}
     detail = {"protocol": job.protocol_digest, "faults": faults}
     audit(session, _ACTOR, "submission rejected", job.submission_id, detail)

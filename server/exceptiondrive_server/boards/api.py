@@ -24,8 +24,14 @@ from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.boards.exports import EXPORTS
 from exceptiondrive_server.boards.queries import chosen_board, facts_on
 from exceptiondrive_server.boards.query import AskedBoard, BoardQuery, documented
+from exceptiondrive_server.boards.reported import ReportedBoardView, reported_of
 from exceptiondrive_server.boards.selection import selected_board
-from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.auth import (
+    TOKEN_IS_OPTIONAL,
+    MaybePrincipal,
+    ServicesOf,
+    sees_hidden,
+)
 from exceptiondrive_server.web.etag import REVALIDATED, conditional
 from exceptiondrive_server.web.problems import problem_responses
 from exceptiondrive_server.web.responses import origin_of
@@ -185,3 +191,20 @@ def get_board_by_number(
     with services.database.read() as session:
         row = find_board(session, shown_phase(session, phase).id, number)
         return _as_kept(request, row, None)
+
+
+@router.get(
+    "/phases/{phase_id}/reported",
+    operation_id="listReportedBoards",
+    openapi_extra=TOKEN_IS_OPTIONAL,
+    responses=problem_responses(ProblemCode.NOT_FOUND, ProblemCode.NOT_SIGNED_IN),
+)
+def get_reported_boards(
+    services: ServicesOf,
+    principal: MaybePrincipal,
+    phase_id: Annotated[str, Path(max_length=64, description="id of a phase")],
+) -> list[ReportedBoardView]:
+    """List boards of elsewhere beside a phase: rows that rank nowhere, each with what differs."""
+    with services.database.read() as session:
+        phase = shown_phase(session, phase_id, with_hidden=sees_hidden(principal))
+        return reported_of(session, phase)

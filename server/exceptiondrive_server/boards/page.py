@@ -198,6 +198,8 @@ class PhaseLink:
     opens_at: datetime | None
     closes_at: datetime | None
     quota_per_day: int
+    rejected_per_day: int
+    """How many wrong files a day are taken of a team."""
     split: str
     split_is_public: bool
     has_data: bool
@@ -300,6 +302,8 @@ class BoardPage:
     """What readers are told of who stands on no board any more."""
     has_reported: bool = False
     """Whether the phase also shows what a paper reports, which has a page of its own."""
+    n_reported: int = 0
+    """How many rows of boards of elsewhere stand on another page beside the phase."""
 
     @property
     def outline(self) -> "BoardPage":
@@ -496,8 +500,9 @@ def _late(board: Board, has_late_view: bool) -> Iterator[Notice]:
 def _kept_back(board: Board, now: PhaseNow) -> Iterator[Notice]:
     if now.frozen_since is not None:
         words = (
-            f"The board is frozen since {minute(now.frozen_since)}. Scoring goes on; what came "
-            "later is shown when the organizers reveal the board."
+            f"The board is frozen since {minute(now.frozen_since)}, so that all see at once how the "
+            "phase ends. Scoring goes on; what came later is shown when the organizers reveal the "
+            "board, for which there is no date."
         )
         yield Notice(words, "", "")
     if board.part == "public":

@@ -1,6 +1,8 @@
 """Routes of the board page, of the list of all boards, of exports and of the feed."""
 
-from fastapi import APIRouter, Request
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Request
 from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
 
@@ -22,13 +24,15 @@ from exceptiondrive_server.boards.page import NARROW_PX, PhaseLink
 from exceptiondrive_server.boards.queries import (
     chosen_board,
     facts_on,
+    phase_link,
     read_board,
     read_history,
     read_phases,
 )
 from exceptiondrive_server.boards.query import AskedBoard, BoardQuery, asked_board
+from exceptiondrive_server.boards.reported import reported_of
 from exceptiondrive_server.boards.selection import selected_board
-from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.auth import ServicesOf, sees_hidden
 from exceptiondrive_server.web.browser_session import Holder, holder_of, principal_of_browser
 from exceptiondrive_server.web.numbers import Digits
 from exceptiondrive_server.web.responses import (
@@ -138,6 +142,29 @@ def show_reported(request: Request, challenge: KnownChallenge) -> Response:
         reported=paper.challenges[challenge],
         families=packaged_protocol().families,
     )
+
+
+@router.get("/phases/{phase_id}/reported")
+def show_reported_boards(
+    request: Request, phase_id: Annotated[str, Path(max_length=64)]
+) -> Response:
+    """Show boards of elsewhere beside a phase, each row with what differs; nothing there ranks."""
+
+    def read(session: Session) -> Reading:
+        may_see = sees_hidden(principal_of_browser(session, request))
+        phase = shown_phase(session, phase_id, with_hidden=may_see)
+        challenge, boards = CHALLENGES[phase.challenge], reported_of(session, phase)
+        protocol = find_protocol(session, phase.protocol_digest)
+        shown = {
+            "phase": phase_link(session, phase, True),
+            "challenge": challenge,
+            "boards": boards,
+            "families": {family.id: family.title for family in protocol.families},
+            "digits": Digits.of(protocol.publication),
+        }
+        return shown, lambda: shown
+
+    return public_page(request, "boards/reported_boards.html", "board", read)
 
 
 @router.get("/export/board.{form}")

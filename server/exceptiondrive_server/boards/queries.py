@@ -18,6 +18,7 @@ from exceptiondrive_records.boards.boards import (
     public_protocols,
     was_shown,
 )
+from exceptiondrive_records.boards.reported import reported_boards
 from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
@@ -84,6 +85,7 @@ def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False
         now=phase_now(session, phase),
         has_late_view=phase.late_board_id is not None,
         has_reported=phase.shows_reported,
+        n_reported=sum(len(one.rows.rows) for one in reported_boards(session, phase.id)),
         curves=told.curves,
         tasks=told.tasks,
         drawing=_drawing_of(session, protocol),
@@ -208,6 +210,7 @@ def phase_link(session: Session, phase: Phase, is_current: bool = False) -> Phas
         opens_at=phase.opens_at,
         closes_at=phase.closes_at,
         quota_per_day=phase.quota_per_day,
+        rejected_per_day=phase.rejected_per_day,
         split=phase.split_name,
         split_is_public=split.public_file_digest is not None,
         has_data=bool(phase.page.data_url or phase.page.data_manifest_url),

@@ -21,6 +21,7 @@ from exceptiondrive_server.boards.entry_facts import (
     entry_key,
     entry_url,
     interval_of,
+    is_listed,
     outcome_parts,
     primary_metrics,
     values_of,
@@ -133,9 +134,9 @@ class Row:
     tiles: tuple[FamilyTile, ...]
 
     @property
-    def not_ranked_because(self) -> str | None:
-        """Why a scored entry has no rank; of other rows their heading says it."""
-        return self.entry.unranked_because if self.entry.source == "scored" else None
+    def is_listed(self) -> bool:
+        """Whether it is scored and takes no rank."""
+        return is_listed(self.entry)
 
 
 @dataclass(frozen=True)
@@ -489,9 +490,6 @@ def _sorting(challenge: Challenge, query: BoardQuery, key: str) -> tuple[Order |
     return "ascending", query.url(sort=f"-{key}", anchor=f"s-{key}")
 
 
-_BLOCK_TITLES = {"scored": "Scored by this server", "reference": "Reference rows"}
-
-
 @dataclass(frozen=True)
 class Block:
     """Rows of one source, and how many the source has in all."""
@@ -499,11 +497,6 @@ class Block:
     source: EntrySource
     rows: tuple[Row, ...]
     n_all: int
-
-    @property
-    def title(self) -> str:
-        """The heading over these rows."""
-        return _BLOCK_TITLES[self.source]
 
 
 @dataclass(frozen=True)
@@ -520,6 +513,8 @@ class BoardTable:
     number: int
     n_pages: int
     n_found: int
+    least_covered: float
+    """Share of the answers below which an entry takes no rank."""
 
     @property
     def average_words(self) -> str:
@@ -653,12 +648,24 @@ class BoardTable:
         ]
         return [(None, "All", len(self.board.entries)), *kept]
 
-    def note(self, source: EntrySource) -> str:
-        """Return what stands beside the heading of a block."""
-        if source == "scored":
-            words = "Ranked by the protocol's headline average; this view shows the other one."
-            return "" if self.is_headline else words
-        return "Yardsticks scored by the same code, never ranked."
+    def heading(self, source: EntrySource, are_listed: bool) -> tuple[str, str]:
+        """Return title and note over the rows of a source; empty where they need none."""
+        if source == "reference":
+            return "Reference rows", "Yardsticks scored by the same code, never ranked."
+        if are_listed:
+            return "Listed without a rank", "Scored like the others; each row says what it lacks."
+        if self.is_headline:
+            return "", ""
+        words = "Ranked by the protocol's headline average; this view shows the other one."
+        return "Scored by this server", words
+
+    def lacks(self, entry: BoardEntry) -> str:
+        """Say in a few words why a scored entry takes no rank."""
+        labels = [flag.label for flag in entry.flags if flag.code in entry.unranked_flags]
+        shares = [share for share in entry.coverage.values() if share is not None]
+        if shares and min(shares) < self.least_covered:
+            labels.append(f"{self.builder.digits.fraction(min(shares))} % answered")
+        return ", ".join(labels) or _rank_words(entry)
 
     @cached_property
     def sort_sentence(self) -> str:
@@ -735,4 +742,7 @@ def board_table(
         if shown:
             rows = tuple([builder.row(entry) for entry in shown])
             blocks.append(Block(source, rows, len(entries)))
-    return BoardTable(board, query, builder, tuple(blocks), number, n_pages, len(found))
+    least_covered = protocol.ranking.min_coverage
+    return BoardTable(
+        board, query, builder, tuple(blocks), number, n_pages, len(found), least_covered
+    )

@@ -71,6 +71,7 @@ def record_of(
             "additional_details": {
                 "protocol": board.protocol.version,
                 "protocol_digest": board.protocol.digest,
+                "average": board.headline,
             },
         },
         "model_info": {

@@ -31,9 +31,10 @@ from exceptiondrive_schemas.printable import spreadsheet_text
 from exceptiondrive_schemas.score_sheet import MetricRow, ScoreSheet
 from exceptiondrive_server.boards.exports import EXPORTS
 from exceptiondrive_server.boards.queries import facts_on, own_board
+from exceptiondrive_server.boards.reported import reported_of
 from exceptiondrive_server.phases.every_eval_ever import record_of, record_path
 from exceptiondrive_server.phases.report import board_before_reveal, has_ended, report_of
-from exceptiondrive_server.submissions.download import tar_answer, tar_stream
+from exceptiondrive_server.submissions.download import tar_answer, tar_stream, written_down
 from exceptiondrive_server.web.numbers import minute
 from exceptiondrive_server.web.services import Services
 
@@ -53,14 +54,14 @@ def export_phase(
         row = current_board(session, phase.id)
         if row is None:
             raise NotFound("board of the phase", phase.id)
-        folder = f"exceptiondrive-{phase.id}-board-{row.number}"
-        members = [
+        folder, number = f"exceptiondrive-{phase.id}-board-{row.number}", row.number
+        members = (
             (f"{folder}/{name}", data) for name, data in _members(session, phase, row, site_url)
-        ]
-        number, made_at = row.number, row.told_at
+        )
+        parts = written_down(tar_stream(members, row.told_at))
     with services.database.write() as session:
         audit(session, principal.actor, "phase exported", phase_id, {"board": number})
-    return tar_answer(tar_stream(members, made_at), f"{folder}.tar")
+    return tar_answer(parts, f"{folder}.tar")
 
 
 def _members(session: Session, phase: Phase, row: BoardRow, site_url: str) -> Members:
@@ -71,6 +72,9 @@ def _members(session: Session, phase: Phase, row: BoardRow, site_url: str) -> Me
     if has_ended(session, phase):
         yield "report.json", canonical_json(report_of(session, phase))
     yield "history.json", _many(board_history(session, phase.id))
+    reported = [one.model_dump(mode="json") for one in reported_of(session, phase)]
+    if reported:
+        yield "reported.json", canonical_json(reported)
     for each in _boards(session, phase, row):
         name = f"boards/board-{each.number}"
         yield f"{name}.json", served_body(each).encode()
@@ -176,6 +180,7 @@ number that the boards and score sheets do not tell.
 - `boards/board-N.json`: the board as it was served: the present one, the last one before a reveal,
   the last one under each protocol. `.csv` for tools, `.tex` a table for a paper, `.bib` its citation.
 - `history.json`: every board that readers saw, from when until when, and what changed.
+- `reported.json`: rows of boards of elsewhere, which rank nowhere; missing where there are none.
 - `report.json`: how the phase ended; missing while it has not.
 - `sheets/ID.json`: score sheets of {n_sheets} entries with families and tasks, by submission.
 - `results.csv`, `results.parquet`: the same numbers as one table; `scope` is average, family or task.

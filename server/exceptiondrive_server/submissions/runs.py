@@ -4,6 +4,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from exceptiondrive_schemas.challenges import CHALLENGES, Metric
+from exceptiondrive_schemas.own_entries import question_of
 from exceptiondrive_schemas.phase_settings import PhasePolicy
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -150,8 +151,8 @@ def _spark(values: Sequence[float]) -> str:
 
 def _note(one: SubmissionView) -> str:
     """Say why it has no rank."""
-    if one.is_asked and one.report is not None:
-        return f"Nothing is counted yet. {' '.join(one.report.to_confirm)}"
+    if question := question_of(one):
+        return question
     if one.status is SubmissionStatus.REJECTED and one.report is not None:
         n_faults = sum(group.count for group in one.report.faults)
         return f"The file is wrong: {counted(n_faults, 'fault')}. No quota was spent."

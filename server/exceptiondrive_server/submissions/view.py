@@ -7,6 +7,7 @@ from types import MappingProxyType
 
 from exceptiondrive_schemas.board import BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
+from exceptiondrive_schemas.own_entries import question_of
 from exceptiondrive_schemas.phase_settings import PhasePolicy, RunRule
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -52,20 +53,15 @@ class Step:
 def status_of(submission: SubmissionView) -> Status:
     """Return the status in words."""
     meaning = _MEANING[submission.status]
-    if submission.is_asked:
-        meaning = f"Nothing is counted yet, and no quota is spent. {_questions(submission)}"
+    question = question_of(submission)
+    if question:
+        meaning = f"{question} No quota is spent."
     return Status(
-        word="not confirmed" if submission.is_asked else submission.status.value,
+        word="not confirmed" if question else submission.status.value,
         meaning=meaning,
         place=place_words(submission.queue) if submission.queue else None,
         is_final=submission.status.is_terminal,
     )
-
-
-def _questions(submission: SubmissionView) -> str:
-    """Say what the team is asked; it need not answer."""
-    asked = " ".join(submission.report.to_confirm) if submission.report else ""
-    return f"{asked} Submit it all the same?"
 
 
 def place_words(queue: QueuePlace) -> str:
@@ -140,14 +136,18 @@ def policy_sentences(seen: SubmissionView, policy: PhasePolicy) -> Iterator[str]
         yield "It came after the deadline: it stands on the late view alone."
     if seen.score_kept_back_since is not None:
         since = minute(seen.score_kept_back_since)
-        yield f"The board is frozen since {since}; the score is shown when it is revealed."
+        yield (
+            f"It is scored. The board is frozen since {since}, and scores of what came later are kept "
+            "back, so that all see at once how the phase ends: this one is shown here when the "
+            "organizers reveal the board, for which there is no date."
+        )
     elif seen.status is SubmissionStatus.SCORED and seen.sheet is None:
         yield (
             "Samples that were private count now; a score on them is shown for the entries that "
             "stood on the board at the deadline alone."
         )
     if seen.confirmed_as is not None:
-        yield f"Submission {seen.confirmed_as} counts in its place, as the team confirmed."
+        yield f"Submission {seen.confirmed_as} is in its place: the team confirmed it or sent it again."
     if seen.replaced_by is not None:
         yield (
             f"Submission {seen.replaced_by} stands on the board in its place; withdraw that one, and "
@@ -223,13 +223,14 @@ def is_spent(quota: Quota) -> bool:
 
 
 def left_words(quota: Quota) -> str:
-    """Say what is left: `3 of 5 left today, 12 of 20 in all`."""
+    """Say what is left: `3 of 5 left today, 12 of 20 in all; 20 wrong files left today`."""
     words = f"{quota.remaining_today} of {quota.per_day} left today"
     if quota.total is not None:
         words += f", {max(0, quota.total - quota.used_total)} of {quota.total} in all"
     if quota.rejected_today >= quota.rejected_per_day:
-        words += f"; {quota.rejected_today} files rejected, which is the limit of a day"
-    return words
+        return f"{words}; {quota.rejected_today} files rejected, which is the limit of a day"
+    left = quota.rejected_per_day - quota.rejected_today
+    return f"{words}; {left} wrong {'file' if left == 1 else 'files'} more may be sent today"
 
 
 def scores_of(seen: SubmissionView, protocol: ProtocolDocument) -> tuple[ScoreLine, ...]:

@@ -39,6 +39,8 @@ DONE: Mapping[str, str] = MappingProxyType(
         "phase_changed": "The phase is changed; the audit log says from what to what.",
         "news_published": "The news are published, and every team is told.",
         "news_withdrawn": "The news are withdrawn: readers see them no more.",
+        "reported_imported": "The rows are imported: they stand on the page of reported rows, unranked.",
+        "reported_withdrawn": "The rows are withdrawn: readers see them no more.",
         "question_answered": "The question is answered.",
         "role_set": "The role is set. It counts from the next request on.",
         "phase_deleted": "The phase is deleted. The audit log keeps its name and your reason.",

@@ -165,7 +165,7 @@ async def test_the_same_filter_is_the_same_rows_on_page_api_and_csv(lively_site:
 async def shown_order(site: Any, query: str) -> list[list[str]]:
     """Return the scored methods as the page, the CSV and the API's CSV list them."""
     text = (await site.get(f"/{query}")).text
-    rows = text.split('class="blk-scored"')[1].split("</tbody>")[0]
+    rows = "".join(re.findall(r'(?s)class="blk-(?:scored|listed)".*?</tbody>', text))
     found = [[unescape(name) for name in re.findall(r'class="pn"[^>]*>([^<]*)</a>', rows)]]
     for path in ("/export/board.csv", "/api/v1/leaderboard.csv"):
         lines = csv.DictReader(io.StringIO((await site.get(f"{path}{query}")).text))
@@ -291,7 +291,7 @@ async def test_the_strategy_challenge_has_a_board_of_its_own_metrics(
     assert "61.25" in text
     assert "HCC" not in text.split('<section id="board"')[1].split('id="submit"')[0]
     assert "Even the leading agent is too careless about 2 times in 7." in text
-    assert "exceptiondrive check agent.json.gz</b> \\\n<b>    --phase strategy</b>" in text
+    assert "exceptiondrive check agent.json.gz</b> \\\n<b>    <i>--phase</i> strategy</b>" in text
     assert (await site.get("/compare?phase=strategy")).status_code == 200
     assert (await site.get("/entries/a0000000kq?phase=strategy")).status_code == 200
 

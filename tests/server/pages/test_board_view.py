@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from tests.server.pages.invented_board import KEYS, STILL
+from tests.server.pages.invented_board import BLIND, KEYS, STILL
 
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import PLANNING
@@ -64,7 +64,7 @@ def test_a_row_without_a_score_says_why_it_is_not_ranked(
 ) -> None:
     row = view(lively_board, protocol).blocks[0].rows[-1]
     assert row.rank is None
-    assert row.rank_words == "coverage 0.62 is below 0.99"
+    assert row.rank_words == "62.00% of the scenes with hazard are answered; a rank needs 99%"
     assert all(cell.text is None for cell in row.cells)
 
 
@@ -139,6 +139,22 @@ def test_listed_entries_stand_below_the_ranked_ones_whatever_the_sort(
         assert [row.entry.rank is None for row in rows] == [False] * 5 + [True] * 2
         (words,) = (row.rank_words for row in rows[-2:] if row.entry is listed)
         assert words == "it stands still"
+
+
+def test_a_row_without_a_rank_says_in_words_what_it_lacks(
+    lively_board: Board, protocol: ProtocolDocument
+) -> None:
+    (half,) = (entry for entry in lively_board.entries if entry.method == "half-a-file")
+    table = view(lively_board, protocol)
+    assert table.heading("scored", True)[0] == "Listed without a rank"
+    assert table.heading("scored", False) == ("", "")
+    assert table.lacks(half) == "62.00 % answered"
+    still = half.model_copy(update={"flags": (STILL, BLIND), "unranked_flags": (STILL.code,)})
+    assert table.lacks(still) == "Stands still, 62.00 % answered"
+    covered = still.model_copy(update={"coverage": {"edited": 0.99}})
+    assert table.lacks(covered) == "Stands still"
+    unknown = half.model_copy(update={"coverage": {}, "unranked_because": "HCC not defined"})
+    assert table.lacks(unknown) == "HCC not defined"
 
 
 def test_tasks_that_are_not_told_are_counted(

@@ -135,6 +135,12 @@ def check_the_counts(page: Node, board: Board) -> None:
     assert (f"{n_listed} listed" in said[2]) == (n_listed > 0)
 
 
+def lacks(entry: BoardEntry) -> str:
+    """What a row without a rank says of itself."""
+    barring = [flag.label for flag in entry.flags if flag.code in entry.unranked_flags]
+    return ", ".join(barring) or entry.unranked_because or ""
+
+
 def rows_of(page: Node) -> list[Node]:
     return [row for row in page.one("table", "board").all("tr") if row["id"].startswith("e-")]
 
@@ -160,13 +166,15 @@ def check_the_rows(page: Node, board: Board, average: str) -> None:
         tips = row.all("div", "tip")
         assert [label.text for tip in tips for label in tip.all("b")] == labels(entry)
         said = [button.text for button in row.all("button", "flag")]
-        assert said == ([f"{', '.join(labels(entry))}: why"] if entry.flags else []) or (
-            len(entry.flags) > 1 and said[0].endswith(f"{', '.join(labels(entry))}: why")
-        )
         is_unranked = entry.source == "scored" and entry.rank is None
         assert ("listed" in row.classes) == is_unranked
         if is_unranked:
+            assert said == [f"Not ranked: {lacks(entry)}"]
             assert f"Not ranked: {entry.unranked_because}" in row.text
+        else:
+            assert [words.lstrip("23 ") for words in said] == (
+                [f"{', '.join(labels(entry))}: why"] if entry.flags else []
+            )
         check_the_range(row, entry)
         could = entry.rank_interval is not None and entry.rank_interval[0] == 1
         assert ("first" in row.classes) == could

@@ -100,7 +100,10 @@ def test_csv_holds_every_entry_with_stable_columns(
     assert rows[-1]["rank"] == ""
     assert {row["source"] for row in rows} == {"scored", "reference"}
     assert [row["method"] for row in rows if row["leads"] == "True"] == ["Kestrel-2"]
-    assert rows[6]["unranked_because"] == "coverage 0.62 is below 0.99"
+    assert (
+        rows[6]["unranked_because"]
+        == "62.00% of the scenes with hazard are answered; a rank needs 99%"
+    )
     assert {row["average"] for row in rows} == {"macro_family"}
 
 

@@ -306,13 +306,18 @@ def create_submissions() -> None:
         sa.Column("received_at", TIME, nullable=False),
         sa.Column("status_at", TIME, nullable=False),
         sa.Column("withdrawn_at", TIME),
-        sa.Column("linked_to", sa.String(), sa.ForeignKey("submissions.id")),
+        sa.Column(
+            "linked_to",
+            sa.String(),
+            sa.ForeignKey("submissions.id", deferrable=True, initially="DEFERRED"),
+        ),
         sa.Column("arrived_at", TIME),
         sa.Column("granted_until", TIME),
         sa.Column("chosen_at", TIME),
         sa.Column("chosen_rule", sa.String(), nullable=False),
         sa.Column("idempotency_key", sa.String()),
         sa.Column("asks_first", sa.Boolean(), nullable=False),
+        sa.Column("confirm_until", TIME),
         sa.Column("confirmed_as", sa.String()),
         sa.Column("published_at", TIME),
         sa.Column("facts", sa.Text()),
@@ -502,6 +507,22 @@ def create_boards() -> None:
     )
     op.create_index("ix_board_flips_phase", "board_flips", ["phase_id", "at"])
     op.create_index("ix_board_flips_board", "board_flips", ["board_id", "at"])
+    op.create_table(
+        "reported_boards",
+        sa.Column("id", sa.String(), primary_key=True),
+        sa.Column(
+            "phase_id",
+            sa.String(),
+            sa.ForeignKey("phases.id", ondelete="CASCADE"),
+            nullable=False,
+        ),
+        sa.Column("title", sa.String(), nullable=False),
+        sa.Column("cite", sa.String(), nullable=False),
+        sa.Column("rows", sa.Text(), nullable=False),
+        sa.Column("imported_at", TIME, nullable=False),
+        sa.Column("withdrawn_at", TIME),
+    )
+    op.create_index("ix_reported_boards_phase_id", "reported_boards", ["phase_id"])
 
 
 def create_rescoring() -> None:

@@ -1,0 +1,96 @@
+"""Rows of a board of elsewhere, as an organizer imports them: never ranked beside own entries."""
+
+from typing import Literal
+
+from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.score_sheet import MetricRow
+from exceptiondrive_schemas.split import SplitRef
+
+Average = Literal["micro", "macro_family"]
+
+
+class ImportedRow(Document):
+    """One method on another board, with what it was measured on; None is what is not told.
+
+    Shares are fractions, lengths are metres. `families` holds the metric that ranks first.
+    """
+
+    method: str
+    team: str = ""
+    metrics: MetricRow
+    families: MetricRow = {}
+    n_samples: int | None = None
+    split: SplitRef
+    protocol: str
+    protocol_digest: str | None = None
+    average: Average | None = None
+    cite: str = ""
+    """Where the row is found; empty: where the whole table is."""
+
+
+class ImportedRows(Document):
+    """The rows of one import, as they are kept."""
+
+    rows: tuple[ImportedRow, ...]
+
+
+class Measured(Document):
+    """What a phase measures by: of its board as readers see it, else of the phase itself."""
+
+    split: SplitRef
+    protocol: str
+    protocol_digest: str
+    average: Average
+    n_samples: int | None = None
+
+    @classmethod
+    def on(cls, board: Board) -> "Measured":
+        """Return what a board was measured by."""
+        return cls(
+            split=board.split,
+            protocol=board.protocol.version,
+            protocol_digest=board.protocol.digest,
+            average=board.headline,
+            n_samples=board.n_samples,
+        )
+
+
+def differences(row: ImportedRow, own: Measured) -> tuple[str, ...]:
+    """Say what keeps a row from being compared with a phase's own entries; nothing where nothing does.
+
+    Args:
+        row: Of another board.
+        own: What the phase measures by.
+    """
+    return tuple(filter(None, (_split(row, own), _protocol(row, own), *_counts(row, own))))
+
+
+def _split(row: ImportedRow, own: Measured) -> str:
+    if row.split.name != own.split.name:
+        return f"Split {row.split.name}, not {own.split.name}."
+    is_same = row.split.revision == own.split.revision
+    return "" if is_same else f"Another revision of split {own.split.name}."
+
+
+def _protocol(row: ImportedRow, own: Measured) -> str:
+    if row.protocol_digest == own.protocol_digest:
+        return ""
+    if row.protocol != own.protocol:
+        return f"Protocol {row.protocol}, not {own.protocol}."
+    if row.protocol_digest is None:
+        return f"The digest of protocol {row.protocol} is not told."
+    return f"Another document under the version {row.protocol}."
+
+
+def _counts(row: ImportedRow, own: Measured) -> tuple[str, ...]:
+    found = []
+    if row.n_samples is None:
+        found.append("How many samples is not told.")
+    elif own.n_samples not in (None, row.n_samples):
+        found.append(f"{row.n_samples:,} samples, not {own.n_samples:,}.")
+    if row.average is None:
+        found.append("Which average is not told.")
+    elif row.average != own.average:
+        found.append(f"The average {row.average}, not {own.average}.")
+    return tuple(found)
