@@ -368,6 +368,12 @@ PROTECTIONS = (
         "tests/server/test_participation.py::test_verify_finds_a_team_that_nobody_forgot_and_one_that_came_back",
     ),
     Protection(
+        "revoked-in-the-air",
+        f"{RECORDS}.accounts.sessions:require_unrevoked",
+        _nothing,
+        "tests/server/test_submit.py::test_a_token_that_is_revoked_while_its_upload_is_in_the_air_brings_nothing_in",
+    ),
+    Protection(
         "reveal-rolled-back",
         "exceptiondrive_records.phases.policy:was_split_revealed",
         _always(False),

@@ -17,6 +17,7 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.notifications.tables import ContactPoint, Notification
 from exceptiondrive_records.operations.dump import dump_rows, dumped_tables
 from exceptiondrive_records.operations.invariants import broken_boards, violations
+from exceptiondrive_records.participation import changes as changes_of_teams
 from exceptiondrive_records.phases.changes import update_phase
 from exceptiondrive_records.phases.policy import pseudonym_of_team
 from exceptiondrive_records.phases.tables import Phase
@@ -177,6 +178,16 @@ def test_names_limits_and_addresses_stand_on_the_page_of_a_team(
     put = api.request("PUT", "/organizer/teams/alpha/allowances/dev", "organizer", json=WHY)
     assert put.json()["granted_at"] is None
     assert api.get("/phases/dev", "alpha").json()["quota"]["per_day"] == 5
+
+
+def test_a_name_that_another_takes_at_the_same_moment_is_a_conflict_and_no_outage(
+    api_on_both: "Api", monkeypatch: pytest.MonkeyPatch, as_problem: Callable[..., Any]
+) -> None:
+    """Both looked before either wrote: then the unique index of the table says no."""
+    monkeypatch.setattr(changes_of_teams, "require_free_name", lambda *_: None)
+    change = {**WHY, "name": "Beta"}
+    answer = api_on_both.request("PATCH", "/organizer/teams/alpha", "organizer", json=change)
+    assert "at this moment" in as_problem(answer, 409, "conflict")["detail"]
 
 
 def test_two_teams_are_merged_by_page(api_on_both: "Api", organizer: "TeamBrowser") -> None:
