@@ -21,8 +21,10 @@ from exceptiondrive.cli.output import say, show_result, show_saved, upload_name
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.confirmations import confirm, default_key_path, make_key
-from exceptiondrive.errors import ExceptionDriveError, utc_text
+from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, utc_text
 from exceptiondrive.inputs import given_bytes, given_protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument, ProtocolError
+from exceptiondrive_schemas.protocol_sense import nonsense
 from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_schemas.submission import SubmissionStatus
 
@@ -38,9 +40,18 @@ TeamId = Annotated[
 FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="Protocol document, TOML.")]
 
 
+def _meant_protocol(file: Path) -> ProtocolDocument:
+    """Return a document that a server takes: without what nobody can mean."""
+    protocol = given_protocol(str(file))
+    meaningless = nonsense(protocol)
+    if meaningless:
+        raise InvalidArgumentError("wrong_protocol", f"{file}: {ProtocolError(meaningless)}")
+    return protocol
+
+
 def check_protocol(file: FileArgument, json: options.Json = False) -> None:
     """Check a protocol document on this machine; every problem is listed."""
-    protocol = given_protocol(str(file))
+    protocol = _meant_protocol(file)
     facts = {"version": protocol.version, "digest": protocol.digest}
     show_result(facts, json, f"protocol {protocol.version} is valid, {protocol.digest}")
 
@@ -60,7 +71,7 @@ def diff_protocol(
     json: options.Json = False,
 ) -> None:
     """Say in plain words what a document would change, and what would be repeated."""
-    given_protocol(str(file))
+    _meant_protocol(file)
     toml = given_bytes(file).data.decode("utf-8-sig")
     with open_organizer(server) as organizer:
         found = organizer.rescoring.check_protocol(toml, phase)
