@@ -339,7 +339,8 @@ def test_a_revision_of_other_samples_is_refused_and_nothing_is_copied(
     held = put(tmp_path, make_split({"a": {}, "b": {"task": "LB1"}}))
     before = held.read_bytes()
     operate("register-splits")
-    for samples in ({"a": {}}, {"a": {}, "b": {"task": "LB1"}, "c": {}}):
+    others: list[dict[str, dict[str, Any]]] = [{"a": {}}, {"a": {}, "b": {"task": "LB1"}, "c": {}}]
+    for samples in others:
         new = tmp_path / "new.json"
         new.write_text(make_split(samples).model_dump_json(by_alias=True, exclude_none=True))
         code, _, err = operate("add-split", str(new), "--words", "Others.")
