@@ -16,6 +16,7 @@ from exceptiondrive.cli import (
     rescore_commands,
     site_commands,
 )
+from exceptiondrive.cli.groups import Group
 from exceptiondrive.cli.output import say, show_result, show_saved, upload_name
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.cli.tables import records_table
@@ -601,12 +602,13 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
 def register(app: typer.Typer) -> None:
     """Add these commands."""
     organizer = typer.Typer(
+        cls=Group,
         help="For organizers, with an organizer's token.",
         no_args_is_help=True,
         rich_markup_mode=None,
     )
     for name, (help_text, commands) in GROUPS.items():
-        group = typer.Typer(help=help_text, no_args_is_help=True, rich_markup_mode=None)
+        group = typer.Typer(cls=Group, help=help_text, no_args_is_help=True, rich_markup_mode=None)
         for command_name, command in commands.items():
             group.command(command_name)(command)
         organizer.add_typer(group, name=name)
