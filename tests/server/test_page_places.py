@@ -9,7 +9,7 @@ import httpx
 import pytest
 from tests.support.serving import served
 
-from exceptiondrive_server.boards import pages
+from exceptiondrive_server.boards.queries import read_board
 from exceptiondrive_server.web.page_places import PAGES_AT_ONCE
 
 if TYPE_CHECKING:
@@ -29,14 +29,13 @@ def test_an_api_call_and_health_answer_while_more_pages_are_asked_for_than_there
     api: "Api", address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     go_on, began = Event(), Semaphore(0)
-    read = pages.read_board
 
     def held(*arguments: object, **options: object) -> object:
         began.release()
         go_on.wait()
-        return read(*arguments, **options)  # type: ignore[arg-type]
+        return read_board(*arguments, **options)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(pages, "read_board", held)
+    monkeypatch.setattr("exceptiondrive_server.boards.pages.read_board", held)
     bearer = {"Authorization": f"Bearer {api.tokens['alpha']}"}
     with ThreadPoolExecutor(2 * THREADS) as readers:
         asked = [

@@ -21,7 +21,7 @@ class PagePlaces:
         if not is_page or scope["path"].startswith(_NO_PAGES):
             await self.app(scope, receive, send)
             return
-        holder = object()
+        holder, is_held = object(), False
 
         def leave() -> None:
             nonlocal is_held
