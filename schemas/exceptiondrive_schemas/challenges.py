@@ -88,6 +88,8 @@ class ChallengeWords(Document):
     """What the shares of a coverage count: "edited" and, where there is one, "source"."""
     file_note: str
     """What a file is made of, in a sentence."""
+    alike: str
+    """What of two submissions is compared in search of copies, and what counts as the same."""
     code: CodeWords
 
 
@@ -130,6 +132,9 @@ PLANNING_WORDS = ChallengeWords(
     covered={"edited": "scenes with hazard", "source": "original scenes"},
     file_note="One JSON file with {waypoints} waypoints per trajectory, two trajectories per "
     "sample.",
+    alike="Compared are the paths for the scene with the hazard, sample by sample; those at most 5 cm "
+    "apart, on the mean of their waypoints, count as the same answer. Paths for the original scene are "
+    "not compared.",
     code=CodeWords(
         file="planner.json.gz",
         method="My planner",
@@ -137,8 +142,10 @@ PLANNING_WORDS = ChallengeWords(
 import json, sys
 from recorder import Recorder
 
-def plan(sample_id, scene):  # put your planner here; scene is "source" or "edited"
-    return [(3.5 * step, 0.0) for step in range(1, 7)]  # x forward, y left, each 0.5 s
+def plan(sample_id, scene):
+    # A stand-in: put your planner here. scene is "source" or "edited";
+    # x forward, y left, in metres, at 0.5, 1.0, ... 3.0 s.
+    return [(3.5 * step, 0.0) for step in range(1, 7)]
 
 manifest, output = sys.argv[1:]
 split = json.load(open(manifest))["name"]
@@ -189,6 +196,7 @@ STRATEGY_WORDS = ChallengeWords(
     covered={"edited": "scenes"},
     file_note="One JSON file with one letter per sample: what the agent would do in the edited "
     "scene.",
+    alike="Compared is the strategy that is named for each sample. Reminders are not compared.",
     code=CodeWords(
         file="agent.json.gz",
         method="My agent",
@@ -196,7 +204,8 @@ STRATEGY_WORDS = ChallengeWords(
 import json, sys
 from recorder import StrategyRecorder
 
-def decide(sample_id):  # put your agent here; "A" to "E", or None
+def decide(sample_id):
+    # A stand-in: put your agent here. It says "A" to "E", or None.
     return "B"
 
 manifest, output = sys.argv[1:]

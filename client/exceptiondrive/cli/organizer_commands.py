@@ -88,7 +88,7 @@ def similar(
         json,
         records_table(rows, tuple(rows[0])) if rows else "no submissions of two teams are alike",
         *probing,
-        f"{report['n_compared']} submissions compared, {report['n_waiting']} waiting for a worker",
+        f"{report['n_compared']} submissions compared, {report['n_waiting']} more after the next board",
     )
 
 

@@ -198,6 +198,8 @@ class PhaseLink:
     opens_at: datetime | None
     closes_at: datetime | None
     quota_per_day: int
+    rejected_per_day: int
+    """How many wrong files a day are taken of a team."""
     split: str
     split_is_public: bool
     has_data: bool

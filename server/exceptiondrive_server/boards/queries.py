@@ -210,6 +210,7 @@ def phase_link(session: Session, phase: Phase, is_current: bool = False) -> Phas
         opens_at=phase.opens_at,
         closes_at=phase.closes_at,
         quota_per_day=phase.quota_per_day,
+        rejected_per_day=phase.rejected_per_day,
         split=phase.split_name,
         split_is_public=split.public_file_digest is not None,
         has_data=bool(phase.page.data_url or phase.page.data_manifest_url),

@@ -16,6 +16,7 @@ from exceptiondrive_records.submissions.similarity import similarity_report
 from exceptiondrive_records.submissions.submissions import find_submission, list_submissions
 from exceptiondrive_records.submissions.views import views
 from exceptiondrive_records.teams.teams import find_team, list_teams
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_schemas.similarity import ALIKE_WORDS
 from exceptiondrive_schemas.submission import SubmissionStatus
@@ -227,14 +228,15 @@ def show_similar(
 ) -> Response:
     """Show teams whose submissions are alike, and those that probe: reasons to ask, not proof."""
     with services.database.read() as session:
-        title = find_phase(session, phase_id).title
+        phase = find_phase(session, phase_id)
         report = similarity_report(session, phase_id)
     return organizer_page(
         request,
         browser,
         "submissions/organizer_similar.html",
         "phases",
-        title=title,
+        title=phase.title,
+        words=CHALLENGES[phase.challenge].words,
         report=report,
         pairs=report.pairs[:SHOWN_PAIRS],
         most_of_a_team=SHOWN_OF_A_TEAM,

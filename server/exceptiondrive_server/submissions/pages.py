@@ -288,6 +288,7 @@ def show_submission(
         progress=status_of(seen),
         steps=steps_of(seen),
         sentences=list(policy_sentences(seen, phase.policy)),
+        rejected_per_day=phase.rejected_per_day,
         sheet=sheet,
         notices=notices,
         edits=edits,

@@ -219,13 +219,14 @@ def is_spent(quota: Quota) -> bool:
 
 
 def left_words(quota: Quota) -> str:
-    """Say what is left: `3 of 5 left today, 12 of 20 in all`."""
+    """Say what is left: `3 of 5 left today, 12 of 20 in all; 20 wrong files left today`."""
     words = f"{quota.remaining_today} of {quota.per_day} left today"
     if quota.total is not None:
         words += f", {max(0, quota.total - quota.used_total)} of {quota.total} in all"
     if quota.rejected_today >= quota.rejected_per_day:
-        words += f"; {quota.rejected_today} files rejected, which is the limit of a day"
-    return words
+        return f"{words}; {quota.rejected_today} files rejected, which is the limit of a day"
+    left = quota.rejected_per_day - quota.rejected_today
+    return f"{words}; {left} wrong {'file' if left == 1 else 'files'} more may be sent today"
 
 
 def scores_of(seen: SubmissionView, protocol: ProtocolDocument) -> tuple[ScoreLine, ...]:
