@@ -62,6 +62,16 @@ def stars(text: str) -> Markup:
     return Markup("".join(f"<b>{part}</b>" if i % 2 else part for i, part in enumerate(parts)))
 
 
+_OPTION = re.compile(
+    r"""(?<![\w-])--?[A-Za-z][\w-]*(?:[ =](?:&#34;[^\n]{1,24}?&#34;|"[^"\n<]{1,24}"|[\w./$][^\s<]{0,23}(?![^\s<])))?"""
+)
+
+
+def unbroken(commands: str) -> Markup:
+    """Keep each option of some commands, with a short value, on one line where the rest may break."""
+    return Markup(_OPTION.sub(r'<span class="o">\g<0></span>', str(escape(commands))))
+
+
 def https_only(url: str | None) -> str:
     """Return a link that readers may follow; anything but an https address is left out."""
     return url if url is not None and url.startswith("https://") else ""
@@ -152,6 +162,7 @@ def environment() -> Environment:
         https=https_only,
         ticks=ticks,
         stars=stars,
+        unbroken=unbroken,
         markdown=markdown,
         first_paragraph=first_paragraph,
         a=with_article,

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import exceptiondrive_server
-from exceptiondrive_server.web.templating import condensed
+from exceptiondrive_server.web.templating import condensed, unbroken
 
 TEMPLATES = sorted(
     path
@@ -51,3 +51,12 @@ def test_a_line_break_is_layout_but_in_running_text(written: str, sent: str) -> 
 def test_every_line_keeps_its_number() -> None:
     for path in TEMPLATES:
         assert condensed(path.read_text()).count("\n") == path.read_text().count("\n")
+
+
+def test_an_option_and_its_short_value_stay_on_one_line() -> None:
+    said = unbroken('submit a-b.json --phase sample --method "My planner" --wait <b>')
+    held = re.findall(r'<span class="o">(.*?)</span>', said)
+    assert held == ["--phase sample", "--method &#34;My planner&#34;", "--wait"]
+    assert said.endswith(" &lt;b&gt;")
+    assert said.striptags() == 'submit a-b.json --phase sample --method "My planner" --wait <b>'
+    assert '<span class="o">--url</span> https://' in unbroken(f"--url https://{'x' * 40}")
