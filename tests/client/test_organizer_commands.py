@@ -132,6 +132,15 @@ def test_a_tampered_audit_log_is_found(running: "Running") -> None:
         == []
     )
     assert organize(running, "audit", "list", "--since", "lately").exit_code == 2
+    lines = json.loads(organize(running, "audit", "list", "--json").stdout)
+    for asked, kept in (
+        (("--until", lines[0]["at"]), [one for one in lines if one["at"] < lines[0]["at"]]),
+        (("--until", lines[0]["at"][:10]), lines),
+        (("--until", "2000-01-01"), []),
+        (("--until", "9999-12-31"), lines),
+        (("--action", "phase created"), [o for o in lines if o["action"] == "phase created"]),
+    ):
+        assert json.loads(organize(running, "audit", "list", *asked, "--json").stdout) == kept
     with running.context.database.write() as session:
         triggers = session.execute(text("SELECT name FROM sqlite_master WHERE type = 'trigger'"))
         for (name,) in list(triggers):

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from exceptiondrive.cli import (
+    completion,
     news_commands,
     options,
     participation_commands,
@@ -22,9 +23,17 @@ from exceptiondrive.confirmations import confirm, default_key_path, make_key
 from exceptiondrive.errors import ExceptionDriveError, utc_text
 from exceptiondrive.inputs import given_bytes, given_protocol
 from exceptiondrive_schemas.split import SplitRef
+from exceptiondrive_schemas.submission import SubmissionStatus
 
-SubmissionId = Annotated[str, typer.Argument(metavar="ID", help="Id of the submission.")]
-TeamId = Annotated[str, typer.Argument(metavar="TEAM", help="Id of the team.")]
+SubmissionId = Annotated[
+    str,
+    typer.Argument(
+        metavar="ID", autocompletion=completion.submission_ids, help="Id of the submission."
+    ),
+]
+TeamId = Annotated[
+    str, typer.Argument(metavar="TEAM", autocompletion=completion.teams, help="Id of the team.")
+]
 FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="Protocol document, TOML.")]
 
 
@@ -39,7 +48,12 @@ def diff_protocol(
     file: FileArgument,
     phase: Annotated[
         str | None,
-        typer.Option("--phase", metavar="ID", help="Against the protocol this phase shows."),
+        typer.Option(
+            "--phase",
+            metavar="ID",
+            autocompletion=completion.phases,
+            help="Against the protocol this phase shows.",
+        ),
     ] = None,
     server: options.Server = None,
     json: options.Json = False,
@@ -56,7 +70,12 @@ def diff_protocol(
 
 
 def similar(
-    phase: Annotated[str, typer.Option("--phase", metavar="PHASE", help="Id of the phase.")],
+    phase: Annotated[
+        str,
+        typer.Option(
+            "--phase", metavar="PHASE", autocompletion=completion.phases, help="Id of the phase."
+        ),
+    ],
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -248,13 +267,25 @@ def download_story(
 
 def download_archive(
     team: Annotated[
-        str | None, typer.Option("--team", metavar="TEAM", help="Only of this team.")
+        str | None,
+        typer.Option(
+            "--team", metavar="TEAM", autocompletion=completion.teams, help="Only of this team."
+        ),
     ] = None,
     phase: Annotated[
-        str | None, typer.Option("--phase", metavar="ID", help="Only of this phase.")
+        str | None,
+        typer.Option(
+            "--phase", metavar="ID", autocompletion=completion.phases, help="Only of this phase."
+        ),
     ] = None,
     status: Annotated[
-        str | None, typer.Option("--status", metavar="STATUS", help="Only in this status.")
+        str | None,
+        typer.Option(
+            "--status",
+            metavar="STATUS",
+            autocompletion=completion.choices(*SubmissionStatus),
+            help="Only in this status.",
+        ),
     ] = None,
     output: options.Output = None,
     server: options.Server = None,
@@ -472,13 +503,27 @@ def read_audit(
             "--since", metavar="TIME", help="2027-01-31T00:00:00Z, or a day: from then on."
         ),
     ] = None,
+    until: Annotated[
+        str | None,
+        typer.Option("--until", metavar="TIME", help="Before this time, or to the end of a day."),
+    ] = None,
+    action: Annotated[
+        str | None,
+        typer.Option("--action", metavar="KIND", help="Only of this kind, as 'phase changed'."),
+    ] = None,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
     """Show the newest lines of the audit log."""
     with open_organizer(server) as organizer:
         found = organizer.audit(
-            limit, actor=actor, subject=subject, by_people=by_people, since=since
+            limit,
+            actor=actor,
+            subject=subject,
+            by_people=by_people,
+            since=since,
+            until=until,
+            action=action,
         )
     show_result(found, json, records_table(found, ("id", "at", "actor", "action", "subject")))
 

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from urllib.parse import urlencode
 
 from fastapi import APIRouter, Path, Query, Request
-from fastapi.responses import Response
+from fastapi.responses import HTMLResponse, Response
 
 from exceptiondrive_records.participation.messages import write_about
 from exceptiondrive_records.phases.phases import find_phase, list_phases
@@ -24,12 +24,13 @@ from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.submissions.download import any_upload, archive
 from exceptiondrive_server.submissions.queries import phase_rules, score_tables
 from exceptiondrive_server.submissions.runs import run_lines
-from exceptiondrive_server.submissions.story import story_folder, story_of
+from exceptiondrive_server.submissions.story import story_folder, story_of, story_page
 from exceptiondrive_server.submissions.view import policy_sentences, status_of, steps_of
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.forms import REASON
 from exceptiondrive_server.web.numbers import minute
 from exceptiondrive_server.web.organizer_frame import (
+    NO_STORE,
     OrganizerBrowser,
     Step,
     organizer_page,
@@ -158,6 +159,14 @@ def get_folder(
 ) -> Response:
     """Download the whole story for a committee."""
     return story_folder(services, browser.principal, submission_id)
+
+
+@router.get("/submissions/{submission_id}/story")
+def show_story(
+    services: ServicesOf, _browser: OrganizerBrowser, submission_id: SubmissionId
+) -> Response:
+    """Show the whole story on one page, to be printed or kept as a PDF."""
+    return HTMLResponse(story_page(services, submission_id), headers=NO_STORE)
 
 
 @step_at(router, "/submissions/{submission_id}/{deed}")

@@ -305,7 +305,11 @@ def create_submissions() -> None:
         sa.Column("received_at", TIME, nullable=False),
         sa.Column("status_at", TIME, nullable=False),
         sa.Column("withdrawn_at", TIME),
-        sa.Column("linked_to", sa.String(), sa.ForeignKey("submissions.id")),
+        sa.Column(
+            "linked_to",
+            sa.String(),
+            sa.ForeignKey("submissions.id", deferrable=True, initially="DEFERRED"),
+        ),
         sa.Column("arrived_at", TIME),
         sa.Column("granted_until", TIME),
         sa.Column("chosen_at", TIME),
