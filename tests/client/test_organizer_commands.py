@@ -1,4 +1,5 @@
 import json
+import re
 import tarfile
 from collections.abc import Callable
 from pathlib import Path
@@ -112,6 +113,17 @@ def test_a_protocol_is_added_once_and_checked_before_it_is_sent(
     assert organize(running, "protocols", "add", path).exit_code == 2
     path.write_bytes(b"\xff\xfe")
     assert "is not UTF-8 text" in organize(running, "protocols", "add", path).stderr
+
+
+@pytest.mark.parametrize("command", ["check", "diff"])
+def test_what_nobody_can_mean_is_refused_at_home(
+    running: "Running", tmp_path: Path, command: str
+) -> None:
+    path = tmp_path / "new.toml"
+    text = packaged_protocol_toml().replace('version = "1.0"', 'version = "9.1"')
+    path.write_text(re.sub(r"footprint_length_m = .*", "footprint_length_m = 60.0", text))
+    done = organize(running, "protocols", command, path)
+    assert (done.exit_code, "no vehicle is 60 m" in done.stderr) == (2, True)
 
 
 def test_a_tampered_audit_log_is_found(running: "Running") -> None:

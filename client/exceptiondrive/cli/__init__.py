@@ -5,9 +5,9 @@ from importlib import import_module
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 from typer.main import get_group
 
+from exceptiondrive.cli.groups import Group
 from exceptiondrive.errors import ExceptionDriveError
 from exceptiondrive.version import __version__
 
@@ -95,7 +95,7 @@ COMMANDS = {
 """Where each command lives and what `--help` says of it; a test holds the words to the command."""
 
 
-class Commands(TyperGroup):
+class Commands(Group):
     """Commands whose errors become words and an exit code."""
 
     def invoke(self, ctx: Any) -> Any:

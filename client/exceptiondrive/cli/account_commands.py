@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from exceptiondrive.cli import completion, options
+from exceptiondrive.cli.groups import Group
 from exceptiondrive.cli.output import can_ask, say, show, show_result
 from exceptiondrive.cli.session import open_client, prepare, say_retry
 from exceptiondrive.cli.tables import records_table
@@ -133,6 +134,7 @@ def register(app: typer.Typer) -> None:
     for command in (login, logout, whoami):
         app.command()(command)
     group = typer.Typer(
+        cls=Group,
         help="Your team's tokens; needs a token with the scope `tokens`.",
         no_args_is_help=True,
         rich_markup_mode=None,

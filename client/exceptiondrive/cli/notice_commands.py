@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from exceptiondrive.cli import completion, options
+from exceptiondrive.cli.groups import Group
 from exceptiondrive.cli.output import show, show_json, show_result
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.cli.tables import notices_view, records_table
@@ -29,6 +30,7 @@ Wishes = Annotated[
 ]
 ContactId = Annotated[str, typer.Argument(metavar="ID", help="Id, from `contacts list`.")]
 contacts = typer.Typer(
+    cls=Group,
     no_args_is_help=True,
     rich_markup_mode=None,
     help="Addresses at which the team is told: e-mail, once confirmed, and webhooks.",

@@ -16,12 +16,15 @@ from exceptiondrive.cli import (
     rescore_commands,
     site_commands,
 )
+from exceptiondrive.cli.groups import Group
 from exceptiondrive.cli.output import say, show_result, show_saved, upload_name
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.confirmations import confirm, default_key_path, make_key
-from exceptiondrive.errors import ExceptionDriveError, utc_text
+from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, utc_text
 from exceptiondrive.inputs import given_bytes, given_protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument, ProtocolError
+from exceptiondrive_schemas.protocol_sense import nonsense
 from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_schemas.submission import SubmissionStatus
 
@@ -37,9 +40,18 @@ TeamId = Annotated[
 FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="Protocol document, TOML.")]
 
 
+def _meant_protocol(file: Path) -> ProtocolDocument:
+    """Return a document that a server takes: without what nobody can mean."""
+    protocol = given_protocol(str(file))
+    meaningless = nonsense(protocol)
+    if meaningless:
+        raise InvalidArgumentError("wrong_protocol", f"{file}: {ProtocolError(meaningless)}")
+    return protocol
+
+
 def check_protocol(file: FileArgument, json: options.Json = False) -> None:
     """Check a protocol document on this machine; every problem is listed."""
-    protocol = given_protocol(str(file))
+    protocol = _meant_protocol(file)
     facts = {"version": protocol.version, "digest": protocol.digest}
     show_result(facts, json, f"protocol {protocol.version} is valid, {protocol.digest}")
 
@@ -59,7 +71,7 @@ def diff_protocol(
     json: options.Json = False,
 ) -> None:
     """Say in plain words what a document would change, and what would be repeated."""
-    given_protocol(str(file))
+    _meant_protocol(file)
     toml = given_bytes(file).data.decode("utf-8-sig")
     with open_organizer(server) as organizer:
         found = organizer.rescoring.check_protocol(toml, phase)
@@ -590,12 +602,13 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
 def register(app: typer.Typer) -> None:
     """Add these commands."""
     organizer = typer.Typer(
+        cls=Group,
         help="For organizers, with an organizer's token.",
         no_args_is_help=True,
         rich_markup_mode=None,
     )
     for name, (help_text, commands) in GROUPS.items():
-        group = typer.Typer(help=help_text, no_args_is_help=True, rich_markup_mode=None)
+        group = typer.Typer(cls=Group, help=help_text, no_args_is_help=True, rich_markup_mode=None)
         for command_name, command in commands.items():
             group.command(command_name)(command)
         organizer.add_typer(group, name=name)

@@ -499,8 +499,9 @@ def _late(board: Board, has_late_view: bool) -> Iterator[Notice]:
 def _kept_back(board: Board, now: PhaseNow) -> Iterator[Notice]:
     if now.frozen_since is not None:
         words = (
-            f"The board is frozen since {minute(now.frozen_since)}. Scoring goes on; what came "
-            "later is shown when the organizers reveal the board."
+            f"The board is frozen since {minute(now.frozen_since)}, so that all see at once how the "
+            "phase ends. Scoring goes on; what came later is shown when the organizers reveal the "
+            "board, for which there is no date."
         )
         yield Notice(words, "", "")
     if board.part == "public":

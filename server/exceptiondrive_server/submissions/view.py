@@ -136,7 +136,11 @@ def policy_sentences(seen: SubmissionView, policy: PhasePolicy) -> Iterator[str]
         yield "It came after the deadline: it stands on the late view alone."
     if seen.score_kept_back_since is not None:
         since = minute(seen.score_kept_back_since)
-        yield f"The board is frozen since {since}; the score is shown when it is revealed."
+        yield (
+            f"It is scored. The board is frozen since {since}, and scores of what came later are kept "
+            "back, so that all see at once how the phase ends: this one is shown here when the "
+            "organizers reveal the board, for which there is no date."
+        )
     elif seen.status is SubmissionStatus.SCORED and seen.sheet is None:
         yield (
             "Samples that were private count now; a score on them is shown for the entries that "

@@ -45,6 +45,7 @@ _VOID = re.compile(r"<(!|(area|br|col|hr|img|input|link|meta|source|wbr)\b)|.*/>
 _BEGINS = re.compile(r"\{%\s*(if|for|macro|block|call|filter)\b")
 _ENDS = re.compile(r"\{%\s*end(if|for|macro|block|call|filter)\b")
 _ELSE = re.compile(r"\{%\s*(else|elif)\b")
+_OPTION = re.compile(r"(?<=[\s>])(--?\w[\w-]*)")
 _LAST = re.compile(r"\{%\s*end(macro|block|call|set)\b")
 
 
@@ -60,16 +61,6 @@ def stars(text: str) -> Markup:
     """Set what stands between double stars bold; everything is escaped."""
     parts = str(escape(text)).split("**")
     return Markup("".join(f"<b>{part}</b>" if i % 2 else part for i, part in enumerate(parts)))
-
-
-_OPTION = re.compile(
-    r"""(?<![\w-])--?[A-Za-z][\w-]*(?:[ =](?:&#34;[^\n]{1,24}?&#34;|"[^"\n<]{1,24}"|[\w./$][^\s<]{0,23}(?![^\s<])))?"""
-)
-
-
-def unbroken(commands: str) -> Markup:
-    """Keep each option of some commands, with a short value, on one line where the rest may break."""
-    return Markup(_OPTION.sub(r'<span class="o">\g<0></span>', str(escape(commands))))
 
 
 def https_only(url: str | None) -> str:
@@ -133,6 +124,11 @@ def _unseen_lines(text: str) -> str:
     return "{#" + "\n" * text.count("\n") + "#}"
 
 
+def unbroken(commands: str) -> Markup:
+    """Return commands as markup in which no option is parted at the end of a line."""
+    return Markup(_OPTION.sub(r"<i>\1</i>", str(escape(commands))))
+
+
 @cache
 def environment() -> Environment:
     """Return the template environment of the site."""
@@ -162,11 +158,11 @@ def environment() -> Environment:
         https=https_only,
         ticks=ticks,
         stars=stars,
-        unbroken=unbroken,
         markdown=markdown,
         first_paragraph=first_paragraph,
         a=with_article,
         over_families=over_families,
+        unbroken=unbroken,
         unit=numbers.unit_of,
     )
     return made
