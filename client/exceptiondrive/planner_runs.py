@@ -213,7 +213,7 @@ def read_navsim(path: Path, mode: int | None) -> Tokens:
 def read_waymo(path: Path, mode: int | None) -> Tokens:
     """Read a submission of Waymo's end-to-end challenge as JSON, by protobuf's `MessageToJson`.
 
-    waymo-open-dataset @ 508fb26, src/waymo_open_dataset/protos/
+    waymo-open-dataset of Waymo @ 508fb26, src/waymo_open_dataset/protos/
     end_to_end_driving_submission.proto lines 25 to 44: +x forward, +y left, 20 waypoints at 4 Hz, the first at 0.25 s.
     """
     for frame in _object(path).get("predictions", ()):

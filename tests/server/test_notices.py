@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from sqlalchemy import select
+from tests.server.test_organizer_team_pages import last_line
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.notifications.channels import NoticeSettings, message_of
@@ -206,6 +207,16 @@ def test_nobody_is_told_of_a_phase_that_is_not_shown(
     assert tell_teams(api.database) == 0
     closes_in(api, timedelta(hours=3), visibility="shown")
     assert tell_teams(api.database) == 2
+
+
+def test_wishes_that_stay_as_they_are_leave_no_audit_line(api: "Api") -> None:
+    """Else a team fills the log, which nobody shortens, with a loop."""
+    path = f"/contacts/{add(api, 'scored')['id']}"
+    lines = [last_line(api).id]
+    for wishes in (["scored"], ["scored", "scored"], ["updates"], ["updates"]):
+        assert api.request("PATCH", path, "alpha", json={"wishes": wishes}).status_code == 200
+        lines.append(last_line(api).id)
+    assert [line - lines[0] for line in lines] == [0, 0, 0, 1, 1]
 
 
 def test_another_teams_address_is_not_found(api: "Api", as_problem: Problem) -> None:
