@@ -8,6 +8,7 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import select
+from tests.server.test_organizer_team_pages import last_line
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.notifications.channels import NoticeSettings, message_of
@@ -167,6 +168,16 @@ def test_only_what_is_wished_is_told(api: "Api", browse: Browse) -> None:
     with api.database.write() as session:
         session.get_one(Phase, "dev").closes_at = database_now(session) + timedelta(hours=4)
     assert tell_teams(api.database) == 0
+
+
+def test_wishes_that_stay_as_they_are_leave_no_audit_line(api: "Api") -> None:
+    """Else a team fills the log, which nobody shortens, with a loop."""
+    path = f"/contacts/{add(api, 'scored')['id']}"
+    lines = [last_line(api).id]
+    for wishes in (["scored"], ["scored", "scored"], ["updates"], ["updates"]):
+        assert api.request("PATCH", path, "alpha", json={"wishes": wishes}).status_code == 200
+        lines.append(last_line(api).id)
+    assert [line - lines[0] for line in lines] == [0, 0, 0, 1, 1]
 
 
 def test_another_teams_address_is_not_found(api: "Api", as_problem: Problem) -> None:

@@ -272,7 +272,7 @@ class BoardPage:
     The board holds no reported rows. `current_protocol` is the version in force; `is_current` says whether the phase shows this board
     now, or its late view; `before` is the board that was shown before it.
 
-    Two are equal if their pages are: what is large and compared by a field of its own (`board_digest`,
+    Two are equal if their pages are: what is large and compared by a field of its own (`told_as`,
     `facts_at`) is left out of that, and of the outline.
     """
 
@@ -294,7 +294,8 @@ class BoardPage:
     """Tasks, hardest first, as far as the sheets of the best entries tell them."""
     facts: FactsOfBoard = field(default_factory=lambda: NO_FACTS, compare=False)
     """What teams tell of their methods now; not of the board, whose bytes never change."""
-    board_digest: str = ""
+    told_as: str = ""
+    """What stands for the board: two of one name are told alike."""
     facts_at: datetime | None = None
     """When a team of the phase changed its facts last."""
     disqualified: tuple[DisqualificationNote, ...] = ()

@@ -91,7 +91,7 @@ def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False
         drawing=_drawing_of(session, protocol),
         before=_board_before(session, row) if row else None,
         facts=facts_on(session, board) if board else NO_FACTS,
-        board_digest=row.told_digest if row else "",
+        told_as=row.told if row else "",
         facts_at=newest_edit_at(session, phase.id),
         disqualified=disqualification_notes(session, phase),
     )

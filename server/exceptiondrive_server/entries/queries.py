@@ -56,8 +56,8 @@ class PastPosition:
     entry: BoardEntry
     first_board: Board
     first_entry: BoardEntry
-    body_digests: tuple[str, str]
-    """Of both boards."""
+    told_as: tuple[str, str]
+    """What stands for both boards."""
 
 
 @dataclass(frozen=True)
@@ -113,10 +113,10 @@ def read_entry(session: Session, key: str, query: BoardQuery) -> EntryData:
     borrows = is_withheld and _borrows_scenes(session, phase)
     return EntryData(
         outline=(
-            (row.told_digest, phase.title, is_current, shown_submission is None, told),
+            (row.told, phase.title, is_current, shown_submission is None, told),
             (is_withheld, borrows),
             sheet and (tuple(sheet.families), tuple(sheet.tasks)),
-            tuple(each.body_digests for each in past),
+            tuple(each.told_as for each in past),
             (tuple(drawn_ids), outline_of_pictures(pictures.values())),
         ),
         board=board,
@@ -266,8 +266,7 @@ def _standing(submission_id: str, first: BoardRow, last: BoardRow) -> PastPositi
     entry, first_entry = (find_entry(each, submission_id) for each in (board, first_board))
     if entry is None or first_entry is None:
         return None
-    digests = last.told_digest, first.told_digest
-    return PastPosition(board, entry, first_board, first_entry, digests)
+    return PastPosition(board, entry, first_board, first_entry, (last.told, first.told))
 
 
 def _drawings(session: Session, submission: Submission, board: Board) -> EntryDrawings | None:

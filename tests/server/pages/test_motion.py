@@ -135,6 +135,8 @@ async def test_a_phase_with_withheld_regions_borrows_scenes_and_says_whose(
     assert "The hazard regions of Final are withheld, so nothing of it is drawn." in words
     assert "driven by the planners of that phase" in words
     assert {name for name, _, _ in readings(html)} == {"Kestrel-2"}
+    assert "Kestrel-2 of Sample" in words
+    assert "leads" not in read(html).one("form", "mo-form").text
     assert not any(name in html for name in names)
     front = (await drawn_site.get("/?phase=final")).text
     assert 'data-scenes="/scenes?phase=final"' in front
