@@ -1,7 +1,7 @@
 """The SDK: what speaks for a team to one server, its submissions and its tokens."""
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import date, datetime
 from difflib import get_close_matches
@@ -27,7 +27,15 @@ from exceptiondrive.errors import (
 from exceptiondrive.facts import Facts, facts_of
 from exceptiondrive.inputs import SubmissionLike, given_submission
 from exceptiondrive.outlook import Outlook
-from exceptiondrive.transport import Connection, Progress, Record, UploadBody, quoted, read_answer
+from exceptiondrive.transport import (
+    Connection,
+    Progress,
+    Record,
+    UploadBody,
+    quoted,
+    read_answer,
+    require_text,
+)
 from exceptiondrive_schemas.base import Document, bytes_digest
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.faults import CheckReport
@@ -327,6 +335,7 @@ class Client(Connection):
     @contextmanager
     def _naming(self, name: str, known: Callable[[], list[str]], what: str) -> Iterator[None]:
         """Add to the error of a name that is not found what was probably meant."""
+        require_text(name)
         try:
             yield
         except NotFoundError as error:
@@ -438,7 +447,7 @@ class Client(Connection):
         """
         view = self.phase(phase)
         given = given_submission(file, view.split)
-        if not method.strip():
+        if not require_text(method, "The name of a method").strip():
             raise InvalidArgumentError(
                 "no_method", "The method has no name.", "Name it as the board shall show it."
             )
@@ -486,7 +495,7 @@ class Client(Connection):
         Raises:
             InvalidArgumentError: The address is of another server, or no address of a submission.
         """
-        if "://" not in submission:
+        if "://" not in require_text(submission, "The id of a submission"):
             return submission.strip()
         address = submission.strip().partition("?")[0].partition("#")[0].rstrip("/")
         *_, noun, found = address.split("/")
@@ -505,19 +514,23 @@ class Client(Connection):
         return found
 
     def submissions(
-        self, *, phase: str | None = None, status: SubmissionStatus | None = None, limit: int = 100
+        self,
+        *,
+        phase: str | None = None,
+        status: SubmissionStatus | str | None = None,
+        limit: int = 100,
     ) -> tuple[SubmissionView, ...]:
         """Return the team's submissions, newest first.
 
         Args:
             phase: Only of this phase.
-            status: Only in this status.
+            status: Only in this status, such as `scored`.
             limit: At most so many.
         """
         found: list[SubmissionView] = []
         after: str | None = None
         while len(found) < limit:
-            query = {"phase": phase, "status": status and status.value, "after": after}
+            query = {"phase": phase, "status": status and str(status), "after": after}
             page = self._get(
                 SubmissionPage,
                 "/submissions",
@@ -620,13 +633,13 @@ class Client(Connection):
             address: E-mail address, which has to be confirmed by who reads there, or https address.
             wishes: What it is told of: `updates`, `scored`, `failed`, `overtaken`, `phase_ends`.
         """
-        channel = "webhook" if "://" in address else "email"
-        wanted = {"channel": channel, "address": address, "wishes": list(wishes)}
+        channel = "webhook" if "://" in require_text(address, "An address") else "email"
+        wanted = {"channel": channel, "address": address, "wishes": _listed(wishes)}
         return self._transport.post_once("/contacts", wanted)
 
     def set_wishes(self, contact_id: str, wishes: Sequence[str]) -> Record:
         """Set what an address is told of."""
-        return self._transport.patch(f"/contacts/{quoted(contact_id)}", {"wishes": list(wishes)})
+        return self._transport.patch(f"/contacts/{quoted(contact_id)}", {"wishes": _listed(wishes)})
 
     def remove_contact(self, contact_id: str) -> Record:
         """Be told no longer at an address."""
@@ -731,6 +744,13 @@ class Client(Connection):
         self, kind: type[AnyDocument], path: str, query: dict[str, Any] | None = None
     ) -> AnyDocument:
         return read_answer(kind.read, self._transport.get(path, query))
+
+
+def _listed(wishes: Sequence[str]) -> list[str]:
+    """Return wishes as a list; a single one may be given by itself."""
+    if isinstance(wishes, str) or not isinstance(wishes, Iterable):
+        return [require_text(wishes, "A wish")]
+    return [require_text(each, "A wish") for each in wishes]
 
 
 class TeamTokens(Connection):

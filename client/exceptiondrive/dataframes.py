@@ -39,7 +39,7 @@ def to_dataframe(
         families: For a board: one row an entry and family instead.
 
     Raises:
-        InvalidArgumentError: The extra `data` is missing.
+        InvalidArgumentError: It is none of these, or the extra `data` is missing.
     """
     try:
         import pandas as pd
@@ -59,11 +59,20 @@ def to_dataframe(
         return pd.DataFrame(list(kinds))
     if isinstance(document, Submission | AsyncSubmission):
         document = document.view
-    records = [document] if isinstance(document, SubmissionView) else list(document)
-    results = [each for each in records if isinstance(each, SampleResult)]
-    if results:
-        return pd.DataFrame(results, columns=list(SampleResult._fields))
+    if isinstance(document, SubmissionView):
+        document = [document]
+    given: object = document  # whatever a caller without type checks gives
+    records = list(given) if isinstance(given, Iterable) else [given]
+    if records and all(isinstance(each, SampleResult) for each in records):
+        return pd.DataFrame(records, columns=list(SampleResult._fields))
     views = [each for each in records if isinstance(each, SubmissionView)]
+    if len(views) < len(records) or isinstance(given, str | bytes | Mapping):
+        raise InvalidArgumentError(
+            "wrong_argument",
+            f"{type(given).__name__} is nothing that becomes a table.",
+            "Tables are made of a board, a score sheet, a check report, submissions, and what "
+            "evaluate_samples gives.",
+        )
     return _typed(pd.DataFrame([_submission_row(view) for view in views]))
 
 

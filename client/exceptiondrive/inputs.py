@@ -76,7 +76,7 @@ def given_bytes(given: object, what: str = "file") -> GivenFile:
             raise InvalidArgumentError(
                 "unreadable_file", f"{os.fspath(given)} cannot be read: {reason}."
             ) from None
-    read = getattr(given, "read", None)
+    read = None if isinstance(given, Document) else getattr(given, "read", None)
     data = read() if callable(read) else None
     if not isinstance(data, bytes):
         raise InvalidArgumentError(
@@ -211,6 +211,12 @@ def _of_columns(columns: Mapping[str, Any], split: str | None) -> dict[str, Any]
     """Return the document of columns, one value a sample."""
     challenge = STRATEGY if "strategy" in columns else PLANNING
     named = [name for name in columns if name not in ("schema", "split")]
+    for name in named:
+        if not isinstance(columns[name], list):
+            raise InvalidArgumentError(
+                "wrong_argument",
+                f"The column {name} is no list, array or series: one value a sample.",
+            )
     lengths = {len(columns[name]) for name in named}
     if len(lengths) != 1:
         raise InvalidArgumentError(

@@ -295,10 +295,13 @@ class Organizer(Connection):
         subject: str | None = None,
         by_people: bool = False,
         since: str | None = None,
+        until: str | None = None,
+        action: str | None = None,
     ) -> list[Record]:
         """Return the newest lines of the audit log; `by_people` leaves out what the machinery writes.
 
-        `since` is a time such as `2027-01-31T00:00:00Z`, or a day.
+        `since` is a time such as `2027-01-31T00:00:00Z`, or a day; `until` one before which lines are,
+        or a day that is taken in.
         """
         query = {
             "limit": limit,
@@ -306,6 +309,8 @@ class Organizer(Connection):
             "subject": subject,
             "by_people": "true" if by_people else None,
             "since": since,
+            "until": until,
+            "action": action,
         }
         return self._transport.records("/organizer/audit", query)
 

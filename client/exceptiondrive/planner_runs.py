@@ -120,7 +120,7 @@ def read_vad(path: Path, mode: int | None) -> Tokens:
     (hustvl/VAD @ 1688c4b, projects/mmdet3d_plugin/VAD/VAD.py lines 390, 391, 420 to 425), in the
     frame of the lidar, x to the right (tools/data_converter/vad_nuscenes_converter.py lines 431 to
     459). It writes them as `plan_results` of `results_nusc.pkl` (hustvl/VAD @ 0a20dc7, projects/
-    mmdet3d_plugin/datasets/nuscenes_vad_dataset.py, `_format_bbox`).
+    mmdet3d_plugin/datasets/nuscenes_vad_dataset.py, lines 1476 and 1553).
     """
     for token, result in _object(path).items():
         try:
@@ -213,9 +213,8 @@ def read_navsim(path: Path, mode: int | None) -> Tokens:
 def read_waymo(path: Path, mode: int | None) -> Tokens:
     """Read a submission of Waymo's end-to-end challenge as JSON, by protobuf's `MessageToJson`.
 
-    waymo-open-dataset of Waymo, src/waymo_open_dataset/protos/
-    end_to_end_driving_submission.proto, `TrajectoryPrediction` and `FrameTrajectoryPredictions`:
-    +x forward, +y left, 20 waypoints at 4 Hz, the first at 0.25 s.
+    waymo-open-dataset of Waymo @ 508fb26, src/waymo_open_dataset/protos/
+    end_to_end_driving_submission.proto lines 25 to 44: +x forward, +y left, 20 waypoints at 4 Hz, the first at 0.25 s.
     """
     for frame in _object(path).get("predictions", ()):
         try:

@@ -65,8 +65,10 @@ class Journal:
                 it holds, or what `Client.manifest` gives. When given, unknown samples are refused at once, and missing ones at the end.
 
         Raises:
-            RecorderError: The manifest or the journal belongs to something else.
+            RecorderError: The manifest or the journal belongs to something else, or cannot be opened.
         """
+        if not isinstance(path, (str, os.PathLike)):
+            raise RecorderError(f"the submission file is named by a path, not by {path!r}")
         self.path = os.fspath(path)
         self.split = split
         self.journal_path = self.path + ".journal"
@@ -74,8 +76,11 @@ class Journal:
         if manifest is not None:
             self._expected = _manifest_ids(manifest, split)
         self._predictions: Dict[str, Dict[str, Any]] = {}
-        self._resume()
-        self._stream = open(self.journal_path, "a", encoding="utf-8")
+        try:
+            self._resume()
+            self._stream = open(self.journal_path, "a", encoding="utf-8")
+        except (OSError, UnicodeError) as error:
+            raise RecorderError(f"{self.journal_path} cannot be written: {error}")
         if self._stream.tell() == 0:
             self._append(self._header())
 

@@ -244,6 +244,12 @@ class Transport:
         self._attempts = attempts
         headers = {"user-agent": f"exceptiondrive/{__version__}"}
         if token:
+            if not (str(token).isascii() and str(token).isprintable()):
+                raise InvalidArgumentError(
+                    "wrong_token",
+                    "This is no token: it has signs that none has.",
+                    "Run: exceptiondrive login (or set EXCEPTIONDRIVE_TOKEN).",
+                )
             headers["authorization"] = f"Bearer {token}"
         self._http = httpx.Client(
             base_url=f"{server}/api/v1",
@@ -346,6 +352,10 @@ class Transport:
                 f"{self.server} cannot be reached: {str(error) or type(error).__name__}.",
                 "Check the address (--server) and the network, then run the command again.",
             ) from None
+        except (TypeError, ValueError, httpx.InvalidURL) as error:
+            raise InvalidArgumentError(
+                "wrong_argument", f"An argument cannot be sent: {error}."
+            ) from error
         if not response.is_success:
             raise_problem(response)
         return response
@@ -507,5 +517,20 @@ def _first_byte(response: httpx.Response) -> int:
 
 
 def quoted(name: str) -> str:
-    """Return a name as one part of a path, whatever it holds."""
-    return quote(name, safe="") or "-"
+    """Return a name as one part of a path, whatever it holds.
+
+    Raises:
+        InvalidArgumentError: It is no text.
+    """
+    return quote(require_text(name), safe="") or "-"
+
+
+def require_text(value: object, what: str = "A name or id") -> str:
+    """Return a text that was given.
+
+    Raises:
+        InvalidArgumentError: It is something else.
+    """
+    if isinstance(value, str):
+        return value
+    raise InvalidArgumentError("wrong_argument", f"{what} is a text, not {type(value).__name__}.")

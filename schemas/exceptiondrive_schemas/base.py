@@ -33,8 +33,15 @@ class Document(BaseModel):
     )
 
     def __repr_args__(self) -> Iterator[tuple[str, Any]]:
-        """Yield what stands in the short form: each value on a line, long ones counted or cut."""
+        """Yield what stands in the short form: what is not as by default, long values counted or cut."""
         for name, value in self:
+            field = type(self).model_fields.get(name)
+            if (
+                field is not None
+                and not field.is_required()
+                and value == field.get_default(call_default_factory=True, validated_data={})
+            ):
+                continue
             yield name, short(value) if isinstance(value, str) else _Bare(short(value))
 
     def _repr_html_(self) -> str:

@@ -125,6 +125,7 @@ class BoardLeader(Document):
 class EntryNews(Document):
     """What became of an entry since the board that was shown before."""
 
+    submission_id: str
     method: str
     team: str
     rank: int | None

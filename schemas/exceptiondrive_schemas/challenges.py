@@ -27,6 +27,8 @@ class HeadlineWords(Document):
 
     question: str
     """Where nobody leads."""
+    leads: str
+    """The leader's two primary metrics, `{first}` and `{second}`, in a newcomer's words."""
     by_share: tuple[tuple[float, str], ...] = Field(min_length=1)
     """From this share on, these words; highest first, the last one from 0 on."""
 
@@ -86,6 +88,8 @@ class ChallengeWords(Document):
     """What the shares of a coverage count: "edited" and, where there is one, "source"."""
     file_note: str
     """What a file is made of, in a sentence."""
+    alike: str
+    """What of two submissions is compared in search of copies, and what counts as the same."""
     code: CodeWords
 
 
@@ -99,9 +103,11 @@ PLANNING_WORDS = ChallengeWords(
     "the area that the car sweeps touches the red hazard. **HCC** pays for the distance kept, up to "
     "the amber line: here d = {clearance_m:.2f} of {d_safe_m:.2f} m, so {hcc:.2f}. **CTS** is the "
     "mean gap between the dotted path, of the original scene, and the solid one.",
-    sample_note="pairs of scenes",
+    sample_note="scenes, each without and with a hazard",
     headline=HeadlineWords(
         question="Which planner keeps clear of the hazard?",
+        leads="it earns {first} of the credit for keeping its distance (HCC) and drives into the "
+        "hazard in {second} of the scenes (UR)",
         by_share=(
             (0.501, "Even the leading planner hits the hazard {often}."),
             (0.1, "The leading planner still hits {cases}."),
@@ -126,6 +132,9 @@ PLANNING_WORDS = ChallengeWords(
     covered={"edited": "scenes with hazard", "source": "original scenes"},
     file_note="One JSON file with {waypoints} waypoints per trajectory, two trajectories per "
     "sample.",
+    alike="Compared are the paths for the scene with the hazard, sample by sample; those at most 5 cm "
+    "apart, on the mean of their waypoints, count as the same answer. Paths for the original scene are "
+    "not compared.",
     code=CodeWords(
         file="planner.json.gz",
         method="My planner",
@@ -133,8 +142,10 @@ PLANNING_WORDS = ChallengeWords(
 import json, sys
 from recorder import Recorder
 
-def plan(sample_id, scene):  # put your planner here; scene is "source" or "edited"
-    return [(3.5 * step, 0.0) for step in range(1, 7)]  # x forward, y left, each 0.5 s
+def plan(sample_id, scene):
+    # A stand-in: put your planner here. scene is "source" or "edited";
+    # x forward, y left, in metres, at 0.5, 1.0, ... 3.0 s.
+    return [(3.5 * step, 0.0) for step in range(1, 7)]
 
 manifest, output = sys.argv[1:]
 split = json.load(open(manifest))["name"]
@@ -158,6 +169,7 @@ STRATEGY_WORDS = ChallengeWords(
     sample_note="scenes with hazard",
     headline=HeadlineWords(
         question="Which agent is careful enough?",
+        leads="{first} of its answers are acceptable, {second} too careless",
         by_share=(
             (0.1, "Even the leading agent is too careless {often}."),
             (0.0, "The leading agent is careful enough {rest}."),
@@ -184,6 +196,7 @@ STRATEGY_WORDS = ChallengeWords(
     covered={"edited": "scenes"},
     file_note="One JSON file with one letter per sample: what the agent would do in the edited "
     "scene.",
+    alike="Compared is the strategy that is named for each sample. Reminders are not compared.",
     code=CodeWords(
         file="agent.json.gz",
         method="My agent",
@@ -191,7 +204,8 @@ STRATEGY_WORDS = ChallengeWords(
 import json, sys
 from recorder import StrategyRecorder
 
-def decide(sample_id):  # put your agent here; "A" to "E", or None
+def decide(sample_id):
+    # A stand-in: put your agent here. It says "A" to "E", or None.
     return "B"
 
 manifest, output = sys.argv[1:]

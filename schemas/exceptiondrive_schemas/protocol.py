@@ -217,7 +217,7 @@ class ProtocolDocument(Document):
             raise ValueError(f"caution and acceptable say otherwise: {'; '.join(wrong)}")
         return self
 
-    @property
+    @cached_property
     def taxonomy(self) -> Taxonomy:
         """Families and tasks."""
         return Taxonomy(families=self.families, tasks=self.tasks)

@@ -113,6 +113,12 @@ def _remarks(old: ProtocolDocument, new: ProtocolDocument) -> Iterator[str]:
         yield f"{new.version} is an earlier version than {old.version}"
     if new.changes == old.changes and new.digest != old.digest:
         yield f"what `changes` tells readers is what it told in {old.version}"
+    files = old.geometry
+    if (files.waypoints, files.time_step_s) != (new.geometry.waypoints, new.geometry.time_step_s):
+        yield (
+            f"accepted planners' files hold {files.waypoints} waypoints {files.time_step_s:g} s apart and "
+            "cannot be scored under it: a run is refused, open a new phase instead"
+        )
 
 
 def _version_key(version: str) -> tuple[list[int], bool, str]:

@@ -41,7 +41,7 @@ class AlikeKind(StrEnum):
 
 ALIKE_WORDS: dict[AlikeKind, str] = {
     AlikeKind.EQUAL_FILES: "the very same bytes",
-    AlikeKind.EQUAL_ANSWERS: "other bytes, but every sample is answered alike",
+    AlikeKind.EQUAL_ANSWERS: "other bytes, but exactly the same answer to every sample",
     AlikeKind.NEAR: "many samples are answered alike, or nearly so: one may be made from the other",
     AlikeKind.SCALED: "alike once one is made longer, shorter or shifted as a whole",
 }
@@ -90,6 +90,6 @@ class SimilarityReport(Document):
     n_compared: int
     """Scored submissions that were compared with all others of the phase."""
     n_waiting: int
-    """Scored ones that the workers have not compared yet."""
+    """Scored ones that are compared after the next board: until then another file went first."""
     pairs: tuple[AlikePair, ...] = ()
     probing: tuple[Probing, ...] = ()

@@ -16,6 +16,7 @@ from tests.server.conftest import (  # noqa: F401 - fixtures
     Api,
     TeamBrowser,
     api,
+    api_on_both,
     as_problem,
     browse,
     logs,

@@ -9,17 +9,19 @@ import pytest
 from sqlalchemy import select, update
 
 from exceptiondrive_records.accounts.people import (
+    MAX_INVITATIONS_A_DAY,
     Identity,
     accept_invitation,
     invite,
     is_member,
     set_organizer,
     welcome_person,
+    withdraw_invitation,
 )
 from exceptiondrive_records.accounts.roles import OrganizerRole
 from exceptiondrive_records.accounts.tables import BrowserSession, Invitation, Person
 from exceptiondrive_records.audit.tables import AuditLine
-from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.db.errors import Conflict, NotFound
 from exceptiondrive_records.teams.teams import switch_self_registration
 
 if TYPE_CHECKING:
@@ -107,6 +109,19 @@ def test_an_invitation_works_once_within_its_week_and_only_whole(
     with small_site.database.write() as session:
         session.execute(update(Invitation).values(expires_at=datetime.now(UTC)))
     assert eve.post(link, {}, page="/my/team").status_code == 404
+
+
+def test_a_team_invites_only_so_often_a_day(small_site: "Api") -> None:
+    """Each leaves a row and audit lines for ever, however soon it is withdrawn."""
+    team_id = small_site.team_ids["alpha"]
+    with small_site.database.write() as session:
+        for _ in range(MAX_INVITATIONS_A_DAY):
+            _, made = invite(session, team_id, "Ada", actor="test")
+            withdraw_invitation(session, team_id, made.id, actor="test")
+        with pytest.raises(Conflict, match="in 24 hours"):
+            invite(session, team_id, "Ada", actor="test")
+        made.created_at -= timedelta(days=1)
+        assert invite(session, team_id, "Ada", actor="test")
 
 
 def test_an_invitation_is_kept_as_a_digest(small_site: "Api", browse: Browse) -> None:

@@ -1,12 +1,17 @@
 """Completion as the shells ask for it: words, and never an error or a traceback."""
 
 import os
+import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
+from typer.main import get_command
+
+from exceptiondrive.cli import app
 
 if TYPE_CHECKING:
     from tests.client.conftest import Running
@@ -52,6 +57,11 @@ def test_every_shell_gets_the_phases(running: "Running", shell: str) -> None:
         ("exceptiondrive leaderboard --sort hc", {"hcc"}),
         ("exceptiondrive config ph", {"phase"}),
         ("exceptiondrive config phase d", {"dev"}),
+        ("exceptiondrive convert --from n", {"navsim"}),
+        ("exceptiondrive convert --rotate ", {"90", "-90", "180"}),
+        ("exceptiondrive report d", {"dev"}),
+        ("exceptiondrive organizer phases freeze d", {"dev"}),
+        ("exceptiondrive organizer phases create --frozen-scores ", {"shown", "hidden"}),
     ],
 )
 def test_commands_names_and_choices(running: "Running", line: str, words: set[str]) -> None:
@@ -70,6 +80,46 @@ def test_ids_of_the_team_are_offered(running: "Running", planning_file: object) 
     line = f"exceptiondrive status {own[:3]}"
     assert completed("bash", line, **environment).stdout.split() == [own]
     assert f'"{own}":"Planner, queued"' in completed("zsh", line, **environment).stdout
+
+
+def test_organizers_are_offered_teams(running: "Running") -> None:
+    environment = {
+        "EXCEPTIONDRIVE_SERVER": running.url,
+        "EXCEPTIONDRIVE_TOKEN": running.organizer_token,
+    }
+    (team,) = completed(
+        "bash", "exceptiondrive organizer teams show ", **environment
+    ).stdout.split()
+    done = completed("zsh", "exceptiondrive organizer teams merge x --into ", **environment)
+    assert f'"{team}":' in done.stdout
+    assert (
+        completed("bash", "exceptiondrive organizer rescore begin ", **environment).stdout.strip()
+        == ""
+    )
+
+
+def parameters(command: Any, names: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
+    for each in command.params:
+        yield " ".join(names), each
+    for name in command.list_commands(None) if hasattr(command, "list_commands") else ():
+        yield from parameters(command.get_command(None, name), (*names, name))
+
+
+NAMES = {"PHASE", "TEAM", "RUN", "[RUN]", "STATUS", "ROLE", "PLANNER", "WHAT", "WHAT...", "S"}
+NUMBERS = {"--timeout", "--time-step-s"}
+
+
+def test_every_name_and_choice_is_offered() -> None:
+    """What takes a phase, a team, a run or one of some words has something to offer."""
+    asked = 0
+    for command, each in parameters(get_command(app)):
+        words = re.fullmatch(r"-?[\w-]+(\|-?[\w-]+)+", each.metavar or "")
+        is_of_words = words is not None and not {"TIME", "K"} & set((each.metavar or "").split("|"))
+        is_a_name = each.metavar in NAMES or "--phase" in each.opts
+        if (is_of_words or is_a_name) and not NUMBERS & set(each.opts):
+            asked += 1
+            assert each._custom_shell_complete is not None, (command, each.opts, each.metavar)
+    assert asked > 50
 
 
 @pytest.mark.parametrize("server", [NOBODY, "no address", "http://127.0.0.1:9/with/path"])

@@ -4,11 +4,12 @@ import re
 import runpy
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from typer.main import get_command
 from typer.testing import CliRunner
 
 from exceptiondrive.cli import app
@@ -35,6 +36,23 @@ def test_every_command_is_in_the_reference() -> None:
     assert len(names) > 12
     for name in names:
         assert f"### `exceptiondrive {name}" in command_reference()
+
+
+def every_command(command: Any, names: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    yield names
+    for name in command.list_commands(None) if hasattr(command, "list_commands") else ():
+        yield from every_command(command.get_command(None, name), (*names, name))
+
+
+def test_every_help_is_whole_in_80_columns() -> None:
+    commands = list(every_command(get_command(app)))
+    assert len(commands) > 100
+    for names in commands:
+        done = CliRunner().invoke(app, [*names, "--help"], terminal_width=80)
+        assert done.exit_code == 0, names
+        for line in done.stdout.splitlines():
+            assert len(line) <= 80, (names, line)
+            assert not re.search(r"\w\.\.\.$|…", line), (names, line)
 
 
 def test_a_document_without_marks_is_refused() -> None:

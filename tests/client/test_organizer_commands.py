@@ -1,4 +1,5 @@
 import json
+import re
 import tarfile
 from collections.abc import Callable
 from pathlib import Path
@@ -114,6 +115,17 @@ def test_a_protocol_is_added_once_and_checked_before_it_is_sent(
     assert "is not UTF-8 text" in organize(running, "protocols", "add", path).stderr
 
 
+@pytest.mark.parametrize("command", ["check", "diff"])
+def test_what_nobody_can_mean_is_refused_at_home(
+    running: "Running", tmp_path: Path, command: str
+) -> None:
+    path = tmp_path / "new.toml"
+    text = packaged_protocol_toml().replace('version = "1.0"', 'version = "9.1"')
+    path.write_text(re.sub(r"footprint_length_m = .*", "footprint_length_m = 60.0", text))
+    done = organize(running, "protocols", command, path)
+    assert (done.exit_code, "no vehicle is 60 m" in done.stderr) == (2, True)
+
+
 def test_a_tampered_audit_log_is_found(running: "Running") -> None:
     whole = organize(running, "audit", "verify")
     assert whole.exit_code == 0
@@ -132,6 +144,15 @@ def test_a_tampered_audit_log_is_found(running: "Running") -> None:
         == []
     )
     assert organize(running, "audit", "list", "--since", "lately").exit_code == 2
+    lines = json.loads(organize(running, "audit", "list", "--json").stdout)
+    for asked, kept in (
+        (("--until", lines[0]["at"]), [one for one in lines if one["at"] < lines[0]["at"]]),
+        (("--until", lines[0]["at"][:10]), lines),
+        (("--until", "2000-01-01"), []),
+        (("--until", "9999-12-31"), lines),
+        (("--action", "phase created"), [o for o in lines if o["action"] == "phase created"]),
+    ):
+        assert json.loads(organize(running, "audit", "list", *asked, "--json").stdout) == kept
     with running.context.database.write() as session:
         triggers = session.execute(text("SELECT name FROM sqlite_master WHERE type = 'trigger'"))
         for (name,) in list(triggers):

@@ -107,6 +107,7 @@ REFUSED = [
     (Role.API, "INSERT INTO splits DEFAULT VALUES"),
     (Role.API, "UPDATE splits SET public_file_digest = 'x'"),
     (Role.API, "DELETE FROM worker_heartbeats"),
+    (Role.API, "INSERT INTO board_entries DEFAULT VALUES"),
 ]  # fmt: skip
 
 

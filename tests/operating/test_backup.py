@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from sqlalchemy import select
 from tests.operating.conftest import Lived
 
 from exceptiondrive_records.audit.log import verify_audit
@@ -38,6 +39,33 @@ def test_a_restored_backup_holds_every_row_and_every_file(
         assert (verdict.n_lines, verdict.head) == (head.audit_lines, head.audit_head)
         assert verdict.n_lines > 5
     restored.dispose()
+
+
+def test_a_submission_that_is_linked_to_one_of_a_later_id_comes_back(
+    lived: Lived, empty_database_url: str, tmp_path: Path
+) -> None:
+    """Ids are random: what is linked to may stand after what links."""
+    with lived.database.write() as session:
+        first, *_, last = session.scalars(select(Submission).order_by(Submission.id))
+        first.linked_to = last.id
+        ids = first.id, last.id
+    write_backup(lived.database, lived.files, tmp_path / "backup.tar")
+    restore_backup(
+        tmp_path / "backup.tar", empty_database_url, FileStore((tmp_path / "restored").as_uri())
+    )
+    restored = Database(empty_database_url)
+    with restored.read() as session:
+        assert session.get_one(Submission, ids[0]).linked_to == ids[1]
+    restored.dispose()
+
+
+def test_every_table_that_refers_to_itself_is_asked_at_the_end() -> None:
+    """Else rows in the order of their keys could not be loaded."""
+    inner = [
+        key for table in dumped_tables() for key in table.foreign_keys if key.column.table is table
+    ]
+    assert len(inner) >= 2
+    assert [str(key.parent) for key in inner if key.initially != "DEFERRED"] == []
 
 
 def test_the_restored_records_go_on(

@@ -3,6 +3,7 @@
 import io
 import json
 import tarfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,8 @@ import pytest
 import tests.support
 from tests.canary.values import CANARY_M
 from tests.phases.test_parts import CAREFUL, PRIVATE_ONLY, PUBLIC_ONLY, reveal, revisions
+
+from exceptiondrive_server.submissions.download import PIECE_BYTES, written_down
 
 if TYPE_CHECKING:
     from tests.phases.conftest import Life
@@ -97,6 +100,29 @@ def test_nothing_of_regions_and_no_unshown_part_is_in_it(life: "Life") -> None:
         assert secret.encode() not in everything, secret
     for who in (None, "alpha"):
         assert life.get(EXPORT, who).status_code in (401, 403)
+
+
+class _Part(bytes):
+    """Bytes that are counted while anything holds them."""
+
+    alive = 0
+
+    def __init__(self, _: bytes) -> None:
+        type(self).alive += 1
+
+    def __del__(self) -> None:
+        type(self).alive -= 1
+
+
+def test_what_is_written_down_is_taken_one_by_one_and_comes_back_whole() -> None:
+    def parts() -> Iterator[bytes]:
+        for n in range(5):
+            assert _Part.alive <= 1, "only the part before this one may still be held"
+            yield _Part(bytes([n]) * PIECE_BYTES)
+
+    pieces = list(written_down(parts()))
+    assert [len(one) for one in pieces] == [PIECE_BYTES] * 5
+    assert b"".join(pieces) == b"".join(bytes([n]) * PIECE_BYTES for n in range(5))
 
 
 def test_a_phase_without_a_board_has_no_export(life: "Life") -> None:

@@ -124,8 +124,8 @@ PROTECTIONS = (
     ),
     Protection(
         "forgotten-alias",
-        f"{RECORDS}.phases.policy:pseudonyms_of_teams",
-        _always(frozenset()),
+        f"{RECORDS}.phases.policy:is_pseudonym",
+        _always(False),
         "tests/server/test_participation.py::test_a_forgotten_team_keeps_its_pseudonyms_on_anonymous_boards",
     ),
     Protection(
@@ -363,9 +363,15 @@ PROTECTIONS = (
     ),
     Protection(
         "board-told-otherwise",
-        "exceptiondrive_records.operations.invariants:_only_forgets",
-        _always(True),
-        "tests/server/test_participation.py::test_what_is_told_of_a_board_differs_in_forgotten_teams_alone",
+        "exceptiondrive_records.operations.invariants:_unseen_forgetting",
+        _always(()),
+        "tests/server/test_participation.py::test_verify_finds_a_team_that_nobody_forgot_and_one_that_came_back",
+    ),
+    Protection(
+        "revoked-in-the-air",
+        f"{RECORDS}.accounts.sessions:require_unrevoked",
+        _nothing,
+        "tests/server/test_submit.py::test_a_token_that_is_revoked_while_its_upload_is_in_the_air_brings_nothing_in",
     ),
     Protection(
         "reveal-rolled-back",

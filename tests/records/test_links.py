@@ -144,7 +144,9 @@ def test_the_same_bytes_with_another_link_are_refused_and_with_the_same_are_a_du
     reminded = link(strategy_world, "reminded", plain.submission.id)
     assert link(strategy_world, "reminded", plain.submission.id).is_duplicate
     assert link(strategy_world, "reminded", None).is_duplicate
-    with pytest.raises(Conflict, match=f"submitted as '{reminded.submission.id}', linked to"):
+    with pytest.raises(
+        Conflict, match=f"submitted before, as '{reminded.submission.id}', linked to"
+    ):
         link(strategy_world, "reminded", other.submission.id)
     with pytest.raises(Conflict, match="without a link"):
         link(strategy_world, "plain", other.submission.id)

@@ -1,5 +1,6 @@
 """What organizers do with one submission: recompute it, let it stand again, and answer for it."""
 
+import html
 import io
 import json
 import tarfile
@@ -161,6 +162,21 @@ def test_the_story_of_a_dispute_holds_all_that_happened(stage: Stage, api: Api) 
         "sheet recomputed by hand",
         "upload downloaded",
     } <= done
+    page = html.unescape(files[f"{folder}/story.html"].decode())
+    assert "<link" not in page, "it stands alone"
+    said = [
+        receipt["signature"],
+        receipt["statement"]["file_digest"],
+        receipt["statement"]["sheet_digest"],
+        "We look into it.",
+        "Back on Monday.",
+        *(job["split_revision"] for job in story["jobs"]),
+        *(item["found_digest"] for item in story["recomputed"]),
+        *(line["hash"] for line in story["audit"]),
+        *(line["action"] for line in story["audit"]),
+        *(line["detail"]["reason"] for line in story["audit"] if "reason" in line["detail"]),
+    ]
+    assert [one for one in said if one not in page] == []
     words = files[f"{folder}/README.md"].decode()
     assert receipt["statement"]["file_digest"] in words
     assert "1 equal bit for bit" in " ".join(words.split())

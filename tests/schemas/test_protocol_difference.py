@@ -107,6 +107,11 @@ def test_an_earlier_version_is_remarked(version: str, is_earlier: bool) -> None:
     assert remark.startswith(f"{version} is an earlier version than 1.0") is is_earlier
 
 
+def test_other_waypoints_are_remarked_since_no_accepted_file_has_them() -> None:
+    remark = difference("waypoints = 6", "waypoints = 8").remark or ""
+    assert "hold 6 waypoints 0.5 s apart and cannot be scored under it" in remark
+
+
 def test_changes_that_still_say_what_they_said_are_remarked() -> None:
     told = difference("d_safe_m = 2.0", "d_safe_m = 2.5").remark
     assert told == "what `changes` tells readers is what it told in 1.0"

@@ -140,3 +140,16 @@ def real_ways(split: str, method: str) -> NDArray[np.float64]:
     answers = sorted(document["predictions"], key=lambda each: each["sample_id"])
     missing = [[np.nan, np.nan]] * 6
     return np.array([each["edited"] or missing for each in answers], dtype=np.float64)
+
+
+def test_the_words_of_a_challenge_tell_what_its_rule_compares() -> None:
+    planning, strategy = CHALLENGES[ChallengeId("planning")], CHALLENGES[ChallengeId("strategy")]
+    assert f"at most {100 * PlanningScoring.alike.tolerance:g} cm" in planning.words.alike
+    one, other = (
+        {"source": np.full((3, 6, 2), at), "edited": np.zeros((3, 6, 2))} for at in (1, 2)
+    )
+    ways = PlanningScoring.alike.ways
+    assert np.array_equal(ways(one), ways(other)), "sources are not compared"
+    assert StrategyScoring.alike.tolerance == 0
+    assert "not compared" in planning.words.alike
+    assert "strategy" in strategy.words.alike

@@ -7,7 +7,9 @@ from email import message_from_bytes
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
+import pytest
 from sqlalchemy import select
+from tests.server.test_organizer_team_pages import last_line
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.notifications.channels import NoticeSettings, message_of
@@ -158,15 +160,63 @@ def test_only_what_is_wished_is_told(api: "Api", browse: Browse) -> None:
     contact_id = confirmed(api, browse, "phase_ends")
     api.score(api.submit("a").json()["id"])
     assert tell_teams(api.database) == 0
-    with api.database.write() as session:
-        session.get_one(Phase, "dev").closes_at = database_now(session) + timedelta(hours=3)
-    assert tell_teams(api.database) == 1
-    assert kinds(api)[-1] == "phase_ends"
+    closes_in(api, timedelta(hours=3))
     changed = api.request("PATCH", f"/contacts/{contact_id}", "alpha", json={"wishes": []})
     assert changed.json()["wishes"] == []
-    with api.database.write() as session:
-        session.get_one(Phase, "dev").closes_at = database_now(session) + timedelta(hours=4)
     assert tell_teams(api.database) == 0
+    api.request("PATCH", f"/contacts/{contact_id}", "alpha", json={"wishes": ["phase_ends"]})
+    assert tell_teams(api.database) == 1
+    assert kinds(api)[-1] == "phase_ends"
+
+
+def closes_in(api: "Api", time: timedelta, phase_id: str = "dev", **more: Any) -> None:
+    with api.database.write() as session:
+        phase = session.get_one(Phase, phase_id)
+        phase.closes_at = (database_now(session) + time).replace(second=1)
+        for name, value in more.items():
+            setattr(phase, name, value)
+
+
+def test_the_end_of_a_phase_is_told_to_who_takes_part_and_once_a_day(
+    api: "Api", browse: Browse
+) -> None:
+    """Else who may set a title and a deadline writes to every team, as often as they like."""
+    confirmed(api, browse, "phase_ends")
+    confirmed(api, browse, "phase_ends", who="beta")
+    api.score(api.submit("a").json()["id"])
+    closes_in(api, timedelta(hours=3), title="First words")
+    assert tell_teams(api.database) == 1
+    assert mails(api)[-1][0] == "alpha@example.org"
+    with api.database.write() as session:
+        phase = session.get_one(Phase, "dev")
+        assert phase.closes_at is not None
+        phase.closes_at, phase.title = phase.closes_at.replace(second=2), "Other words"
+    assert tell_teams(api.database) == 0
+
+
+@pytest.mark.parametrize("visibility", ["hidden", "archived"])
+def test_nobody_is_told_of_a_phase_that_is_not_shown(
+    api: "Api", browse: Browse, make_entry: Callable[..., Any], visibility: str
+) -> None:
+    confirmed(api, browse, "phase_ends", "overtaken")
+    one, other = api.submit("a").json()["id"], api.submit("b", "beta").json()["id"]
+    api.publish(make_entry("Planner", submission_id=one, rank=1))
+    passed = make_entry("Planner", submission_id=one, rank=2)
+    api.publish(make_entry("Other", submission_id=other, rank=1), passed)
+    closes_in(api, timedelta(hours=3), visibility=visibility)
+    assert tell_teams(api.database) == 0
+    closes_in(api, timedelta(hours=3), visibility="shown")
+    assert tell_teams(api.database) == 2
+
+
+def test_wishes_that_stay_as_they_are_leave_no_audit_line(api: "Api") -> None:
+    """Else a team fills the log, which nobody shortens, with a loop."""
+    path = f"/contacts/{add(api, 'scored')['id']}"
+    lines = [last_line(api).id]
+    for wishes in (["scored"], ["scored", "scored"], ["updates"], ["updates"]):
+        assert api.request("PATCH", path, "alpha", json={"wishes": wishes}).status_code == 200
+        lines.append(last_line(api).id)
+    assert [line - lines[0] for line in lines] == [0, 0, 0, 1, 1]
 
 
 def test_another_teams_address_is_not_found(api: "Api", as_problem: Problem) -> None:

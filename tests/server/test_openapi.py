@@ -271,3 +271,22 @@ def _try(operation: "APIOperation[Any, Any, Any, Any]", token: str, tried: Count
         case.call_and_validate(headers=headers, checks=CHECKS)
 
     send()
+
+
+def test_the_api_page_begins_with_what_a_program_needs_and_commands_that_fit(api: "Api") -> None:
+    text = html.unescape(api.client.get("/api").text)
+    for words in (
+        "Base address",
+        "Authorization: Bearer",
+        "Retry-After",
+        "A file of at most",
+        "Versions",
+    ):
+        assert words in text, words
+    commands = re.findall(r'<pre class="term"[^>]*>(.*?)</pre>', text, re.DOTALL)
+    assert len(commands) == 3
+    named = set(re.findall(r"http://[^/]+(/api/v1/[a-z.]+)", "".join(commands)))
+    assert named == {"/api/v1/leaderboard", "/api/v1/leaderboard.csv", "/api/v1/submissions"}
+    assert named <= set(api.app.openapi()["paths"])
+    assert "phase=dev" in commands[0]
+    assert {"phase", "method", "file"} == set(re.findall(r"-F '?(\w+)=", commands[1]))

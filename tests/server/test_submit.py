@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import httpx
 import pytest
-from sqlalchemy import func, select
+from sqlalchemy import func, select, update
 from tests.support.work import claim_this
 
+from exceptiondrive_records.accounts.tables import Token
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.operations.dump import file_digests
 from exceptiondrive_records.submissions.file_store import FileStore
@@ -341,3 +342,22 @@ def test_get_on_a_withdrawal_is_405(api: "Api", as_problem: Problem) -> None:
 
 def test_put_on_upload_is_405(api: "Api", as_problem: Problem) -> None:
     as_problem(api.request("PUT", "/submissions", "alpha"), 405, "method_not_allowed")
+
+
+def test_a_token_that_is_revoked_while_its_upload_is_in_the_air_brings_nothing_in(
+    api_on_both: "Api", monkeypatch: pytest.MonkeyPatch, as_problem: Problem
+) -> None:
+    """An upload may take a quarter of an hour; whoever stole the token has until then."""
+    api, put = api_on_both, FileStore.put_stream
+    before = stored(api)
+
+    def revoked_meanwhile(*arguments: Any, **options: Any) -> Any:
+        with api.database.write() as session:
+            mine = update(Token).where(Token.team_id == api.team_ids["alpha"])
+            session.execute(mine.values(revoked_at=database_now(session)))
+        return put(*arguments, **options)
+
+    monkeypatch.setattr(FileStore, "put_stream", revoked_meanwhile)
+    refused = as_problem(api.submit("a"), 403, "not_allowed")
+    assert "ended meanwhile" in refused["detail"]
+    assert (count(api, Submission), stored(api)) == (0, before)

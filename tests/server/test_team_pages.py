@@ -79,6 +79,8 @@ def test_the_form_shows_what_is_left_and_when_it_begins_anew(alpha: "TeamBrowser
     alpha.submit("a")
     page = alpha.get("/submit").text
     assert "4 of 5 left today" in page
+    assert "20 wrong files more may be sent today" in page
+    assert "at most 20 wrong ones a day are taken" in page
     assert "00:00 UTC" in page
 
 
@@ -273,7 +275,8 @@ def test_the_page_of_a_rejected_file_lists_its_faults_safely(
     reject(api, submission_id, REPORT)
     page = alpha.get(f"/submissions/{submission_id}").text
     for words in ("1,234 faults", "wrong_waypoint_count", "$.predictions[2].edited", "6 waypoints",
-                  "cut the horizon", "&lt;b&gt;5&lt;/b&gt;", "1,233 more of this kind"):  # fmt: skip
+                  "cut the horizon", "&lt;b&gt;5&lt;/b&gt;", "1,233 more of this kind",
+                  "No quota was spent; of a team, at most"):  # fmt: skip
         assert words in page, words
     assert "<b>5</b>" not in page
     assert "/withdraw" not in page

@@ -333,6 +333,23 @@ def test_pictures_are_shown_and_taken_away_by_command(operate: Operate, tmp_path
     assert operate("remove-pictures", "sample")[:2] == (0, "sample: no picture is shown any more\n")
 
 
+def test_a_revision_of_other_samples_is_refused_and_nothing_is_copied(
+    operate: Operate, tmp_path: Path, make_split: MakeSplit
+) -> None:
+    held = put(tmp_path, make_split({"a": {}, "b": {"task": "LB1"}}))
+    before = held.read_bytes()
+    operate("register-splits")
+    others: list[dict[str, dict[str, Any]]] = [{"a": {}}, {"a": {}, "b": {"task": "LB1"}, "c": {}}]
+    for samples in others:
+        new = tmp_path / "new.json"
+        new.write_text(make_split(samples).model_dump_json(by_alias=True, exclude_none=True))
+        code, _, err = operate("add-split", str(new), "--words", "Others.")
+        assert code == 2
+        assert '"withdrawn": "why"' in " ".join(err.split())
+    assert held.read_bytes() == before
+    assert [path.name for path in held.parent.iterdir()] == [held.name]
+
+
 def test_drives_are_added_to_a_split_and_to_its_registered_revision(
     operate: Operate, tmp_path: Path, sqlite_url: str, make_split: MakeSplit
 ) -> None:

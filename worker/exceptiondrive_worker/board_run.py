@@ -134,7 +134,7 @@ def _board(
         records = entries_for_board(session, *key, view)
         part = part_of(find_split(session, phase.split_name, claimed.split_revision))
         rows = (latest_board(session, *key, view), current_board(session, phase.id))
-        texts = {row.id: row.told_body for row in rows if row is not None}
+        texts = {row.id: row.body for row in rows if row is not None}
         ref = SplitRef(name=phase.split_name, revision=claimed.split_revision)
         is_public = find_public_split(session, ref) is not None
     read = {number: Board.model_validate_json(text) for number, text in texts.items()}

@@ -118,7 +118,8 @@ def add_split_file(
     Raises:
         SplitUnreadableError: It is no split.
         SplitRefusedError: It cannot be scored; nothing was copied.
-        SplitUnavailableError: Another revision lies there, and there are no words about the change.
+        SplitUnavailableError: Another revision lies there, and there are no words about the change,
+            or its samples are others.
     """
     split = read_split(source)
     load_split(split, protocol)
@@ -130,6 +131,8 @@ def add_split_file(
                 f"{held[0]} holds another revision of split {split.name!r}. To add this one beside "
                 'it, say what readers are told of the change: --words "..."'
             )
+        if held:
+            _require_same_samples(read_split(held[0]), split)
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         for path in (*held[:1], *folder.glob("datasheet.json")):
             path.rename(path.with_name(path.name.replace(".", f"-{len(held)}.", 1)))
@@ -139,6 +142,21 @@ def add_split_file(
         held = [folder / f"split.json{'.gz' if _is_gzipped(source) else ''}"]
         _copy(source, held[0])
     return _register(database, splits, held[0], protocol, words)
+
+
+def _require_same_samples(earlier: Split, later: Split) -> None:
+    """Refuse a revision that no phase on the split could go on with, and every new one would take."""
+    before = {sample.sample_id for sample in earlier.samples}
+    after = {sample.sample_id for sample in later.samples}
+    if before == after:
+        return
+    named = ", ".join(sorted(before ^ after)[:3])
+    raise SplitUnavailableError(
+        f"This revision of split {later.name!r} lacks {len(before - after)} samples and has "
+        f"{len(after - before)} that no file answers ({named}). A later revision holds the same "
+        'samples: mark those that count no more with "withdrawn": "why", or give another set of '
+        "samples another name."
+    )
 
 
 def with_drives(split: Split, drives: PlanningSubmission, *, are_public: bool) -> Split:

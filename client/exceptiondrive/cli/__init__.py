@@ -6,9 +6,9 @@ from importlib import import_module
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 from typer.main import get_group
 
+from exceptiondrive.cli.groups import Group
 from exceptiondrive.errors import ExceptionDriveError
 from exceptiondrive.version import __version__
 
@@ -100,7 +100,7 @@ COLLECT_AFTER = 1_000_000
 """So many more objects than before, and cycles are looked for: a file of 20,000 pairs has fewer."""
 
 
-class Commands(TyperGroup):
+class Commands(Group):
     """Commands whose errors become words and an exit code."""
 
     def invoke(self, ctx: Any) -> Any:

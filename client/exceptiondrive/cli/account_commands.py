@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from exceptiondrive.cli import options
+from exceptiondrive.cli import completion, options
+from exceptiondrive.cli.groups import Group
 from exceptiondrive.cli.output import can_ask, say, show, show_result
 from exceptiondrive.cli.session import open_client, prepare, say_retry
 from exceptiondrive.cli.tables import records_table
@@ -79,7 +80,12 @@ def create_token(
     name: Annotated[str, typer.Argument(metavar="NAME", help="What it is for.")],
     scope: Annotated[
         list[str] | None,
-        typer.Option("--scope", metavar="S", help="submit, read:own or tokens; may be repeated."),
+        typer.Option(
+            "--scope",
+            metavar="S",
+            autocompletion=completion.choices("submit", "read:own", "tokens"),
+            help="submit, read:own or tokens; may be repeated.",
+        ),
     ] = None,
     expires_at: Annotated[
         str | None, typer.Option("--expires-at", metavar="TIME", help="2027-01-31T00:00:00Z")
@@ -128,6 +134,7 @@ def register(app: typer.Typer) -> None:
     for command in (login, logout, whoami):
         app.command()(command)
     group = typer.Typer(
+        cls=Group,
         help="Your team's tokens; needs a token with the scope `tokens`.",
         no_args_is_help=True,
         rich_markup_mode=None,

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from exceptiondrive.cli import options
+from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.fitted_table import Column, FittedTable
 from exceptiondrive.cli.output import show, show_json, show_result
@@ -100,7 +100,12 @@ def phases(server: options.Server = None, json: options.Json = False) -> None:
 
 
 def report(
-    phase: Annotated[str, typer.Argument(metavar="PHASE", help="Id of a phase that has ended.")],
+    phase: Annotated[
+        str,
+        typer.Argument(
+            metavar="PHASE", autocompletion=completion.phases, help="Id of a phase that has ended."
+        ),
+    ],
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:

@@ -1,4 +1,4 @@
-"""What the shell offers at a press of Tab: phases, ids of submissions, choices.
+"""What the shell offers at a press of Tab: phases, ids of submissions, teams and runs, choices.
 
 Never an error and never a wait: what the server does not say at once is not offered.
 """
@@ -11,6 +11,7 @@ import typer
 
 if TYPE_CHECKING:
     from exceptiondrive.client import Client
+    from exceptiondrive.organizer import Organizer
 
 LONGEST_WAIT_S = 1.0
 Completion = tuple[str, str]
@@ -19,7 +20,7 @@ Completion = tuple[str, str]
 
 def phases(context: typer.Context, incomplete: str) -> list[Completion]:
     """Offer the phases of the server."""
-    return _offer(context, incomplete, lambda client: ((p.id, p.title) for p in client.phases()))
+    return _offer(context, incomplete, lambda client, _: ((p.id, p.title) for p in client.phases()))
 
 
 def public_splits(context: typer.Context, incomplete: str) -> list[Completion]:
@@ -27,7 +28,7 @@ def public_splits(context: typer.Context, incomplete: str) -> list[Completion]:
     return _offer(
         context,
         incomplete,
-        lambda client: {p.split: p.split for p in client.phases() if p.split_is_public}.items(),
+        lambda client, _: {p.split: p.split for p in client.phases() if p.split_is_public}.items(),
     )
 
 
@@ -36,7 +37,25 @@ def submission_ids(context: typer.Context, incomplete: str) -> list[Completion]:
     return _offer(
         context,
         incomplete,
-        lambda client: ((v.id, f"{v.method}, {v.status}") for v in client.submissions(limit=30)),
+        lambda client, _: ((v.id, f"{v.method}, {v.status}") for v in client.submissions(limit=30)),
+    )
+
+
+def teams(context: typer.Context, incomplete: str) -> list[Completion]:
+    """Offer organizers the teams."""
+    return _offer(
+        context, incomplete, lambda _, own: ((team["id"], team["name"]) for team in own.teams())
+    )
+
+
+def runs(context: typer.Context, incomplete: str) -> list[Completion]:
+    """Offer organizers the rescoring runs, newest first."""
+    return _offer(
+        context,
+        incomplete,
+        lambda _, own: (
+            (run["id"], f"{run['phase']}, {run['state']}") for run in own.rescoring.runs()
+        ),
     )
 
 
@@ -52,12 +71,14 @@ def choices(*words: str) -> Callable[[str], list[str]]:
 def _offer(
     context: typer.Context,
     incomplete: str,
-    words: "Callable[[Client], Iterable[Completion]]",
+    words: "Callable[[Client, Organizer], Iterable[Completion]]",
 ) -> list[Completion]:
     with suppress(Exception):  # whatever it is, it must not stand in somebody's command line
         from exceptiondrive.client import Client
+        from exceptiondrive.organizer import Organizer
 
         server: Any = context.params.get("server")
-        with Client(server, attempts=1, timeout_s=LONGEST_WAIT_S) as client:
-            return [word for word in words(client) if word[0].startswith(incomplete)]
+        shortly: Any = {"attempts": 1, "timeout_s": LONGEST_WAIT_S}
+        with Client(server, **shortly) as client, Organizer(server, **shortly) as organizer:
+            return [word for word in words(client, organizer) if word[0].startswith(incomplete)]
     return []

@@ -6,7 +6,7 @@ from typing import Annotated, cast, get_args
 import typer
 
 from exceptiondrive.checking import write_file
-from exceptiondrive.cli import options
+from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.output import show_result
 from exceptiondrive.cli.tables import report_view
@@ -58,7 +58,10 @@ def convert(
     planner: Annotated[
         str | None,
         typer.Option(
-            "--from", metavar="PLANNER", help=f"With two runs: whose form; {', '.join(FORMS)}."
+            "--from",
+            metavar="PLANNER",
+            autocompletion=completion.choices(*FORMS),
+            help=f"With two runs: whose form; {', '.join(FORMS)}.",
         ),
     ] = None,
     source_run: Annotated[
@@ -100,6 +103,7 @@ def convert(
         typer.Option(
             "--rotate",
             metavar="90|-90|180",
+            autocompletion=completion.choices("90", "-90", "180"),
             help="Turn counter-clockwise; -90 for x right / y forward.",
         ),
     ] = None,
@@ -130,6 +134,7 @@ def convert(
         typer.Option(
             "--follows",
             metavar="sensor|rear-axle",
+            autocompletion=completion.choices("sensor", "rear-axle"),
             help="Whose path the waypoints are: of that origin, or of the rear axle.",
         ),
     ] = "sensor",

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from exceptiondrive.cli import options
+from exceptiondrive.cli import completion, options
+from exceptiondrive.cli.groups import Group
 from exceptiondrive.cli.output import show, show_json, show_result
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.cli.tables import notices_view, records_table
@@ -21,11 +22,15 @@ COLUMNS = ("id", "address", "wishes", "is_confirmed", "channel", "created_at")
 Wishes = Annotated[
     list[str] | None,
     typer.Option(
-        "--tell", metavar="WHAT", help=f"As often as needed: {', '.join(WISHES)}; or none."
+        "--tell",
+        metavar="WHAT",
+        autocompletion=completion.choices(*WISHES, "none"),
+        help=f"As often as needed: {', '.join(WISHES)}; or none.",
     ),
 ]
 ContactId = Annotated[str, typer.Argument(metavar="ID", help="Id, from `contacts list`.")]
 contacts = typer.Typer(
+    cls=Group,
     no_args_is_help=True,
     rich_markup_mode=None,
     help="Addresses at which the team is told: e-mail, once confirmed, and webhooks.",
@@ -95,7 +100,12 @@ def add(
 def tell(
     contact_id: ContactId,
     what: Annotated[
-        list[str], typer.Argument(metavar="WHAT...", help=f"{', '.join(WISHES)}; or none.")
+        list[str],
+        typer.Argument(
+            metavar="WHAT...",
+            autocompletion=completion.choices(*WISHES, "none"),
+            help=f"{', '.join(WISHES)}; or none.",
+        ),
     ],
     server: options.Server = None,
     json: options.Json = False,

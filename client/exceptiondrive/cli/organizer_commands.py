@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from exceptiondrive.cli import (
+    completion,
     news_commands,
     options,
     participation_commands,
@@ -15,22 +16,42 @@ from exceptiondrive.cli import (
     rescore_commands,
     site_commands,
 )
+from exceptiondrive.cli.groups import Group
 from exceptiondrive.cli.output import say, show_result, show_saved, upload_name
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.confirmations import confirm, default_key_path, make_key
-from exceptiondrive.errors import ExceptionDriveError, utc_text
+from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, utc_text
 from exceptiondrive.inputs import given_bytes, given_protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument, ProtocolError
+from exceptiondrive_schemas.protocol_sense import nonsense
 from exceptiondrive_schemas.split import SplitRef
+from exceptiondrive_schemas.submission import SubmissionStatus
 
-SubmissionId = Annotated[str, typer.Argument(metavar="ID", help="Id of the submission.")]
-TeamId = Annotated[str, typer.Argument(metavar="TEAM", help="Id of the team.")]
+SubmissionId = Annotated[
+    str,
+    typer.Argument(
+        metavar="ID", autocompletion=completion.submission_ids, help="Id of the submission."
+    ),
+]
+TeamId = Annotated[
+    str, typer.Argument(metavar="TEAM", autocompletion=completion.teams, help="Id of the team.")
+]
 FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="Protocol document, TOML.")]
+
+
+def _meant_protocol(file: Path) -> ProtocolDocument:
+    """Return a document that a server takes: without what nobody can mean."""
+    protocol = given_protocol(str(file))
+    meaningless = nonsense(protocol)
+    if meaningless:
+        raise InvalidArgumentError("wrong_protocol", f"{file}: {ProtocolError(meaningless)}")
+    return protocol
 
 
 def check_protocol(file: FileArgument, json: options.Json = False) -> None:
     """Check a protocol document on this machine; every problem is listed."""
-    protocol = given_protocol(str(file))
+    protocol = _meant_protocol(file)
     facts = {"version": protocol.version, "digest": protocol.digest}
     show_result(facts, json, f"protocol {protocol.version} is valid, {protocol.digest}")
 
@@ -39,13 +60,18 @@ def diff_protocol(
     file: FileArgument,
     phase: Annotated[
         str | None,
-        typer.Option("--phase", metavar="ID", help="Against the protocol this phase shows."),
+        typer.Option(
+            "--phase",
+            metavar="ID",
+            autocompletion=completion.phases,
+            help="Against the protocol this phase shows.",
+        ),
     ] = None,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
     """Say in plain words what a document would change, and what would be repeated."""
-    given_protocol(str(file))
+    _meant_protocol(file)
     toml = given_bytes(file).data.decode("utf-8-sig")
     with open_organizer(server) as organizer:
         found = organizer.rescoring.check_protocol(toml, phase)
@@ -56,7 +82,12 @@ def diff_protocol(
 
 
 def similar(
-    phase: Annotated[str, typer.Option("--phase", metavar="PHASE", help="Id of the phase.")],
+    phase: Annotated[
+        str,
+        typer.Option(
+            "--phase", metavar="PHASE", autocompletion=completion.phases, help="Id of the phase."
+        ),
+    ],
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -88,7 +119,7 @@ def similar(
         json,
         records_table(rows, tuple(rows[0])) if rows else "no submissions of two teams are alike",
         *probing,
-        f"{report['n_compared']} submissions compared, {report['n_waiting']} waiting for a worker",
+        f"{report['n_compared']} submissions compared, {report['n_waiting']} more after the next board",
     )
 
 
@@ -248,13 +279,25 @@ def download_story(
 
 def download_archive(
     team: Annotated[
-        str | None, typer.Option("--team", metavar="TEAM", help="Only of this team.")
+        str | None,
+        typer.Option(
+            "--team", metavar="TEAM", autocompletion=completion.teams, help="Only of this team."
+        ),
     ] = None,
     phase: Annotated[
-        str | None, typer.Option("--phase", metavar="ID", help="Only of this phase.")
+        str | None,
+        typer.Option(
+            "--phase", metavar="ID", autocompletion=completion.phases, help="Only of this phase."
+        ),
     ] = None,
     status: Annotated[
-        str | None, typer.Option("--status", metavar="STATUS", help="Only in this status.")
+        str | None,
+        typer.Option(
+            "--status",
+            metavar="STATUS",
+            autocompletion=completion.choices(*SubmissionStatus),
+            help="Only in this status.",
+        ),
     ] = None,
     output: options.Output = None,
     server: options.Server = None,
@@ -472,13 +515,27 @@ def read_audit(
             "--since", metavar="TIME", help="2027-01-31T00:00:00Z, or a day: from then on."
         ),
     ] = None,
+    until: Annotated[
+        str | None,
+        typer.Option("--until", metavar="TIME", help="Before this time, or to the end of a day."),
+    ] = None,
+    action: Annotated[
+        str | None,
+        typer.Option("--action", metavar="KIND", help="Only of this kind, as 'phase changed'."),
+    ] = None,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
     """Show the newest lines of the audit log."""
     with open_organizer(server) as organizer:
         found = organizer.audit(
-            limit, actor=actor, subject=subject, by_people=by_people, since=since
+            limit,
+            actor=actor,
+            subject=subject,
+            by_people=by_people,
+            since=since,
+            until=until,
+            action=action,
         )
     show_result(found, json, records_table(found, ("id", "at", "actor", "action", "subject")))
 
@@ -545,12 +602,13 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
 def register(app: typer.Typer) -> None:
     """Add these commands."""
     organizer = typer.Typer(
+        cls=Group,
         help="For organizers, with an organizer's token.",
         no_args_is_help=True,
         rich_markup_mode=None,
     )
     for name, (help_text, commands) in GROUPS.items():
-        group = typer.Typer(help=help_text, no_args_is_help=True, rich_markup_mode=None)
+        group = typer.Typer(cls=Group, help=help_text, no_args_is_help=True, rich_markup_mode=None)
         for command_name, command in commands.items():
             group.command(command_name)(command)
         organizer.add_typer(group, name=name)

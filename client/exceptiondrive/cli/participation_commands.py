@@ -6,13 +6,15 @@ from typing import Annotated, Any
 
 import typer
 
-from exceptiondrive.cli import options
+from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.output import say, show_result
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.errors import InvalidArgumentError
 
-TeamId = Annotated[str, typer.Argument(metavar="TEAM", help="Id of the team.")]
+TeamId = Annotated[
+    str, typer.Argument(metavar="TEAM", autocompletion=completion.teams, help="Id of the team.")
+]
 Reason = Annotated[
     str, typer.Option("--reason", metavar="TEXT", help="Why; stays in the audit log.")
 ]
@@ -68,7 +70,12 @@ def change_team(
 
 def merge_teams(
     team_id: TeamId,
-    into: Annotated[str, typer.Option("--into", metavar="TEAM", help="The team that stays.")],
+    into: Annotated[
+        str,
+        typer.Option(
+            "--into", metavar="TEAM", autocompletion=completion.teams, help="The team that stays."
+        ),
+    ],
     reason: Reason,
     server: options.Server = None,
     json: options.Json = False,
@@ -110,7 +117,12 @@ def import_teams(
 
 def set_limits(
     team_id: TeamId,
-    phase: Annotated[str, typer.Option("--phase", metavar="PHASE", help="Id of the phase.")],
+    phase: Annotated[
+        str,
+        typer.Option(
+            "--phase", metavar="PHASE", autocompletion=completion.phases, help="Id of the phase."
+        ),
+    ],
     reason: ToldReason,
     closes_at: Annotated[
         str | None, typer.Option("--closes-at", metavar="TIME", help="2027-01-31T00:00:00Z")
@@ -137,7 +149,13 @@ def disqualify_team(
     reason: ToldReason,
     public_note: PublicNote = None,
     phase: Annotated[
-        str | None, typer.Option("--phase", metavar="PHASE", help="There alone; else everywhere.")
+        str | None,
+        typer.Option(
+            "--phase",
+            metavar="PHASE",
+            autocompletion=completion.phases,
+            help="There alone; else everywhere.",
+        ),
     ] = None,
     server: options.Server = None,
     json: options.Json = False,
@@ -188,11 +206,21 @@ def send_message(
     text: Annotated[Path, typer.Option("--text", metavar="FILE", help="Plain words; - is stdin.")],
     to: Annotated[
         list[str] | None,
-        typer.Option("--to", metavar="TEAM", help="As often as needed; else every team."),
+        typer.Option(
+            "--to",
+            metavar="TEAM",
+            autocompletion=completion.teams,
+            help="As often as needed; else every team.",
+        ),
     ] = None,
     phase: Annotated[
         str | None,
-        typer.Option("--phase", metavar="PHASE", help="Of every team: those that submitted to it."),
+        typer.Option(
+            "--phase",
+            metavar="PHASE",
+            autocompletion=completion.phases,
+            help="Of every team: those that submitted to it.",
+        ),
     ] = None,
     preview: Annotated[
         bool, typer.Option("--preview", help="Show whom it would reach, and send nothing.")

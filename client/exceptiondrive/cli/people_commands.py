@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from exceptiondrive.cli import options
+from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.output import show_result
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.cli.tables import records_table
@@ -23,11 +23,21 @@ def set_role(
     person: Annotated[str, typer.Argument(metavar="PERSON", help="Id of the person.")],
     role: Annotated[
         str | None,
-        typer.Option("--role", metavar="ROLE", help="owner, helper or read-only; else none."),
+        typer.Option(
+            "--role",
+            metavar="ROLE",
+            autocompletion=completion.choices("owner", "helper", "read-only"),
+            help="owner, helper or read-only; else none.",
+        ),
     ] = None,
     phases: Annotated[
         list[str] | None,
-        typer.Option("--phase", metavar="ID", help="Confines the role to it; may stand again."),
+        typer.Option(
+            "--phase",
+            metavar="ID",
+            autocompletion=completion.phases,
+            help="Confines the role to it; may stand again.",
+        ),
     ] = None,
     server: options.Server = None,
     json: options.Json = False,

@@ -12,17 +12,20 @@ from typing import Annotated, Any
 
 import typer
 
-from exceptiondrive.cli import options
+from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.output import show, show_result, show_saved
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive.inputs import given_bytes
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.form_fields import FormField, document_of, fields_of, values_of
 from exceptiondrive_schemas.phase_settings import PhaseChange, PhaseSettings
 
-PhaseArgument = Annotated[str, typer.Argument(metavar="ID", help="Id of the phase.")]
+PhaseArgument = Annotated[
+    str, typer.Argument(metavar="ID", autocompletion=completion.phases, help="Id of the phase.")
+]
 ReasonOption = Annotated[
     str, typer.Option("--reason", metavar="TEXT", help="Why; stays in the audit log.")
 ]
@@ -50,7 +53,13 @@ def create(
         typer.Option("--split-revision", metavar="REVISION", help="Else the one registered last."),
     ] = None,
     challenge: Annotated[
-        str, typer.Option("--challenge", metavar="C", help="planning or strategy.")
+        str,
+        typer.Option(
+            "--challenge",
+            metavar="C",
+            autocompletion=completion.choices(*CHALLENGES),
+            help="planning or strategy.",
+        ),
     ] = "planning",
     protocol: Annotated[
         str | None,
@@ -58,7 +67,12 @@ def create(
     ] = None,
     like: Annotated[
         str | None,
-        typer.Option("--like", metavar="ID", help="Take over settings of this phase, not dates."),
+        typer.Option(
+            "--like",
+            metavar="ID",
+            autocompletion=completion.phases,
+            help="Take over settings of this phase, not dates.",
+        ),
     ] = None,
     server: options.Server = None,
     json: options.Json = False,
@@ -205,7 +219,13 @@ def freeze(
 def reveal(
     phase_id: PhaseArgument,
     what: Annotated[
-        str, typer.Option("--what", metavar="|".join(WHAT), help="What readers are to see.")
+        str,
+        typer.Option(
+            "--what",
+            metavar="|".join(WHAT),
+            autocompletion=completion.choices(*WHAT),
+            help="What readers are to see.",
+        ),
     ],
     reason: ReasonOption,
     server: options.Server = None,
@@ -250,7 +270,9 @@ def _option(field: FormField) -> Parameter:
     }
     metavar = words.get(field.kind, "TEXT") + ("|none" if field.may_be_none else "")
     hint = f"{field.hint} `@FILE` reads it from a file." if field.kind == "lines" else field.hint
-    option = typer.Option(name, metavar=metavar, help=hint)
+    values = [value for value, _ in field.options] + ["none"] * field.may_be_none
+    offer = completion.choices(*values) if field.kind == "choice" else None
+    option = typer.Option(name, metavar=metavar, autocompletion=offer, help=hint)
     kind = str if default is Parameter.empty else str | None
     return _parameter(field.name, Annotated[kind, option], default)
 

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from exceptiondrive.cli import options
+from exceptiondrive.cli.groups import Group
 from exceptiondrive.cli.output import say, show_result
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.errors import utc_text
@@ -71,7 +72,9 @@ def _write(text: str, output: Path | None) -> None:
 
 def register(app: typer.Typer) -> None:
     """Add these commands."""
-    group = typer.Typer(help="Signed receipts of scored submissions.", no_args_is_help=True)
+    group = typer.Typer(
+        cls=Group, help="Signed receipts of scored submissions.", no_args_is_help=True
+    )
     group.command()(get)
     group.command()(verify)
     group.command()(keys)

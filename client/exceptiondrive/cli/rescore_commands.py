@@ -13,7 +13,7 @@ import typer
 from rich.console import RenderableType
 from rich.progress import BarColumn, Progress, TextColumn
 
-from exceptiondrive.cli import options
+from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.fitted_table import Column, FittedTable
 from exceptiondrive.cli.output import console, has_terminal, say, show_result
 from exceptiondrive.cli.session import open_organizer
@@ -23,12 +23,17 @@ from exceptiondrive.transport import Record
 from exceptiondrive.words import challenge_of
 from exceptiondrive_schemas.python310 import Self
 
-RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="Id of the run.")]
+RunArgument = Annotated[
+    str, typer.Argument(metavar="RUN", autocompletion=completion.runs, help="Id of the run.")
+]
 ReasonOption = Annotated[
     str, typer.Option("--reason", metavar="TEXT", help="Why; stays in the audit log.")
 ]
 PhaseOption = Annotated[
-    str | None, typer.Option("--phase", metavar="ID", help="Only of this phase.")
+    str | None,
+    typer.Option(
+        "--phase", metavar="ID", autocompletion=completion.phases, help="Only of this phase."
+    ),
 ]
 WatchOption = Annotated[
     bool, typer.Option("--watch", help="Follow until scoring has ended; exit code 6 on failures.")
@@ -41,7 +46,15 @@ _ENDED = ("closed", "rolled_back", "cancelled")
 
 
 def start(
-    phase: Annotated[str, typer.Option("--phase", metavar="ID", help="Whose board is to change.")],
+    phase: Annotated[
+        str,
+        typer.Option(
+            "--phase",
+            metavar="ID",
+            autocompletion=completion.phases,
+            help="Whose board is to change.",
+        ),
+    ],
     reason: ReasonOption,
     protocol: Annotated[
         str | None, typer.Option("--protocol", metavar="V", help="Version or digest to come.")
@@ -67,7 +80,10 @@ def start(
 
 
 def status(
-    run_id: Annotated[str | None, typer.Argument(metavar="[RUN]", help="Else all runs.")] = None,
+    run_id: Annotated[
+        str | None,
+        typer.Argument(metavar="[RUN]", autocompletion=completion.runs, help="Else all runs."),
+    ] = None,
     phase: PhaseOption = None,
     watch: WatchOption = False,
     server: options.Server = None,
@@ -126,7 +142,12 @@ def apply(
 
 
 def verify(
-    phase: Annotated[str, typer.Option("--phase", metavar="ID", help="Whose sheets.")],
+    phase: Annotated[
+        str,
+        typer.Option(
+            "--phase", metavar="ID", autocompletion=completion.phases, help="Whose sheets."
+        ),
+    ],
     reason: ReasonOption,
     sample: Annotated[
         str, typer.Option("--sample", metavar="all|K", help="All sheets, or K drawn at random.")

@@ -7,6 +7,7 @@ import typer
 
 from exceptiondrive.checking import write_file
 from exceptiondrive.cli import completion, options
+from exceptiondrive.cli.groups import Group
 from exceptiondrive.cli.output import show_result
 from exceptiondrive.cli.progress import TransferBar
 from exceptiondrive.cli.session import open_client
@@ -86,6 +87,7 @@ def register(app: typer.Typer) -> None:
     """Add these commands."""
     app.command()(manifest)
     split = typer.Typer(
+        cls=Group,
         help="Development splits, whose regions are public.",
         no_args_is_help=True,
         rich_markup_mode=None,

@@ -131,6 +131,8 @@ def _fit(text: str | None) -> str | None:
 INVITATION_LIFETIME = timedelta(days=7)
 MAX_MEMBERS = 50
 MAX_OPEN_INVITATIONS = 20
+MAX_INVITATIONS_A_DAY = 100
+"""Each leaves a row and audit lines for ever, however soon it is withdrawn."""
 _NO_INVITATION = hashlib.sha256(b"no such invitation").hexdigest()
 
 
@@ -207,11 +209,15 @@ def invite(
     """Make an invitation; what its link ends with is returned here and never again.
 
     Raises:
-        Conflict: The team has enough open invitations.
+        Conflict: The team has enough open invitations, or made enough of them today.
     """
     if len(open_invitations(session, team_id)) >= MAX_OPEN_INVITATIONS:
         raise Conflict(f"{MAX_OPEN_INVITATIONS} invitations are open; withdraw one first.")
     now = database_now(session)
+    made = select(func.count(Invitation.id)).where(Invitation.team_id == team_id)
+    today = session.scalar(made.where(Invitation.created_at > now - timedelta(days=1))) or 0
+    if today >= MAX_INVITATIONS_A_DAY:
+        raise Conflict(f"A team may invite {MAX_INVITATIONS_A_DAY} in 24 hours; go on later.")
     invitation_id, secret = random_id(), secrets.token_urlsafe(32)
     invitation = Invitation(
         id=invitation_id,

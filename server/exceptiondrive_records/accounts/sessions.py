@@ -18,6 +18,7 @@ from exceptiondrive_records.accounts.tokens import (
     SCOPES_OF_ROLE,
     TEAM_SCOPES,
     Principal,
+    is_live,
     principal_of,
 )
 from exceptiondrive_records.audit.log import audit
@@ -61,6 +62,22 @@ def find_session(session: Session, secret: str) -> Principal | None:
     if found.team_id is not None and is_member(session, found.team_id, person.id):
         team = session.get(Team, found.team_id)
     return _principal(person, team)
+
+
+def require_unrevoked(session: Session, principal: Principal) -> None:
+    """Refuse who lost, since the request began, the token or the place in the team that it came with.
+
+    Raises:
+        NotAllowed: It is revoked or has ended, or the person was taken out of the team.
+    """
+    if principal.person_id is not None:
+        team_id = principal.team_id
+        is_right = team_id is None or is_member(session, team_id, principal.person_id)
+    else:
+        token = session.get(Token, principal.token_id, populate_existing=True)
+        is_right = token is not None and is_live(token, database_now(session))
+    if not is_right:
+        raise NotAllowed("The token, or your place in the team, ended meanwhile: sign in anew.")
 
 
 def act_for(session: Session, secret: str, person_id: str, team_id: int | None) -> None:

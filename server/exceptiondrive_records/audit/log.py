@@ -146,6 +146,8 @@ def audit_page(
     subject: str | None = None,
     by_people: bool = False,
     since: datetime | None = None,
+    until: datetime | None = None,
+    action: str | None = None,
 ) -> list[AuditLine]:
     """Return lines, newest first.
 
@@ -157,6 +159,8 @@ def audit_page(
         subject: Only about this.
         by_people: Leave out what the machinery writes of itself.
         since: Only lines of this time or later.
+        until: Only lines of before this time.
+        action: Only what was done so, as `phase changed`.
     """
     query = select(AuditLine).order_by(AuditLine.id.desc()).limit(limit)
     if before is not None:
@@ -169,7 +173,16 @@ def audit_page(
         query = query.where(AuditLine.actor.not_in(_MACHINES))
     if since is not None:
         query = query.where(AuditLine.at >= since)
+    if until is not None:
+        query = query.where(AuditLine.at < until)
+    if action is not None:
+        query = query.where(AuditLine.action == action)
     return list(session.scalars(query))
+
+
+def audit_actions(session: Session) -> list[str]:
+    """Return every action that any line records, in the order of the alphabet."""
+    return sorted(session.scalars(select(AuditLine.action).distinct()))
 
 
 def count_audit_lines(session: Session, action: str) -> int:

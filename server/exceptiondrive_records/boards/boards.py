@@ -2,18 +2,18 @@
 
 from collections.abc import Iterable, Mapping
 from datetime import datetime
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from sqlalchemy import ColumnElement, Select, exists, func, insert, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
-from exceptiondrive_records.boards.tables import BoardAlias, BoardEntryRow, BoardFlip, BoardRow
+from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.db.memory import Memory
 from exceptiondrive_records.phases.phases import lock_phase
-from exceptiondrive_records.phases.policy import frozen_since, pseudonyms_of_teams, shown_board
+from exceptiondrive_records.phases.policy import frozen_since, is_pseudonym, shown_board
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.submissions.tables import Submission
@@ -21,10 +21,18 @@ from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.board_requests import finish_board
 from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.base import bytes_digest, canonical_json
-from exceptiondrive_schemas.board import Board, BoardEntry, BoardLeader, BoardNews, EntryNews
+from exceptiondrive_schemas.board import (
+    Board,
+    BoardEntry,
+    BoardLeader,
+    BoardNews,
+    EntryNews,
+    Links,
+)
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.phase_settings import BoardView
 
+_Named = TypeVar("_Named", BoardEntry, BoardLeader, EntryNews)
 MAX_NEWS = 20
 """Of a board that changes more, as by a new part of the split, the others are counted."""
 
@@ -114,6 +122,7 @@ def _news_since(before: BoardRow | None, row: BoardRow) -> BoardNews:
         if name not in was or name not in now or values[0] != values[1]:
             found.append(
                 EntryNews(
+                    submission_id=name,
                     method=either.method,
                     team=either.team,
                     rank=either.rank,
@@ -191,14 +200,28 @@ _PARSED: Memory[str, Board] = Memory(8 * 2**20)
 
 def parsed_board(row: BoardRow) -> Board:
     """Return the document of a board; boards never change, so it is read once while there is room."""
-    key = f"{row.told_digest} {row.told_at}"
-    kept = _PARSED.get(key)
+    kept = _PARSED.get(row.told)
     if kept is not None:
         return kept
-    board = Board.model_validate_json(row.told_body)
+    board = Board.model_validate_json(row.body)
     if row.told_at != board.published_at:
         board = board.model_copy(update={"published_at": row.told_at})
-    return _PARSED.keep(key, board, len(row.body))
+    if row.forgotten is not None:
+        board = _under_aliases(
+            board, dict(line.split(" ", 1) for line in row.forgotten.split("\n"))
+        )
+    return _PARSED.keep(row.told, board, len(row.body))
+
+
+def _under_aliases(board: Board, aliases: Mapping[str, str]) -> Board:
+    """Name the alias where a forgotten team stands; a pseudonym stays, which tells nothing of it."""
+    wordless = {"description": "", "links": Links()}
+    named = (under_alias(entry, aliases) for entry in board.entries)
+    entries = (
+        told if told is entry else told.model_copy(update=wordless)
+        for entry, told in zip(board.entries, named, strict=True)
+    )
+    return board.model_copy(update={"entries": tuple(entries)})
 
 
 def served_body(row: BoardRow) -> str:
@@ -207,9 +230,14 @@ def served_body(row: BoardRow) -> str:
     These are the bytes that were recorded, but for a draft: it is published when it is first shown,
     and its `published_at` says so from then on; and for one that names a forgotten team.
     """
-    if row.told_at == row.published_at:
-        return row.told_body
+    if is_told_as_recorded(row):
+        return row.body
     return canonical_json(parsed_board(row)).decode()
+
+
+def is_told_as_recorded(row: BoardRow) -> bool:
+    """Whether readers get the bytes that were recorded, whose digest is `body_digest`."""
+    return row.told_at == row.published_at and row.forgotten is None
 
 
 def boards_with(
@@ -232,26 +260,24 @@ def entry_ids(session: Session, board_id: int) -> set[str]:
 
 
 _ENTRIES: dict[str, Mapping[str, BoardEntry]] = {}
-"""By digest of the body, of boards that were read of late."""
+"""By what stands for a board, of those that were read of late."""
 _MAX_KEPT = 32
 
 
 def entries_on(session: Session, board_id: int | None) -> Mapping[str, BoardEntry]:
     """Return the entries of a board by submission; boards never change, so each is read once."""
-    digest = session.scalar(
-        select(func.coalesce(BoardAlias.body_digest, BoardRow.body_digest))
-        .select_from(BoardRow)
-        .outerjoin(BoardAlias, BoardAlias.board_id == BoardRow.id)
-        .where(BoardRow.id == board_id)
-    )
-    if digest is None:
+    key = session.execute(
+        select(BoardRow.body_digest, BoardRow.forgotten).where(BoardRow.id == board_id)
+    ).first()
+    if key is None:
         return {}
-    if digest not in _ENTRIES:
+    told = f"{key.body_digest} {key.forgotten}"
+    if told not in _ENTRIES:
         if len(_ENTRIES) >= _MAX_KEPT:
             _ENTRIES.clear()
         entries = parsed_board(session.get_one(BoardRow, board_id)).entries
-        _ENTRIES[digest] = {each.submission_id: each for each in entries if each.submission_id}
-    return _ENTRIES[digest]
+        _ENTRIES[told] = {each.submission_id: each for each in entries if each.submission_id}
+    return _ENTRIES[told]
 
 
 def newest_board_with(session: Session, submission_id: str) -> BoardRow | None:
@@ -333,16 +359,14 @@ def leads(session: Session, phase_id: str) -> list[Lead]:
         .where(BoardFlip.phase_id == phase_id)
         .order_by(BoardFlip.at, BoardFlip.id)
     )
-    aliases = _aliases(session, phase_id)
-    forgotten = session.scalars(select(Team.id).where(Team.forgotten_at.is_not(None))).all()
-    pseudonyms = pseudonyms_of_teams(session.get_one(Phase, phase_id), forgotten)
+    aliases = aliases_in(session, phase_id)
     return [
-        Lead(at, number, version, _under_alias(leader, aliases, pseudonyms))
+        Lead(at, number, version, leader and under_alias(leader, aliases))
         for at, number, version, leader in session.execute(query)
     ]
 
 
-def _aliases(session: Session, phase_id: str) -> dict[str, str]:
+def aliases_in(session: Session, phase_id: str) -> dict[str, str]:
     """The names under which submissions of forgotten teams stand."""
     query = (
         select(Submission.id, Team.name)
@@ -352,14 +376,10 @@ def _aliases(session: Session, phase_id: str) -> dict[str, str]:
     return {submission_id: name for submission_id, name in session.execute(query)}
 
 
-def _under_alias(
-    leader: BoardLeader | None, aliases: Mapping[str, str], pseudonyms: frozenset[str]
-) -> BoardLeader | None:
-    """Say a leader under the alias, unless it stood there under a pseudonym."""
-    alias = None if leader is None else aliases.get(leader.submission_id)
-    if leader is None or alias is None or leader.team in pseudonyms:
-        return leader
-    return leader.model_copy(update={"team": alias})
+def under_alias(named: _Named, aliases: Mapping[str, str]) -> _Named:
+    """Name the alias where a forgotten team is named, unless it stood there under a pseudonym."""
+    alias = None if is_pseudonym(named.team) else aliases.get(named.submission_id or "")
+    return named if alias is None else named.model_copy(update={"team": alias})
 
 
 def was_shown() -> ColumnElement[bool]:

@@ -4,10 +4,12 @@ from datetime import datetime
 from typing import ClassVar
 
 from sqlalchemy import ForeignKey, Index, Text, UniqueConstraint, func, select
-from sqlalchemy.orm import Mapped, column_property, mapped_column, relationship
+from sqlalchemy.orm import Mapped, column_property, mapped_column
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_schemas.board import BoardLeader, BoardNews
 from exceptiondrive_schemas.reported.imported import ImportedRows
 
@@ -35,26 +37,14 @@ class BoardRow(Base):
     """`main`, or `late`: the board with late entries among the others."""
     leader: Mapped[BoardLeader | None] = mapped_column(DocumentText(BoardLeader), default=None)
     """Who leads it, for the history: so that no board need be read for that."""
-    alias: Mapped["BoardAlias | None"] = relationship(lazy="joined", viewonly=True)
+    forgotten: ClassVar[Mapped[str | None]]
+    """Its submissions of forgotten teams, each with the name that is told of its team, one a line;
+    None where there are none."""
 
     @property
-    def told_body(self) -> str:
-        """The bytes that are served: those of the board, until a team on it is forgotten."""
-        return self.body if self.alias is None else self.alias.body
-
-    @property
-    def told_digest(self) -> str:
-        """Digest of `told_body`: the strong ETag."""
-        return self.body_digest if self.alias is None else self.alias.body_digest
-
-
-class BoardAlias(Base):
-    """What is told of a board since a team on it was forgotten; `BoardRow.digest` stays its digest."""
-
-    __tablename__ = "board_aliases"
-    board_id: Mapped[int] = mapped_column(ForeignKey("boards.id"), primary_key=True)
-    body: Mapped[str] = mapped_column(Text)
-    body_digest: Mapped[str]
+    def told(self) -> str:
+        """What stands for the board as readers get it: two of one name are told alike."""
+        return f"{self.body_digest} {self.told_at} {self.forgotten or ''}"
 
 
 class BoardFlip(Base):
@@ -71,14 +61,6 @@ class BoardFlip(Base):
     at: Mapped[datetime]
     news: Mapped[BoardNews] = mapped_column(DocumentText(BoardNews))
     """Whose scores are others since, for the history: so that no board need be read for that."""
-
-
-class BoardFlipAlias(Base):
-    """What is told of a flip since a team in its news was forgotten."""
-
-    __tablename__ = "board_flip_aliases"
-    flip_id: Mapped[int] = mapped_column(ForeignKey("board_flips.id"), primary_key=True)
-    news: Mapped[BoardNews] = mapped_column(DocumentText(BoardNews))
 
 
 _FIRST_FLIP = (
@@ -102,6 +84,16 @@ class BoardEntryRow(Base):
     board_id: Mapped[int] = mapped_column(ForeignKey("boards.id"), primary_key=True)
     submission_id: Mapped[str] = mapped_column(primary_key=True)
     rank: Mapped[int | None]
+
+
+_FORGOTTEN = (
+    select(func.aggregate_strings(Submission.id + " " + Team.name, "\n"))
+    .join(Team, Team.id == Submission.team_id)
+    .join(BoardEntryRow, BoardEntryRow.submission_id == Submission.id)
+    .where(BoardEntryRow.board_id == BoardRow.id, Team.forgotten_at.is_not(None))
+    .correlate(BoardRow)
+)
+BoardRow.forgotten = column_property(_FORGOTTEN.scalar_subquery())
 
 
 class ReportedBoard(Base):

@@ -32,6 +32,13 @@ _STATE = {"sqlite": "PRAGMA data_version", "postgresql": "SELECT pg_current_snap
 names the transactions whose work can be seen, and is the same only where the same can be seen."""
 _INSUFFICIENT_PRIVILEGE = "42501"
 _UNDEFINED_TABLE = "42P01"
+_CONFLICTS = {
+    "23503",
+    "23505",
+    "SQLITE_CONSTRAINT_FOREIGNKEY",
+    "SQLITE_CONSTRAINT_PRIMARYKEY",
+    "SQLITE_CONSTRAINT_UNIQUE",
+}
 _NO_TABLE = "no such table"  # SQLite has no code of its own for it
 
 
@@ -114,16 +121,32 @@ def sentence_of(error: DBAPIError) -> str:
         DBAPIError: The error itself, where it is neither an outage nor a missing right or table.
     """
     said = str(error.orig).partition("\n")[0]
-    if said.startswith(_NO_TABLE) or getattr(error.orig, "sqlstate", None) == _UNDEFINED_TABLE:
+    if said.startswith(_NO_TABLE) or _code_of(error) == _UNDEFINED_TABLE:
         return (
             f"{said}; nothing is set up in this database yet: start the server with it, run "
             "exceptiondrive-server migrate, or name another in EXCEPTIONDRIVE_DATABASE_URL"
         )
-    if getattr(error.orig, "sqlstate", None) == _INSUFFICIENT_PRIVILEGE:
+    if _code_of(error) == _INSUFFICIENT_PRIVILEGE:
         return f"{said}; its owner gives the rights: exceptiondrive-server migrate --grant-to FILE"
     if isinstance(error, OperationalError):
         return f"the database does not answer: {said}"
     raise error
+
+
+def is_conflict(error: Exception) -> bool:
+    """Whether a key was taken, or what is referred to was deleted, by another one's transaction."""
+    return _code_of(error) in _CONFLICTS
+
+
+def is_forbidden(error: Exception) -> bool:
+    """Whether the role has no right to this, or a rule of the tables is broken: no outage mends that."""
+    return isinstance(error, IntegrityError) or _code_of(error) == _INSUFFICIENT_PRIVILEGE
+
+
+def _code_of(error: Exception) -> str | None:
+    """SQLSTATE of PostgreSQL, or the name that SQLite gives to an error."""
+    said = getattr(error, "orig", None)
+    return getattr(said, "sqlstate", None) or getattr(said, "sqlite_errorname", None)
 
 
 def _engine(url: str) -> Engine:

@@ -64,8 +64,6 @@ RIGHTS = MappingProxyType(
         _VERSIONS: (R, R, R),
         "allowances": (RIUD, R, R),
         "audit_lines": (RI, RI, RI),  # nobody alters what was logged
-        "board_aliases": (RIU, R, R),
-        "board_flip_aliases": (RIU, R, R),
         "board_entries": (R, RI, R),
         "board_flips": (RI, RI, R),
         "boards": (R, RI, R),  # only workers publish

@@ -97,7 +97,10 @@ def set_wishes(
         NotFound: There is none, or it is another team's.
     """
     contact = _find(session, team_id, contact_id)
-    contact.wishes = " ".join(dict.fromkeys(wishes))
+    wanted = " ".join(dict.fromkeys(wishes))
+    if wanted == contact.wishes:
+        return contact
+    contact.wishes = wanted
     audit(session, actor, "contact changed", contact.id, {"wishes": contact.wishes})
     return contact
 

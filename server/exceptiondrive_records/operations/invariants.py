@@ -5,7 +5,7 @@ the fault suite asks it after every fault (docs/faults.md).
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from pydantic import ValidationError
@@ -16,8 +16,6 @@ from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.boards.tables import (
     BoardEntryRow,
-    BoardFlip,
-    BoardFlipAlias,
     BoardRow,
 )
 from exceptiondrive_records.db.errors import Conflict, NotFound, StoreError, Violation
@@ -31,8 +29,8 @@ from exceptiondrive_records.submissions.submissions import keeps_its_file
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
-from exceptiondrive_schemas.base import bytes_digest, canonical_json, content_digest
-from exceptiondrive_schemas.board import Board, BoardEntry, Links
+from exceptiondrive_schemas.base import content_digest
+from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.protocol import ProtocolError
 from exceptiondrive_schemas.score_sheet import MetricRow
 from exceptiondrive_schemas.submission import SubmissionStatus as Status
@@ -53,7 +51,6 @@ def broken_boards(session: Session) -> Iterator[Violation]:
     last: dict[str, int] = {}
     totals: dict[_SheetKey, _Totals | None] = {}
     references: dict[_SheetKey, MetricRow] = {}
-    former = _former_names(session)
     for row in session.scalars(query.execution_options(yield_per=_AT_ONCE)):
         subject = f"{row.phase_id}/{row.number}"
         if row.number != last.get(row.phase_id, 0) + 1:
@@ -61,51 +58,18 @@ def broken_boards(session: Session) -> Iterator[Violation]:
         last[row.phase_id] = row.number
         for rule, text in _faults(session, row, totals, references):
             yield Violation(rule, subject, text)
-        if row.told_body != row.body and not _only_forgets(row, former):
-            text = "what is told of it differs in more than forgotten teams"
-            yield Violation("board told otherwise", subject, text)
-    yield from _flips_told_otherwise(session, frozenset(former.values()))
     yield from _pointers(session)
 
 
-def _former_names(session: Session) -> dict[str, str]:
-    """Return the alias of the team of each submission whose team was forgotten."""
-    query = select(Submission.id, Team.name).join(Team, Team.id == Submission.team_id)
-    forgotten = session.execute(query.where(Team.forgotten_at.is_not(None)))
-    return {submission_id: alias for submission_id, alias in forgotten}
-
-
-def _only_forgets(row: BoardRow, former: Mapping[str, str]) -> bool:
-    """Whether what is told of a board is that board with forgotten teams under their aliases."""
-    try:
-        board, told = map(Board.model_validate_json, (row.body, row.told_body))
-    except ValidationError:
-        return False
-    told_as = {entry.submission_id: entry.team for entry in told.entries}
-    entries = tuple(
-        entry.model_copy(update={"team": alias, "description": "", "links": Links()})
-        if (alias := former.get(entry.submission_id or "")) == told_as.get(entry.submission_id)
-        and alias is not None
-        else entry
-        for entry in board.entries
-    )
-    body = canonical_json(board.model_copy(update={"entries": entries}))
-    return (body.decode("utf-8"), bytes_digest(body)) == (row.told_body, row.told_digest)
-
-
-def _flips_told_otherwise(session: Session, aliases: frozenset[str]) -> Iterator[Violation]:
-    query = select(BoardFlip, BoardFlipAlias.news).join(
-        BoardFlipAlias, BoardFlipAlias.flip_id == BoardFlip.id
-    )
-    for flip, told in session.execute(query):
-        teams = [each.team for each in told.entries]
-        entries = tuple(
-            each.model_copy(update={"team": team}) if team in aliases else each
-            for each, team in zip(flip.news.entries, teams, strict=False)
-        )
-        if told != flip.news.model_copy(update={"entries": entries}):
-            text = "what is told of its news differs in more than forgotten teams"
-            yield Violation("board told otherwise", f"{flip.phase_id}, flip {flip.id}", text)
+def _unseen_forgetting(session: Session) -> Iterator[Violation]:
+    """Boards tell an alias for each forgotten team; the audit log says by whom it was forgotten."""
+    said = select(AuditLine.subject).where(AuditLine.action == "team forgotten")
+    is_forgotten = Team.forgotten_at.is_not(None) & Team.merged_into_id.is_(None)
+    for team in session.scalars(select(Team.slug).where(is_forgotten, Team.slug.not_in(said))):
+        yield Violation("forgotten by nobody", team, "no audit line says that it was forgotten")
+    told = select(Team.slug).where(Team.forgotten_at.is_(None), Team.slug.in_(said))
+    for team in session.scalars(told):
+        yield Violation("forgotten and back", team, "the audit log says that it was forgotten")
 
 
 def _faults(
@@ -241,6 +205,7 @@ def violations(session: Session) -> list[Violation]:
     found += _protocols(session)
     found += _audit_chain(session)
     found += broken_boards(session)
+    found += _unseen_forgetting(session)
     found += drawings_of_withheld_splits(session)
     found += pictures_of_withheld_splits(session)
     return found

@@ -1,12 +1,12 @@
 """Forget a team: its people, addresses and words go; an alias stands wherever it was named.
 
-Bytes and digests of boards stay in the table that nothing may alter. What is told of them from now
-on is a second document, with the alias; the digest of what the board says is the one it always had.
+Bytes and digests of boards stay in the table that nothing may alter. The alias is put in when they
+are read (`boards.parsed_board`); the digest of what the board says is the one it always had.
 """
 
 import secrets
 
-from sqlalchemy import delete, exists, select, update
+from sqlalchemy import delete, exists, func, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tables import (
@@ -17,28 +17,19 @@ from exceptiondrive_records.accounts.tables import (
     Token,
 )
 from exceptiondrive_records.audit.log import audit
-from exceptiondrive_records.boards.tables import (
-    BoardAlias,
-    BoardEntryRow,
-    BoardFlip,
-    BoardFlipAlias,
-    BoardRow,
-)
+from exceptiondrive_records.boards.tables import BoardEntryRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.db.identifiers import checked_reason, skeleton
 from exceptiondrive_records.news.tables import Question
 from exceptiondrive_records.notifications.tables import ContactPoint, Delivery, Notification
 from exceptiondrive_records.participation.disqualification import want_boards_of_team
-from exceptiondrive_records.phases.policy import pseudonyms_of_teams
-from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.submissions import lock_team
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_records.work.tables import OPEN_STATES, WorkState
-from exceptiondrive_schemas.base import bytes_digest, canonical_json
-from exceptiondrive_schemas.board import Board, Links
+from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.rescoring import NotificationView
 
 _LETTERS = "23456789abcdefghjkmnpqrstuvwxyz"
@@ -71,7 +62,10 @@ def forget_team(session: Session, slug: str, *, reason: str, actor: str) -> Team
         _forget_words(session, each)
         _forget_people(session, each)
         _forget_notices(session, each)
-    n_boards = _alias_boards(session, team, {each.id for each in all_of_it})
+    boards = select(func.count(BoardEntryRow.board_id.distinct())).join(
+        Submission, Submission.id == BoardEntryRow.submission_id
+    )
+    n_boards = session.scalar(boards.where(Submission.team_id == team.id))
     want_boards_of_team(session, team.id)
     detail = {"reason": checked_reason(reason), "n_boards": n_boards}
     audit(session, actor, "team forgotten", team.slug, detail)
@@ -146,57 +140,3 @@ def _forget_notices(session: Session, team: Team) -> None:
             comparison="",
         )
         row.body = canonical_json(blank).decode("utf-8")
-
-
-def _alias_boards(session: Session, team: Team, team_ids: set[int]) -> int:
-    """Write anew what is told of each board that names the team; return how many there are."""
-    ids = select(Submission.id).where(Submission.team_id == team.id)
-    own = frozenset(session.scalars(ids))
-    boards = select(BoardRow).where(
-        BoardRow.id.in_(select(BoardEntryRow.board_id).where(BoardEntryRow.submission_id.in_(own)))
-    )
-    names: dict[int, set[str]] = {}
-    for row in session.scalars(boards.order_by(BoardRow.id)):
-        board = Board.model_validate_json(row.told_body)
-        pseudonyms = pseudonyms_of_teams(session.get_one(Phase, row.phase_id), team_ids)
-        told = _aliased(board, team, own, pseudonyms)
-        pairs = zip(board.entries, told.entries, strict=True)
-        names[row.id] = {entry.team for entry, told_entry in pairs if entry is not told_entry}
-        body = canonical_json(told)
-        session.merge(
-            BoardAlias(board_id=row.id, body=body.decode("utf-8"), body_digest=bytes_digest(body))
-        )
-    _alias_news(session, team, names)
-    return len(names)
-
-
-def _aliased(board: Board, team: Team, own: frozenset[str], pseudonyms: frozenset[str]) -> Board:
-    """Return a board with the alias; a pseudonym stays, which tells nothing of the team."""
-    entries = tuple(
-        entry.model_copy(update={"team": team.name, "description": "", "links": Links()})
-        if entry.submission_id in own and entry.team not in pseudonyms
-        else entry
-        for entry in board.entries
-    )
-    return board.model_copy(update={"entries": entries})
-
-
-def _alias_news(session: Session, team: Team, names: dict[int, set[str]]) -> None:
-    """Write anew what is told of each flip whose news name the team, as it stood on its two boards."""
-    of_team = select(Submission.phase_id).where(Submission.team_id == team.id)
-    flips = select(BoardFlip).where(BoardFlip.phase_id.in_(of_team))
-    before: dict[str, set[str]] = {}
-    for flip in session.scalars(flips.order_by(BoardFlip.at, BoardFlip.id)):
-        on_board = names.get(flip.board_id, set())
-        named = on_board | before.get(flip.phase_id, set())
-        before[flip.phase_id] = on_board
-        alias = session.get(BoardFlipAlias, flip.id)
-        told = flip.news if alias is None else alias.news
-        if not any(entry.team in named for entry in told.entries):
-            continue
-        entries = tuple(
-            entry.model_copy(update={"team": team.name}) if entry.team in named else entry
-            for entry in told.entries
-        )
-        news = told.model_copy(update={"entries": entries})
-        session.merge(BoardFlipAlias(flip_id=flip.id, news=news))

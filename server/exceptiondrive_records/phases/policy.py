@@ -2,8 +2,8 @@
 
 import hashlib
 import hmac
+import re
 import secrets
-from collections.abc import Collection
 from datetime import UTC, datetime
 
 from sqlalchemy import select
@@ -21,6 +21,7 @@ from exceptiondrive_schemas.score_sheet import ScoreSheet
 
 _LETTERS = "23456789ABCDEFGHJKMNPQRSTUVWXYZ"
 """No two that look alike."""
+_PSEUDONYM = re.compile(f"Team [{_LETTERS}]{{3}}-[{_LETTERS}]{{3}}")
 
 
 def frozen_since(phase: Phase, now: datetime) -> datetime | None:
@@ -161,11 +162,9 @@ def pseudonym_of_team(phase: Phase, team_id: int) -> str:
     return f"Team {letters[:3]}-{letters[3:]}"
 
 
-def pseudonyms_of_teams(phase: Phase, team_ids: Collection[int]) -> frozenset[str]:
-    """Return the names of teams while a phase is anonymous; none if it never was."""
-    if phase.pseudonym_salt is None:
-        return frozenset()
-    return frozenset(pseudonym_of_team(phase, team_id) for team_id in team_ids)
+def is_pseudonym(name: str) -> bool:
+    """Whether a team has this name in an anonymous phase: no team may call itself so."""
+    return _PSEUDONYM.fullmatch(name) is not None
 
 
 def pseudonym_of_method(phase: Phase, team_id: int, method: str) -> str:

@@ -5,6 +5,7 @@ from functools import lru_cache
 
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.boards.boards import served_body
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.phases.scoring_keys import new_key, old_key
 from exceptiondrive_records.phases.tables import Phase
@@ -185,7 +186,7 @@ class Compared:
 
 def compare_rows(old: BoardRow, new: BoardRow) -> Compared:
     """Return what changes from one recorded board to another."""
-    return _compared(old.told_body, new.told_body)
+    return _compared(served_body(old), served_body(new))
 
 
 @lru_cache(maxsize=_KEPT)

@@ -1,10 +1,12 @@
 """The read model: runs, previews and the history of boards, as API and pages show them."""
 
+from collections.abc import Mapping
+
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.boards.boards import latest_board
-from exceptiondrive_records.boards.tables import BoardFlip, BoardFlipAlias, BoardRow
+from exceptiondrive_records.boards.boards import aliases_in, latest_board, under_alias
+from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.errors import Conflict, NotFound
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.scoring_keys import ScoringKey, find_run, list_runs, shadow_key
@@ -27,6 +29,7 @@ from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.trials import trial_of
 from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
+from exceptiondrive_schemas.board import BoardNews
 from exceptiondrive_schemas.protocol_difference import Difference, protocol_difference
 from exceptiondrive_schemas.rescoring import (
     BoardHistoryLine,
@@ -212,18 +215,17 @@ def board_history(session: Session, phase_id: str) -> list[BoardHistoryLine]:
         select(
             BoardFlip.id,
             BoardFlip.at,
-            func.coalesce(BoardFlipAlias.news, BoardFlip.news).label("news"),
+            BoardFlip.news,
             BoardRow.number,
             BoardRow.protocol_digest,
             BoardRow.split_revision,
         )
         .join(BoardRow, BoardRow.id == BoardFlip.board_id)
-        .outerjoin(BoardFlipAlias, BoardFlipAlias.flip_id == BoardFlip.id)
         .where(BoardFlip.phase_id == phase_id)
         .order_by(BoardFlip.at, BoardFlip.id)
     )
     flips = session.execute(query).all()
-    runs = _runs_by_flip(session, phase_id)
+    runs, aliases = _runs_by_flip(session, phase_id), aliases_in(session, phase_id)
     digests = {flip.protocol_digest for flip in flips}
     protocols = {digest: _protocol_ref(session, digest) for digest in digests}
     ends = [*(flip.at for flip in flips[1:]), None][: len(flips)]
@@ -239,11 +241,16 @@ def board_history(session: Session, phase_id: str) -> list[BoardHistoryLine]:
                 shown_from=flip.at,
                 shown_until=end,
                 what_changed=() if run is None else _words_of(session, run, flip.id),
-                news=flip.news,
+                news=_news_under_aliases(flip.news, aliases),
                 comparison=None if run is None else f"/api/v1/rescoring/{run.id}",
             )
         )
     return lines[::-1]
+
+
+def _news_under_aliases(news: BoardNews, aliases: Mapping[str, str]) -> BoardNews:
+    entries = tuple(under_alias(entry, aliases) for entry in news.entries)
+    return news.model_copy(update={"entries": entries})
 
 
 def update_reasons(session: Session, phase_id: str) -> dict[int, tuple[str, ...]]:

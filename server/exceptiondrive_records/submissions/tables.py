@@ -54,7 +54,9 @@ class Submission(Base):
     received_at: Mapped[datetime]
     status_at: Mapped[datetime]
     withdrawn_at: Mapped[datetime | None]
-    linked_to: Mapped[str | None] = mapped_column(ForeignKey("submissions.id"))
+    linked_to: Mapped[str | None] = mapped_column(
+        ForeignKey("submissions.id", deferrable=True, initially="DEFERRED")
+    )
     """The counterpart that its board entry is compared with."""
     arrived_at: Mapped[datetime | None]
     """When its first byte came, where that was noted: the deadline is judged by it."""

@@ -3,7 +3,7 @@
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import ForeignKey
+from sqlalchemy import CheckConstraint, ForeignKey
 from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
@@ -14,6 +14,9 @@ class Team(Base):
     """Owns submissions."""
 
     __tablename__ = "teams"
+    __table_args__ = (
+        CheckConstraint("forgotten_at IS NULL OR name LIKE 'Former team ______'", "ck_former"),
+    )
     id: Mapped[int] = mapped_column(primary_key=True)
     slug: Mapped[str] = mapped_column(unique=True)
     name: Mapped[str] = mapped_column(unique=True)
@@ -30,7 +33,7 @@ class Team(Base):
     registration_note: Mapped[str | None]
     """Who they say they are, for organizers."""
     forgotten_at: Mapped[datetime | None]
-    """Since then it stands under an alias, and nothing personal of it is kept."""
+    """Since then its name is an alias, told of it on every board, and nothing personal is kept."""
     merged_into_id: Mapped[int | None] = mapped_column(
         ForeignKey("teams.id", deferrable=True, initially="DEFERRED")
     )

@@ -13,6 +13,7 @@ from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import flush_or_refuse
 from exceptiondrive_records.db.errors import Conflict, NotAllowed, NotFound
 from exceptiondrive_records.db.identifiers import (
     checked_reason,
@@ -43,7 +44,9 @@ def create_team(
         raise Conflict(f"There is a team with the {what} already.")
     team = Team(slug=slug, name=name, is_reference=is_reference, created_at=database_now(session))
     session.add(team)
-    session.flush()
+    flush_or_refuse(
+        session, f"There is a team with the id {slug!r} or a name like {name!r} already."
+    )
     audit(session, actor, "team created", slug, {"name": name, "is_reference": is_reference})
     return team
 
@@ -92,7 +95,8 @@ def refuse_team(session: Session, slug: str, *, reason: str, actor: str) -> None
         Conflict: It was approved, or has submitted.
     """
     team = session.get(Team, find_team(session, slug).id, with_for_update=True)
-    assert team is not None
+    if team is None:  # refused meanwhile
+        raise NotFound("team", slug)
     if team.pending_since is None:
         raise Conflict("The team is approved; only a team that waits for approval can be refused.")
     if session.scalar(select(exists().where(Submission.team_id == team.id))):

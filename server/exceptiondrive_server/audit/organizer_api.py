@@ -6,7 +6,7 @@ from fastapi import APIRouter, Query
 from pydantic import BaseModel
 
 from exceptiondrive_records.audit.log import audit_page, verify_audit
-from exceptiondrive_schemas.datetimes import Moment, first_moment
+from exceptiondrive_schemas.datetimes import Moment, first_moment, moment_after
 from exceptiondrive_server.audit.queries import AuditLineView, line_view
 from exceptiondrive_server.web.auth import ServicesOf
 
@@ -35,6 +35,10 @@ def get_audit(
     since: Annotated[
         Moment | None, Query(description="a time, or a day from its first moment in UTC")
     ] = None,
+    until: Annotated[
+        Moment | None, Query(description="before this time, or to the end of this day in UTC")
+    ] = None,
+    action: Annotated[str | None, Query(max_length=200, description="only of this kind")] = None,
 ) -> list[AuditLineView]:
     """Read the audit log, newest first."""
     with services.database.read() as session:
@@ -46,6 +50,8 @@ def get_audit(
             subject=subject,
             by_people=by_people,
             since=None if since is None else first_moment(since),
+            until=None if until is None else moment_after(until),
+            action=action,
         )
         return list(map(line_view, lines))
 

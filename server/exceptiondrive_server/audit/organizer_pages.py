@@ -1,12 +1,14 @@
 """The audit log: paged, filtered, and verified."""
 
-from typing import Annotated
+from datetime import date
+from typing import Annotated, Literal
 from urllib.parse import urlencode
 
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import Response
 
-from exceptiondrive_records.audit.log import verify_audit
+from exceptiondrive_records.audit.log import audit_actions, verify_audit
+from exceptiondrive_schemas.datetimes import first_moment, moment_after
 from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.organizer_frame import OrganizerBrowser, organizer_page
@@ -14,6 +16,8 @@ from exceptiondrive_server.web.organizer_frame import OrganizerBrowser, organize
 router = APIRouter(prefix="/organize/audit", include_in_schema=False)
 SHOWN = 50
 Filter = Annotated[str, Query(max_length=200)]
+Day = Annotated[date | Literal[""], Query()]
+"""As the field of a form sends it: empty where none is chosen."""
 
 
 @router.get("")
@@ -26,15 +30,29 @@ def show_audit(
     before: Annotated[int | None, Query(ge=1, lt=2**31)] = None,
     verify: bool = False,
     by_people: bool = False,
+    since: Day = "",
+    until: Day = "",
+    action: Filter = "",
 ) -> Response:
     """Show the log, newest first; with `verify` recompute the whole chain."""
     actor, subject = actor.strip(), subject.strip()
     with services.database.read() as session:
         lines = history(
-            session, subject, actor=actor, before=before, by_people=by_people, limit=SHOWN + 1
+            session,
+            subject,
+            actor=actor,
+            before=before,
+            by_people=by_people,
+            since=first_moment(since) if since else None,
+            until=moment_after(until) if until else None,
+            action=action,
+            limit=SHOWN + 1,
         )
         verdict = verify_audit(session) if verify else None
-    older = {"actor": actor, "subject": subject, "by_people": "true" if by_people else ""}
+        actions = audit_actions(session)
+    told = {"actor": actor, "subject": subject, "action": action}
+    told |= {"since": str(since), "until": str(until)}
+    older = {**told, "by_people": "true" if by_people else ""}
     if len(lines) > SHOWN:
         older["before"] = str(lines[SHOWN - 1].line.id)
     return organizer_page(
@@ -43,8 +61,8 @@ def show_audit(
         "audit/organizer_audit.html",
         "audit",
         lines=lines[:SHOWN],
-        actor=actor,
-        subject=subject,
+        told=told,
+        actions=actions,
         by_people=by_people,
         older="before" in older and urlencode({k: v for k, v in older.items() if v}),
         verdict=verdict,

@@ -63,9 +63,12 @@ def history(
     actor: str = "",
     before: int | None = None,
     by_people: bool = False,
+    since: datetime | None = None,
+    until: datetime | None = None,
+    action: str = "",
     limit: int,
 ) -> list[HistoryLine]:
-    """Return lines of the log for reading, newest first; empty subject or actor: any."""
+    """Return lines of the log for reading, newest first; empty subject, actor or action: any."""
     lines = audit_page(
         session,
         before=before,
@@ -73,6 +76,9 @@ def history(
         actor=actor or None,
         subject=subject or None,
         by_people=by_people,
+        since=since,
+        until=until,
+        action=action or None,
     )
     subjects = _subjects(session, {line.subject for line in lines})
     names = names_of_actors(session, (line.actor for line in lines))

@@ -7,7 +7,12 @@ from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.boards.boards import find_board, parsed_board, served_body
+from exceptiondrive_records.boards.boards import (
+    find_board,
+    is_told_as_recorded,
+    parsed_board,
+    served_body,
+)
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import shown_phase
@@ -113,12 +118,11 @@ def _page_of(
 
 def _as_kept(request: Request, row: BoardRow, max_age_s: int | None) -> Response:
     """Give a board as readers get it; bytes that are recorded are not digested again."""
-    is_recorded = row.told_at == row.published_at
     return conditional(
         request,
         lambda: served_body(row).encode(),
         "application/json",
-        etag=row.told_digest.removeprefix("sha256:") if is_recorded else "",
+        etag=row.body_digest.removeprefix("sha256:") if is_told_as_recorded(row) else "",
         max_age_s=max_age_s,
         headers=REVALIDATED if max_age_s is None else None,
     )

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from types import MappingProxyType
+from urllib.parse import quote
 from xml.etree import ElementTree as Xml
 
 from exceptiondrive_schemas.board import Board, BoardEntry
@@ -13,6 +14,7 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.entry_facts import challenge_of
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, SOURCES
 from exceptiondrive_server.web.numbers import Digits, day, iso, unit_of
+from exceptiondrive_server.web.templating import https_only, template_filter
 
 PAPER_TITLE = (
     "ExceptionDrive: A Planning-Oriented Counterfactual Corner-Case Benchmark "
@@ -24,6 +26,7 @@ PAPER_AUTHORS = (
 )
 ATOM = "http://www.w3.org/2005/Atom"
 NOTHING_TOLD = EntryFacts()
+_OF_ADDRESSES = ":/?#[]@!$&'()*+,;=%-._~"
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 _TEX = str.maketrans(
     {
@@ -135,6 +138,24 @@ def bibtex(
         f"  url          = {{{permalink(board, site_url)}}},\n"
         f"  note         = {{protocol {board.protocol.version}, {board.n_samples} samples, "
         f"published {day(at)}}},\n"
+        "}\n"
+    )
+
+
+@template_filter
+def entry_bibtex(board: Board, entry: BoardEntry, site_url: str) -> str:
+    """Write a citation of an entry: by its paper, else its code, if its team links to one, and by this board."""
+    at = entry.submitted_at or board.published_at
+    here = f"{site_url}/entries/{entry.submission_id}"
+    own = https_only(entry.links.paper) or https_only(entry.links.code) or here
+    return (
+        f"@misc{{exceptiondrive-{entry.submission_id},\n"
+        f"  title  = {{{{{tex_escape(entry.method)}}}}},\n"
+        f"  author = {{{{{tex_escape(entry.team or 'Anonymous')}}}}},\n"
+        f"  year   = {{{at.year}}},\n"
+        f"  url    = {{{quote(own, safe=_OF_ADDRESSES)}}},\n"
+        f"  note   = {{ExceptionDrive leaderboard, phase {board.phase}, board {board.board}, protocol "
+        f"{board.protocol.version}: \\url{{{permalink(board, site_url)}}}}},\n"
         "}\n"
     )
 

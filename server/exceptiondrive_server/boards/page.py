@@ -198,6 +198,8 @@ class PhaseLink:
     opens_at: datetime | None
     closes_at: datetime | None
     quota_per_day: int
+    rejected_per_day: int
+    """How many wrong files a day are taken of a team."""
     split: str
     split_is_public: bool
     has_data: bool
@@ -270,7 +272,7 @@ class BoardPage:
     The board holds no reported rows. `current_protocol` is the version in force; `is_current` says whether the phase shows this board
     now, or its late view; `before` is the board that was shown before it.
 
-    Two are equal if their pages are: what is large and compared by a field of its own (`board_digest`,
+    Two are equal if their pages are: what is large and compared by a field of its own (`told_as`,
     `facts_at`) is left out of that, and of the outline.
     """
 
@@ -292,7 +294,8 @@ class BoardPage:
     """Tasks, hardest first, as far as the sheets of the best entries tell them."""
     facts: FactsOfBoard = field(default_factory=lambda: NO_FACTS, compare=False)
     """What teams tell of their methods now; not of the board, whose bytes never change."""
-    board_digest: str = ""
+    told_as: str = ""
+    """What stands for the board: two of one name are told alike."""
     facts_at: datetime | None = None
     """When a team of the phase changed its facts last."""
     disqualified: tuple[DisqualificationNote, ...] = ()
@@ -497,8 +500,9 @@ def _late(board: Board, has_late_view: bool) -> Iterator[Notice]:
 def _kept_back(board: Board, now: PhaseNow) -> Iterator[Notice]:
     if now.frozen_since is not None:
         words = (
-            f"The board is frozen since {minute(now.frozen_since)}. Scoring goes on; what came "
-            "later is shown when the organizers reveal the board."
+            f"The board is frozen since {minute(now.frozen_since)}, so that all see at once how the "
+            "phase ends. Scoring goes on; what came later is shown when the organizers reveal the "
+            "board, for which there is no date."
         )
         yield Notice(words, "", "")
     if board.part == "public":

@@ -155,12 +155,10 @@ def show_reported_boards(
         phase = shown_phase(session, phase_id, with_hidden=may_see)
         challenge, boards = CHALLENGES[phase.challenge], reported_of(session, phase)
         protocol = find_protocol(session, phase.protocol_digest)
-        told = {key for board in boards for each in board.rows for key in each.row.metrics}
         shown = {
             "phase": phase_link(session, phase, True),
             "challenge": challenge,
             "boards": boards,
-            "metrics": [one for one in challenge.metrics if one.key in told],
             "families": {family.id: family.title for family in protocol.families},
             "digits": Digits.of(protocol.publication),
         }

@@ -91,7 +91,7 @@ def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False
         drawing=_drawing_of(session, protocol),
         before=_board_before(session, row) if row else None,
         facts=facts_on(session, board) if board else NO_FACTS,
-        board_digest=row.told_digest if row else "",
+        told_as=row.told if row else "",
         facts_at=newest_edit_at(session, phase.id),
         disqualified=disqualification_notes(session, phase),
     )
@@ -210,6 +210,7 @@ def phase_link(session: Session, phase: Phase, is_current: bool = False) -> Phas
         opens_at=phase.opens_at,
         closes_at=phase.closes_at,
         quota_per_day=phase.quota_per_day,
+        rejected_per_day=phase.rejected_per_day,
         split=phase.split_name,
         split_is_public=split.public_file_digest is not None,
         has_data=bool(phase.page.data_url or phase.page.data_manifest_url),

@@ -56,8 +56,8 @@ class PastPosition:
     entry: BoardEntry
     first_board: Board
     first_entry: BoardEntry
-    body_digests: tuple[str, str]
-    """Of both boards."""
+    told_as: tuple[str, str]
+    """What stands for both boards."""
 
 
 @dataclass(frozen=True)
@@ -83,8 +83,10 @@ class EntryData:
     """Of the drawn samples, by their id."""
     told: EntryFacts
     """What the team tells of the method now."""
+    is_withheld: bool
+    """Whether the regions of its split are."""
     borrows_scenes: bool
-    """Whether its split is withheld, and scenes of a public one can be shown in its place."""
+    """Whether they are, and scenes of a public split can be shown in its place."""
 
 
 def read_entry(session: Session, key: str, query: BoardQuery) -> EntryData:
@@ -107,12 +109,14 @@ def read_entry(session: Session, key: str, query: BoardQuery) -> EntryData:
     past = _past(session, submission) if submission else ()
     shown_submission = None if is_anonymous(phase) else submission
     told = facts_on(session, board).get(key, EntryFacts())
-    borrows = _borrows_scenes(session, phase)
+    is_withheld = not _is_public(session, phase)
+    borrows = is_withheld and _borrows_scenes(session, phase)
     return EntryData(
         outline=(
-            (row.told_digest, phase.title, is_current, shown_submission is None, told, borrows),
+            (row.told, phase.title, is_current, shown_submission is None, told),
+            (is_withheld, borrows),
             sheet and (tuple(sheet.families), tuple(sheet.tasks)),
-            tuple(each.body_digests for each in past),
+            tuple(each.told_as for each in past),
             (tuple(drawn_ids), outline_of_pictures(pictures.values())),
         ),
         board=board,
@@ -126,17 +130,21 @@ def read_entry(session: Session, key: str, query: BoardQuery) -> EntryData:
         drawings=drawings,
         pictures=pictures,
         told=told,
+        is_withheld=is_withheld,
         borrows_scenes=borrows,
     )
 
 
-def _borrows_scenes(session: Session, phase: Phase) -> bool:
-    def is_public(each: Phase) -> bool:
-        split = session.get_one(SplitRow, (each.split_name, each.split_revision))
-        return split.public_file_digest is not None and CHALLENGES[each.challenge].has_waypoints
+def _is_public(session: Session, phase: Phase) -> bool:
+    split = session.get_one(SplitRow, (phase.split_name, phase.split_revision))
+    return split.public_file_digest is not None
 
-    has_waypoints = CHALLENGES[phase.challenge].has_waypoints
-    return has_waypoints and not is_public(phase) and any(map(is_public, list_phases(session)))
+
+def _borrows_scenes(session: Session, phase: Phase) -> bool:
+    return CHALLENGES[phase.challenge].has_waypoints and any(
+        CHALLENGES[each.challenge].has_waypoints and _is_public(session, each)
+        for each in list_phases(session)
+    )
 
 
 def _shown_submission(session: Session, key: str) -> Submission | None:
@@ -258,8 +266,7 @@ def _standing(submission_id: str, first: BoardRow, last: BoardRow) -> PastPositi
     entry, first_entry = (find_entry(each, submission_id) for each in (board, first_board))
     if entry is None or first_entry is None:
         return None
-    digests = last.told_digest, first.told_digest
-    return PastPosition(board, entry, first_board, first_entry, digests)
+    return PastPosition(board, entry, first_board, first_entry, (last.told, first.told))
 
 
 def _drawings(session: Session, submission: Submission, board: Board) -> EntryDrawings | None:

@@ -5,11 +5,15 @@ from functools import cache
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.phases.phases import list_phases
+from exceptiondrive_records.phases.policy import is_open
 from exceptiondrive_schemas.faults import MESSAGES, FaultCode, FaultGroup
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.publish.broken_files import report_of
 from exceptiondrive_server.guide.operations import operations
+from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 from exceptiondrive_server.web.responses import origin_of, page
 
@@ -45,10 +49,20 @@ def show_problem(request: Request, code: str) -> Response:
 
 
 @router.get("/api")
-def show_api(request: Request) -> Response:
-    """Show the API in one table, from the application's own description."""
-    groups = operations(request.app.openapi())
-    return page(request, "guide/api.html", "api", groups=groups, server=origin_of(request))
+def show_api(request: Request, services: ServicesOf) -> Response:
+    """Show how the API is used, and all of it from the application's own description."""
+    with services.database.read() as session:
+        now = database_now(session)
+        is_open_now = [phase.id for phase in list_phases(session) if is_open(phase, now)]
+    return page(
+        request,
+        "guide/api.html",
+        "api",
+        groups=operations(request.app.openapi()),
+        server=origin_of(request),
+        phase=next(iter(is_open_now), "PHASE"),
+        max_upload_bytes=services.settings.max_upload_bytes,
+    )
 
 
 def _faults() -> dict[FaultCode, str]:

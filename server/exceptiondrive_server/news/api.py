@@ -5,6 +5,7 @@ from typing import Annotated
 from fastapi import APIRouter, Path
 from pydantic import Field
 
+from exceptiondrive_records.accounts.sessions import require_unrevoked
 from exceptiondrive_records.news.news import news_of
 from exceptiondrive_records.news.questions import MAX_QUESTION, ask_question, questions_of
 from exceptiondrive_records.phases.phases import shown_phase
@@ -55,6 +56,7 @@ def post_question(
 ) -> QuestionView:
     """Ask the organizers about a phase; the answer comes into the team's notices."""
     with services.database.write() as session:
+        require_unrevoked(session, submitter)
         asked = ask_question(
             session, team_of(submitter), phase_id, question.text, actor=submitter.actor
         )

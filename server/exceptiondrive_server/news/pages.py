@@ -5,6 +5,7 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import RedirectResponse, Response
 
+from exceptiondrive_records.accounts.sessions import require_unrevoked
 from exceptiondrive_records.accounts.tokens import Scope
 from exceptiondrive_records.db.errors import NotFound, RecordsError
 from exceptiondrive_records.news.questions import MAX_QUESTION, ask_question, questions_of
@@ -37,6 +38,7 @@ def post_question(
     who, text = browser.principal, str(form.get("text", ""))
     try:
         with services.database.write() as session:
+            require_unrevoked(session, who)
             ask_question(session, team_of(who), phase_id, text, actor=who.actor)
     except NotFound:
         raise

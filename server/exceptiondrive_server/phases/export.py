@@ -34,7 +34,7 @@ from exceptiondrive_server.boards.queries import facts_on, own_board
 from exceptiondrive_server.boards.reported import reported_of
 from exceptiondrive_server.phases.every_eval_ever import record_of, record_path
 from exceptiondrive_server.phases.report import board_before_reveal, has_ended, report_of
-from exceptiondrive_server.submissions.download import tar_answer, tar_stream
+from exceptiondrive_server.submissions.download import tar_answer, tar_stream, written_down
 from exceptiondrive_server.web.numbers import minute
 from exceptiondrive_server.web.services import Services
 
@@ -54,14 +54,14 @@ def export_phase(
         row = current_board(session, phase.id)
         if row is None:
             raise NotFound("board of the phase", phase.id)
-        folder = f"exceptiondrive-{phase.id}-board-{row.number}"
-        members = [
+        folder, number = f"exceptiondrive-{phase.id}-board-{row.number}", row.number
+        members = (
             (f"{folder}/{name}", data) for name, data in _members(session, phase, row, site_url)
-        ]
-        number, made_at = row.number, row.told_at
+        )
+        parts = written_down(tar_stream(members, row.told_at))
     with services.database.write() as session:
         audit(session, principal.actor, "phase exported", phase_id, {"board": number})
-    return tar_answer(tar_stream(members, made_at), f"{folder}.tar")
+    return tar_answer(parts, f"{folder}.tar")
 
 
 def _members(session: Session, phase: Phase, row: BoardRow, site_url: str) -> Members:

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Path, Request, Response
 from pydantic import BaseModel
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.boards.boards import latest_board
+from exceptiondrive_records.boards.boards import latest_board, parsed_board
 from exceptiondrive_records.boards.ranking import names_of
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.changes import (
@@ -177,7 +177,7 @@ def get_live_board(services: ServicesOf, phase_id: PhaseId) -> LiveBoard:
         row = latest_board(session, phase.id, phase.protocol_digest, phase.split_revision)
         if row is None:
             raise NotFound("board of the phase", phase_id)
-        board = Board.model_validate_json(row.told_body)
+        board = parsed_board(row)
         ids = [entry.submission_id for entry in board.entries if entry.submission_id]
         return LiveBoard(
             is_public=row.id == phase.current_board_id,

@@ -6,8 +6,10 @@ from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.news.news import news_of
 from exceptiondrive_records.phases.phases import shown_phase
+from exceptiondrive_records.phases.policy import frozen_since
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.flags import FLAGS
@@ -30,12 +32,15 @@ def show_phase(request: Request, phase_id: PhaseId) -> Response:
     def read(session: Session) -> Reading:
         may_see = sees_hidden(principal_of_browser(session, request))
         phase = shown_phase(session, phase_id, with_hidden=may_see)
+        now, freezes_at = database_now(session), phase.policy.freezes_at
         shown = {
             "phase": phase_link(session, phase, True),
             "text": phase.page,
             "news": [news_view(row) for row in news_of(session, phase.id)],
             "protocol": find_protocol(session, phase.protocol_digest).version,
             "quota_total": phase.quota_total,
+            "freezes_at": freezes_at if freezes_at and freezes_at > now else None,
+            "frozen_since": frozen_since(phase, now),
             "terms_required": phase.policy.terms_required,
             "has_report": has_ended(session, phase),
         }

@@ -61,7 +61,7 @@ def report_of(session: Session, phase: Phase) -> PhaseReport:
         opened_at=phase.opens_at,
         closed_at=phase.closes_at,
         board=board.board,
-        board_digest=row.told_digest,
+        board_digest=row.body_digest,
         published_at=board.published_at,
         split=board.split,
         part=board.part,

@@ -11,6 +11,7 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.accounts.sessions import require_unrevoked
 from exceptiondrive_records.accounts.tokens import Principal
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.entries.selection import choose, publish, unpublish
@@ -88,11 +89,10 @@ async def submit(
     (202), even where the submission was withdrawn meanwhile; the key with other bytes is refused
     (409).
     """
-    team_id = team_of(principal)
     began_s = time.monotonic()
-    async with received_upload(request, services, team_id) as upload:
+    async with received_upload(request, services, team_of(principal)) as upload:
         taken, quota = await run_in_threadpool(
-            take_upload, services, team_id, upload, began_s, idempotency_key
+            take_upload, services, principal, upload, began_s, idempotency_key
         )
     response.status_code = 200 if taken.is_duplicate else 202
     response.headers["Location"] = f"/api/v1/submissions/{taken.id}"
@@ -290,6 +290,7 @@ def _decide(
 ) -> SubmissionView:
     """Let a team decide about a submission of its own."""
     with services.database.write() as session:
+        require_unrevoked(session, principal)
         find_submission(session, submission_id, team_id=own_team(principal))
         what(session, submission_id, actor=principal.actor)
     with services.database.read() as session:

@@ -2,7 +2,10 @@
 
 import tarfile
 from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
 from datetime import UTC, datetime
+from tempfile import TemporaryFile
+from typing import IO
 
 from fastapi.responses import Response, StreamingResponse
 from pydantic import BaseModel
@@ -21,6 +24,7 @@ from exceptiondrive_server.web.responses import SECURITY_HEADERS
 from exceptiondrive_server.web.services import Services
 
 GZIP_MAGIC = b"\x1f\x8b"
+PIECE_BYTES = 1 << 20
 BATCH = 50
 """Submissions of an archive that are read from the records at a time."""
 
@@ -153,6 +157,24 @@ def tar_stream(members: Iterable[tuple[str, bytes]], at: datetime | None = None)
         yield data
         yield bytes(-len(data) % tarfile.BLOCKSIZE)
     yield bytes(2 * tarfile.BLOCKSIZE)
+
+
+def written_down(parts: Iterable[bytes]) -> Iterator[bytes]:
+    """Write all parts into a file that nobody else sees, at once; yield it in pieces.
+
+    So a slow reader holds no transaction, and what is large stands in no memory.
+    """
+    with ExitStack() as until_whole:
+        file = until_whole.enter_context(TemporaryFile())
+        file.writelines(parts)
+        file.seek(0)
+        until_whole.pop_all()
+    return _read_out(file)
+
+
+def _read_out(file: IO[bytes]) -> Iterator[bytes]:
+    with file:
+        yield from iter(lambda: file.read(PIECE_BYTES), b"")
 
 
 def tar_answer(parts: Iterable[bytes], name: str) -> Response:

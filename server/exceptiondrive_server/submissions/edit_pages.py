@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from fastapi import APIRouter, Request
 from fastapi.responses import RedirectResponse, Response
 
+from exceptiondrive_records.accounts.sessions import require_unrevoked
 from exceptiondrive_records.accounts.tokens import Scope
 from exceptiondrive_records.db.errors import NotFound, RecordsError
 from exceptiondrive_records.phases.phases import find_phase
@@ -64,6 +65,7 @@ def post_edit(
     try:
         change = SubmissionChange(**read(WORDS, form), facts=facts_of_form(form))
         with services.database.write() as session:
+            require_unrevoked(session, browser.principal)
             find_submission(session, submission_id, team_id=own_team(browser.principal))
             edit_submission(session, submission_id, change, actor=browser.principal.actor)
     except NotFound:

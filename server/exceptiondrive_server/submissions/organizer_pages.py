@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from urllib.parse import urlencode
 
 from fastapi import APIRouter, Path, Query, Request
-from fastapi.responses import Response
+from fastapi.responses import HTMLResponse, Response
 
 from exceptiondrive_records.participation.messages import write_about
 from exceptiondrive_records.phases.phases import find_phase, list_phases
@@ -16,6 +16,7 @@ from exceptiondrive_records.submissions.similarity import similarity_report
 from exceptiondrive_records.submissions.submissions import find_submission, list_submissions
 from exceptiondrive_records.submissions.views import views
 from exceptiondrive_records.teams.teams import find_team, list_teams
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_schemas.similarity import ALIKE_WORDS
 from exceptiondrive_schemas.submission import SubmissionStatus
@@ -23,12 +24,13 @@ from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.submissions.download import any_upload, archive
 from exceptiondrive_server.submissions.queries import phase_rules, score_tables
 from exceptiondrive_server.submissions.runs import run_lines
-from exceptiondrive_server.submissions.story import story_folder, story_of
+from exceptiondrive_server.submissions.story import story_folder, story_of, story_page
 from exceptiondrive_server.submissions.view import policy_sentences, status_of, steps_of
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.forms import REASON
 from exceptiondrive_server.web.numbers import minute
 from exceptiondrive_server.web.organizer_frame import (
+    NO_STORE,
     OrganizerBrowser,
     Step,
     organizer_page,
@@ -159,6 +161,14 @@ def get_folder(
     return story_folder(services, browser.principal, submission_id)
 
 
+@router.get("/submissions/{submission_id}/story")
+def show_story(
+    services: ServicesOf, _browser: OrganizerBrowser, submission_id: SubmissionId
+) -> Response:
+    """Show the whole story on one page, to be printed or kept as a PDF."""
+    return HTMLResponse(story_page(services, submission_id), headers=NO_STORE)
+
+
 @step_at(router, "/submissions/{submission_id}/{deed}")
 def deed_on(services: ServicesOf, submission_id: SubmissionId, deed: Deed) -> Step:
     """Try a submission again, recompute it, restore it, or write to its team."""
@@ -227,14 +237,15 @@ def show_similar(
 ) -> Response:
     """Show teams whose submissions are alike, and those that probe: reasons to ask, not proof."""
     with services.database.read() as session:
-        title = find_phase(session, phase_id).title
+        phase = find_phase(session, phase_id)
         report = similarity_report(session, phase_id)
     return organizer_page(
         request,
         browser,
         "submissions/organizer_similar.html",
         "phases",
-        title=title,
+        title=phase.title,
+        words=CHALLENGES[phase.challenge].words,
         report=report,
         pairs=report.pairs[:SHOWN_PAIRS],
         most_of_a_team=SHOWN_OF_A_TEAM,

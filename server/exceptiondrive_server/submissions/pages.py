@@ -93,11 +93,11 @@ async def submit(request: Request, services: ServicesOf, browser: Browser) -> Re
     began_s = time.monotonic()
     require_same_origin(request)
     require_scope(browser, Scope.SUBMIT)
-    team_id = team_of(browser.principal)
+    who = browser.principal
     try:
-        async with received_upload(request, services, team_id, has_form_token=True) as upload:
+        async with received_upload(request, services, team_of(who), has_form_token=True) as upload:
             require_form_token(browser.secret, upload.form_token)
-            taken, _ = await run_in_threadpool(take_upload, services, team_id, upload, began_s)
+            taken, _ = await run_in_threadpool(take_upload, services, who, upload, began_s)
     except (RecordsError, RequestValidationError) as error:
         if not wants_page(request):
             raise
@@ -288,6 +288,7 @@ def show_submission(
         progress=status_of(seen),
         steps=steps_of(seen),
         sentences=list(policy_sentences(seen, phase.policy)),
+        rejected_per_day=phase.rejected_per_day,
         sheet=sheet,
         notices=notices,
         edits=edits,

@@ -1,7 +1,8 @@
 """Everything that ever happened to one submission: for the organizers' page, and for a committee."""
 
 from collections.abc import Iterator
-from datetime import datetime
+from dataclasses import dataclass
+from datetime import UTC, datetime
 
 from fastapi.responses import Response
 from pydantic import BaseModel
@@ -32,9 +33,12 @@ from exceptiondrive_server.submissions.download import (
     tar_answer,
     tar_stream,
 )
+from exceptiondrive_server.submissions.queries import ScoreTables, score_tables
 from exceptiondrive_server.submissions.receipts_api import statement_of
 from exceptiondrive_server.web.numbers import minute
 from exceptiondrive_server.web.services import Services
+from exceptiondrive_server.web.static_files import STATIC
+from exceptiondrive_server.web.templating import render
 
 MOST_LINES = 2000
 """Of the audit log; a submission has a few dozen."""
@@ -100,23 +104,70 @@ def story_of(session: Session, submission_id: str) -> SubmissionStory:
 
 
 def story_folder(services: Services, principal: Principal, submission_id: str) -> Response:
-    """Return the story as a tar: the upload, the receipt, the story itself, and a README.
+    """Return the story as a tar: the upload, the receipt, the story itself twice, and a README.
 
     Raises:
         NotFound: There is no such submission.
     """
     with services.database.write() as session:
-        story = story_of(session, submission_id)
-        statement = _statement(session, find_submission(session, submission_id))
+        story, statement, sheet = _read(session, submission_id)
         audit(session, principal.actor, "story downloaded", submission_id)
-    receipt = None if statement is None else services.signer.sign(statement)
+    told = _Told(story, _signed(services, statement), sheet, datetime.now(UTC))
     data, missing = read_upload(services, story.submission)
+    page = told.page(missing=missing, style=(STATIC / "story.css").read_text("utf-8"))
     folder = f"submission-{submission_id}"
     members = (
-        (f"{folder}/{name}", content)
-        for name, content in _files(story, receipt, data, missing or "")
+        (f"{folder}/{name}", content) for name, content in _files(told, page, data, missing or "")
     )
     return tar_answer(tar_stream(members), f"{folder}.tar")
+
+
+def story_page(services: Services, submission_id: str) -> str:
+    """Return the story as one page to read and to print.
+
+    Raises:
+        NotFound: There is no such submission.
+    """
+    with services.database.read() as session:
+        story, statement, sheet = _read(session, submission_id)
+    told = _Told(story, _signed(services, statement), sheet, datetime.now(UTC))
+    return told.page(missing=None, style=None)
+
+
+@dataclass(frozen=True)
+class _Told:
+    """A story with what is made of it."""
+
+    story: SubmissionStory
+    receipt: Receipt | None
+    sheet: ScoreTables
+    at: datetime
+
+    def page(self, *, missing: str | None, style: str | None) -> str:
+        """Return it as HTML that stands alone; without `style` it takes the site's own sheet."""
+        return render(
+            "submissions/story.html",
+            one=self.story.submission,
+            story=self.story,
+            receipt=self.receipt,
+            sheet=self.sheet,
+            at=self.at,
+            missing=missing,
+            style=style,
+        )
+
+
+def _read(
+    session: Session, submission_id: str
+) -> tuple[SubmissionStory, ReceiptStatement | None, ScoreTables]:
+    story = story_of(session, submission_id)
+    statement = _statement(session, find_submission(session, submission_id))
+    return story, statement, score_tables(session, story.submission)
+
+
+def _signed(services: Services, statement: ReceiptStatement | None) -> Receipt | None:
+    """Sign outside of any transaction: a new key is recorded in one of its own."""
+    return None if statement is None else services.signer.sign(statement)
 
 
 def _statement(session: Session, found: Submission) -> ReceiptStatement | None:
@@ -126,11 +177,11 @@ def _statement(session: Session, found: Submission) -> ReceiptStatement | None:
         return None
 
 
-def _files(
-    story: SubmissionStory, receipt: Receipt | None, data: bytes | None, missing: str
-) -> Iterator[tuple[str, bytes]]:
+def _files(told: _Told, page: str, data: bytes | None, missing: str) -> Iterator[tuple[str, bytes]]:
+    story, receipt = told.story, told.receipt
     upload = f"upload{suffix_of(data or b'')}"
     yield "README.md", _readme(story, receipt, upload, missing).encode()
+    yield "story.html", page.encode()
     yield "story.json", story.model_dump_json(indent=2, by_alias=True).encode()
     if receipt is not None:
         yield "receipt.json", receipt.model_dump_json(indent=2, by_alias=True).encode()
@@ -153,6 +204,7 @@ Submission `{one.id}` to the phase `{one.phase}`, received {minute(one.received_
 
 - `{upload}`: {missing or "the bytes that the team sent"} ({one.size_bytes} bytes, `{one.file_digest}`).
 - {signed}
+- `story.html`: all of it to read, and to print as a PDF.
 - `story.json`: all that the records say, newest first.
   - `submission`: as its team sees it, with score sheet, rank, and faults of the file.
   - `jobs`: each scoring under one protocol and split revision ({len(story.jobs)}).

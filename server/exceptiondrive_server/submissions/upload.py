@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from sqlalchemy.orm import Session
 from starlette.datastructures import FormData, UploadFile
 
+from exceptiondrive_records.accounts.sessions import require_unrevoked
 from exceptiondrive_records.accounts.tokens import Principal
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import RecordsError, StoreError, UploadEmpty
@@ -40,7 +41,7 @@ from exceptiondrive_schemas.method_facts import MethodFacts
 from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.submission import Quota, SubmissionView
 from exceptiondrive_server.submissions.facts_form import PREFIX, facts_of_form
-from exceptiondrive_server.web.auth import own_team
+from exceptiondrive_server.web.auth import own_team, team_of
 from exceptiondrive_server.web.browser_session import FORM_TOKEN
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.services import Services
@@ -191,7 +192,7 @@ def _shape_faults(form: FormData) -> list[dict[str, Any]]:
 
 def take_upload(
     services: Services,
-    team_id: int,
+    principal: Principal,
     upload: Upload,
     began_s: float,
     idempotency_key: str | None = None,
@@ -200,7 +201,7 @@ def take_upload(
 
     Args:
         services: Of the application.
-        team_id: Who submits.
+        principal: Who submits.
         upload: What was sent.
         began_s: When it began to come, by `time.monotonic`: deadlines are judged by that moment.
         idempotency_key: What the sender names this upload.
@@ -208,7 +209,7 @@ def take_upload(
     Raises:
         RecordsError: It is refused, and nothing of it is kept.
     """
-    fields = upload.fields
+    fields, team_id = upload.fields, team_of(principal)
     digest = _digest_of(upload.file)
     with services.database.read() as session:  # before a byte is stored
         require_acceptable(
@@ -223,7 +224,9 @@ def take_upload(
         )
     size_bytes = _store(services, upload.file)
     try:
-        accepted = _accept(services, team_id, upload, began_s, digest, size_bytes, idempotency_key)
+        accepted = _accept(
+            services, principal, upload, began_s, digest, size_bytes, idempotency_key
+        )
     except RecordsError:
         with suppress(StoreError):  # then it is swept when it is old
             remove_orphan(services.database, services.files, digest)
@@ -251,6 +254,7 @@ def confirmed_upload(
         RecordsError: It is refused; what was asked stays as it is.
     """
     with services.database.write() as session:
+        require_unrevoked(session, principal)
         find_submission(session, submission_id, team_id=own_team(principal))
         counted_id = confirm(session, submission_id).id
     _wake(services)
@@ -260,7 +264,7 @@ def confirmed_upload(
 
 def _accept(
     services: Services,
-    team_id: int,
+    principal: Principal,
     upload: Upload,
     began_s: float,
     file_digest: str,
@@ -270,11 +274,12 @@ def _accept(
     """Accept in one transaction, which proves that the file is there."""
     fields = upload.fields
     with services.database.write() as session:
+        require_unrevoked(session, principal)
         if not is_kept(session, services.files, file_digest):
             _store(services, upload.file)
         return accept(
             session,
-            team_id=team_id,
+            team_id=team_of(principal),
             phase_id=fields.phase,
             method=fields.method,
             description=fields.description,

@@ -136,7 +136,11 @@ def policy_sentences(seen: SubmissionView, policy: PhasePolicy) -> Iterator[str]
         yield "It came after the deadline: it stands on the late view alone."
     if seen.score_kept_back_since is not None:
         since = minute(seen.score_kept_back_since)
-        yield f"The board is frozen since {since}; the score is shown when it is revealed."
+        yield (
+            f"It is scored. The board is frozen since {since}, and scores of what came later are kept "
+            "back, so that all see at once how the phase ends: this one is shown here when the "
+            "organizers reveal the board, for which there is no date."
+        )
     elif seen.status is SubmissionStatus.SCORED and seen.sheet is None:
         yield (
             "Samples that were private count now; a score on them is shown for the entries that "
@@ -219,13 +223,14 @@ def is_spent(quota: Quota) -> bool:
 
 
 def left_words(quota: Quota) -> str:
-    """Say what is left: `3 of 5 left today, 12 of 20 in all`."""
+    """Say what is left: `3 of 5 left today, 12 of 20 in all; 20 wrong files left today`."""
     words = f"{quota.remaining_today} of {quota.per_day} left today"
     if quota.total is not None:
         words += f", {max(0, quota.total - quota.used_total)} of {quota.total} in all"
     if quota.rejected_today >= quota.rejected_per_day:
-        words += f"; {quota.rejected_today} files rejected, which is the limit of a day"
-    return words
+        return f"{words}; {quota.rejected_today} files rejected, which is the limit of a day"
+    left = quota.rejected_per_day - quota.rejected_today
+    return f"{words}; {left} wrong {'file' if left == 1 else 'files'} more may be sent today"
 
 
 def scores_of(seen: SubmissionView, protocol: ProtocolDocument) -> tuple[ScoreLine, ...]:

@@ -16,7 +16,7 @@ from sqlalchemy.exc import TimeoutError as PoolTimeout
 from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
-from exceptiondrive_records.db.database import sentence_of
+from exceptiondrive_records.db.database import is_conflict, is_forbidden, sentence_of
 from exceptiondrive_records.db.errors import (
     ConcurrentQuotaExceeded,
     InvalidRecord,
@@ -207,7 +207,10 @@ async def _unstorable(request: Request, error: Exception) -> Response:
 
 
 async def _database_error(request: Request, error: Exception) -> Response:
-    is_outage = isinstance(error, DBAPIError | PoolTimeout)
+    if is_conflict(error):
+        detail = "Somebody else did the same at this moment. Nothing was changed; look at it anew."
+        return problem_response(request, ApiProblem(ProblemCode.CONFLICT, detail))
+    is_outage = isinstance(error, DBAPIError | PoolTimeout) and not is_forbidden(error)
     _log.error("database error", kind=type(error).__name__, is_outage=is_outage, **_said(error))
     if not is_outage:
         return problem_response(request, _internal(request))

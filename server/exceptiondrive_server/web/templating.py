@@ -45,6 +45,7 @@ _VOID = re.compile(r"<(!|(area|br|col|hr|img|input|link|meta|source|wbr)\b)|.*/>
 _BEGINS = re.compile(r"\{%\s*(if|for|macro|block|call|filter)\b")
 _ENDS = re.compile(r"\{%\s*end(if|for|macro|block|call|filter)\b")
 _ELSE = re.compile(r"\{%\s*(else|elif)\b")
+_OPTION = re.compile(r"(?<=[\s>])(--?\w[\w-]*)")
 _LAST = re.compile(r"\{%\s*end(macro|block|call|set)\b")
 
 
@@ -123,6 +124,11 @@ def _unseen_lines(text: str) -> str:
     return "{#" + "\n" * text.count("\n") + "#}"
 
 
+def unbroken(commands: str) -> Markup:
+    """Return commands as markup in which no option is parted at the end of a line."""
+    return Markup(_OPTION.sub(r"<i>\1</i>", str(escape(commands))))
+
+
 @cache
 def environment() -> Environment:
     """Return the template environment of the site."""
@@ -156,6 +162,7 @@ def environment() -> Environment:
         first_paragraph=first_paragraph,
         a=with_article,
         over_families=over_families,
+        unbroken=unbroken,
         unit=numbers.unit_of,
     )
     return made

@@ -9,9 +9,10 @@ from tests.server.pages.invented_board import PROTOCOL
 from tests.server.pages.page_site import publish_late_view
 
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.board import Board, Links
 from exceptiondrive_schemas.score_sheet import Flag, Plausibility
 from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_server.boards.exports import entry_bibtex
 from exceptiondrive_server.entries.view import plausibility_lines
 
 
@@ -188,3 +189,39 @@ def test_of_two_shares_that_raise_one_flag_the_one_above_its_threshold_is_marked
         (0.01, False),
         (0.2, True),
     ]
+
+
+async def test_an_entry_of_a_withheld_split_says_what_is_told_and_what_is_not(
+    lively_site: Any,
+) -> None:
+    def words(text: str) -> str:
+        return " ".join(text.split())
+
+    told = "how a single scene went is not, since that would tell where its hazard lies"
+    assert told in words((await lively_site.get("/entries/s0000000kq")).text)
+    lively_site.publish_split()
+    assert told not in words((await lively_site.get("/entries/s0000000kq")).text)
+
+
+async def test_an_entry_is_cited_by_its_own_paper_and_by_its_board(
+    lively_site: Any, lively_board: Board
+) -> None:
+    page = html.unescape((await lively_site.get("/entries/s0000000kq")).text)
+    first = lively_board.entries[0]
+    cited = page[page.index("@misc{exceptiondrive-s0000000kq") :]
+    cited = cited[: cited.index("</pre>")]
+    assert f"url    = {{{first.links.paper}}}" in cited
+    assert f"author = {{{{{first.team}}}}}" in cited
+    assert "\\url{http://site.test/?phase=sample&board=1}" in cited
+
+
+def test_a_citation_cannot_be_left_by_what_a_team_writes(lively_board: Board) -> None:
+    links = Links(paper="https://x.test/a}\\input{/etc/passwd} b")
+    entry = lively_board.entries[0].model_copy(update={"method": "}\n@x{\\y", "links": links})
+    cited = entry_bibtex(lively_board, entry, "https://site.test")
+    assert cited.count("\n@") == 0
+    assert "\\input" not in cited
+    assert "https://x.test/a%7D%5Cinput%7B/etc/passwd%7D%20b" in cited
+    unlinked = entry.model_copy(update={"links": Links()})
+    own = f"https://site.test/entries/{entry.submission_id}"
+    assert own in entry_bibtex(lively_board, unlinked, "https://site.test")

@@ -90,7 +90,7 @@ def test_changes_between_protocols_name_every_value(protocol: ProtocolDocument) 
 
 async def test_the_quick_start_shows_real_commands_of_an_open_phase(lively_site: Any) -> None:
     text = (await lively_site.get("/submit")).text
-    assert "exceptiondrive submit planner.json.gz --phase sample" in text
+    assert "exceptiondrive submit planner.json.gz <i>--phase</i> sample" in text, "in one piece"
     assert "exceptiondrive.planning/1" in text
     assert "exceptiondrive.strategy/1" in text
     assert "/api/v1/schemas/planning" in text
@@ -98,7 +98,7 @@ async def test_the_quick_start_shows_real_commands_of_an_open_phase(lively_site:
 
 async def test_the_quick_start_of_the_strategy_challenge_speaks_of_answers(shown_site: Any) -> None:
     text = (await shown_site.get("/submit?phase=strategy")).text
-    assert "exceptiondrive submit agent.json.gz --phase strategy" in text
+    assert "exceptiondrive submit agent.json.gz <i>--phase</i> strategy" in text
     assert "StrategyRecorder" in text
     start = text[text.index("<h1") : text.index('id="hp"')]
     assert "planner" not in start

@@ -329,6 +329,24 @@ def test_seventeen_rows_print_on_one_page(visit: Visit) -> None:
     assert len(re.findall(rb"/Type\s*/Page\b", printed)) == 1
 
 
+def test_a_print_says_how_much_of_the_board_it_holds_and_can_hold_all_of_it(
+    visit: Visit,
+) -> None:
+    page = visit.open("/?phase=long&rows=20")
+    page.emulate_media(media="print")
+    assert page.inner_text(".pager") == "Page 1 of 5, 90 entries"
+    page.goto(f"{visit.address}/?phase=long&rows=all")
+    assert page.locator("#board-rows tr[id^='e-']:visible").count() == 90
+    assert page.inner_text(".pager") == "Page 1 of 1, 90 entries"
+
+
+@pytest.mark.parametrize("path", ["/submit", "/api", "/protocols/1.0", "/entries/s0000000kq"])
+def test_no_navigation_nor_button_is_printed(visit: Visit, path: str) -> None:
+    page = visit.open(path)
+    page.emulate_media(media="print")
+    assert page.locator(":is(.top, .ft nav, .cta, .btn):visible").count() == 0
+
+
 def test_no_page_scrolls_sideways_at_any_width(visit: Visit) -> None:
     page = visit.open("/")
     for path in PATHS:

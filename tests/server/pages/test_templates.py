@@ -4,9 +4,10 @@ import re
 from pathlib import Path
 
 import pytest
+from markupsafe import Markup
 
 import exceptiondrive_server
-from exceptiondrive_server.web.templating import condensed
+from exceptiondrive_server.web.templating import condensed, unbroken
 
 TEMPLATES = sorted(
     path
@@ -51,3 +52,11 @@ def test_a_line_break_is_layout_but_in_running_text(written: str, sent: str) -> 
 def test_every_line_keeps_its_number() -> None:
     for path in TEMPLATES:
         assert condensed(path.read_text()).count("\n") == path.read_text().count("\n")
+
+
+def test_an_option_of_a_command_is_never_parted_and_nothing_else_is_touched() -> None:
+    shown = unbroken('curl -s "a-b" \\\n    --allow-all <x> https://h.test/--no')
+    assert shown == (
+        "curl <i>-s</i> &#34;a-b&#34; \\\n    <i>--allow-all</i> &lt;x&gt; https://h.test/--no"
+    )
+    assert unbroken(Markup("<b>    --phase x</b> - y")) == "<b>    <i>--phase</i> x</b> - y"

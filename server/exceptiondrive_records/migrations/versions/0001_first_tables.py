@@ -78,6 +78,7 @@ def create_teams() -> None:
             sa.ForeignKey("teams.id", deferrable=True, initially="DEFERRED"),
         ),
         sa.Column("registered_from", sa.String()),
+        sa.CheckConstraint("forgotten_at IS NULL OR name LIKE 'Former team ______'", "ck_former"),
         sa.UniqueConstraint("name"),
         sa.UniqueConstraint("name_skeleton"),
         sa.UniqueConstraint("slug"),
@@ -305,7 +306,11 @@ def create_submissions() -> None:
         sa.Column("received_at", TIME, nullable=False),
         sa.Column("status_at", TIME, nullable=False),
         sa.Column("withdrawn_at", TIME),
-        sa.Column("linked_to", sa.String(), sa.ForeignKey("submissions.id")),
+        sa.Column(
+            "linked_to",
+            sa.String(),
+            sa.ForeignKey("submissions.id", deferrable=True, initially="DEFERRED"),
+        ),
         sa.Column("arrived_at", TIME),
         sa.Column("granted_until", TIME),
         sa.Column("chosen_at", TIME),
@@ -502,17 +507,6 @@ def create_boards() -> None:
     )
     op.create_index("ix_board_flips_phase", "board_flips", ["phase_id", "at"])
     op.create_index("ix_board_flips_board", "board_flips", ["board_id", "at"])
-    op.create_table(
-        "board_aliases",
-        sa.Column("board_id", sa.Integer(), sa.ForeignKey("boards.id"), primary_key=True),
-        sa.Column("body", sa.Text(), nullable=False),
-        sa.Column("body_digest", sa.String(), nullable=False),
-    )
-    op.create_table(
-        "board_flip_aliases",
-        sa.Column("flip_id", sa.Integer(), sa.ForeignKey("board_flips.id"), primary_key=True),
-        sa.Column("news", sa.Text(), nullable=False),
-    )
     op.create_table(
         "reported_boards",
         sa.Column("id", sa.String(), primary_key=True),

@@ -1,0 +1,274 @@
+"""Every deed of organizers: by page, by command and by API, audited, and safe under two at once."""
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import pytest
+from tests.access.test_roles import organizer_routes
+from tests.server.test_organizer_pages import fail
+
+from exceptiondrive.cli.organizer_commands import GROUPS
+from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
+from exceptiondrive_records.audit.log import audit_page
+from exceptiondrive_records.news.questions import ask_question
+from exceptiondrive_records.teams.teams import find_team, register_team
+
+if TYPE_CHECKING:
+    from tests.server.conftest import Api
+
+WHY = {"reason": "as announced"}
+ROWS = "method,hcc,split,split_revision,protocol\nFar,0.2,far,sha256:" + "a" * 64 + ",1.0\n"
+API_ALONE = ""
+
+
+class Deed(NamedTuple):
+    """How one deed is done."""
+
+    page: str
+    """Path of its page below /organize; empty: by API alone."""
+    command: str
+    """After `exceptiondrive organizer`; empty: by API alone."""
+    undone_by: str | None
+    """Path below /organizer of what takes it back; None: it stays, which its page says."""
+    action: str = ""
+    """What the audit log calls it, where it is tried here."""
+    body: Any = WHY
+    twice: tuple[int, int] = (409, 409)
+    """How the later of two at once is answered: a status from this to that."""
+
+
+SUBMISSION = "/submissions/{submission_id}"
+TEAM = "/teams/{team_id}"
+PHASE = "/phases/{phase_id}"
+RUN = "/rescoring/{run_id}"
+REPORTED = f"{PHASE}/reported"
+NONE = (200, 299)
+"""Both are done, and say the same: each leaves its line."""
+DEEDS = {
+    # teams
+    ("POST", "/teams"): Deed(
+        "/teams", "teams create", f"{TEAM}/forget", "team created", {"id": "new", "name": "New"}
+    ),
+    ("POST", "/team-imports"): Deed(
+        *("/teams/import", "teams import", f"{TEAM}/forget", "team created"),
+        {"csv": "id,name\nnew,New\n"},
+        (400, 409),
+    ),
+    ("PATCH", TEAM): Deed(
+        f"{TEAM}/change", "teams change", TEAM, "team changed", {**WHY, "name": "Other"}, NONE
+    ),
+    ("POST", f"{TEAM}/approve"): Deed(
+        f"{TEAM}/approve", "teams approve", f"{TEAM}/disqualify", "team approved", WHY, NONE
+    ),
+    ("POST", f"{TEAM}/refuse"): Deed(
+        f"{TEAM}/refuse", "teams refuse", None, "team refused", WHY, (404, 404)
+    ),
+    ("POST", f"{TEAM}/merge"): Deed(
+        f"{TEAM}/merge", "teams merge", None, "team merged", {**WHY, "into": "beta"}
+    ),
+    ("POST", f"{TEAM}/forget"): Deed(
+        f"{TEAM}/forget", "teams forget", None, "team forgotten", WHY, (404, 409)
+    ),
+    ("POST", f"{TEAM}/disqualify"): Deed(
+        *(f"{TEAM}/disqualify", "teams disqualify"),
+        *("/disqualifications/{disqualification_id}/reinstate", "team disqualified"),
+    ),
+    ("POST", f"{SUBMISSION}/disqualify"): Deed(
+        *(f"{SUBMISSION}/disqualify", "submissions disqualify"),
+        *("/disqualifications/{disqualification_id}/reinstate", "submission disqualified"),
+    ),
+    ("POST", "/disqualifications/{disqualification_id}/reinstate"): Deed(
+        *("/disqualifications/{disqualification_id}/reinstate", "teams reinstate"),
+        *(f"{TEAM}/disqualify", "team reinstated"),
+    ),
+    ("PUT", f"{TEAM}/allowances/{{phase_id}}"): Deed(
+        *(f"{TEAM}/limits/{{phase_id}}", "teams limits", f"{TEAM}/allowances/{{phase_id}}"),
+        "allowance changed",
+        {**WHY, "quota_total": 2},
+        (200, 409),
+    ),
+    ("POST", "/messages"): Deed(
+        "/messages", "message", None, "message sent", {"title": "A", "text": "B"}
+    ),
+    ("POST", f"{TEAM}/tokens"): Deed(
+        *(f"{TEAM}/tokens", "teams issue-token", "/tokens/{token_id}/revoke", "token issued"),
+        {"name": "laptop"},
+        NONE,
+    ),
+    ("POST", "/tokens/{token_id}/revoke"): Deed(
+        "/tokens/{token_id}/revoke", "teams revoke-token", None, "token revoked", None, (200, 409)
+    ),
+    ("POST", f"{TEAM}/invitations"): Deed(API_ALONE, API_ALONE, None),
+    ("POST", "/self-registration"): Deed(API_ALONE, API_ALONE, "/self-registration"),
+    ("POST", "/people/{person_id}/organizer"): Deed(
+        "/people/{person_id}", "people set", "/people/{person_id}/organizer"
+    ),
+    # submissions
+    ("POST", f"{SUBMISSION}/retry"): Deed(
+        f"{SUBMISSION}/{{deed}}", "submissions retry", None, "scoring retried by hand"
+    ),
+    ("POST", f"{SUBMISSION}/verify"): Deed(
+        f"{SUBMISSION}/{{deed}}",
+        "submissions verify",
+        None,
+        "verification started",
+        WHY,
+        (202, 409),
+    ),
+    ("POST", f"{SUBMISSION}/restore"): Deed(
+        f"{SUBMISSION}/{{deed}}", "submissions restore", None, "submission restored"
+    ),
+    ("POST", f"{SUBMISSION}/note"): Deed(
+        f"{SUBMISSION}/{{deed}}", "submissions note", None, "team told", {"words": "We look."}
+    ),
+    # the challenge
+    ("POST", f"{PHASE}/news"): Deed(
+        *("/news/new", "news publish", "/news/{news_id}/withdraw", "news published"),
+        {"title": "A", "text": "B"},
+    ),
+    ("POST", "/news/{news_id}/withdraw"): Deed(
+        "/news/{news_id}/withdraw", "news withdraw", f"{PHASE}/news", "news withdrawn"
+    ),
+    ("POST", "/questions/{question_id}/answer"): Deed(
+        *("/news/questions/{question_id}", "questions answer", None, "question answered"),
+        {"text": "Yes."},
+    ),
+    ("POST", REPORTED): Deed(
+        *(f"{REPORTED}/new", "phases import-reported", f"{REPORTED}/{{reported_id}}/withdraw"),
+        "reported board imported",
+        {"title": "A", "cite": "B", "file": ROWS},
+    ),
+    ("POST", f"{REPORTED}/{{reported_id}}/withdraw"): Deed(
+        *(f"{REPORTED}/{{reported_id}}/withdraw", "phases withdraw-reported", REPORTED),
+        "reported board withdrawn",
+    ),
+    ("POST", "/phases"): Deed("/phases/new", "phases create", f"{PHASE}/delete"),
+    ("PATCH", PHASE): Deed(PHASE, "phases update", PHASE),
+    ("POST", f"{PHASE}/feature"): Deed(f"{PHASE}/{{step}}", "phases feature", PHASE),
+    ("POST", f"{PHASE}/delete"): Deed(f"{PHASE}/{{step}}", "phases delete", None),
+    ("POST", f"{PHASE}/freeze"): Deed(
+        f"{PHASE}/{{step}}", "phases freeze", f"{PHASE}/reveal", "board frozen"
+    ),
+    ("POST", f"{PHASE}/reveal"): Deed(f"{PHASE}/{{step}}", "phases reveal", None),
+    ("PATCH", "/site"): Deed("/site", "site set", "/site"),
+    # protocols and rescoring: tests/rescoring tries two at once
+    ("POST", "/protocols"): Deed("/protocols/new", "protocols add", "/protocols/{version}/delete"),
+    ("POST", "/protocols/{version}/delete"): Deed(
+        "/protocols/{version}/delete", "protocols delete", "/protocols"
+    ),
+    ("POST", "/confirmations"): Deed(
+        *("/protocols/confirm", "protocols confirm"), "/confirmations/{confirmation_id}/withdraw"
+    ),
+    ("POST", "/confirmations/{confirmation_id}/withdraw"): Deed(
+        *("/protocols/confirmations/{confirmation_id}/withdraw", "protocols withdraw-confirmation"),
+        "/confirmations",
+    ),
+    ("POST", "/rescoring"): Deed("/rescoring/new", "rescore start", f"{RUN}/cancel"),
+    ("POST", "/rescoring/verifications"): Deed("/verifications/new", "rescore verify", None),
+    ("POST", f"{RUN}/start"): Deed(f"{RUN}/{{step}}", "rescore begin", f"{RUN}/cancel"),
+    ("POST", f"{RUN}/pause"): Deed(f"{RUN}/{{step}}", "rescore pause", f"{RUN}/resume"),
+    ("POST", f"{RUN}/resume"): Deed(f"{RUN}/{{step}}", "rescore resume", f"{RUN}/pause"),
+    ("POST", f"{RUN}/cancel"): Deed(f"{RUN}/{{step}}", "rescore cancel", None),
+    ("POST", f"{RUN}/apply"): Deed(f"{RUN}/{{step}}", "rescore apply", f"{RUN}/rollback"),
+    ("POST", f"{RUN}/rollback"): Deed(f"{RUN}/{{step}}", "rescore rollback", None),
+    ("POST", f"{RUN}/close"): Deed(f"{RUN}/{{step}}", "rescore close", None),
+}
+READS = {("POST", "/protocols/check")}
+TRIED = {key: deed for key, deed in DEEDS.items() if deed.action}
+
+
+def routes(below: str) -> set[tuple[str, str]]:
+    """What changes something, by its path below one of the two roots."""
+    return {
+        (method, path.removeprefix(below))
+        for method, path in organizer_routes()
+        if path.startswith(f"{below}/") and method not in ("GET", "HEAD")
+    }
+
+
+def test_every_route_that_changes_something_is_a_deed_of_the_table() -> None:
+    assert routes("/api/v1/organizer") - READS == set(DEEDS)
+
+
+def test_every_deed_has_its_page_and_its_command() -> None:
+    pages = {path for _, path in routes("/organize")}
+    commands = {f"{group} {name}" for group, (_, named) in GROUPS.items() for name in named}
+    assert {deed.page for deed in DEEDS.values()} - {API_ALONE} == pages
+    assert {deed.command for deed in DEEDS.values()} - commands == {"message", API_ALONE}
+    assert [key for key, deed in DEEDS.items() if bool(deed.page) != bool(deed.command)] == []
+
+
+def test_what_takes_a_deed_back_is_a_deed() -> None:
+    known = {path for _, path in DEEDS}
+    assert [deed for deed in DEEDS.values() if deed.undone_by not in (None, *known)] == []
+
+
+def fresh(api: "Api") -> dict[str, str]:
+    """A site on which each deed can be done once; the ids of its parts."""
+    scored = api.submit("a").json()["id"]
+    api.score(scored)
+    with api.database.write() as session:
+        register_team(session, "pending", "Pending Team", "We are new.")
+        beta = find_team(session, "beta").id
+        _, token = issue_token(session, beta, "old", TEAM_SCOPES, actor="test")
+        question = ask_question(session, beta, "dev", "May we?", actor="test").id
+        token_id = token.id
+    return {
+        "team_id": "alpha",
+        "phase_id": "dev",
+        "submission_id": scored,
+        "token_id": str(token_id),
+        "question_id": question,
+    }
+
+
+def prepared(api: "Api", method: str, path: str) -> dict[str, str]:
+    """The ids of a path, of parts that are as the deed needs them."""
+    ids = fresh(api)
+    done = {"json": WHY}
+    match path.rsplit("/", 1)[1]:
+        case "approve" | "refuse":
+            ids["team_id"] = "pending"
+        case "reinstate":
+            made = api.post("/organizer/teams/alpha/disqualify", "organizer", **done).json()
+            ids["disqualification_id"] = str(made["id"])
+        case "retry":
+            ids["submission_id"] = api.submit("b").json()["id"]
+            fail(api, ids["submission_id"])
+        case "restore":
+            api.post(f"/submissions/{ids['submission_id']}/withdraw", "alpha")
+        case "withdraw" if "news" in path:
+            body = {"title": "A", "text": "B"}
+            made = api.post("/organizer/phases/dev/news", "organizer", json=body).json()
+            ids["news_id"] = made["id"]
+        case "withdraw":
+            body = {"title": "A", "cite": "B", "file": ROWS}
+            made = api.post("/organizer/phases/dev/reported", "organizer", json=body).json()
+            ids["reported_id"] = made["id"]
+    return ids
+
+
+@pytest.mark.parametrize("key", TRIED, ids=lambda key: " ".join(key))
+def test_of_two_organizers_at_once_each_is_done_or_refused_and_audited(
+    api_on_both: "Api", key: tuple[str, str]
+) -> None:
+    api, deed, (method, path) = api_on_both, TRIED[key], key
+    asked = path.format(**prepared(api, method, path))
+    with api.database.read() as session:
+        before = audit_page(session, action=deed.action)
+    more = {} if deed.body is None else {"json": deed.body}
+
+    def send(_: int) -> Any:
+        return api.request(method, f"/organizer{asked}", "organizer", **more)
+
+    with ThreadPoolExecutor(2) as both:
+        first, second = sorted(both.map(send, range(2)), key=lambda answer: answer.status_code)
+    assert first.status_code < 300, first.text
+    assert deed.twice[0] <= second.status_code <= deed.twice[1], second.text
+    with api.database.read() as session:
+        lines = audit_page(session, action=deed.action)[: -len(before) or None]
+    n_done = sum(answer.status_code < 300 for answer in (first, second))
+    assert (
+        1 <= len(lines) <= n_done * (2 if deed.action == "team merged" else 1)
+    )  # one of each team
+    assert all(line.actor.startswith("token:") for line in lines)
