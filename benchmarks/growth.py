@@ -1,4 +1,4 @@
-"""How cost grows: with the number of samples, with the number of waypoints."""
+"""How cost grows: with the number of samples, of waypoints, and of scenes that are drawn."""
 
 from functools import partial
 
@@ -6,14 +6,17 @@ import numpy as np
 
 from benchmarks.naive import naive_clearances_m
 from benchmarks.report import ms, show, times
-from benchmarks.timing import interleave, peak_mib, ratio, typical
-from benchmarks.workload import BENCHMARK_SAMPLES, make_workload
+from benchmarks.timing import cpu_seconds, interleave, peak_mib, ratio, typical
+from benchmarks.uncertainty import bootstrap_of, sums_of
+from benchmarks.workload import BENCHMARK_SAMPLES, SAMPLES_PER_SCENE, make_workload
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_scoring.measure import measure
 
-SAMPLE_FACTORS = (1, 2, 4, 8, 16)
+SAMPLE_FACTORS = (1, 2, 4, 8, 16, 40)
+"""The last, 127,240 samples, is about as many as the largest legal file holds."""
 WAYPOINTS = (6, 12, 24, 48)
 NAIVE_SAMPLES = 100
+SCENES = (1_250, 2_500, 5_000, 10_000)
 
 
 def run(protocol: ProtocolDocument) -> None:
@@ -22,6 +25,7 @@ def run(protocol: ProtocolDocument) -> None:
     _grow("Measure as N grows (T = 6)", "N", cases, protocol)
     cases = {str(n): (BENCHMARK_SAMPLES, n) for n in WAYPOINTS}
     _grow(f"Measure as T grows (N = {BENCHMARK_SAMPLES:,}, 3 s)", "T", cases, protocol)
+    _grow_scenes(protocol)
 
 
 def _grow(
@@ -51,3 +55,15 @@ def _grow(
             )
         )
     show(title, (name, "ms", "us a sample", "x naive", "UR", "peak MiB"), rows)
+
+
+def _grow_scenes(protocol: ProtocolDocument) -> None:
+    rows = []
+    for n_scenes in SCENES:
+        sums = sums_of(make_workload(protocol, n_scenes * SAMPLES_PER_SCENE), protocol)
+        job = partial(bootstrap_of, sums, 1, protocol)
+        seconds = min(cpu_seconds(job) for _ in range(3))
+        mib = f"{peak_mib(job):.1f}"
+        rows.append((f"{n_scenes:,}", ms(seconds), f"{seconds / n_scenes * 1e6:.1f}", mib))
+    head = ("scenes", "ms", "us a scene", "peak MiB")
+    show("Bootstrap of one entry as scenes grow", head, rows)

@@ -23,10 +23,10 @@ TARGET_ENTRIES = 200
 def run(protocol: ProtocolDocument) -> None:
     """Print the bootstrap table."""
     workload = make_workload(protocol)
-    sums = _sums(workload, protocol)
+    sums = sums_of(workload, protocol)
     rows = []
     for n_entries in ENTRIES:
-        job = partial(_bootstrap, sums, n_entries, protocol)
+        job = partial(bootstrap_of, sums, n_entries, protocol)
         bootstrapping, measuring = _seconds(job, n_entries, workload, protocol)
         ranking = cpu_seconds(partial(rank_intervals, job(), "descending"))
         rows.append(
@@ -51,7 +51,8 @@ def run(protocol: ProtocolDocument) -> None:
     )
 
 
-def _sums(workload: Workload, protocol: ProtocolDocument) -> list[SceneSums]:
+def sums_of(workload: Workload, protocol: ProtocolDocument) -> list[SceneSums]:
+    """Return what some invented entries on the split of a workload add up to by scene."""
     split, rng = workload.split, np.random.default_rng(SEED)
     measured = measure(workload.pairs, split.prepared_regions, protocol.geometry)
     scores = grade(measured, split, protocol).only(PLANNING.interval_metrics)
@@ -71,9 +72,10 @@ def _entries(sums: list[SceneSums], n_entries: int) -> Iterator[SceneSums]:
     return (sums[index % DISTINCT] for index in range(n_entries))
 
 
-def _bootstrap(
+def bootstrap_of(
     sums: list[SceneSums], n_entries: int, protocol: ProtocolDocument
 ) -> list[Uncertainty]:
+    """Return the uncertainty of so many entries, which take the sums in turn."""
     entries = _entries(sums, n_entries)
     return bootstrap(entries, PLANNING, protocol.ranking, protocol.grading.headline)
 

@@ -27,6 +27,8 @@ class HeadlineWords(Document):
 
     question: str
     """Where nobody leads."""
+    leads: str
+    """The leader's two primary metrics, `{first}` and `{second}`, in a newcomer's words."""
     by_share: tuple[tuple[float, str], ...] = Field(min_length=1)
     """From this share on, these words; highest first, the last one from 0 on."""
 
@@ -101,9 +103,11 @@ PLANNING_WORDS = ChallengeWords(
     "the area that the car sweeps touches the red hazard. **HCC** pays for the distance kept, up to "
     "the amber line: here d = {clearance_m:.2f} of {d_safe_m:.2f} m, so {hcc:.2f}. **CTS** is the "
     "mean gap between the dotted path, of the original scene, and the solid one.",
-    sample_note="pairs of scenes",
+    sample_note="scenes, each without and with a hazard",
     headline=HeadlineWords(
         question="Which planner keeps clear of the hazard?",
+        leads="it earns {first} of the credit for keeping its distance (HCC) and drives into the "
+        "hazard in {second} of the scenes (UR)",
         by_share=(
             (0.501, "Even the leading planner hits the hazard {often}."),
             (0.1, "The leading planner still hits {cases}."),
@@ -165,6 +169,7 @@ STRATEGY_WORDS = ChallengeWords(
     sample_note="scenes with hazard",
     headline=HeadlineWords(
         question="Which agent is careful enough?",
+        leads="{first} of its answers are acceptable, {second} too careless",
         by_share=(
             (0.1, "Even the leading agent is too careless {often}."),
             (0.0, "The leading agent is careful enough {rest}."),

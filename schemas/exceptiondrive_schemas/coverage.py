@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.flags import FLAGS
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
@@ -22,7 +22,7 @@ def unranked_reasons(sheet: ScoreSheet, protocol: ProtocolDocument) -> tuple[str
         labels = f"{', '.join(first)} and {last}" if first else last
         reasons.append(f"flagged {labels}; protocol {protocol.version} ranks no such entry")
     uncovered = too_little_covered(
-        CHALLENGES[sheet.challenge],
+        CHALLENGES[sheet.challenge].words.covered,
         sheet.coverage.exact_shares(sheet.n),
         protocol.ranking.min_coverage,
     )
@@ -30,17 +30,17 @@ def unranked_reasons(sheet: ScoreSheet, protocol: ProtocolDocument) -> tuple[str
 
 
 def too_little_covered(
-    challenge: Challenge, shares: Mapping[str, float], least: float
+    covered: Mapping[str, str], shares: Mapping[str, float], least: float
 ) -> str | None:
     """Say which answers cover too few of the samples to be ranked; None where enough are given.
 
     Args:
-        challenge: Names the answers.
+        covered: What the shares are of, by key of an answer.
         shares: By key of an answer, the share of the samples that has one.
         least: Share that ranks.
     """
     parts = [
-        f"{_below(share, least)} of the {challenge.words.covered[key]}"
+        f"{_below(share, least)} of the {covered[key]}"
         for key, share in shares.items()
         if share < least
     ]

@@ -380,7 +380,7 @@ WISHES: dict[Wish, str] = {
     "scored": "a submission of yours was scored",
     "failed": "a submission of yours was rejected or failed",
     "overtaken": "another entry passed one of yours (at most once an hour and phase)",
-    "phase_ends": "a phase ends within a day",
+    "phase_ends": "a phase that you take part in ends within a day",
 }
 
 

@@ -440,3 +440,16 @@ def test_evaluate_alone_touches_the_scoring_package(planning_file: MakeFile) -> 
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "heavy: []"
+
+
+def test_a_check_looks_for_no_cycles(planning_file: MakeFile) -> None:
+    """Not once while it imports, reads and tells, where Python by itself would do so many times."""
+    code = (
+        "import gc, sys; from exceptiondrive.cli import main; begun = []; "
+        "gc.callbacks.append(lambda phase, _: begun.append(phase)); "
+        f"sys.argv = ['exceptiondrive', 'check', {str(planning_file())!r}]\n"
+        "try: main()\n"
+        "finally: gc.callbacks.clear(); print('collections:', begun.count('start'))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "collections: 0"

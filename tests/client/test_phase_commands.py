@@ -15,6 +15,7 @@ from exceptiondrive.cli import app
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_schemas.board import BoardEntry
+from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
 if TYPE_CHECKING:
     from tests.client.conftest import Running
@@ -212,6 +213,19 @@ def test_texts_come_from_files_and_a_phase_is_made_like_another(
     assert (made["title"], made["quota_per_day"], made["closes_at"]) == ("Next", 4, None)
     missing = organize(running, "update", "next", "--terms", f"@{tmp_path / 'none.md'}")
     assert missing.exit_code == 2
+
+
+def test_a_new_phase_takes_no_draft_unless_it_is_named(running: "Running", tmp_path: Path) -> None:
+    draft = tmp_path / "draft.toml"
+    draft.write_text(packaged_protocol_toml().replace('version = "1.0"', 'version = "9.9"'))
+    added = run(running, "organizer", "protocols", "add", str(draft), token=running.organizer_token)
+    assert added.exit_code == 0, added.stderr
+    make_phase(running)
+    assert shown(running)["protocol"] == "1.0", "the one that a phase stands under"
+    named = ("create", "named", "--title", "Named", "--split", "tiny")
+    assert "protocol 9.9" in organize(running, *named, "--protocol", "9.9").stdout
+    like = ("create", "next", "--title", "Next", "--split", "tiny", "--like")
+    assert "protocol 1.0" in organize(running, *like, "test").stdout
 
 
 def test_a_phase_is_featured_and_hidden(running: "Running") -> None:

@@ -234,6 +234,35 @@ def test_an_upload_in_the_air_answers_no_board_that_was_hidden(life: "Life") -> 
         accepted_with_its_first_byte(life, before, "sha256:held")
 
 
+def test_what_a_freeze_hid_and_a_reveal_showed_opens_nothing_again(life: "Life") -> None:
+    """Else an organizer shows the scores, then lets teams choose, or upload, by what was shown."""
+    life.make_phase(
+        split="plain",
+        closes_at=life.ahead(60),
+        policy={"frozen_scores": "hidden", "run_choice": "team"},
+    )
+    life.done("/phases/test/freeze")
+    life.submit("alpha", PUBLIC_ONLY, "M", "plain")
+    shown = {"policy": {"frozen_scores": "shown"}}
+    words = "cannot change any more"
+    assert words in life.refused("/phases/test", shown, 409, "PATCH"), "during the freeze"
+    life.move(closes_at=life.now())
+    life.done("/phases/test/reveal", {"what": "board", "reason": "the end"})
+    assert words in life.refused("/phases/test", shown, 409, "PATCH")
+    for later in (life.ahead(60), None):
+        refused = life.refused("/phases/test", {"closes_at": later}, 409, "PATCH")
+        assert "Make another phase" in refused
+    grant = {"closes_at": life.ahead(60), "reason": "ill"}
+    assert "revealed" in life.refused("/teams/alpha/allowances/test", grant, 409, "PUT")
+
+
+def test_a_freeze_that_was_ended_before_the_deadline_lets_it_move(life: "Life") -> None:
+    life.make_phase(split="plain", closes_at=life.ahead(60), policy={"frozen_scores": "hidden"})
+    life.done("/phases/test/freeze")
+    life.done("/phases/test/reveal", {"what": "board", "reason": "a pause is over"})
+    life.change({"closes_at": life.ahead(90)})
+
+
 def test_the_reveal_waits_for_the_deadline_then_flips_the_board_once(life: "Life") -> None:
     life.make_phase(closes_at=life.ahead(60))
     life.submit("alpha", PUBLIC_ONLY)

@@ -7,6 +7,7 @@ from email import message_from_bytes
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
+import pytest
 from sqlalchemy import select
 from tests.server.test_organizer_team_pages import last_line
 
@@ -159,15 +160,53 @@ def test_only_what_is_wished_is_told(api: "Api", browse: Browse) -> None:
     contact_id = confirmed(api, browse, "phase_ends")
     api.score(api.submit("a").json()["id"])
     assert tell_teams(api.database) == 0
-    with api.database.write() as session:
-        session.get_one(Phase, "dev").closes_at = database_now(session) + timedelta(hours=3)
-    assert tell_teams(api.database) == 1
-    assert kinds(api)[-1] == "phase_ends"
+    closes_in(api, timedelta(hours=3))
     changed = api.request("PATCH", f"/contacts/{contact_id}", "alpha", json={"wishes": []})
     assert changed.json()["wishes"] == []
-    with api.database.write() as session:
-        session.get_one(Phase, "dev").closes_at = database_now(session) + timedelta(hours=4)
     assert tell_teams(api.database) == 0
+    api.request("PATCH", f"/contacts/{contact_id}", "alpha", json={"wishes": ["phase_ends"]})
+    assert tell_teams(api.database) == 1
+    assert kinds(api)[-1] == "phase_ends"
+
+
+def closes_in(api: "Api", time: timedelta, phase_id: str = "dev", **more: Any) -> None:
+    with api.database.write() as session:
+        phase = session.get_one(Phase, phase_id)
+        phase.closes_at = (database_now(session) + time).replace(second=1)
+        for name, value in more.items():
+            setattr(phase, name, value)
+
+
+def test_the_end_of_a_phase_is_told_to_who_takes_part_and_once_a_day(
+    api: "Api", browse: Browse
+) -> None:
+    """Else who may set a title and a deadline writes to every team, as often as they like."""
+    confirmed(api, browse, "phase_ends")
+    confirmed(api, browse, "phase_ends", who="beta")
+    api.score(api.submit("a").json()["id"])
+    closes_in(api, timedelta(hours=3), title="First words")
+    assert tell_teams(api.database) == 1
+    assert mails(api)[-1][0] == "alpha@example.org"
+    with api.database.write() as session:
+        phase = session.get_one(Phase, "dev")
+        assert phase.closes_at is not None
+        phase.closes_at, phase.title = phase.closes_at.replace(second=2), "Other words"
+    assert tell_teams(api.database) == 0
+
+
+@pytest.mark.parametrize("visibility", ["hidden", "archived"])
+def test_nobody_is_told_of_a_phase_that_is_not_shown(
+    api: "Api", browse: Browse, make_entry: Callable[..., Any], visibility: str
+) -> None:
+    confirmed(api, browse, "phase_ends", "overtaken")
+    one, other = api.submit("a").json()["id"], api.submit("b", "beta").json()["id"]
+    api.publish(make_entry("Planner", submission_id=one, rank=1))
+    passed = make_entry("Planner", submission_id=one, rank=2)
+    api.publish(make_entry("Other", submission_id=other, rank=1), passed)
+    closes_in(api, timedelta(hours=3), visibility=visibility)
+    assert tell_teams(api.database) == 0
+    closes_in(api, timedelta(hours=3), visibility="shown")
+    assert tell_teams(api.database) == 2
 
 
 def test_wishes_that_stay_as_they_are_leave_no_audit_line(api: "Api") -> None:

@@ -81,7 +81,10 @@ def create(
     """Make a phase."""
     given = setting_document(PhaseSettings, settings)
     with open_organizer(server) as organizer:
-        taken_over = {} if like is None else _undated(organizer.phase(like))
+        model = None if like is None else organizer.phase(like)
+        taken_over = {} if model is None else _undated(model)
+        if model is not None and model["split"] == split:
+            taken_over["protocol"] = model["protocol"]
         wanted = {
             "id": phase_id,
             "split": split,

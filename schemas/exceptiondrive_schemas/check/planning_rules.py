@@ -9,7 +9,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check.answers import PlanningDocument, TrajectoryPair
 from exceptiondrive_schemas.check.fault_list import FaultList, Path, kind, shown
 from exceptiondrive_schemas.check.frame import FrameCheck
@@ -42,6 +41,8 @@ SIDES_MISSING: Mapping[str, str] = MappingProxyType(
     }
 )
 """What is not there, and how it is had, where a whole file lacks one side of its pairs."""
+_COVERED = {"edited": "edited scenes", "source": "original scenes"}
+"""A file does not tell controls from scenes with hazard, of which a score sheet tells the share."""
 FARTHEST_M = 1e9
 """Farther than any coordinate of the earth: nothing can be made of such a number."""
 
@@ -144,7 +145,7 @@ class PlanningRules:
         shares = {
             key: 1 - self._n_missing[key] / max(n_predictions, 1) for key in ("edited", "source")
         }
-        reasons = [too_little_covered(PLANNING, shares, ranking.min_coverage)]
+        reasons = [too_little_covered(_COVERED, shares, ranking.min_coverage)]
         for code, why in self._flags(profile, shares) if all(shares.values()) else ():
             if code in ranking.unranked_flags:
                 reasons.append(f"flagged {FLAGS[code].label}: {why}")

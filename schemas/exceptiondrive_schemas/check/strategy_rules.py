@@ -58,7 +58,8 @@ class StrategyRules:
     def unranked_because(self, n_predictions: int, profile: FileProfile | None) -> str | None:
         """Say why a sound file would be scored but not ranked; None where it would be ranked."""
         share = 1 - self._n_missing / max(n_predictions, 1)
-        reasons = [too_little_covered(STRATEGY, {"edited": share}, self._ranking.min_coverage)]
+        covered = STRATEGY.words.covered
+        reasons = [too_little_covered(covered, {"edited": share}, self._ranking.min_coverage)]
         n_given, section = self._letters.total(), self._plausibility
         for letter, n in self._letters.most_common(1):
             is_same = n / n_given > section.flag_same_answer

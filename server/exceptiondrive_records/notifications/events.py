@@ -18,6 +18,7 @@ from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.notifications.inbox import put_notice
 from exceptiondrive_records.notifications.tables import ContactPoint, Notification
 from exceptiondrive_records.notifications.words import ranked_words
+from exceptiondrive_records.participation.tables import TermsAcceptance
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.submissions.submissions import ids_of_team
@@ -93,7 +94,7 @@ def _events(
     if "overtaken" in wishes:
         yield from _passed(session, team_id, now)
     if "phase_ends" in wishes:
-        yield from _ending(session, now)
+        yield from _ending(session, team_id, now)
 
 
 def _outcomes(
@@ -143,7 +144,8 @@ def _sentences(session: Session, seen: SubmissionView) -> Iterator[str]:
 def _passed(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
     """Entries with a worse rank than on a board of the last hour, under the same protocol and split."""
     hour = now.strftime("%Y-%m-%dT%H")
-    for phase in session.scalars(select(Phase).where(Phase.current_board_id.is_not(None))):
+    query = select(Phase).where(Phase.current_board_id.is_not(None), Phase.visibility == "shown")
+    for phase in session.scalars(query):
         shown = entries_on(session, phase.current_board_id)
         before = _best_ranks(session, phase, ids_of_team(session, team_id, phase.id), now)
         lines = [
@@ -184,13 +186,21 @@ def _best_ranks(
     return [(key, rank) for key, rank in session.execute(query) if rank is not None]
 
 
-def _ending(session: Session, now: datetime) -> Iterator[_Event]:
-    query = select(Phase).where(Phase.closes_at > now, Phase.closes_at <= now + _ENDS_SOON)
+def _ending(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
+    """Phases that the team takes part in; once for each day that is named as the last."""
+    submitted = select(Submission.phase_id).where(Submission.team_id == team_id)
+    accepted = select(TermsAcceptance.phase_id).where(TermsAcceptance.team_id == team_id)
+    query = select(Phase).where(
+        Phase.closes_at > now,
+        Phase.closes_at <= now + _ENDS_SOON,
+        Phase.visibility == "shown",
+        Phase.id.in_(submitted) | Phase.id.in_(accepted),
+    )
     for phase in session.scalars(query):
         if phase.closes_at is None or (phase.opens_at is not None and phase.opens_at > now):
             continue
         at = f"{phase.closes_at:%Y-%m-%d %H:%M} UTC"
-        subject = f"{phase.id}/{phase.closes_at.isoformat()}"
+        subject = f"{phase.id}/{phase.closes_at:%Y-%m-%d}"
         sentences = (f"Its deadline is {at}; an upload is judged by its first byte.",)
         title = f"{phase.title} ends soon"
         yield _Event("phase_ends", subject, title, sentences, _board(phase), phase.id)

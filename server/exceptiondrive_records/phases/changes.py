@@ -18,7 +18,7 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import flush_or_refuse
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
 from exceptiondrive_records.db.identifiers import checked_text
-from exceptiondrive_records.phases.allowances import end_own_deadlines
+from exceptiondrive_records.phases.allowances import end_own_deadlines, is_revealed
 from exceptiondrive_records.phases.phases import (
     check_phase,
     find_phase,
@@ -57,7 +57,7 @@ def update_phase(session: Session, phase_id: str, change: PhaseChange, *, actor:
     now = database_now(session)
     before = _document(phase)
     old_dates = (phase.closes_at, phase.policy.freezes_at)
-    was_revealed = was_split_revealed(session, phase)
+    was_revealed = was_split_revealed(session, phase) or is_revealed(session, phase)
     for name in change.model_fields_set - {"page", "policy"}:
         setattr(phase, name, getattr(change, name))
     if "page" in change.model_fields_set:
@@ -66,7 +66,7 @@ def update_phase(session: Session, phase_id: str, change: PhaseChange, *, actor:
         _set_policy(session, phase, phase.policy.model_copy(update=_given(change.policy)), now)
     if was_revealed and phase.closes_at != old_dates[0]:
         raise Conflict(
-            "The rest of the split was revealed, and teams could tune on it if the deadline moved. Make "
+            "What was kept back is revealed, and teams could tune on it if the deadline moved. Make "
             "another phase."
         )
     if phase.closes_at is not None and phase.closes_at != old_dates[0] and phase.closes_at < now:
@@ -189,6 +189,11 @@ def reveal_names(session: Session, phase_id: str, *, reason: str, actor: str) ->
 def _set_policy(session: Session, phase: Phase, policy: PhasePolicy, now: datetime) -> None:
     old = phase.policy
     _keep_promises(session, phase, old, policy)
+    was_frozen = frozen_since(phase, now) is not None or phase.unfrozen_at is not None
+    if was_frozen and policy.frozen_scores != old.frozen_scores:
+        raise Conflict(
+            "The board has been frozen: whether scores are kept back meanwhile cannot change any more."
+        )
     if policy.freezes_at != old.freezes_at:
         if frozen_since(phase, now) is not None:
             raise Conflict("The board is frozen: reveal it, instead of moving freezes_at.")

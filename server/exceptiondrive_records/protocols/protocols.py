@@ -146,7 +146,9 @@ def _parsed(toml: str) -> ProtocolDocument:
 
 
 def usual_protocol(session: Session, actor: str, *, is_withheld: bool) -> str:
-    """Return the digest of what a new phase takes; a packaged protocol is added where it is missing.
+    """Return the digest of what a new phase takes; of a public split the newest that a phase has.
+
+    Drafts are not taken unasked. A packaged protocol is added where it is missing.
 
     Args:
         session: Of a write transaction.
@@ -155,9 +157,9 @@ def usual_protocol(session: Session, actor: str, *, is_withheld: bool) -> str:
     """
     if is_withheld:
         return add_protocol(session, packaged_protocol_toml(NEWEST_WITHHELD), actor).digest
-    others = [row for row in list_protocol_rows(session) if row.version != NEWEST_WITHHELD]
+    in_use = set(session.scalars(select(Phase.protocol_digest)))
+    rows = (row for row in list_protocol_rows(session) if row.version != NEWEST_WITHHELD)
+    known = [row.digest for row in rows if row.digest in in_use]
     return (
-        others[-1].digest
-        if others
-        else add_protocol(session, packaged_protocol_toml(NEWEST), actor).digest
+        known[-1] if known else add_protocol(session, packaged_protocol_toml(NEWEST), actor).digest
     )

@@ -302,7 +302,7 @@ def _scale(
     ends = [end for interval in intervals if interval for end in interval]
     n_ticks = 6 if width > 480 else 5
     return nice_scale(
-        [*values, *ends], extent, n_ticks=n_ticks, floor=0.0, ceiling=100.0, include=(0.0, 10.0)
+        [*values, *ends], extent, n_ticks=n_ticks, floor=0.0, ceiling=100.0, include=(0.0, 1.0)
     )
 
 

@@ -17,7 +17,7 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_server.boards.entry_facts import challenge_of, entry_key, flags_of, is_barred
 from exceptiondrive_server.boards.table import short_title
-from exceptiondrive_server.web.numbers import MINUS, Digits, Scale, listed, nice_scale, unit_of
+from exceptiondrive_server.web.numbers import Digits, Scale, listed, nice_scale, unit_of
 from exceptiondrive_server.web.templating import template_filter
 
 LINE_HEIGHT = 40
@@ -280,12 +280,8 @@ class Difference:
     found: PairedDifference | None
 
     def interval(self, metric: Metric, digits: Digits) -> str:
-        """Write the interval: of families with all digits, of tasks in whole per cents."""
-        ends = (self.found.interval if self.found else None) or ()
-        if self.is_family:
-            return " to ".join(digits.signed(metric, end) for end in ends)
-        whole = [round(end * 100) for end in ends]
-        return " to ".join(f"{'+' if p > 0 else MINUS if p < 0 else ''}{abs(p)}" for p in whole)
+        """Write the interval; that of a task ends at whole per cents, outward."""
+        return digits.interval(metric, self.found.interval if self.found else None, signed=True)
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.boards.entry_facts import flags_of, is_listed, primary_metrics
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, BoardQuery
 from exceptiondrive_server.web.numbers import (
+    DASH,
     Digits,
     day,
     grouped,
@@ -49,12 +50,10 @@ def headline(board: Board | None, challenge: Challenge, n_tasks: int, digits: Di
     ranked = [entry for entry in board.entries if entry.rank is not None]
     n_listed = sum([is_listed(entry) for entry in board.entries])
     note = f"{words.subjects} ranked" + ("" if ranked else " yet")
-    note += f", {n_listed} listed" if n_listed else ""
+    note += f", {n_listed} without a rank" if n_listed else ""
     facts = (
         Fact("Samples scored", grouped(board.n_samples), words.sample_note),
-        Fact(
-            "Tasks", str(n_tasks), f"tasks in {counted(len(board.families), 'family', 'families')}"
-        ),
+        Fact("Tasks", str(n_tasks), "kinds of hazard"),
         Fact(words.subjects.capitalize(), grouped(len(ranked)), note),
     )
     return Headline(_title(board, challenge), _findings(board, ranked, challenge, digits), facts)
@@ -108,13 +107,11 @@ def _findings(
     if leader is None:
         flags = listed(sorted({flag.label for entry in ranked for flag in entry.flags}))
         return (f"Nobody leads: every ranked {words.subject} is flagged ({flags}).",)
-    numbers = listed(
-        [
-            f"{metric.title.lower()} {with_unit(metric, text)}"
-            for metric in primary_metrics(challenge)
-            if (text := digits.text(metric, leader.metrics.get(metric.key))) is not None
-        ]
+    first, second = (
+        with_unit(metric, digits.text(metric, leader.metrics.get(metric.key)) or DASH)
+        for metric in primary_metrics(challenge)[:2]
     )
+    numbers = words.headline.leads.format(first=first, second=second)
     average = AVERAGE_TITLES[board.headline]
     if len(ranked) == 1:
         lead = f"The only ranked {words.subject} so far is {leader.method}"

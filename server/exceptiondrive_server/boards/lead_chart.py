@@ -42,6 +42,7 @@ class LeadChart:
     points: tuple[LeadPoint, ...]
     labels: tuple[Label, ...]
     protocols: tuple[ProtocolMark, ...]
+    x_title: str
     metric: Metric
     description: str
 
@@ -69,8 +70,8 @@ def lead_chart(
     changes = _changes(leads)
     if not changes:
         return None
-    height = 330 if width > 480 else 300
-    frame = Frame(width, height, top=30.0, bottom=height - 34.0)
+    height = 354 if width > 480 else 324
+    frame = Frame(width, height, top=30.0, bottom=height - 58.0)
     left, right = frame.across
     start, span = changes[0].lead.at, max(now - changes[0].lead.at, timedelta(minutes=1))
 
@@ -119,6 +120,7 @@ def lead_chart(
             ProtocolMark(px(x), version, "start" if x < (left + right) / 2 else "end")
             for version, x in marks
         ),
+        x_title=_time_title(start, now),
         metric=metric,
         description=f"Best {metric.label} in per cent over time. "
         + "; ".join(_title(change, metric, digits) for change in changes[-12:]),
@@ -151,12 +153,25 @@ def _title(change: _Change, metric: Metric, digits: Digits) -> str:
     )
 
 
+def _time_title(start: datetime, now: datetime) -> str:
+    """What the horizontal axis is; ticks that are times of day leave the day to it."""
+    if now - start >= timedelta(days=1):
+        return "time (UTC)"
+    days = list(dict.fromkeys(day(at) for at in (start, now)))
+    return f"time of day, UTC, {' to '.join(days)}"
+
+
 def _dates(start: datetime, span: timedelta, frame: Frame, count: int) -> list[Tick]:
-    """Evenly placed; times of day where all of it is within two days."""
+    """Evenly placed; days alone only where no two of them are of one day."""
     ticks = []
     for k in range(count):
         share = k / (count - 1)
         at = start + share * span
-        text = f"{at:%H:%M}" if span < timedelta(days=2) else day(at)
+        if span < timedelta(days=1):
+            text = f"{at:%H:%M}"
+        elif span < timedelta(days=count):
+            text = f"{at.day} {at:%b %H:%M}"
+        else:
+            text = day(at)
         ticks.append(Tick(px(frame.left + share * (frame.right - frame.left)), text))
     return ticks

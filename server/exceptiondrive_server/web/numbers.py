@@ -69,17 +69,11 @@ class Digits:
         return self.signed(metric, None if a is None or b is None else a - b)
 
     def interval(self, metric: Metric, interval: Interval | None, *, signed: bool = False) -> str:
-        """Write `57.30 to 65.50`; nothing where no interval is known.
-
-        One that was rounded to whole per cents, as of withheld splits, claims no decimals.
-        """
+        """Write `57.30 to 65.50`, as many decimals as its value; nothing where none is known."""
         if interval is None:
             return ""
-        low, high = interval
-        is_whole = metric.unit == "fraction" and low == round(low, 2) and high == round(high, 2)
-        digits = _WHOLE if is_whole else self
-        write = digits.signed if signed else digits.text
-        return f"{write(metric, low)} to {write(metric, high)}"
+        write = self.signed if signed else self.text
+        return " to ".join([write(metric, end) or "" for end in interval])
 
     def best(self, metric: Metric, values: Iterable[float | None]) -> str | None:
         """Write the best of some values; None where none is known or no way is better."""
@@ -87,9 +81,6 @@ class Digits:
         if not known or metric.better is None:
             return None
         return self.text(metric, max(known) if metric.better == "higher" else min(known))
-
-
-_WHOLE = Digits(percent=0)
 
 
 def unit_of(metric: Metric) -> str:

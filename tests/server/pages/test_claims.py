@@ -117,9 +117,10 @@ def check_the_findings(text: str, board: Board) -> None:
         return
     n_ranked = len(ranked(board))
     assert f"Of {n_ranked} ranked" in text if n_ranked > 1 else "only ranked" in text
-    numbers = [f"{m.title.lower()} {percent(leader.metrics[m.key])} %" for m in metrics]
+    first, second = (f"{percent(leader.metrics[metric.key])} %" for metric in metrics)
+    numbers = challenge_of(board).words.headline.leads.format(first=first, second=second)
     assert f"{leader.method}" in text
-    assert " and ".join(numbers) + " (mean of families)" in text
+    assert f"{numbers} (mean of families)" in text
     above = [entry for entry in ranked(board) if (entry.rank or 0) < (leader.rank or 0)]
     named = [leader, *above] if len(above) <= 3 else [leader]
     assert set(re.findall(r"Planner\d+x", text)) == {entry.method for entry in named}
@@ -132,7 +133,7 @@ def check_the_counts(page: Node, board: Board) -> None:
     n_listed = sum(entry.source == "scored" and entry.rank is None for entry in board.entries)
     assert said[0].startswith(f"{board.n_samples:,} ")
     assert re.match(rf"{len(ranked(board))} \w+ ranked", said[2])
-    assert (f"{n_listed} listed" in said[2]) == (n_listed > 0)
+    assert (f"{n_listed} without a rank" in said[2]) == (n_listed > 0)
 
 
 def lacks(entry: BoardEntry) -> str:
@@ -259,9 +260,8 @@ def check_the_average(page: Node, average: str) -> None:
 
 
 def span_words(span: Sequence[float]) -> str:
-    """An interval of whole per cents has no decimals: it was rounded to that."""
-    is_whole = all(end == round(end, 2) for end in span)
-    return " to ".join(f"{100 * end:.0f}" if is_whole else str(percent(end)) for end in span)
+    """An interval has as many decimals as its value."""
+    return " to ".join(str(percent(end)) for end in span)
 
 
 def check_the_chart(page: Node, board: Board, average: str) -> None:

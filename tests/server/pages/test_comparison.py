@@ -18,6 +18,7 @@ from exceptiondrive_server.boards.comparison import (
     is_sure,
 )
 from exceptiondrive_server.web.numbers import Digits
+from exceptiondrive_server.web.templating import macro
 
 PROTOCOL = packaged_protocol()
 
@@ -210,7 +211,7 @@ def test_tasks_are_compared_by_what_is_published(lively_board: Board, sheets: Sh
     line = next(line for line in table.lines if line.title == "Stalled vehicle")
     hcc = PLANNING.metrics[0]
     assert line.value == pytest.approx(values[0] - values[1])
-    assert line.interval(hcc, Digits()) == "+1 to +7"
+    assert line.interval(hcc, Digits()) == "+1.00 to +7.00"
     assert line.found is not None
     assert (line.found.verdict, is_sure(line.found)) == ("Kestrel-2 is better", True)
     family = next(line for line in families if line.title == "Lane Blockage")
@@ -232,6 +233,21 @@ def test_a_withheld_task_has_no_difference(lively_board: Board, sheets: Sheets) 
     assert line.value is None
 
 
+def test_a_difference_that_is_not_there_says_why() -> None:
+    said = macro("web/macros/tables.html", "difference")
+    assert "+1.00" in said("+1.00", 7, 100)
+    assert "not told (under 100 scenes)" in said("", 7, 100)
+    assert "not defined for both" in said("", 100, 100)
+    assert "not defined for both" in said("")
+
+
+async def test_a_column_that_says_nothing_of_any_metric_is_left_out(paired_site: Any) -> None:
+    address = "/compare?a=s0000000kq&b=s0000002kq"
+    text = (await paired_site.get(address)).text
+    assert "Scene by scene" in text
+    assert "Scenes that differ" not in text
+
+
 def test_the_other_order_turns_tasks_too(lively_board: Board) -> None:
     found = find_pair(with_pairs(lively_board), "s0000002kq", "s0000000kq")
     assert found is not None
@@ -242,7 +258,7 @@ def test_the_other_order_turns_tasks_too(lively_board: Board) -> None:
 async def test_the_page_shows_tasks_with_and_without_intervals(paired_site: Any) -> None:
     text = (await paired_site.get("/compare?a=s0000000kq&b=s0000002kq")).text
     assert text.count("<tr") > 27
-    assert "+1 to +7" in text
+    assert "+1.00 to +7.00" in text
     other = (await paired_site.get("/compare?a=s0000001kq&b=s0000002kq")).text
     tasks = other[other.index('id="tasks"') :]
     assert "Stalled vehicle" in tasks

@@ -50,9 +50,9 @@ def test_the_facts_count_what_stands_on_the_board(lively_board: Board) -> None:
     said = headline(lively_board, PLANNING, 21, Digits())
     facts = {fact.label: f"{fact.value} {fact.note}" for fact in said.facts}
     assert facts == {
-        "Samples scored": "240 pairs of scenes",
-        "Tasks": "21 tasks in 6 families",
-        "Planners": "6 planners ranked, 1 listed",
+        "Samples scored": "240 scenes, each without and with a hazard",
+        "Tasks": "21 kinds of hazard",
+        "Planners": "6 planners ranked, 1 without a rank",
     }
 
 
@@ -62,7 +62,9 @@ def test_what_takes_no_rank_is_counted_whyever(lively_board: Board, flags: tuple
     unranked = last.model_copy(update={"rank": None, "unranked_flags": flags})
     entries = [unranked if entry is last else entry for entry in lively_board.entries]
     board = lively_board.model_copy(update={"entries": tuple(entries)})
-    assert headline(board, PLANNING, 21, Digits()).facts[2].note == "planners ranked, 2 listed"
+    assert (
+        headline(board, PLANNING, 21, Digits()).facts[2].note == "planners ranked, 2 without a rank"
+    )
 
 
 def test_a_parked_car_is_passed_over_and_named(lively_board: Board) -> None:
@@ -84,7 +86,7 @@ def test_where_every_ranked_one_is_flagged_nobody_leads(lively_board: Board) -> 
 def test_a_flag_that_does_not_bar_is_named(lively_board: Board) -> None:
     alone = lively_board.model_copy(update={"entries": lively_board.entries[5:6]})
     said = headline(alone, PLANNING, 21, Digits())
-    assert said.findings[0].startswith("The only ranked planner so far is nerve: hazard")
+    assert said.findings[0].startswith("The only ranked planner so far is nerve: it earns 22.18")
     assert said.findings[0].endswith("; flagged \u201cBlind to the edit\u201d.")
 
 

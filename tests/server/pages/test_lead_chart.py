@@ -57,6 +57,24 @@ def test_a_step_is_as_long_as_the_lead_and_as_high_as_its_value(width: int) -> N
     )
 
 
+@pytest.mark.parametrize(
+    ("span", "title", "ends"),
+    [
+        (timedelta(hours=2), "time of day, UTC, 1 Mar 2026", ("00:00", "02:00")),
+        (timedelta(days=2), "time (UTC)", ("1 Mar 00:00", "3 Mar 00:00")),
+        (timedelta(days=20), "time (UTC)", ("1 Mar 2026", "21 Mar 2026")),
+    ],
+)
+def test_the_axis_says_what_it_is_and_names_no_moment_twice(
+    span: timedelta, title: str, ends: tuple[str, str]
+) -> None:
+    chart = lead_chart(STORY[:1], START + span, HCC, Digits(), width=640)
+    assert chart is not None
+    texts = [tick.text for tick in chart.x_ticks]
+    assert (chart.x_title, (texts[0], texts[-1])) == (title, ends)
+    assert len(set(texts)) == len(texts)
+
+
 def test_nobody_who_led_nothing_to_draw() -> None:
     assert lead_chart((), START, HCC, Digits()) is None
     nobody = Lead(START, 1, "1.0", None)

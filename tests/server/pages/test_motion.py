@@ -135,13 +135,15 @@ async def test_a_phase_with_withheld_regions_borrows_scenes_and_says_whose(
     assert "The hazard regions of Final are withheld, so nothing of it is drawn." in words
     assert "driven by the planners of that phase" in words
     assert {name for name, _, _ in readings(html)} == {"Kestrel-2"}
+    assert "Kestrel-2 of Sample" in words
+    assert "leads" not in read(html).one("form", "mo-form").text
     assert not any(name in html for name in names)
     front = (await drawn_site.get("/?phase=final")).text
     assert 'data-scenes="/scenes?phase=final"' in front
     assert "scenes and planners are those of a development phase" in read(front).text
     entry = (await drawn_site.get("/entries/h0000000kq?phase=final")).text
     assert 'src="/scenes.svg?phase=final"' in entry
-    assert "of this phase nothing is drawn" in read(entry).text.lower()
+    assert "none is of Final, and the planner in them is not this entry" in read(entry).text
     assert read(entry).one("section", "two", **{"aria-label": "Beside others"}).all("g")
     for path in ("/?phase=sample", "/entries/s0000000kq"):
         own = (await drawn_site.get(path)).text

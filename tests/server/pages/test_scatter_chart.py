@@ -38,6 +38,22 @@ def test_a_parked_car_stands_at_the_left_above_all_others(lively_board: Board) -
     assert freeze.title == "FREEZE (Stands still): HCC 97.20 %, Progress 0.00 %"
 
 
+def test_small_values_fill_their_axis(lively_board: Board) -> None:
+    entries = tuple(
+        entry.model_copy(
+            update={
+                "metrics": entry.metrics | {"hcc": 0.02 if index else 0.03},
+                "intervals": {**entry.intervals, "hcc": None},
+            }
+        )
+        for index, entry in enumerate(lively_board.entries)
+    )
+    chart = scatter_chart(lively_board.model_copy(update={"entries": entries}), "macro_family")
+    assert chart is not None
+    middle = (chart.frame.top + chart.frame.bottom) / 2
+    assert all(float(point.y) < middle for point in chart.points)
+
+
 def test_an_entry_without_progress_is_named_beside_the_picture(lively_board: Board) -> None:
     first, *others = lively_board.entries
     unknown = first.model_copy(update={"metrics": first.metrics | {"progress": None}})

@@ -42,7 +42,7 @@
   const inWords = (ms) => {
     const minutes = Math.ceil(ms / 60000);
     const [days, hours] = [Math.floor(minutes / 1440), Math.floor(minutes / 60) % 24];
-    return days ? `${days} d ${hours} h` : hours ? `${hours} h ${minutes % 60} min` : `${minutes} min`;
+    return days > 2 ? `${days} days` : days ? `${days} d ${hours} h` : hours ? `${hours} h ${minutes % 60} min` : `${minutes} min`;
   };
   for (const time of document.querySelectorAll("time[data-countdown]")) {
     const words = document.createElement("span");
