@@ -15,6 +15,7 @@ from exceptiondrive_server.web.compression import PublicCompression
 from exceptiondrive_server.web.logs import set_up_logs
 from exceptiondrive_server.web.middleware import HeadRequests, RequestContext
 from exceptiondrive_server.web.openapi import describe
+from exceptiondrive_server.web.page_places import PagePlaces
 from exceptiondrive_server.web.problems import install_problem_handlers
 from exceptiondrive_server.web.services import Services
 from exceptiondrive_server.web.settings import ServerSettings
@@ -44,6 +45,7 @@ def create_app(settings: ServerSettings) -> FastAPI:
     if services.provider is not None:
         services.provider.keep_flows(app)
     app.add_middleware(RequestLimits, upload_limit_bytes=limit_bytes)
+    app.add_middleware(PagePlaces)
     app.add_middleware(RequestContext, metrics=services.metrics)
     app.add_middleware(PublicCompression)  # outside of what says who may keep an answer
     app.add_middleware(HeadRequests)  # added last: the outermost

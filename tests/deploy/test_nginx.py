@@ -135,6 +135,15 @@ def test_too_many_requests_of_one_address_and_others_are_served(site: Nginx) -> 
     assert "Nothing was taken" in problem.detail
 
 
+def test_searches_of_one_address_have_a_limit_of_their_own(site: Nginx) -> None:
+    """Each is a page that nobody keeps; what else the address asks for is answered still."""
+    with site.browser("127.0.0.54") as flood, site.browser("127.0.0.55") as other:
+        asked = [flood.get(f"/?sort=ur&q={number}").status_code for number in range(30)]
+        assert (asked[0], asked.count(429) > 0) == (502, True)
+        assert flood.get("/?sort=ur").status_code == 502
+        assert other.get("/?q=1").status_code == 502
+
+
 def test_a_new_certificate_is_served_after_a_reload(site: Nginx) -> None:
     address = ("127.0.0.1", site.port)
     before = ssl.get_server_certificate(address)

@@ -177,6 +177,6 @@ def test_any_number_of_addresses_takes_no_more_than_the_room(
     small = KeptPages(room_bytes=4 * page_bytes)
     object.__setattr__(services(life.client), "kept_pages", small)
     for number in range(12):
-        assert life.client.get(f"/?q=word{number}").status_code == 200
+        assert life.client.get(f"/?page={number + 1}").status_code == 200
         assert small.weight_bytes <= 4 * page_bytes
     assert small.weight_bytes > page_bytes

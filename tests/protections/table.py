@@ -374,6 +374,12 @@ PROTECTIONS = (
         "tests/server/test_submit.py::test_a_token_that_is_revoked_while_its_upload_is_in_the_air_brings_nothing_in",
     ),
     Protection(
+        "page-places",
+        "exceptiondrive_server.web.page_places:PagePlaces",
+        lambda _: lambda app: app,
+        "tests/server/test_page_places.py::test_an_api_call_and_health_answer_while_more_pages_are_asked_for_than_there_are_threads",
+    ),
+    Protection(
         "reveal-rolled-back",
         "exceptiondrive_records.phases.policy:was_split_revealed",
         _always(False),

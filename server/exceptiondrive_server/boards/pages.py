@@ -29,7 +29,7 @@ from exceptiondrive_server.boards.queries import (
     read_history,
     read_phases,
 )
-from exceptiondrive_server.boards.query import AskedBoard, BoardQuery, asked_board
+from exceptiondrive_server.boards.query import AskedBoard, BoardQuery, asked_board, without_unknown
 from exceptiondrive_server.boards.reported import reported_of
 from exceptiondrive_server.boards.selection import selected_board
 from exceptiondrive_server.web.auth import ServicesOf, sees_hidden
@@ -59,6 +59,8 @@ def show_board(request: Request) -> Response:
     """
     if _is_sent_by_form(request):
         return RedirectResponse(asked_board(request).url(), status_code=303)
+    if short := without_unknown(request, asked_board(request)):
+        return RedirectResponse(short, status_code=308)
     if holder_of(request) is not Holder.VISITOR:
         return _signed_in_board(request)
     return public_page(request, "boards/board.html", "board", lambda it: _public_board(it, request))
@@ -96,6 +98,8 @@ def _own_submissions(
 @router.get("/history")
 def show_history(request: Request, query: AskedBoard) -> Response:
     """Show every board that a phase ever had."""
+    if short := without_unknown(request, query):
+        return RedirectResponse(short, status_code=308)
     return public_page(request, "boards/history.html", "board", lambda it: _history(it, query))
 
 

@@ -201,6 +201,40 @@ def asked_board(request: Request) -> BoardQuery:
     return BoardQuery.parse(request.query_params.multi_items())
 
 
+_KEYS = frozenset(
+    [
+        "challenge",
+        "phase",
+        "protocol",
+        "board",
+        "as_of",
+        "view",
+        "source",
+        "average",
+        "q",
+        "sort",
+        "page",
+        "rows",
+        "fact",
+        "hide",
+        "add",
+        "more",
+        "apply",
+        "order",
+        "offered",
+        "show",
+    ]
+)
+"""What `BoardQuery.parse` reads of an address."""
+
+
+def without_unknown(request: Request, query: BoardQuery) -> str | None:
+    """Return the address without what no page asks for, where there is such: each would be kept apart."""
+    if request.query_params.keys() <= _KEYS:
+        return None
+    return query.url(request.url.path, anchor="")
+
+
 AskedBoard = Annotated[BoardQuery, Depends(asked_board)]
 """The board that the address of a request asks for."""
 

@@ -40,8 +40,8 @@ class Readiness(BaseModel):
 
 
 @router.get("/healthz", operation_id="health")
-def healthz() -> Health:
-    """Tell that the process answers."""
+async def healthz() -> Health:
+    """Tell that the process answers; it waits for no thread."""
     return Health()
 
 

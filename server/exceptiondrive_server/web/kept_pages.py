@@ -18,6 +18,8 @@ from exceptiondrive_records.db.memory import Memory
 Made = tuple[object, Callable[[], str]]
 ROOM_BYTES = 24 * 2**20
 CLOCK_S = 1.0
+_LOCKS = 64
+"""Two addresses rarely share one."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ class KeptPages:
 
     def __init__(self, room_bytes: int = ROOM_BYTES) -> None:
         self._pages: Memory[Hashable, KeptPage] = Memory(room_bytes)
-        self._reads = threading.Lock()
+        self._reads = tuple(threading.Lock() for _ in range(_LOCKS))
 
     @property
     def weight_bytes(self) -> int:
@@ -65,8 +67,8 @@ class KeptPages:
     def _read_again(
         self, looks: Hashable, state: Callable[[], str], read: Callable[[], Made]
     ) -> KeptPage:
-        """One at a time: those who waited find the page that the first one read."""
-        with self._reads:
+        """One at a time of each address: those who waited find the page that the first one read."""
+        with self._reads[hash(looks) % _LOCKS]:
             now, now_s = state(), time.monotonic()
             kept = self._unchanged(looks, now)
             if kept is not None:

@@ -113,7 +113,7 @@ def page(
     """
     site = site_of(request, current)
     body = render(template, site=site, **values).encode()
-    if site.has_session:
+    if site.has_session or "q" in request.query_params:
         headers = {**SECURITY_HEADERS, "Cache-Control": "private, no-cache", "Vary": "Cookie"}
     else:
         headers = PUBLIC_PAGE if status == 200 else PUBLIC_PROBLEM
@@ -134,7 +134,8 @@ def public_page(
         read: Reads what the page follows from besides its address.
     """
     services = services_of(request)
-    if holder_of(request) is not Holder.VISITOR:
+    is_search = "q" in request.query_params  # free text: kept, it would push out all other pages
+    if is_search or holder_of(request) is not Holder.VISITOR:
         with services.database.read() as session:
             _, fill = read(session)
         return page(request, template, current, **fill())
