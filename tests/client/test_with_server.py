@@ -217,7 +217,7 @@ def test_an_entry_without_a_rank_says_why(working: "Running", planning_file: Mak
     assert run(working, "submissions").stdout == "no submissions\n"
     done = submit(working, file, "--wait", "--allow-unranked")
     assert done.exit_code == 0, done.stderr
-    assert "not ranked in phase dev: 75.00% of the edited scenes are answered" in done.stdout
+    assert "not ranked in phase dev: 75.00% of the scenes with hazard are answered" in done.stdout
 
 
 def test_the_same_bytes_are_the_same_submission_and_cost_nothing(
