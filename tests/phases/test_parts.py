@@ -223,6 +223,24 @@ def test_a_later_deadline_of_a_team_ends_with_the_reveal(life: "Life", what: str
     assert "revealed" in life.refused("/teams/beta/allowances/test", grant, 409, "PUT")
 
 
+@pytest.mark.parametrize("is_revealed", [False, True])
+def test_no_run_is_restored_once_scores_were_revealed(life: "Life", is_revealed: bool) -> None:
+    """Else whoever organizes the phase picks a team's final entry by what was kept from all."""
+    policy = {"frozen_scores": "hidden", "run_choice": "team"}
+    life.make_phase(split="plain", closes_at=life.ahead(60), policy=policy)
+    life.done("/phases/test/freeze")
+    _, newest = (life.submit("beta", way, "M", "plain") for way in (PUBLIC_ONLY, PRIVATE_ONLY))
+    life.work()
+    life.request("POST", f"/api/v1/submissions/{newest}/withdraw", "beta")
+    life.move(closes_at=life.now())
+    restore = f"/submissions/{newest}/restore"
+    if not is_revealed:
+        life.done(restore)
+        return
+    life.done("/phases/test/reveal", {"what": "board", "reason": "the end"})
+    assert "settled before" in life.refused(restore, {"reason": "x"}, 409)
+
+
 def test_an_upload_in_the_air_answers_no_board_that_was_hidden(life: "Life") -> None:
     life.make_phase(split="plain", closes_at=life.ahead(60), policy={"frozen_scores": "hidden"})
     before = life.now() - timedelta(seconds=1)

@@ -380,6 +380,12 @@ PROTECTIONS = (
         "tests/server/test_participation.py::test_verify_finds_entries_that_nobody_withdrew_or_moved",
     ),
     Protection(
+        "restored-after-reveal",
+        "exceptiondrive_records.rescoring.retry:has_revealed",
+        _always(False),
+        "tests/phases/test_parts.py::test_no_run_is_restored_once_scores_were_revealed",
+    ),
+    Protection(
         "page-places",
         "exceptiondrive_server.web.page_places:PagePlaces",
         lambda _: lambda app: app,

@@ -7,6 +7,7 @@ from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, NotFound
 from exceptiondrive_records.db.identifiers import checked_reason
+from exceptiondrive_records.phases.policy import has_revealed
 from exceptiondrive_records.phases.scoring_keys import key_of_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.fan_out import score_waiting_under
@@ -81,8 +82,8 @@ def restore_submission(
     Raises:
         InvalidRecord: The reason cannot be kept.
         NotFound: No such submission.
-        Conflict: It was not withdrawn, it was a question that the team confirmed, or the team has
-            submitted the same bytes again since.
+        Conflict: It was not withdrawn, it was a question that the team confirmed, the team has
+            submitted the same bytes again since, or scores that were kept back were revealed since.
     """
     lock_team(session, find_submission(session, submission_id).team_id)
     lock_jobs(session, submission_id)
@@ -95,6 +96,9 @@ def restore_submission(
         raise Conflict(f"It was a question, and confirmed as {submission.confirmed_as}.")
     if _same_bytes_since(session, submission):
         raise Conflict("The team has submitted the same file again since; that one counts.")
+    phase = session.get_one(Phase, submission.phase_id)
+    if has_revealed(session, phase, submission.withdrawn_at or submission.received_at):
+        raise Conflict("Scores were revealed since: what stands was settled before, and stays.")
     detail = {"reason": checked_reason(reason)}
     now = database_now(session)
     jobs = jobs_of(session, submission_id)
@@ -105,7 +109,7 @@ def restore_submission(
     for job in jobs:
         if job.state is WorkState.CANCELLED:
             queue_again(job, now)
-    shown = key_of_phase(session.get_one(Phase, submission.phase_id))
+    shown = key_of_phase(phase)
     digest, revision = shown.protocol_digest, shown.split_revision
     if not any((job.protocol_digest, job.split_revision) == (digest, revision) for job in jobs):
         session.add(new_job(submission, digest, revision, Lane.RESCORE, False, now))
