@@ -25,6 +25,7 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_schemas.phase_settings import PhaseChange
+from exceptiondrive_schemas.submission import SubmissionStatus
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api, TeamBrowser
@@ -330,6 +331,29 @@ def test_verify_finds_a_team_that_nobody_forgot_and_one_that_came_back(api: "Api
             "forgotten by nobody",
             "forgotten and back",
         }
+
+
+def test_verify_finds_entries_that_nobody_withdrew_or_moved(api: "Api") -> None:
+    """As whoever holds the server's role may write them."""
+    kept, own, moved = (api.submit(name).json()["id"] for name in "abc")
+    for each in (kept, own, moved):
+        api.score(each)
+    api.post(f"/submissions/{kept}/withdraw", "alpha")
+    with api.database.read() as session:
+        assert violations(session) == []
+    with api.database.write() as session:
+        row = session.get_one(Submission, own)
+        row.status, row.withdrawn_at = SubmissionStatus.WITHDRAWN, database_now(session)
+        session.get_one(Submission, moved).team_id = api.team_ids["beta"]
+    with api.database.read() as session:
+        assert {(each.rule, each.subject) for each in violations(session)} == {
+            ("withdrawn by nobody", own),
+            ("submission of another team", moved),
+        }
+    with api.database.write() as session:
+        find_team(session, "alpha").merged_into_id = api.team_ids["beta"]
+    with api.database.read() as session:
+        assert "merged by nobody" in {each.rule for each in violations(session)}
 
 
 def test_a_team_that_was_merged_is_forgotten_with_the_one_it_became_part_of(

@@ -72,6 +72,31 @@ def _unseen_forgetting(session: Session) -> Iterator[Violation]:
         yield Violation("forgotten and back", team, "the audit log says that it was forgotten")
 
 
+def _unseen_changes(session: Session, submissions: dict[str, Submission]) -> Iterator[Violation]:
+    """Whose a submission is, and that it was withdrawn, follows from the audit log."""
+    actions = ("submission received", "submission withdrawn", "submission restored")
+    lines = select(AuditLine.subject, AuditLine.action, AuditLine.actor).order_by(AuditLine.id)
+    sent_by: dict[str, str] = {}
+    last: dict[str, str] = {}
+    for subject, action, actor in session.execute(lines.where(AuditLine.action.in_(actions))):
+        last[subject] = action
+        sent_by.setdefault(subject, actor)
+    into = {f"team:{team.id}": team.merged_into_id for team in session.scalars(select(Team))}
+    for row in submissions.values():
+        was_told = row.confirmed_as is not None or last.get(row.id) == "submission withdrawn"
+        if row.status is Status.WITHDRAWN and not was_told:
+            yield Violation("withdrawn by nobody", row.id, "no audit line says who withdrew it")
+        owner = sent_by.get(row.id, f"team:{row.team_id}")
+        while (later := into.get(owner)) is not None:
+            owner = f"team:{later}"
+        if owner != f"team:{row.team_id}":
+            yield Violation("submission of another team", row.id, f"{owner} sent it")
+    said = select(AuditLine.subject).where(AuditLine.action == "team merged")
+    is_merged = Team.merged_into_id.is_not(None) & Team.forgotten_at.is_(None)
+    for slug in session.scalars(select(Team.slug).where(is_merged, Team.slug.not_in(said))):
+        yield Violation("merged by nobody", slug, "no audit line says that it was merged")
+
+
 def _faults(
     session: Session,
     row: BoardRow,
@@ -206,6 +231,7 @@ def violations(session: Session) -> list[Violation]:
     found += _audit_chain(session)
     found += broken_boards(session)
     found += _unseen_forgetting(session)
+    found += _unseen_changes(session, held.submissions)
     found += drawings_of_withheld_splits(session)
     found += pictures_of_withheld_splits(session)
     return found
