@@ -18,6 +18,7 @@ from exceptiondrive_records.notifications.tables import ContactPoint, Notificati
 from exceptiondrive_records.operations.dump import dump_rows, dumped_tables
 from exceptiondrive_records.operations.invariants import broken_boards, violations
 from exceptiondrive_records.participation import changes as changes_of_teams
+from exceptiondrive_records.participation.tables import Disqualification
 from exceptiondrive_records.phases.changes import update_phase
 from exceptiondrive_records.phases.policy import pseudonym_of_team
 from exceptiondrive_records.phases.tables import Phase
@@ -339,6 +340,8 @@ def test_verify_finds_entries_that_nobody_withdrew_or_moved(api: "Api") -> None:
     for each in (kept, own, moved):
         api.score(each)
     api.post(f"/submissions/{kept}/withdraw", "alpha")
+    note = {**WHY, "public_note": "Not by a planner."}
+    api.post(f"/organizer/submissions/{moved}/disqualify", "organizer", json=note)
     with api.database.read() as session:
         assert violations(session) == []
     with api.database.write() as session:
@@ -352,8 +355,10 @@ def test_verify_finds_entries_that_nobody_withdrew_or_moved(api: "Api") -> None:
         }
     with api.database.write() as session:
         find_team(session, "alpha").merged_into_id = api.team_ids["beta"]
+        session.execute(update(Disqualification).values(public_note="cheated"))
     with api.database.read() as session:
-        assert "merged by nobody" in {each.rule for each in violations(session)}
+        rules = {each.rule for each in violations(session)}
+        assert rules >= {"merged by nobody", "disqualified by nobody"}
 
 
 def test_a_team_that_was_merged_is_forgotten_with_the_one_it_became_part_of(

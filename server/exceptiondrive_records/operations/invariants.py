@@ -19,6 +19,7 @@ from exceptiondrive_records.boards.tables import (
     BoardRow,
 )
 from exceptiondrive_records.db.errors import Conflict, NotFound, StoreError, Violation
+from exceptiondrive_records.participation.tables import Disqualification
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.protocols.tables import ProtocolRow
@@ -73,7 +74,7 @@ def _unseen_forgetting(session: Session) -> Iterator[Violation]:
 
 
 def _unseen_changes(session: Session, submissions: dict[str, Submission]) -> Iterator[Violation]:
-    """Whose a submission is, and that it was withdrawn, follows from the audit log."""
+    """Whose a submission is, that it was withdrawn, and who is disqualified, follows from the log."""
     actions = ("submission received", "submission withdrawn", "submission restored")
     lines = select(AuditLine.subject, AuditLine.action, AuditLine.actor).order_by(AuditLine.id)
     sent_by: dict[str, str] = {}
@@ -91,6 +92,13 @@ def _unseen_changes(session: Session, submissions: dict[str, Submission]) -> Ite
             owner = f"team:{later}"
         if owner != f"team:{row.team_id}":
             yield Violation("submission of another team", row.id, f"{owner} sent it")
+    lines_of = select(AuditLine.detail).where(AuditLine.action.endswith(" disqualified"))
+    notes = {line.get("disqualification"): line for line in session.scalars(lines_of)}
+    for found in session.scalars(select(Disqualification)):
+        line = notes.get(found.id, {})
+        if (line.get("reason"), line.get("public_note")) != (found.reason, found.public_note):
+            text = "no audit line tells of it in these words"
+            yield Violation("disqualified by nobody", str(found.id), text)
     said = select(AuditLine.subject).where(AuditLine.action == "team merged")
     is_merged = Team.merged_into_id.is_not(None) & Team.forgotten_at.is_(None)
     for slug in session.scalars(select(Team.slug).where(is_merged, Team.slug.not_in(said))):
