@@ -17,6 +17,8 @@ import io
 import json
 import math
 import sys
+import zipfile
+import zlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -41,6 +43,8 @@ CSV_DELIMITERS = ",;\t"
 NPZ_MAGIC, NPY_MAGIC = b"PK\x03\x04", b"\x93NUMPY"
 PARQUET_MAGIC = b"PAR1"
 PICKLE_MAGIC = b"\x80"
+MOST_BYTES = 1 << 30
+TOO_LARGE = "holds more than 1 GiB: give it in parts, several files make one submission."
 OnForm = Callable[[str], None]
 
 
@@ -82,9 +86,13 @@ def read_bytes(path: Path) -> bytes:
     """
     try:
         data = sys.stdin.buffer.read() if path == STDIN else path.read_bytes()
-        data = gzip.decompress(data) if data[:2] == b"\x1f\x8b" else data
-    except (OSError, EOFError) as error:
+        if data[:2] == b"\x1f\x8b":
+            with gzip.open(io.BytesIO(data)) as stream:
+                data = stream.read(MOST_BYTES + 1)
+    except (OSError, EOFError, zlib.error) as error:
         raise fault(path, f"cannot be read: {error}.") from None
+    if len(data) > MOST_BYTES:
+        raise fault(path, TOO_LARGE)
     if data.startswith(PICKLE_MAGIC):
         raise InvalidArgumentError(
             "unreadable_file",
@@ -139,10 +147,12 @@ def read_arrays(path: Path, data: bytes, *names: str) -> tuple[list[Any], ...]:
                 f'numpy.savez("planner.npz", {", ".join(f"{name}=..." for name in names)}).',
             )
         with arrays:
+            if sum(member.file_size for member in arrays.zip.infolist()) > MOST_BYTES:
+                raise fault(path, TOO_LARGE)
             return tuple(arrays[name].tolist() for name in names)
     except KeyError as error:
         raise fault(path, f"has no array {error}.") from None
-    except ValueError as error:
+    except (ValueError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
         raise fault(path, f"cannot be read as arrays of numbers: {error}") from None
 
 
@@ -366,8 +376,11 @@ def _pairs_of_csv(path: Path, text: str) -> Iterator[RawPair]:
     head = text.partition("\n")[0]
     delimiter = max(CSV_DELIMITERS, key=head.count)
     reader = csv.DictReader(io.StringIO(text), delimiter=delimiter)
-    _require_columns(path, reader.fieldnames or ())
-    yield from _pairs_of_rows(path, ((f"line {reader.line_num}", row) for row in reader))
+    try:
+        _require_columns(path, reader.fieldnames or ())
+        yield from _pairs_of_rows(path, ((f"line {reader.line_num}", row) for row in reader))
+    except csv.Error as error:
+        raise fault(path, f"line {reader.line_num + 1} is no row of a table: {error}.") from None
 
 
 def _pairs_of_parquet(path: Path, data: bytes, mode: int | None) -> Iterator[RawPair]:

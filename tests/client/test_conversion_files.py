@@ -1,9 +1,11 @@
 import gzip
+import io
 import json
 import math
 import os
 import pickle
 import sys
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from exceptiondrive import pair_files
 from exceptiondrive.checking import write_file
 from exceptiondrive.conversion import RawPair, submission_text
 from exceptiondrive.errors import InvalidArgumentError
@@ -134,6 +137,49 @@ def test_arrays_are_read_and_objects_in_them_refused(tmp_path: Path) -> None:
         np.save(one_array, missing)
     with pytest.raises(InvalidArgumentError, match="one array without names"):
         read_pairs([path])
+
+
+def huge_array() -> bytes:
+    """An NPZ of some hundred bytes whose array says that it has a million million numbers."""
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        header, {"descr": "<f8", "fortran_order": False, "shape": (10**12,)}
+    )
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as members:
+        members.writestr("sample_id.npy", header.getvalue())
+    return packed.getvalue()
+
+
+BROKEN = {
+    "cut gzip": gzip.compress(json.dumps(DOCUMENT).encode())[:-12],
+    "gzip of noise": b"\x1f\x8b\x08\0\0\0\0\0\0\x03" + b"noise" * 9,
+    "broken archive": b"PK\x03\x04" + b"noise" * 9,
+    "huge array": huge_array(),
+    "huge field": b"sample_id,trajectory,step,x_m,y_m\n" + b"s" * 140_000 + b",source,1,0,0\n",
+}
+
+
+@pytest.mark.parametrize("kind", BROKEN)
+def test_a_broken_file_is_named_without_a_traceback(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "mine"
+    path.write_bytes(BROKEN[kind])
+    with pytest.raises(InvalidArgumentError, match="mine: "):
+        read_pairs([path])
+
+
+def test_no_more_is_inflated_than_a_file_may_hold(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pair_files, "MOST_BYTES", 10_000)
+    path = tmp_path / "mine"
+    path.write_bytes(gzip.compress(b" " * 20_000))
+    with pytest.raises(InvalidArgumentError, match="in parts"):
+        read_pairs([path])
+    wide = np.zeros((20_000,))
+    np.savez_compressed(path.with_suffix(".npz"), sample_id=wide, source=wide, edited=wide)
+    with pytest.raises(InvalidArgumentError, match="in parts"):
+        read_pairs([path.with_suffix(".npz")])
 
 
 def parquet(path: Path, columns: Mapping[str, Any]) -> Path:
