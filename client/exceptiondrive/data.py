@@ -12,7 +12,7 @@ from urllib.parse import urljoin
 from pydantic import ValidationError
 
 from exceptiondrive.errors import InvalidArgumentError, NetworkError
-from exceptiondrive.transport import LinkAnswer, Progress, open_link
+from exceptiondrive.transport import LinkAnswer, Progress, is_here, open_link
 from exceptiondrive_schemas.data_manifest import PARTIAL, DataFile, DataManifest
 
 MAX_MANIFEST_BYTES = 32 * 1024 * 1024
@@ -46,6 +46,9 @@ def read_data_manifest(url: str) -> DataManifest:
             "Tell the organizers; nothing was written.",
         ) from None
     files = [file.model_copy(update={"url": urljoin(url, file.url)}) for file in manifest.files]
+    for file in files:
+        if is_here(file.url) and not is_here(url):
+            raise InvalidArgumentError("wrong_link", f"{file.url} leads to this very machine.")
     return manifest.model_copy(update={"files": tuple(files)})
 
 

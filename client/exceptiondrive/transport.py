@@ -4,11 +4,13 @@ The one door to the HTTP library: nothing else in the client imports it.
 """
 
 import io
+import ipaddress
 import random
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime, timedelta
+from functools import partial
 from typing import Any, NoReturn, TypeVar, cast
 from urllib.parse import quote
 
@@ -474,7 +476,8 @@ def open_link(url: str, from_byte: int = 0, timeout_s: float = 30.0) -> Iterator
     """GET an address that an organizer named, as a stranger: no token, no cookie, never in the clear.
 
     Args:
-        url: https; http to this very machine alone. The same holds of what it redirects to.
+        url: https; http to this very machine alone. The same holds of what it redirects to, which is
+            this machine only where `url` is.
         from_byte: Ask for what begins there; a server that knows no ranges gives all of it.
         timeout_s: Longest time without a byte.
 
@@ -485,7 +488,8 @@ def open_link(url: str, from_byte: int = 0, timeout_s: float = 30.0) -> Iterator
     headers = {"accept-encoding": "identity"}
     if from_byte:
         headers["range"] = f"bytes={from_byte}-"
-    hooks = {"request": [_require_private_link]}
+    look: Callable[..., None] = partial(require_private_link, may_be_here=is_here(url))
+    hooks = {"request": [look]}
     try:
         with (
             httpx.Client(follow_redirects=True, timeout=timeout_s, event_hooks=hooks) as http,
@@ -502,9 +506,32 @@ def open_link(url: str, from_byte: int = 0, timeout_s: float = 30.0) -> Iterator
         ) from None
 
 
-def _require_private_link(request: httpx.Request) -> None:
-    is_here = request.url.host in ("127.0.0.1", "::1", "localhost")
-    if request.url.scheme != "https" and not (request.url.scheme == "http" and is_here):
+def is_here(url: str | httpx.URL) -> bool:
+    """Whether an address is one of this very machine.
+
+    Raises:
+        InvalidArgumentError: It is no address.
+    """
+    try:
+        host = httpx.URL(url).host.rstrip(".")
+    except httpx.InvalidURL:
+        raise InvalidArgumentError("wrong_link", f"{url} is no address.") from None
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def require_private_link(request: httpx.Request, *, may_be_here: bool) -> None:
+    """Refuse an address in the clear, and one of this machine where a stranger's list leads to it.
+
+    Raises:
+        InvalidArgumentError: It is one.
+    """
+    here = is_here(request.url)
+    if here and not may_be_here:
+        raise InvalidArgumentError("wrong_link", f"{request.url} leads to this very machine.")
+    if request.url.scheme != "https" and not (request.url.scheme == "http" and here):
         raise InvalidArgumentError("wrong_link", f"{request.url} is not an https address.")
 
 

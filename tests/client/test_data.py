@@ -9,6 +9,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import httpx
 import pytest
 from pydantic import ValidationError
 from typer.testing import CliRunner
@@ -16,6 +17,7 @@ from typer.testing import CliRunner
 from exceptiondrive.cli import app
 from exceptiondrive.data import download_file, read_data_manifest
 from exceptiondrive.errors import InvalidArgumentError, NetworkError
+from exceptiondrive.transport import is_here, require_private_link
 from exceptiondrive_schemas.data_manifest import DataFile, DataManifest
 
 if TYPE_CHECKING:
@@ -216,6 +218,17 @@ def test_nothing_is_fetched_in_the_clear(server: DataServer, tmp_path: Path, url
     with pytest.raises((InvalidArgumentError, NetworkError)):
         download_file(file.model_copy(update={"url": f"{server.url}/b.bin"}), tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "url",
+    ["http://127.0.0.1:8888/x", "https://127.8.8.8/x", "https://[::1]/x", "http://localhost./x"],
+)
+def test_a_list_of_elsewhere_reaches_no_service_of_this_machine(url: str) -> None:
+    """A blind GET would reach notebooks and routers in the name of who downloads."""
+    assert is_here(url)
+    with pytest.raises(InvalidArgumentError, match="this very machine"):
+        require_private_link(httpx.Request("GET", url), may_be_here=False)
 
 
 def run(running: "Running", *words: object) -> Any:

@@ -256,6 +256,7 @@ class SaysWhomItIsAskedAs(BaseHTTPRequestHandler):
         body = self.headers["Host"].encode()
         self.send_response(HTTPStatus.OK)
         self.send_header("Cache-Control", "public, max-age=60")
+        self.send_header("X-Request-ID", self.headers.get("X-Request-ID", ""))
         self.send_header("Content-Length", str(len(body)))
         self.end_headers()
         self.wfile.write(body)
@@ -288,3 +289,14 @@ def test_what_is_kept_for_one_host_was_asked_under_it(named_site: Nginx) -> None
             )
             answers.append(until_closed(connection).partition(b"\r\n\r\n")[2])
     assert answers == [b"evil.example", b"good.example"]
+
+
+def test_the_id_of_a_request_is_the_proxys_own(named_site: Nginx) -> None:
+    """One that a visitor chose would be kept, and given to everybody who asks the same."""
+    trust = ssl.create_default_context(cafile=str(named_site.certificate))
+    with httpx.Client(base_url=f"https://127.0.0.1:{named_site.port}", verify=trust) as browser:
+        chosen = browser.get("/a", headers={"X-Request-ID": "chosen-by-a-visitor"})
+        kept = browser.get("/a")
+    ids = [answer.headers.get_list("x-request-id") for answer in (chosen, kept)]
+    assert all(len(one) == 1 and len(one[0]) == 32 for one in ids)
+    assert ids[0] != ids[1]

@@ -12,15 +12,18 @@ from sqlalchemy import select
 from tests.server.test_organizer_team_pages import last_line
 
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import NotAllowed
 from exceptiondrive_records.notifications.channels import NoticeSettings, message_of
-from exceptiondrive_records.notifications.contacts import contact_link
+from exceptiondrive_records.notifications.contacts import add_contact, contact_link
 from exceptiondrive_records.notifications.events import tell_teams
 from exceptiondrive_records.notifications.tables import (
+    Channel,
     ContactPoint,
     Delivery,
     Notification,
 )
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.teams.teams import register_team
 from exceptiondrive_schemas.rescoring import NotificationView
 
 if TYPE_CHECKING:
@@ -217,6 +220,15 @@ def test_wishes_that_stay_as_they_are_leave_no_audit_line(api: "Api") -> None:
         assert api.request("PATCH", path, "alpha", json={"wishes": wishes}).status_code == 200
         lines.append(last_line(api).id)
     assert [line - lines[0] for line in lines] == [0, 0, 0, 1, 1]
+
+
+def test_who_is_not_approved_lets_the_site_write_to_nobody(api: "Api") -> None:
+    """A stranger would choose the address, and in the team's name the words."""
+    with api.database.write() as session:
+        _, _, team = register_team(session, "gamma", "Log in at evil.example", "We are new.")
+        with pytest.raises(NotAllowed, match="not approved yet"):
+            add_contact(session, team.id, Channel.EMAIL, "you@example.org", actor="test")
+    assert mails(api) == []
 
 
 def test_another_teams_address_is_not_found(api: "Api", as_problem: Problem) -> None:

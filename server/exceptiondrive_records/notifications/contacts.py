@@ -23,6 +23,7 @@ from exceptiondrive_records.notifications.tables import (
     Notification,
 )
 from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.teams.teams import require_approved
 from exceptiondrive_schemas.rescoring import NotificationView, Wish
 
 MAX_CONTACTS = 5
@@ -55,9 +56,11 @@ def add_contact(
         may_be_private: Whether http to this very machine is let through, for tests.
 
     Raises:
+        NotAllowed: The team is not approved yet: strangers would let the site write to anybody.
         InvalidRecord: The address cannot be used.
         Conflict: The team has it already, has enough, or added enough today.
     """
+    require_approved(session.get_one(Team, team_id))
     if channel is Channel.WEBHOOK:
         _require_webhook(address, may_be_private)
     elif _EMAIL.fullmatch(address) is None:
