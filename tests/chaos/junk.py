@@ -52,6 +52,7 @@ def message(
 
 JUNK: dict[str, bytes] = {
     "no JSON": f"junk {MARK}".encode(),
+    "half a letter": message(headers={"id": "\ud800"}),
     "nothing": b"",
     "no UTF-8": b"\xff\xfe\x00 " + MARK.encode(),
     "half a message": message()[:200],

@@ -88,6 +88,7 @@ def why_junk(message: bytes) -> str | None:
         return "it is not JSON"
     try:
         envelope = _Envelope.model_validate(document)
+        envelope.model_dump_json()  # what cannot be written cannot be handed on
     except ValueError:
         return "it is not an envelope of a known message"
     try:
