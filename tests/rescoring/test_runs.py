@@ -20,6 +20,7 @@ from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_schemas.protocol import parse_protocol
 
 Stage = Any
 D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 4.5")
@@ -289,6 +290,7 @@ def test_every_board_that_was_public_keeps_its_address_and_drafts_have_none(
     assert newest.board == draft
     assert newest.comparison == f"/api/v1/rescoring/{run_id}"
     assert newest.what_changed == (
+        parse_protocol(make_protocol("1.1", *D_SAFE)).changes,
         "required clearance of task SE1 (occluded pedestrian) 2.0 -> 4.5 m",
     )
 

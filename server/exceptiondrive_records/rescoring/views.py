@@ -276,7 +276,11 @@ def update_reasons(session: Session, phase_id: str) -> dict[int, tuple[str, ...]
 
 def _words_of(session: Session, run: RescoringRun, flip_id: int) -> tuple[str, ...]:
     sentences = difference_of(session, run).sentences
-    return taken_back(sentences) if flip_id == run.rollback_flip_id else sentences
+    if flip_id == run.rollback_flip_id:
+        return taken_back(sentences)
+    if run.from_protocol_digest == run.to_protocol_digest:
+        return sentences
+    return find_protocol(session, run.to_protocol_digest).changes, *sentences
 
 
 def _runs_by_flip(session: Session, phase_id: str) -> dict[int, RescoringRun]:
