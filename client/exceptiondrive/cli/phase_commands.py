@@ -46,7 +46,10 @@ def show_phase(
 def create(
     phase_id: Annotated[str, typer.Argument(metavar="ID", help="Stands in addresses.")],
     split: Annotated[
-        str, typer.Option("--split", metavar="NAME", help="A registered split: see `splits list`.")
+        str,
+        typer.Option(
+            "--split", metavar="NAME", help="A registered split: see `organizer splits list`."
+        ),
     ],
     split_revision: Annotated[
         str | None,

@@ -43,7 +43,8 @@ def report_of(session: Session, phase: Phase) -> PhaseReport:
     row = current_board(session, phase.id)
     if row is None or not has_ended(session, phase):
         raise NotFound(
-            "report, which comes when all teams are done and the board is shown, of", phase.id
+            "report yet (it comes when all teams are done and the board is shown) of the phase",
+            phase.id,
         )
     board = parsed_board(row)
     scored = [entry for entry in board.entries if entry.source == "scored"]
