@@ -131,7 +131,7 @@ def split_changes(
     old: Manifest,
     new: Manifest,
     n_counted: tuple[int, int] | None = None,
-    told: SplitChange | None = None,
+    steps: tuple[SplitChange, ...] = (),
 ) -> tuple[Change, ...]:
     """Return the changes from one revision of a split to another, as far as they may be known.
 
@@ -139,12 +139,12 @@ def split_changes(
         old: What participants know of the earlier revision.
         new: And of the later one.
         n_counted: N of the earlier and of the later one.
-        told: What its makers say of this very step.
+        steps: What its makers say of each step between them, oldest first.
     """
     if old.revision == new.revision:
         return ()
     before, after = set(old.sample_ids), set(new.sample_ids)
-    sentences = [] if told is None else list(told.sentences)
+    sentences = [sentence for step in steps for sentence in step.sentences]
     if n_counted is not None and n_counted[0] != n_counted[1]:
         sentences.append(f"N goes from {n_counted[0]:,} to {n_counted[1]:,}")
     if after - before:

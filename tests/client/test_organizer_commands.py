@@ -106,7 +106,7 @@ def test_a_protocol_is_added_once_and_checked_before_it_is_sent(
     assert (again.exit_code, "nothing was added" in again.stdout) == (0, True)
     listed = json.loads(organize(running, "protocols", "list", "--json").stdout)
     assert [row["version"] for row in listed] == ["1.0", "1.1"]
-    for phase, chosen, version in (("a", (), "1.1"), ("b", ("--protocol", "1.0"), "1.0")):
+    for phase, chosen, version in (("a", (), "1.0"), ("b", ("--protocol", "1.1"), "1.1")):
         create = ("phases", "create", phase, "--title", phase, "--split", "tiny", *chosen, "--json")
         assert json.loads(organize(running, *create).stdout)["protocol"] == version
     path.write_text("version = 3")

@@ -13,12 +13,14 @@ from exceptiondrive_records.boards.boards import board_at, find_board
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.notifications.inbox import list_notifications
+from exceptiondrive_records.participation.forgetting import forget_team
 from exceptiondrive_records.rescoring import runs
 from exceptiondrive_records.rescoring.views import board_history, public_run
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_schemas.protocol import parse_protocol
 
 Stage = Any
 D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 4.5")
@@ -123,6 +125,23 @@ def test_a_preview_is_stale_once_a_submission_has_come(
         stage.apply(run_id, seen)
     stage.apply(run_id)
     assert len(entries_of(stage)) == 4
+
+
+def test_what_an_applied_run_compared_names_no_team_that_was_forgotten(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    stage.apply(run_id)
+    with stage.database.write() as session:
+        alias = forget_team(session, "alpha", reason="asked for", actor="test").name
+    with stage.database.read() as session:
+        told = public_run(session, run_id).comparison
+    assert [entry.team for entry in told.entries] == [alias, alias, "Beta"]
+    stage.work()
+    stage.rollback(run_id)
+    with stage.database.read() as session:
+        assert "Alpha" not in public_run(session, run_id).model_dump_json()
+    assert "Alpha" not in stage.preview(run_id).model_dump_json()
 
 
 def test_submissions_during_and_after_apply_are_scored_under_both(
@@ -271,6 +290,7 @@ def test_every_board_that_was_public_keeps_its_address_and_drafts_have_none(
     assert newest.board == draft
     assert newest.comparison == f"/api/v1/rescoring/{run_id}"
     assert newest.what_changed == (
+        parse_protocol(make_protocol("1.1", *D_SAFE)).changes,
         "required clearance of task SE1 (occluded pedestrian) 2.0 -> 4.5 m",
     )
 

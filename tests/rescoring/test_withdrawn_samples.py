@@ -53,12 +53,12 @@ def revised(split: Split) -> Split:
     return split.model_copy(update={"samples": tuple(samples)})
 
 
-def put_revision(stage: Stage, split: Split) -> str:
+def put_revision(stage: Stage, split: Split, words: str = WORDS, number: int = 2) -> str:
     """Put a later revision beside the earlier one, and register it with words for readers."""
-    path = stage.settings.splits_dir / "tiny" / "split-2.json"
+    path = stage.settings.splits_dir / "tiny" / f"split-{number}.json"
     path.write_text(split.model_dump_json(by_alias=True, exclude_none=True))
     splits = SplitStore(stage.settings.splits_dir)
-    register_all_splits(stage.context.database, splits, packaged_protocol(), WORDS)
+    register_all_splits(stage.context.database, splits, packaged_protocol(), words)
     return split.revision
 
 
@@ -95,6 +95,30 @@ def test_old_files_answer_what_is_withdrawn_and_no_sheet_counts_it(stage: Stage)
     assert fresh in stage.board(), "a file that answers all four is still what is asked for"
     stage.rollback(run_id)
     assert json.loads(stage.board())["n_samples"] == 4
+
+
+def test_a_run_over_two_revisions_tells_what_each_of_them_changed(stage: Stage) -> None:
+    second = revised(split_document())
+    first = second.model_copy(
+        update={
+            "samples": tuple(it.model_copy(update={"withdrawn": None}) for it in second.samples)
+        }
+    )
+    put_revision(stage, first, "The region of d lay too far.")
+    run_id = stage.draft(split_revision=put_revision(stage, second, "b failed the audit.", 3))
+    assert stage.view(run_id).difference.sentences == (
+        "The region of d lay too far.",
+        "the regions of 1 sample change",
+        "b failed the audit.",
+        "1 sample withdrawn: files still answer, none counts",
+        "N goes from 4 to 3",
+    )
+    stage.step("start", run_id)
+    stage.work()
+    stage.apply(run_id)
+    with stage.database.read() as session:
+        changes = public_run(session, run_id).changes
+    assert changes == "The region of d lay too far. b failed the audit."
 
 
 def test_the_sheet_is_that_of_a_split_without_the_sample(stage: Stage) -> None:

@@ -391,6 +391,21 @@ def test_verify_finds_entries_that_nobody_withdrew_or_moved(api: "Api") -> None:
         assert rules >= {"merged by nobody", "disqualified by nobody"}
 
 
+def test_verify_finds_a_board_that_nobody_showed(
+    api: "Api", make_entry: Callable[..., Any]
+) -> None:
+    """As whoever holds the server's role may turn a public board back."""
+    one = api.submit("a").json()["id"]
+    for rank in (1, 2):
+        api.publish(make_entry("Planner", submission_id=one, rank=rank))
+    with api.database.write() as session:
+        first = session.scalars(select(BoardRow.id).order_by(BoardRow.number)).first()
+        assert not [each for each in violations(session) if each.rule == "shown by nobody"]
+        session.get_one(Phase, "dev").current_board_id = first
+    with api.database.read() as session:
+        assert "shown by nobody" in {each.rule for each in violations(session)}
+
+
 def test_a_team_that_was_merged_is_forgotten_with_the_one_it_became_part_of(
     api_on_both: "Api", make_entry: Callable[..., Any]
 ) -> None:

@@ -31,8 +31,9 @@ from exceptiondrive_schemas.board import (
 )
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.phase_settings import BoardView
+from exceptiondrive_schemas.rescoring import EntryChange
 
-_Named = TypeVar("_Named", BoardEntry, BoardLeader, EntryNews)
+_Named = TypeVar("_Named", BoardEntry, BoardLeader, EntryNews, EntryChange)
 MAX_NEWS = 20
 """Of a board that changes more, as by a new part of the split, the others are counted."""
 

@@ -16,6 +16,7 @@ from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.boards.tables import (
     BoardEntryRow,
+    BoardFlip,
     BoardRow,
 )
 from exceptiondrive_records.db.errors import Conflict, NotFound, StoreError, Violation
@@ -192,6 +193,10 @@ def _pointers(session: Session) -> Iterator[Violation]:
             yield Violation("current board missing", phase.id, "the pointer leads nowhere")
         elif row.protocol_digest != phase.protocol_digest:
             yield Violation("current board of another protocol", phase.id, f"board {row.number}")
+        else:
+            flips = select(BoardFlip.board_id).where(BoardFlip.phase_id == phase.id)
+            if session.scalar(flips.order_by(BoardFlip.id.desc()).limit(1)) != row.id:
+                yield Violation("shown by nobody", phase.id, f"board {row.number}: no flip says so")
 
 
 _JOB_STATES_OF = {

@@ -12,7 +12,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.pairs import count_pairs
 from exceptiondrive_records.rescoring.tables import RescoringRun
-from exceptiondrive_records.splits.splits import find_split, whole_split
+from exceptiondrive_records.splits.splits import find_split, list_splits, whole_split
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES
@@ -219,19 +219,32 @@ def taken_back(sentences: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(f"taken back: {sentence}" for sentence in sentences)
 
 
-def split_change(session: Session, before: SplitRow, after: SplitRow) -> SplitChange | None:
-    """Return what readers are told of the step between two revisions, or parts of them."""
+def split_steps(session: Session, before: SplitRow, after: SplitRow) -> tuple[SplitChange, ...]:
+    """Return what readers are told of each step from one revision, or part of it, to a later one.
+
+    Returns:
+        Oldest first; nothing where the later one does not come from the earlier one.
+    """
     old, new = (whole_split(session, row.name, row.revision) for row in (before, after))
-    told = new.changes
-    return told if told is not None and told.previous == old.revision else None
+    previous = {
+        row.revision: row.changes
+        for row in list_splits(session)
+        if row.name == new.name and row.changes is not None
+    }
+    steps: list[SplitChange] = []
+    revision = new.revision
+    while revision != old.revision and revision in previous:
+        steps.append(previous.pop(revision))
+        revision = steps[-1].previous
+    return tuple(reversed(steps)) if revision == old.revision else ()
 
 
 def _revision_changes(
     session: Session, before: SplitRow, after: SplitRow
 ) -> tuple[Change_of_differences, ...]:
     n_counted = before.n_samples, after.n_samples
-    told = split_change(session, before, after)
-    return split_changes(before.manifest, after.manifest, n_counted, told)
+    steps = split_steps(session, before, after)
+    return split_changes(before.manifest, after.manifest, n_counted, steps)
 
 
 def _part_change(before: SplitRow, after: SplitRow) -> tuple[Change_of_differences, ...]:

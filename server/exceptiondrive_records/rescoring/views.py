@@ -20,7 +20,7 @@ from exceptiondrive_records.rescoring.comparison import (
     Compared,
     compare_rows,
     difference_of,
-    split_change,
+    split_steps,
     taken_back,
 )
 from exceptiondrive_records.rescoring.flip import blockers_of, comparison_of
@@ -126,7 +126,7 @@ def preview_of(session: Session, run_id: str, seen: str | None = None) -> Previe
     """
     run = find_run(session, run_id)
     blockers = blockers_of(session, run)
-    compared = comparison_of(session, run) if run.state in _PREVIEWED else _applied(run)
+    compared = comparison_of(session, run) if run.state in _PREVIEWED else _applied(session, run)
     is_behind = compared is None and not run.state.is_final
     if compared is None:
         compared = _unfinished_comparison(session, run)
@@ -149,9 +149,14 @@ def _direction(state: RunState) -> FlipDirection:
     return "roll_back" if state is RunState.APPLIED else "apply"
 
 
-def _applied(run: RescoringRun) -> Compared | None:
-    """What the run made true when it was applied, if it ever was."""
-    return None if run.comparison is None else Compared(run.comparison, run.comparison.digest)
+def _applied(session: Session, run: RescoringRun) -> Compared | None:
+    """What the run made true when it was applied, if it ever was; who was forgotten has an alias."""
+    if run.comparison is None:
+        return None
+    aliases = aliases_in(session, run.phase_id)
+    entries = tuple(under_alias(entry, aliases) for entry in run.comparison.entries)
+    told = run.comparison.model_copy(update={"entries": entries})
+    return Compared(told, told.digest)
 
 
 def _unfinished_comparison(session: Session, run: RescoringRun) -> Compared | None:
@@ -170,7 +175,8 @@ def public_run(session: Session, run_id: str) -> PublicRun:
         NotFound: There is none, or it was never applied.
     """
     run = find_run(session, run_id)
-    if run.applied_at is None or run.comparison is None:
+    applied = _applied(session, run)
+    if run.applied_at is None or applied is None:
         raise NotFound("applied rescoring run", run_id)
     phase = session.get_one(Phase, run.phase_id)
     return PublicRun(
@@ -185,7 +191,7 @@ def public_run(session: Session, run_id: str) -> PublicRun:
         to_split=SplitRef(name=phase.split_name, revision=run.to_split_revision),
         changes=_words_for_readers(session, run, phase.split_name),
         difference=difference_of(session, run),
-        comparison=run.comparison,
+        comparison=applied.comparison,
     )
 
 
@@ -196,9 +202,7 @@ def _words_for_readers(session: Session, run: RescoringRun, split_name: str) -> 
         words.append(find_protocol(session, run.to_protocol_digest).changes)
     revisions = run.from_split_revision, run.to_split_revision
     before, after = (find_split(session, split_name, revision) for revision in revisions)
-    told = split_change(session, before, after)
-    if told is not None:
-        words.append(told.words)
+    words += [step.words for step in split_steps(session, before, after)]
     return " ".join(words)
 
 
@@ -272,7 +276,11 @@ def update_reasons(session: Session, phase_id: str) -> dict[int, tuple[str, ...]
 
 def _words_of(session: Session, run: RescoringRun, flip_id: int) -> tuple[str, ...]:
     sentences = difference_of(session, run).sentences
-    return taken_back(sentences) if flip_id == run.rollback_flip_id else sentences
+    if flip_id == run.rollback_flip_id:
+        return taken_back(sentences)
+    if run.from_protocol_digest == run.to_protocol_digest:
+        return sentences
+    return find_protocol(session, run.to_protocol_digest).changes, *sentences
 
 
 def _runs_by_flip(session: Session, phase_id: str) -> dict[int, RescoringRun]:
