@@ -39,8 +39,6 @@ Progress = Callable[[int, int], None]
 OnRetry = Callable[[float], None]
 _ADVICE = {
     ProblemCode.NOT_SIGNED_IN: "Run: exceptiondrive login (or set EXCEPTIONDRIVE_TOKEN).",
-    ProblemCode.NOT_ALLOWED: "Your token may not do this; `exceptiondrive whoami` shows its "
-    "scopes.",
     ProblemCode.PHASE_CLOSED: "Run: exceptiondrive phases, to see which are open.",
     ProblemCode.UPLOAD_TOO_LARGE: "Compress the file with gzip; both forms are taken.",
     ProblemCode.TOO_MANY_REQUESTS: "Wait a little and run the same command again.",

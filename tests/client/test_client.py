@@ -226,6 +226,16 @@ def test_a_file_with_faults_is_never_sent(
     assert [method for method, *_ in phase_dev.requests] == ["GET", "GET"]
 
 
+def test_a_refusal_speaks_of_scopes_only_where_one_is_missing(
+    canned_server: "CannedServer",
+) -> None:
+    """A disqualified team, or one that owes its consent to terms, needs no other token."""
+    canned_server.problem("GET /me", 403, "not_allowed")
+    with Client(canned_server.url) as client, pytest.raises(NotAllowedError) as caught:
+        client.me()
+    assert "scope" not in f"{caught.value.sentence} {caught.value.advice}"
+
+
 def test_an_upload_that_is_sent_again_is_whole_again(
     phase_dev: "CannedServer", planning_file: Callable[..., Path]
 ) -> None:

@@ -199,6 +199,7 @@ def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path:
     text.write_text("It moves.", encoding="utf-8")
     to = ("message", "The deadline", "--text", text, "--to", "alef", "--to", "bet")
     assert "would reach 2 teams" in organize(running, *to, "--preview").stdout
+    assert "would reach 1 team\n" in organize(running, *to[:-2], "--preview").stdout
     assert "sent to 2 teams" in organize(running, *to).stdout
     assert organize(running, *to).exit_code == 4
     merged = organize(running, "teams", "merge", "alef", "--into", "bet", *why)

@@ -68,6 +68,10 @@ def test_regions_that_touch_the_new_footprint_are_told_before_anything_begins(
     for words in (text, str(after)):
         assert str(CANARY_M)[:8] not in words
         assert "scene-" not in words
+    for place in (page, "/organize"):
+        told = organizer.get(place).text
+        assert "drafted, but it cannot be started: cancel it." in told, place
+        assert "until you start it" not in told, place
     refused = scored.refused(f"/rescoring/{run['id']}/start", {"reason": "go"}, 409)
     assert f"some {TOUCH}" in refused
     assert "No team can help it" in refused

@@ -157,6 +157,36 @@ def test_a_message_is_previewed_and_shows_no_address(
     assert "title" in last_line(api).detail
 
 
+def test_a_team_that_became_part_of_another_is_written_to_and_changed_no_more(
+    api_on_both: "Api", organizer: "TeamBrowser"
+) -> None:
+    """It has no people, no tokens and no inbox that anybody reads."""
+    api = api_on_both
+    why = {**WHY, "into": "beta"}
+    here = "/organize/teams/alpha"
+    deeds = (f"{here}/merge", f"{here}/disqualify", f"{here}/tokens", "messages?team=alpha")
+    before = organizer.get(here).text
+    assert [deed for deed in deeds if deed not in before] == []
+    assert api.post("/organizer/teams/alpha/merge", "organizer", json=why).status_code == 200
+    page = organizer.get(here).text
+    assert [deed for deed in deeds if deed in page] == []
+    assert 'part of <a href="/organize/teams/beta">Beta</a>' in page
+    assert (
+        'part of <a href="/organize/teams/beta">Beta</a>' in organizer.get("/organize/teams").text
+    )
+    assert "alpha" not in organizer.get("/organize/messages").text
+    words = {"title": "The deadline", "text": "It moves.", "is_preview": True}
+    to_all = api.post("/organizer/messages", "organizer", json=words).json()
+    assert [one["team"] for one in to_all["recipients"]] == ["beta"]
+    refused = api.post("/organizer/messages", "organizer", json={**words, "teams": ["alpha"]})
+    assert (refused.status_code, "part of beta" in refused.text) == (409, True)
+    gone = api.post("/organizer/teams/beta/forget", "organizer", json=WHY).json()["id"]
+    to_all = api.post("/organizer/messages", "organizer", json=words).json()
+    assert to_all["recipients"] == []
+    refused = api.post("/organizer/messages", "organizer", json={**words, "teams": [gone]})
+    assert (refused.status_code, "is forgotten" in refused.text) == (409, True)
+
+
 def test_names_limits_and_addresses_stand_on_the_page_of_a_team(
     api_on_both: "Api", organizer: "TeamBrowser"
 ) -> None:

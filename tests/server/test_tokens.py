@@ -36,7 +36,9 @@ def test_an_issued_token_works_with_its_scopes_alone(api_on_both: "Api") -> None
     assert issued.headers["cache-control"] == "no-store"
     api.tokens["ci"] = issued.json()["token"]
     assert api.submit("a", "ci").status_code == 202
-    assert api.get("/submissions", "ci").status_code == 403
+    refused = api.get("/submissions", "ci")
+    assert refused.status_code == 403
+    assert "the scope 'read:own'; `exceptiondrive whoami` shows" in refused.json()["detail"]
     assert api.get("/tokens", "ci").status_code == 403
 
 

@@ -11,6 +11,7 @@ from exceptiondrive.cli.output import say, show_result
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive_schemas.printable import counted
 
 TeamId = Annotated[
     str, typer.Argument(metavar="TEAM", autocompletion=completion.teams, help="Id of the team.")
@@ -83,7 +84,8 @@ def merge_teams(
     """Make a team part of another one, with submissions, people and addresses; for good."""
     with open_organizer(server) as organizer:
         merged = organizer.merge_teams(team_id, into, reason)
-    line = f"team {merged['id']} has {merged['n_submissions']} submissions of {team_id}"
+    n_moved = counted(merged["n_submissions"], "submission")
+    line = f"team {merged['id']} has {n_moved} of {team_id}"
     show_result(merged, json, line)
 
 
@@ -234,7 +236,7 @@ def send_message(
         sent = organizer.send_message(title, words, to or (), phase, is_preview=preview)
     columns = ("team", "name", "n_emails", "n_webhooks")
     what = "sent to" if sent["is_sent"] else "would reach"
-    line = f"{what} {len(sent['recipients'])} teams"
+    line = f"{what} {counted(len(sent['recipients']), 'team')}"
     show_result(sent, json, records_table(sent["recipients"], columns), line)
 
 

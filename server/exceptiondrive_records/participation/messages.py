@@ -36,11 +36,12 @@ def recipients(
 
     Args:
         session: To read with.
-        slugs: These teams; empty: all that are approved, reference teams left out.
+        slugs: These teams; empty: all that are approved, without reference teams and those gone.
         phase_id: Of all: those that submitted to this phase.
 
     Raises:
         NotFound: No such team.
+        Conflict: One of these teams was forgotten, or is part of another one.
     """
     counts = _addresses(session)
     return [
@@ -81,7 +82,7 @@ def send_message(
     Raises:
         NotFound: No such team.
         InvalidRecord: A text cannot be used, or there is nobody to write to.
-        Conflict: One of the teams has this very message.
+        Conflict: One of the teams has this very message, was forgotten, or is part of another one.
     """
     title, paragraphs = checked_message(title, text)
     teams = _teams(session, slugs, phase_id)
@@ -160,12 +161,27 @@ def checked_message(title: str, text: str) -> tuple[str, tuple[str, ...]]:
 
 def _teams(session: Session, slugs: Sequence[str], phase_id: str | None) -> list[Team]:
     if slugs:
-        return [find_team(session, slug) for slug in sorted(set(slugs))]
-    query = select(Team).where(Team.pending_since.is_(None), Team.is_reference.is_(False))
+        return [_readable(session, find_team(session, slug)) for slug in sorted(set(slugs))]
+    query = select(Team).where(
+        Team.pending_since.is_(None),
+        Team.is_reference.is_(False),
+        Team.forgotten_at.is_(None),
+        Team.merged_into_id.is_(None),
+    )
     if phase_id is not None:
         submitted = exists().where(Submission.team_id == Team.id, Submission.phase_id == phase_id)
         query = query.where(submitted)
     return list(session.scalars(query.order_by(Team.slug)))
+
+
+def _readable(session: Session, team: Team) -> Team:
+    """Return a team that somebody reads for."""
+    if team.merged_into_id is not None:
+        into = session.get_one(Team, team.merged_into_id).slug
+        raise Conflict(f"The team {team.slug} is part of {into}: write to that one.")
+    if team.forgotten_at is not None:
+        raise Conflict(f"The team {team.slug} is forgotten: nobody reads what is written to it.")
+    return team
 
 
 def _lock(session: Session, teams: Sequence[Team]) -> None:

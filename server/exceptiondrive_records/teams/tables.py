@@ -41,6 +41,11 @@ class Team(Base):
     registered_from: Mapped[str | None]
     """Digest of the network that it registered itself from."""
 
+    @property
+    def is_gone(self) -> bool:
+        """Whether it was forgotten or became part of another team: nobody acts or reads for it."""
+        return self.forgotten_at is not None or self.merged_into_id is not None
+
 
 class SiteSetting(Base):
     """What organizers switch while the server runs."""

@@ -211,7 +211,7 @@ def approve_team(session: Session, slug: str, *, actor: str) -> Team:
 
 def require_approved(team: Team) -> None:
     """Refuse a submission of a team that waits for approval, or that is none any more."""
-    if team.forgotten_at is not None or team.merged_into_id is not None:
+    if team.is_gone:
         raise NotAllowed("Your team was forgotten, or became part of another one, meanwhile.")
     if team.pending_since is not None:
         raise NotAllowed("Your team is not approved yet; an organizer has to look at it first.")

@@ -158,7 +158,9 @@ def merge(services: ServicesOf, team_id: Slug) -> Step:
         others = [
             (one.slug, one.name)
             for one in list_teams(session)
-            if one is not team and not one.is_reference and one.pending_since is None
+            if one is not team
+            and not (one.is_reference or one.is_gone)
+            and one.pending_since is None
         ]
     into = FormField("into", "Into", "choice", "the team that stays", True, options=tuple(others))
     return _step(
@@ -335,7 +337,7 @@ def post_message(
 
 
 def _message(session: Session) -> Step:
-    teams = tuple((one.slug, one.name) for one in list_teams(session))
+    teams = tuple((one.slug, one.name) for one in list_teams(session) if not one.is_gone)
     phases = tuple((one.id, one.title) for one in list_phases(session, with_hidden=True))
     return Step(
         section="teams",

@@ -66,10 +66,18 @@ def run_line(run: RunView) -> RunLine:
         change=" and ".join(changes) or "verification of sheets",
         state=run.state.value.replace("_", " "),
         tone=_TONE[run.state],
-        next_words=_NEXT[run.state],
+        next_words=_next_words(run),
         progress_words=_progress_words(progress),
         share=progress.done / progress.total if progress.total else 1.0,
     )
+
+
+def _next_words(run: RunView) -> str:
+    """Say what can be done next."""
+    is_refused = run.trial is not None and run.trial.state == "refused"
+    if run.state is RunState.DRAFT and is_refused:
+        return "drafted, but it cannot be started: cancel it."
+    return _NEXT[run.state]
 
 
 def _progress_words(progress: Progress) -> str:

@@ -144,7 +144,8 @@ def _list(
     refusal: RecordsError | None = None,
 ) -> Response:
     with services.database.read() as session:
-        teams = [one for one in list_teams(session) if one.pending_since or not only_pending]
+        by_id = {one.id: one for one in list_teams(session)}
+        teams = [one for one in by_id.values() if one.pending_since or not only_pending]
         n_tokens, n_submissions = live_tokens_by_team(session), counts_by_team(session)
     return organizer_page(
         request,
@@ -153,6 +154,7 @@ def _list(
         "teams",
         refusal=refusal,
         teams=sorted(teams, key=lambda team: team.pending_since is None),
+        by_id=by_id,
         n_tokens=n_tokens,
         n_submissions=n_submissions,
         only_pending=only_pending,
@@ -179,6 +181,7 @@ def _team(
         n_submissions = counts_by_team(session).get(team.id, 0)
         seen = participation_of(session, team)
         phases = list_phases(session, with_hidden=True)
+        part_of = session.get(Team, team.merged_into_id) if team.merged_into_id else None
     return organizer_page(
         request,
         browser,
@@ -186,6 +189,7 @@ def _team(
         "teams",
         refusal=refusal,
         team=team,
+        part_of=part_of,
         tokens=sorted(tokens, key=lambda one: not one[1]),
         rights_of=lambda token: [MEANING_OF_SCOPE[Scope(scope)] for scope in token.scopes],
         issued=issued,

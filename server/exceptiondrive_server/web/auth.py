@@ -53,7 +53,10 @@ def require(scope: Scope) -> Callable[[Principal | None], Principal]:
         if principal is None:
             raise ApiProblem(ProblemCode.NOT_SIGNED_IN, _NO_TOKEN)
         if scope not in principal.scopes:
-            detail = f"This needs a token with the scope {scope.value!r}."
+            detail = (
+                f"This needs a token with the scope {scope.value!r}; `exceptiondrive whoami` "
+                "shows those of yours."
+            )
             raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
         return principal
 
