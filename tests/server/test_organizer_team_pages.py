@@ -11,8 +11,6 @@ from exceptiondrive_records.accounts.tables import BrowserSession, Token
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.news.questions import ask_question
 from exceptiondrive_records.news.tables import Question
-from exceptiondrive_records.notifications.contacts import add_contact
-from exceptiondrive_records.notifications.tables import Channel, ContactPoint, Delivery
 from exceptiondrive_records.participation.disqualification import disqualify_team
 from exceptiondrive_records.participation.tables import Disqualification
 from exceptiondrive_records.phases.phases import find_phase
@@ -134,8 +132,7 @@ def test_a_refused_registration_takes_along_all_that_is_the_teams(
         _, _, team = register_team(session, "delta", "Delta", "We are new.")
         ask_question(session, team.id, "dev", "May we use maps?", actor="delta")
         disqualify_team(session, "delta", reason="a second account", actor="test")
-        add_contact(session, team.id, Channel.EMAIL, "new@example.org", actor="delta")
-    held = (Question, Disqualification, ContactPoint, Delivery)
+    held = (Question, Disqualification)
     with api.database.read() as session:
         assert all(session.scalars(select(kind)).first() for kind in held)
     refuse = f"{TEAMS}/delta/refuse"
