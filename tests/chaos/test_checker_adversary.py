@@ -110,6 +110,8 @@ def _withdraw_but_show(story: Story) -> None:
     _sql("UPDATE submissions SET status='withdrawn', withdrawn_at=status_at WHERE id='{best}'")(
         story
     )
+    with story.database.write() as session:
+        audit(session, "team:alpha", "submission withdrawn", story.scored[0])
 
 
 def _leave_the_pointer(story: Story) -> None:

@@ -148,7 +148,8 @@ def _parsed(toml: str) -> ProtocolDocument:
 def usual_protocol(session: Session, actor: str, *, is_withheld: bool) -> str:
     """Return the digest of what a new phase takes; of a public split the newest that a phase has.
 
-    Drafts are not taken unasked. A packaged protocol is added where it is missing.
+    Where no phase has one, that is the last that was added; a draft is not taken unasked where there is
+    another. A packaged protocol is added where it is missing.
 
     Args:
         session: Of a write transaction.
@@ -158,8 +159,8 @@ def usual_protocol(session: Session, actor: str, *, is_withheld: bool) -> str:
     if is_withheld:
         return add_protocol(session, packaged_protocol_toml(NEWEST_WITHHELD), actor).digest
     in_use = set(session.scalars(select(Phase.protocol_digest)))
-    rows = (row for row in list_protocol_rows(session) if row.version != NEWEST_WITHHELD)
-    known = [row.digest for row in rows if row.digest in in_use]
-    return (
-        known[-1] if known else add_protocol(session, packaged_protocol_toml(NEWEST), actor).digest
-    )
+    known = [row for row in list_protocol_rows(session) if row.version != NEWEST_WITHHELD]
+    candidates = [row for row in known if row.digest in in_use] or known
+    if candidates:
+        return candidates[-1].digest
+    return add_protocol(session, packaged_protocol_toml(NEWEST), actor).digest

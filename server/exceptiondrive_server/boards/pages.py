@@ -59,7 +59,7 @@ def show_board(request: Request) -> Response:
     """
     if _is_sent_by_form(request):
         return RedirectResponse(asked_board(request).url(), status_code=303)
-    if short := without_unknown(request, asked_board(request)):
+    if short := without_unknown(request):
         return RedirectResponse(short, status_code=308)
     if holder_of(request) is not Holder.VISITOR:
         return _signed_in_board(request)
@@ -98,7 +98,7 @@ def _own_submissions(
 @router.get("/history")
 def show_history(request: Request, query: AskedBoard) -> Response:
     """Show every board that a phase ever had."""
-    if short := without_unknown(request, query):
+    if short := without_unknown(request):
         return RedirectResponse(short, status_code=308)
     return public_page(request, "boards/history.html", "board", lambda it: _history(it, query))
 

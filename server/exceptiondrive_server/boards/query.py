@@ -228,11 +228,11 @@ _KEYS = frozenset(
 """What `BoardQuery.parse` reads of an address."""
 
 
-def without_unknown(request: Request, query: BoardQuery) -> str | None:
+def without_unknown(request: Request) -> str | None:
     """Return the address without what no page asks for, where there is such: each would be kept apart."""
-    if request.query_params.keys() <= _KEYS:
+    if _KEYS.issuperset(request.query_params):
         return None
-    return query.url(request.url.path, anchor="")
+    return asked_board(request).url(request.url.path, anchor="")
 
 
 AskedBoard = Annotated[BoardQuery, Depends(asked_board)]

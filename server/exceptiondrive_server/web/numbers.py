@@ -69,11 +69,17 @@ class Digits:
         return self.signed(metric, None if a is None or b is None else a - b)
 
     def interval(self, metric: Metric, interval: Interval | None, *, signed: bool = False) -> str:
-        """Write `57.30 to 65.50`, as many decimals as its value; nothing where none is known."""
+        """Write `57.30 to 65.50`; nothing where no interval is known.
+
+        One that was rounded to whole per cents, as of withheld splits, claims no decimals.
+        """
         if interval is None:
             return ""
-        write = self.signed if signed else self.text
-        return " to ".join([write(metric, end) or "" for end in interval])
+        low, high = interval
+        is_whole = metric.unit == "fraction" and low == round(low, 2) and high == round(high, 2)
+        digits = Digits(percent=0) if is_whole else self
+        write = digits.signed if signed else digits.text
+        return f"{write(metric, low)} to {write(metric, high)}"
 
     def best(self, metric: Metric, values: Iterable[float | None]) -> str | None:
         """Write the best of some values; None where none is known or no way is better."""

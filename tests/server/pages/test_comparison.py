@@ -211,11 +211,11 @@ def test_tasks_are_compared_by_what_is_published(lively_board: Board, sheets: Sh
     line = next(line for line in table.lines if line.title == "Stalled vehicle")
     hcc = PLANNING.metrics[0]
     assert line.value == pytest.approx(values[0] - values[1])
-    assert line.interval(hcc, Digits()) == "+1.00 to +7.00"
+    assert line.interval(hcc, Digits()) == "+1 to +7"
     assert line.found is not None
     assert (line.found.verdict, is_sure(line.found)) == ("Kestrel-2 is better", True)
     family = next(line for line in families if line.title == "Lane Blockage")
-    assert family.interval(hcc, Digits()) == "+1.00 to +7.00"
+    assert family.interval(hcc, Digits()) == "+1 to +7"
     plain = next(line for line in table.lines if line.title == "Occluded pedestrian")
     assert (plain.interval(hcc, Digits()), plain.found, is_sure(plain.found)) == ("", None, False)
     assert plain.value is not None
@@ -258,7 +258,7 @@ def test_the_other_order_turns_tasks_too(lively_board: Board) -> None:
 async def test_the_page_shows_tasks_with_and_without_intervals(paired_site: Any) -> None:
     text = (await paired_site.get("/compare?a=s0000000kq&b=s0000002kq")).text
     assert text.count("<tr") > 27
-    assert "+1.00 to +7.00" in text
+    assert "+1 to +7" in text
     other = (await paired_site.get("/compare?a=s0000001kq&b=s0000002kq")).text
     tasks = other[other.index('id="tasks"') :]
     assert "Stalled vehicle" in tasks

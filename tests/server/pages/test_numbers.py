@@ -68,11 +68,11 @@ def test_moments_are_written_in_utc() -> None:
     assert short_digest("sha256:" + "ab" * 32) == "abababababab"
 
 
-def test_an_interval_has_the_decimals_of_its_value() -> None:
+def test_an_interval_of_whole_per_cents_claims_no_decimals() -> None:
     digits, hcc, cts = Digits(), PLANNING.metric("hcc"), PLANNING.metric("cts")
-    assert digits.interval(hcc, (0.23, 0.26)) == "23.00 to 26.00"
-    assert digits.interval(hcc, (0.29, 0.58)) == "29.00 to 58.00"
+    assert digits.interval(hcc, (0.23, 0.26)) == "23 to 26"
+    assert digits.interval(hcc, (0.29, 0.58)) == "29 to 58"
     assert digits.interval(hcc, (0.23, 0.2601)) == "23.00 to 26.01"
-    assert digits.interval(hcc, (-0.03, 0.05), signed=True) == "−3.00 to +5.00"
+    assert digits.interval(hcc, (-0.03, 0.05), signed=True) == "−3 to +5"
     assert digits.interval(cts, (1.0, 2.0)) == "1.00 to 2.00"
     assert digits.interval(hcc, None) == ""

@@ -146,8 +146,8 @@ def test_there_is_no_arrow_without_both_ends_or_under_the_other_average(
 async def test_the_board_says_the_effect_in_words_beside_the_arrows(shown_site: Any) -> None:
     text = (await shown_site.get("/?phase=strategy")).text
     assert text.count('<g class="eff">') == 2  # wide and narrow
-    assert "Accuracy +16.25 points (+10.00 to +23.00)" in text
-    assert "Under-warning \u221215.25 points (\u221222.00 to \u22129.00)" in text
+    assert "Accuracy +16.25 points (+10 to +23)" in text
+    assert "Under-warning \u221215.25 points (\u221222 to \u22129)" in text
     assert 'class="eff' not in (await shown_site.get("/?phase=sample")).text
 
 
