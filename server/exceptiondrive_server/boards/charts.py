@@ -518,8 +518,7 @@ def effect_lines(board: Board, digits: Digits) -> tuple[EffectLine, ...]:
                 continue
             text = f"{metric.label} {digits.signed(metric, found.difference)} points"
             if found.interval:
-                low, high = (digits.signed(metric, end) for end in found.interval)
-                text += f" ({low} to {high})"
+                text += f" ({digits.interval(metric, found.interval, signed=True)})"
             parts.append(text)
         lines.append(EffectLine(entry.method, effect.without_method, tuple(parts)))
     return tuple(lines)

@@ -75,11 +75,10 @@ class Digits:
         """
         if interval is None:
             return ""
-        low, high = interval
-        is_whole = metric.unit == "fraction" and low == round(low, 2) and high == round(high, 2)
+        is_whole = metric.unit == "fraction" and all(_is_whole(100 * end) for end in interval)
         digits = Digits(percent=0) if is_whole else self
         write = digits.signed if signed else digits.text
-        return f"{write(metric, low)} to {write(metric, high)}"
+        return " to ".join([write(metric, end) or "" for end in interval])
 
     def best(self, metric: Metric, values: Iterable[float | None]) -> str | None:
         """Write the best of some values; None where none is known or no way is better."""

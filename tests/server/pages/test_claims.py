@@ -260,8 +260,9 @@ def check_the_average(page: Node, average: str) -> None:
 
 
 def span_words(span: Sequence[float]) -> str:
-    """An interval has as many decimals as its value."""
-    return " to ".join(str(percent(end)) for end in span)
+    """One of whole per cents, as of withheld splits, claims no decimals."""
+    is_whole = all(abs(100 * end - round(100 * end)) <= 1e-6 for end in span)
+    return " to ".join(str(percent(end)).removesuffix(".00" if is_whole else "") for end in span)
 
 
 def check_the_chart(page: Node, board: Board, average: str) -> None:
