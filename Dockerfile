@@ -1,4 +1,4 @@
-# Three images from one file: `--target server` carries no numpy, no scoring dependencies and no worker; `--target worker` no FastAPI;
+# Three images from one file: `--target server` carries no shapely and no worker; `--target worker` no FastAPI;
 # `--target client` is what participants and their continuous integration run. All install wheels, and no wheel holds a split.
 # To pin the base to its bytes: --build-arg PYTHON=python:3.11-slim@sha256:...
 ARG PYTHON=python:3.11-slim
