@@ -8,6 +8,9 @@ from typing import Any
 
 from exceptiondrive.transport import Connection, Record, Transport, quoted
 
+MAX_ARCHIVE_BYTES = 2**36
+"""Of every upload of a phase, which an organizer's own server packs."""
+
 
 class Organizer(Connection):
     """Speaks for an organizer to one server; server and token as in `Client`."""
@@ -174,7 +177,9 @@ class Organizer(Connection):
     ) -> bytes:
         """Return a tar of the uploads that match, with `manifest.json` as its last member."""
         query = {"team": team, "phase": phase, "status": status}
-        return self._transport.get("/organizer/submissions/archive", query).content
+        return self._transport.get(
+            "/organizer/submissions/archive", query, max_bytes=MAX_ARCHIVE_BYTES
+        ).content
 
     def tokens(self, team_id: str) -> list[Record]:
         """Return a team's tokens, without their secrets."""
@@ -234,7 +239,9 @@ class Organizer(Connection):
 
     def export_phase(self, phase_id: str) -> bytes:
         """Return what readers may see of a phase as a tar; its `README.md` says what each file is."""
-        return self._transport.get(f"/organizer/phases/{quoted(phase_id)}/export").content
+        return self._transport.get(
+            f"/organizer/phases/{quoted(phase_id)}/export", max_bytes=MAX_ARCHIVE_BYTES
+        ).content
 
     def reported_boards(self, phase_id: str) -> list[Record]:
         """Return the boards of elsewhere beside a phase, withdrawn ones too, newest first."""

@@ -63,6 +63,9 @@ LONGEST_OF_ALL_RETRIES_S = 120.0
 TIMEOUT_S = 30.0
 LONGEST_RETRY_AFTER_S = 30.0
 """Who asks to come back later than this is told to the user instead."""
+MAX_ANSWER_BYTES = 256_000_000
+"""Unpacked: more than any document, where a megabyte can unpack to a gigabyte."""
+_MAX_BYTES = "exceptiondrive.max_bytes"
 _ON_PROGRESS = "exceptiondrive.on_progress"
 Query = Mapping[str, str | int | None]
 Record = dict[str, Any]
@@ -119,30 +122,40 @@ class _CountingStream(io.BytesIO):
         return chunk
 
 
-class _CountedAnswer(httpx.SyncByteStream):
-    """The body of an answer that tells how much of it has come."""
+class _BoundedAnswer(httpx.SyncByteStream):
+    """The body of an answer, unpacked, that tells how much of it has come and has an end."""
 
-    def __init__(self, response: httpx.Response, on_progress: Progress) -> None:
-        self._parts = cast(httpx.SyncByteStream, response.stream)
+    def __init__(self, response: httpx.Response) -> None:
+        stream = cast(httpx.SyncByteStream, response.stream)
+        self._packed = httpx.Response(
+            response.status_code, headers=response.headers, stream=stream, request=response.request
+        )
         self._size = int(response.headers.get("content-length", 0))
-        self._on_progress = on_progress
+        found = response.request.extensions.get(_ON_PROGRESS) if response.is_success else None
+        self._on_progress: Progress = found or (lambda *_: None)
+        self._max_bytes = response.request.extensions.get(_MAX_BYTES, MAX_ANSWER_BYTES)
 
     def __iter__(self) -> Iterator[bytes]:
         come = 0
-        for part in self._parts:
+        for part in self._packed.iter_bytes():
             come += len(part)
-            self._on_progress(come, self._size)
+            if come > self._max_bytes:
+                raise ServerError(
+                    "answer_too_large",
+                    f"The server answered {self._packed.url.path} with more than "
+                    f"{self._max_bytes:,} bytes.",
+                    "Check the address of the server, and tell the organizers.",
+                )
+            self._on_progress(self._packed.num_bytes_downloaded, self._size)
             yield part
 
     def close(self) -> None:
-        self._parts.close()
+        self._packed.close()
 
 
-def _count(response: httpx.Response) -> None:
-    """Let the answer of a request with an `on_progress` tell how much of it has come."""
-    on_progress = response.request.extensions.get(_ON_PROGRESS)
-    if on_progress is not None and response.is_success:
-        response.stream = _CountedAnswer(response, on_progress)
+def _bound(response: httpx.Response) -> None:
+    response.stream = _BoundedAnswer(response)
+    response.headers.pop("content-encoding", None)
 
 
 def raise_problem(response: httpx.Response) -> NoReturn:
@@ -255,7 +268,7 @@ class Transport:
             base_url=f"{server}/api/v1",
             headers=headers,
             timeout=httpx.Timeout(timeout_s),
-            event_hooks={"response": [_count]},
+            event_hooks={"response": [_bound]},
         )
 
     def close(self) -> None:
@@ -268,17 +281,19 @@ class Transport:
         query: Query | None = None,
         headers: Mapping[str, str] | None = None,
         on_progress: Progress | None = None,
+        max_bytes: int = MAX_ANSWER_BYTES,
     ) -> httpx.Response:
-        """GET; raises the error of a problem, or `NetworkError`.
+        """GET; raises the error of a problem, `NetworkError`, or `ServerError` of an endless answer.
 
         Args:
             path: Below `/api/v1`.
             query: Of the address; what is None is left out.
             headers: Further ones.
             on_progress: Called with bytes come and bytes in all, 0 where that is not known.
+            max_bytes: Of the answer, unpacked.
         """
         params = {key: value for key, value in (query or {}).items() if value is not None}
-        more = {_ON_PROGRESS: on_progress}
+        more = {_ON_PROGRESS: on_progress, _MAX_BYTES: max_bytes}
         return self._send(
             lambda: self._http.get(path, params=params, headers=headers, extensions=more)
         )

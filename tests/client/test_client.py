@@ -1,5 +1,6 @@
 """The SDK against set answers: retries, errors, waiting. The real server: test_with_server.py."""
 
+import gzip
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -27,6 +28,7 @@ from exceptiondrive.checking import manifest_of
 from exceptiondrive.client import TeamTokens
 from exceptiondrive.inputs import given_split
 from exceptiondrive.organizer import Organizer
+from exceptiondrive.transport import MAX_ANSWER_BYTES
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.submission import SubmissionView
 
@@ -281,6 +283,18 @@ def test_a_download_tells_how_much_of_it_has_come(
     come, size = told[-1]
     assert come == size == len(json.dumps(json.loads(split_file.read_bytes())))
     assert [first for first, _ in told] == sorted(first for first, _ in told)
+
+
+@pytest.mark.parametrize("status", [200, 404])
+def test_an_answer_that_unpacks_without_end_is_given_up(
+    canned_server: "CannedServer", status: int
+) -> None:
+    packed = gzip.compress(b" " * (MAX_ANSWER_BYTES + 1), 1)
+    assert len(packed) < 2_000_000
+    canned_server.answer("GET /phases", status, packed, {"content-encoding": "gzip"})
+    with Client(canned_server.url) as client, pytest.raises(ServerError, match="256,000,000 bytes"):
+        client.phases()
+    assert len(canned_server.requests) == 1
 
 
 def test_submissions_are_read_page_by_page(canned_server: "CannedServer") -> None:

@@ -241,6 +241,25 @@ def test_no_run_is_restored_once_scores_were_revealed(life: "Life", is_revealed:
     assert "settled before" in life.refused(restore, {"reason": "x"}, 409)
 
 
+@pytest.mark.parametrize("is_revealed", [True, False])
+def test_no_teams_of_one_phase_are_merged_once_scores_were_revealed(
+    life: "Life", is_revealed: bool
+) -> None:
+    """Else one entry of two is chosen by what was kept from all."""
+    life.make_phase(split="plain", closes_at=life.ahead(60), policy={"frozen_scores": "hidden"})
+    life.done("/phases/test/freeze")
+    for team, way in (("alpha", PUBLIC_ONLY), ("beta", PRIVATE_ONLY)):
+        life.submit(team, way, "M", "plain")
+    life.work()
+    life.move(closes_at=life.now())
+    merged = {"into": "beta", "reason": "one group"}
+    if not is_revealed:
+        life.done("/teams/alpha/merge", merged)
+        return
+    life.done("/phases/test/reveal", {"what": "board", "reason": "the end"})
+    assert "settled before" in life.refused("/teams/alpha/merge", merged, 409)
+
+
 def test_an_upload_in_the_air_answers_no_board_that_was_hidden(life: "Life") -> None:
     life.make_phase(split="plain", closes_at=life.ahead(60), policy={"frozen_scores": "hidden"})
     before = life.now() - timedelta(seconds=1)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from sqlalchemy import select, update
+from sqlalchemy import select, text, update
 from sqlalchemy.exc import IntegrityError
 from tests.server.test_organizer_team_pages import last_line
 
@@ -389,6 +389,30 @@ def test_verify_finds_entries_that_nobody_withdrew_or_moved(api: "Api") -> None:
     with api.database.read() as session:
         rules = {each.rule for each in violations(session)}
         assert rules >= {"merged by nobody", "disqualified by nobody"}
+
+
+def test_verify_names_each_row_that_cannot_be_read_and_looks_at_all_the_others(
+    api_on_both: "Api",
+) -> None:
+    """As whoever holds the server's role may write them; nothing hides behind a broken document."""
+    api = api_on_both
+    broken, own = (api.submit(name).json()["id"] for name in "ab")
+    with api.database.write() as session:
+        session.execute(text("UPDATE submissions SET report='{}' WHERE id=:id"), {"id": broken})
+        session.execute(text("UPDATE phases SET page='[]' WHERE id='dev'"))
+        session.get_one(Submission, own).team_id = api.team_ids["beta"]
+    with api.database.read() as session:
+        found = {(each.rule, each.subject) for each in violations(session)}
+    assert found == {
+        ("row unreadable", f"submissions/{broken}"),
+        ("row unreadable", "phases/dev"),
+        ("submission of another team", own),
+    }
+    with api.database.write() as session:
+        session.execute(text("UPDATE submissions SET facts='7' WHERE id=:id"), {"id": broken})
+    with api.database.read() as session:
+        rules = {each.rule for each in violations(session)}
+    assert rules == {"row unreadable", "rule broken off"}
 
 
 def test_verify_finds_a_board_that_nobody_showed(

@@ -53,6 +53,21 @@ def test_a_registered_team_submits_only_when_it_is_approved(
     assert [line["action"] for line in lines].count("team approved") == 1
 
 
+def test_a_team_that_waits_for_approval_asks_one_question_at_a_time(
+    open_api: "Api", as_problem: Problem
+) -> None:
+    api = open_api
+    api.tokens["gamma"] = api.post("/registrations", json=WANTED).json()["token"]
+
+    def ask(words: str) -> Any:
+        return api.post("/phases/dev/questions", "gamma", json={"text": words})
+
+    assert ask("When are we approved?").status_code == 201
+    assert "waits" in as_problem(ask("And now?"), 409, "conflict")["detail"]
+    api.post("/organizer/teams/gamma/approve", "organizer")
+    assert ask("And now?").status_code == 201
+
+
 def test_a_taken_name_and_a_team_that_is_not_there_are_told(
     open_api: "Api", as_problem: Problem
 ) -> None:

@@ -17,7 +17,7 @@ from exceptiondrive_records.teams.tables import Team
 
 MAX_QUESTION = 1000
 MAX_OPEN = 5
-"""So many questions of a team may wait for an answer."""
+"""So many questions of a team may wait for an answer; of one that waits for approval a single one."""
 _TITLE = "A question, answered"
 _MARKS = re.compile(r"[\\`*_\[\]<>&~|]|^[-+#=:]")
 _NUMBER = re.compile(r"^(\d+)([.)])")
@@ -43,13 +43,17 @@ def ask_question(
     """
     phase = shown_phase(session, phase_id)
     text = checked_text("question", text, max_length=MAX_QUESTION, may_have_lines=True)
-    session.get_one(Team, team_id, with_for_update={"key_share": True})
+    team = session.get_one(Team, team_id, with_for_update={"key_share": True})
     own = select(Question).where(Question.team_id == team_id, Question.answered_at.is_(None))
     waiting = session.scalars(own).all()
     if any(one.text == text and one.phase_id == phase.id for one in waiting):
         raise Conflict("Your team has asked this already; the answer comes into its notices.")
-    if len(waiting) >= MAX_OPEN:
-        raise Conflict(f"{MAX_OPEN} questions of your team wait for an answer: ask later.")
+    most = MAX_OPEN if team.pending_since is None else 1
+    if len(waiting) >= most:
+        wait = (
+            "A question of your team waits" if most == 1 else f"{most} questions of your team wait"
+        )
+        raise Conflict(f"{wait} for an answer: ask later.")
     row = Question(
         id=random_id(),
         phase_id=phase.id,

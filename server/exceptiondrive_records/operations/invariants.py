@@ -5,12 +5,13 @@ the fault suite asks it after every fault (docs/faults.md).
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 from pydantic import ValidationError
-from sqlalchemy import select
-from sqlalchemy.orm import Session
+from sqlalchemy import Enum, Text, select, type_coerce
+from sqlalchemy.orm import Session, defer
 
 from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.audit.tables import AuditLine
@@ -19,6 +20,8 @@ from exceptiondrive_records.boards.tables import (
     BoardFlip,
     BoardRow,
 )
+from exceptiondrive_records.db.base import Base
+from exceptiondrive_records.db.columns import DocumentText
 from exceptiondrive_records.db.errors import Conflict, NotFound, StoreError, Violation
 from exceptiondrive_records.participation.tables import Disqualification
 from exceptiondrive_records.phases.tables import Phase
@@ -74,7 +77,7 @@ def _unseen_forgetting(session: Session) -> Iterator[Violation]:
         yield Violation("forgotten and back", team, "the audit log says that it was forgotten")
 
 
-def _unseen_changes(session: Session, submissions: dict[str, Submission]) -> Iterator[Violation]:
+def _unseen_changes(session: Session) -> Iterator[Violation]:
     """Whose a submission is, that it was withdrawn, and who is disqualified, follows from the log."""
     actions = ("submission received", "submission withdrawn", "submission restored")
     lines = select(AuditLine.subject, AuditLine.action, AuditLine.actor).order_by(AuditLine.id)
@@ -84,7 +87,7 @@ def _unseen_changes(session: Session, submissions: dict[str, Submission]) -> Ite
         last[subject] = action
         sent_by.setdefault(subject, actor)
     into = {f"team:{team.id}": team.merged_into_id for team in session.scalars(select(Team))}
-    for row in submissions.values():
+    for row in session.scalars(select(Submission).options(defer(Submission.report))):
         was_told = row.confirmed_as is not None or last.get(row.id) == "submission withdrawn"
         if row.status is Status.WITHDRAWN and not was_told:
             yield Violation("withdrawn by nobody", row.id, "no audit line says who withdrew it")
@@ -220,34 +223,76 @@ class _Held:
     """What the records hold, read in one transaction."""
 
     submissions: dict[str, Submission]
+    reported: set[str]
+    """Submissions with a report of faults; that it can be read is another rule."""
     jobs: list[Job]
     sheets: set[tuple[str, str, str]]
 
 
 def violations(session: Session) -> list[Violation]:
-    """Return everything in the records that must never be."""
+    """Return everything in the records that must never be.
+
+    A row that cannot be read is one of these things; a rule that meets it is said to be broken off.
+    """
+    rules: tuple[Callable[[Session], Iterable[Violation]], ...] = (
+        unreadable_rows,
+        _submissions_and_jobs,
+        _scored_once,
+        _same_bytes_same_scores,
+        _protocols,
+        _audit_chain,
+        broken_boards,
+        _unseen_forgetting,
+        _unseen_changes,
+        drawings_of_withheld_splits,
+        pictures_of_withheld_splits,
+    )
+    found: list[Violation] = []
+    for rule in rules:
+        try:
+            found.extend(rule(session))
+        except (AttributeError, LookupError, TypeError, ValueError) as error:
+            subject = rule.__name__.strip("_").replace("_", " ")
+            text = f"{type(error).__name__}: mend the rows that cannot be read, then look again"
+            found.append(Violation("rule broken off", subject, text))
+    return found
+
+
+def unreadable_rows(session: Session) -> Iterator[Violation]:
+    """Every document is of its form, and every state is a known one, in every table."""
+    for table in Base.metadata.sorted_tables:
+        keys = table.primary_key.columns
+        for column in table.columns:
+            if not isinstance(column.type, DocumentText | Enum):
+                continue
+            told = type_coerce(column, Text)
+            query = select(told, *keys).where(column.is_not(None))
+            for text, *key in session.execute(query.execution_options(yield_per=100)):
+                if not _is_read(column.type, text):
+                    subject = "/".join([table.name, *map(str, key)])
+                    yield Violation("row unreadable", subject, f"its {column.name}")
+
+
+def _is_read(kind: DocumentText[Any] | Enum, text: str) -> bool:
+    if isinstance(kind, Enum):
+        return text in kind.enums
+    try:
+        kind.model.model_validate_json(text)
+    except ValidationError:
+        return False
+    return True
+
+
+def _submissions_and_jobs(session: Session) -> Iterator[Violation]:
+    without_report = select(Submission).options(defer(Submission.report))
     held = _Held(
-        submissions={row.id: row for row in session.scalars(select(Submission))},
+        submissions={row.id: row for row in session.scalars(without_report)},
+        reported=set(session.scalars(select(Submission.id).where(Submission.report.is_not(None)))),
         jobs=list(session.scalars(select(Job))),
         sheets={(key[0], key[1], key[2]) for key in session.execute(select(*_SHEET_KEY))},
     )
-    rules: tuple[Callable[[_Held], Iterator[Violation]], ...] = (
-        _first_jobs,
-        _leases,
-        _sheets_of_jobs,
-        _endings,
-    )
-    found = [violation for rule in rules for violation in rule(held)]
-    found += _scored_once(session)
-    found += _same_bytes_same_scores(session)
-    found += _protocols(session)
-    found += _audit_chain(session)
-    found += broken_boards(session)
-    found += _unseen_forgetting(session)
-    found += _unseen_changes(session, held.submissions)
-    found += drawings_of_withheld_splits(session)
-    found += pictures_of_withheld_splits(session)
-    return found
+    for rule in (_first_jobs, _leases, _sheets_of_jobs, _endings):
+        yield from rule(held)
 
 
 def unfinished(session: Session) -> list[Violation]:
@@ -327,7 +372,7 @@ def _endings(held: _Held) -> Iterator[Violation]:
     """Rejected means a report and no sheet, failed a code, withdrawn a time."""
     scored = {submission_id for submission_id, _, _ in held.sheets}
     for row in held.submissions.values():
-        if row.status is Status.REJECTED and (row.report is None or row.id in scored):
+        if row.status is Status.REJECTED and (row.id not in held.reported or row.id in scored):
             yield Violation("rejected without a report", row.id, "or with a score sheet")
         if (row.status is Status.FAILED) != (row.failure_code is not None):
             yield Violation("failure and status differ", row.id, f"is {row.status}")

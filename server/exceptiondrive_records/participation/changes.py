@@ -17,6 +17,8 @@ from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.notifications.tables import ContactPoint
 from exceptiondrive_records.participation.disqualification import want_boards_of_team
 from exceptiondrive_records.participation.tables import Disqualification
+from exceptiondrive_records.phases.policy import hid_scores
+from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.submissions import lock_team
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
@@ -90,7 +92,8 @@ def merge_teams(
         NotFound: No such team.
         InvalidRecord: The reason cannot be kept.
         Conflict: They are one, one of them is merged, forgotten or disqualified, waits for approval or
-            is a reference, or both submitted the same bytes to one phase.
+            is a reference, both submitted the same bytes to one phase, or to one whose scores were
+            revealed since: one entry of two would be chosen knowing them.
     """
     ids = sorted({find_team(session, slug).id, find_team(session, into).id})
     if len(ids) == 1:
@@ -147,6 +150,13 @@ def _require_mergeable(session: Session, team: Team, target: Team) -> None:
             f"Both teams submitted the same bytes: {', '.join(both[:5])}. One team has a file once "
             "in a phase; they cannot be merged."
         )
+    shared = {phase_id for phase_id, _ in mine} & set(session.scalars(theirs))
+    for phase in session.scalars(select(Phase).where(Phase.id.in_(shared)).order_by(Phase.id)):
+        if hid_scores(session, phase):
+            raise Conflict(
+                f"Both teams have submissions in {phase.id}, where scores were revealed since: what "
+                "stands was settled before. They cannot be merged."
+            )
 
 
 def _move(session: Session, team: Team, target: Team) -> int:
