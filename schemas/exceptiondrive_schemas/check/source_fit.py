@@ -15,14 +15,19 @@ where two samples in a row were driven at different speeds: there at most an eig
 a right file are nearer to the other sample's drive, and seven eighths of a file that is one row off.
 """
 
+from __future__ import annotations  # array[float] is no runtime type before 3.12
+
 import math
 import statistics
+from array import array
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
+from itertools import chain
 from types import MappingProxyType
 
 from exceptiondrive_schemas.check.answers import TrajectoryPair
+from exceptiondrive_schemas.check.tracks import Tracks, Whole, both_first
 from exceptiondrive_schemas.file_profile import FileProfile, Mend
 from exceptiondrive_schemas.protocol import GeometrySection, PlausibilitySection
 
@@ -63,11 +68,21 @@ SECONDS_SHOWN = (1.0, 2.0, 3.0)
 
 @dataclass(frozen=True)
 class Compared:
-    """One sample: what was driven, and what the file says."""
+    """One sample: what was driven, and what the file says, flat (x1, y1, x2, y2, ...)."""
 
     recorded: Points
-    source: Points
-    edited: Points | None
+    flat_source: array[float]
+    flat_edited: array[float] | None
+
+    @cached_property
+    def source(self) -> Points:
+        """The waypoints of the source trajectory."""
+        return _points(self.flat_source)
+
+    @property
+    def edited(self) -> Points | None:
+        """Those of the edited one, if there is one."""
+        return None if self.flat_edited is None else _points(self.flat_edited)
 
 
 @dataclass(frozen=True)
@@ -107,45 +122,38 @@ def file_profile(
     """
     n_wanted = min(n_given or geometry.waypoints, geometry.waypoints)
     whole = {
-        sample_id: (_points(pair.source, n_wanted), _points(pair.edited, n_wanted))
+        sample_id: (_whole(pair.source, n_wanted), _whole(pair.edited, n_wanted))
         for sample_id, pair in pairs.items()
     }
-    sources = [source for source, _ in whole.values() if source]
-    both = [(source, edited) for source, edited in whole.values() if source and edited]
-    n_edited = sum(edited is not None for _, edited in whole.values())
-    if not sources and not n_edited:
+    sources, edited, n_both = both_first(whole.values())
+    if not sources and not edited:
         return None
     compared = [
-        Compared(recorded[sample_id], source, edited)
-        for sample_id, (source, edited) in sorted(whole.items())
+        Compared(recorded[sample_id], source, of_edit)
+        for sample_id, (source, of_edit) in sorted(whole.items())
         if source and recorded and sample_id in recorded
     ]
     best = _best_mend(compared, geometry, plausibility, n_given)
     if n_given is not None:
         return FileProfile(mend=best)
-    start = _start_mend(whole.values(), geometry, plausibility)
+    at_source, at_edit = Tracks.of(sources, n_wanted), Tracks.of(edited, n_wanted)
+    start = _start_mend((at_source, at_edit), geometry, plausibility)
     mend = start or best or _row_mend(whole, recorded)
-    distances_m = [_distances_m(each.source, each.recorded) for each in compared]
+    driven = Tracks.of([_flat(each.recorded) for each in compared], n_wanted)
+    distances_m = Tracks.of([each.flat_source for each in compared], n_wanted).gaps_m(driven)
     at_s = dict(zip(SECONDS_SHOWN, _means_at(distances_m, geometry), strict=True))
-    means_m = [statistics.fmean(of_one) for of_one in distances_m]
-    lengths_m = [(_length_m(source), _length_m(edited)) for source, edited in both]
-    margin_m = plausibility.blind_shift_below_m
+    means_m = [math.fsum(of_one) / n_wanted for of_one in distances_m]
+    shifts_m = _shifts_m(at_source.first(n_both), at_edit.first(n_both))
+    lengths_m = zip(at_source.lengths_m[:n_both], at_edit.lengths_m[:n_both], strict=True)
+    margin_m, reach_m = plausibility.blind_shift_below_m, plausibility.stationary_below_m
     return FileProfile(
-        source_speed_mps=_median(map(_length_m, sources), 1 / geometry.horizon_s),
-        recorded_speed_mps=_median(
-            (_length_m(each.recorded) for each in compared), 1 / geometry.horizon_s
-        ),
-        standing_sources=_share(
-            math.hypot(*source[-1]) < plausibility.stationary_below_m for source in sources
-        ),
-        standing_edited=_share(
-            math.hypot(*edited[-1]) < plausibility.stationary_below_m
-            for _, edited in whole.values()
-            if edited
-        ),
-        equal_pairs=_share(_mean_distance_m(*pair) < margin_m for pair in both),
-        same_edited=_same_share([edited for _, edited in whole.values() if edited], plausibility),
-        longer_sources=_share(source > edited + margin_m for source, edited in lengths_m),
+        source_speed_mps=_median(at_source.lengths_m, 1 / geometry.horizon_s),
+        recorded_speed_mps=_median(driven.lengths_m, 1 / geometry.horizon_s),
+        standing_sources=_share([end_m < reach_m for end_m in at_source.ends_m]),
+        standing_edited=_share([end_m < reach_m for end_m in at_edit.ends_m]),
+        equal_pairs=_share([shift_m < margin_m for shift_m in shifts_m]),
+        same_edited=_same_share(at_edit, plausibility),
+        longer_sources=_share([source_m > edit_m + margin_m for source_m, edit_m in lengths_m]),
         source_l2_m=_mean(means_m),
         source_l2_1s_m=at_s[1.0],
         source_l2_2s_m=at_s[2.0],
@@ -155,26 +163,31 @@ def file_profile(
     )
 
 
-def _points(flat: Sequence[float] | None, n_wanted: int) -> Points | None:
-    if flat is None or len(flat) != 2 * n_wanted:
-        return None
+def _whole(flat: array[float] | None, n_wanted: int) -> array[float] | None:
+    return flat if flat is not None and len(flat) == 2 * n_wanted else None
+
+
+def _points(flat: Sequence[float]) -> Points:
     return list(zip(flat[::2], flat[1::2], strict=True))
+
+
+def _flat(points: Points) -> array[float]:
+    return array("d", chain.from_iterable(points))
 
 
 def _distances_m(points: Points, others: Points) -> list[float]:
     return [math.dist(point, other) for point, other in zip(points, others, strict=True)]
 
 
-def _mean_distance_m(points: Points, others: Points) -> float:
-    """Return the shift of a pair: over the waypoints and t = 0, where both are at the origin."""
-    return sum(_distances_m(points, others)) / (len(points) + 1)
+def _shifts_m(sources: Tracks, edited: Tracks) -> list[float]:
+    """Return the shift of each pair: over the waypoints and t = 0, where both are at the origin."""
+    n_points = len(sources.x_m) + 1
+    return [sum(gaps_m) / n_points for gaps_m in sources.gaps_m(edited)]
 
 
-def _length_m(points: Points) -> float:
-    return sum(map(math.dist, [(0.0, 0.0), *points[:-1]], points))
-
-
-def _means_at(distances_m: list[list[float]], geometry: GeometrySection) -> Iterator[float | None]:
+def _means_at(
+    distances_m: Sequence[Sequence[float]], geometry: GeometrySection
+) -> Iterator[float | None]:
     for time_s in SECONDS_SHOWN:
         index = round(time_s / geometry.time_step_s) - 1
         is_waypoint = math.isclose((index + 1) * geometry.time_step_s, time_s)
@@ -186,31 +199,33 @@ def _mean(values: Sequence[float]) -> float | None:
     return statistics.fmean(values) if values else None
 
 
-def _median(values: Iterator[float] | Sequence[float], factor: float = 1.0) -> float | None:
-    found = list(values)
-    return statistics.median(found) * factor if found else None
+def _median(values: Sequence[float], factor: float = 1.0) -> float | None:
+    return statistics.median(values) * factor if values else None
 
 
-def _share(answers: Iterator[bool]) -> float | None:
-    found = list(answers)
-    return sum(found) / len(found) if found else None
+def _share(answers: Sequence[bool]) -> float | None:
+    return sum(answers) / len(answers) if answers else None
 
 
-def _same_share(paths: Sequence[Points], plausibility: PlausibilitySection) -> float | None:
+def _same_share(edited: Tracks, plausibility: PlausibilitySection) -> float | None:
     """Return the share of paths whose distance of the end, end ahead and first step are the median's.
 
     None where the paths are few or short: those that stand or creep are told apart.
     """
-    if len(paths) < plausibility.flag_family_min_samples:
+    if len(edited.ends_m) < plausibility.flag_family_min_samples:
         return None
-    told = [(math.hypot(*path[-1]), path[-1][0], math.hypot(*path[0])) for path in paths]
-    middle = [statistics.median(column) for column in zip(*told, strict=True)]
-    if middle[0] < plausibility.progress_min_path_m:
+    told = (edited.ends_m, edited.x_m[-1], edited.steps[0].length_m)
+    end_m, ahead_m, first_m = map(statistics.median, told)
+    if end_m < plausibility.progress_min_path_m:
         return None
     margin_m = plausibility.blind_shift_below_m
     return _share(
-        all(abs(value - usual) < margin_m for value, usual in zip(each, middle, strict=True))
-        for each in told
+        [
+            abs(end - end_m) < margin_m
+            and abs(ahead - ahead_m) < margin_m
+            and abs(first - first_m) < margin_m
+            for end, ahead, first in zip(*told, strict=True)
+        ]
     )
 
 
@@ -459,13 +474,13 @@ def _sideways_mend(moving: Sequence[Compared], *, is_of_the_path: bool) -> Mend 
         return statistics.median(gaps_m) / scale_m
 
     error = error_of(list)
-    ranges_m, bearings = zip(*(point for each in moving for point in each.source), strict=True)
-    half_turns = (math.pi, 180.0) if min(ranges_m) >= 0 else ()
+    is_polar = error > POLAR_IS_OFF and all(min(each.flat_source[::2]) >= 0 for each in moving)
+    widest = max(max(map(abs, each.flat_source[1::2])) for each in moving) if is_polar else math.inf
     candidates = [(MIRROR, MIRROR_FITS_BETTER)] if is_of_the_path else []
     candidates += [
         (polar, POLAR_FITS_BETTER)
-        for polar, half_turn in zip(_POLAR, half_turns, strict=False)
-        if max(map(abs, bearings)) <= half_turn and error > POLAR_IS_OFF
+        for polar, half_turn in zip(_POLAR, (math.pi, 180.0), strict=True)
+        if widest <= half_turn
     ]
     for (looks_like, option, change), times_better in candidates:
         mended = error_of(change)
@@ -480,20 +495,18 @@ def _sideways_mend(moving: Sequence[Compared], *, is_of_the_path: bool) -> Mend 
 
 
 def _start_mend(
-    pairs: Iterable[tuple[Points | None, Points | None]],
-    geometry: GeometrySection,
-    plausibility: PlausibilitySection,
+    sides: Iterable[Tracks], geometry: GeometrySection, plausibility: PlausibilitySection
 ) -> Mend | None:
     """Name a first waypoint that is the car at t = 0, in the trajectories of either side."""
     shares = []
-    for of_side in zip(*pairs, strict=True):
-        firsts_m = [
-            math.hypot(*points[0])
-            for points in of_side
-            if points and math.hypot(*points[-1]) > plausibility.frame_check_min_motion_m
+    for of_side in sides:
+        begins = [
+            first_m <= AT_ORIGIN_M
+            for first_m, end_m in zip(of_side.steps[0].length_m, of_side.ends_m, strict=True)
+            if end_m > plausibility.frame_check_min_motion_m
         ]
-        if len(firsts_m) >= MIN_COMPARED:
-            shares.append(_share(first_m <= AT_ORIGIN_M for first_m in firsts_m) or 0.0)
+        if len(begins) >= MIN_COMPARED:
+            shares.append(_share(begins) or 0.0)
     share = max(shares, default=0.0)
     if share < FROM_ORIGIN:
         return None
@@ -515,7 +528,7 @@ def _offset_mend(compared: Sequence[Compared]) -> Mend | None:
         return None
     offset_m = statistics.median(each.source[0][0] for each in standing)
     are_alike = _share(
-        max(abs(x_m - offset_m) for x_m, _ in each.source) < OFFSET_SPREADS_M for each in standing
+        [max(abs(x_m - offset_m) for x_m, _ in each.source) < OFFSET_SPREADS_M for each in standing]
     )
     if abs(offset_m) < OFFSET_ABOVE_M or (are_alike or 0.0) < FROM_ORIGIN:
         return None
@@ -550,13 +563,14 @@ def _lead_mend(tried: Sequence[Compared], error: float, geometry: GeometrySectio
     )
 
 
-def _row_mend(
-    whole: Mapping[str, tuple[Points | None, Points | None]], recorded: Mapping[str, Points] | None
-) -> Mend | None:
+def _row_mend(whole: Mapping[str, Whole], recorded: Mapping[str, Points] | None) -> Mend | None:
     """Name trajectories that stand one row off: each is that of the sample before or behind it."""
-    sources = [source for source, _ in whole.values()]
-    of_edited = _neighbour(sources, [edited for _, edited in whole.values()])
-    found = _neighbour([(recorded or {}).get(name) for name in whole], sources)
+    sources = [None if source is None else (source[0], source[1]) for source, _ in whole.values()]
+    edited = [
+        None if of_edit is None else (of_edit[0], of_edit[1]) for _, of_edit in whole.values()
+    ]
+    driven = [recorded[name][0] if recorded and name in recorded else None for name in whole]
+    of_edited, found = _neighbour(sources, edited), _neighbour(driven, sources)
     if found is not None:
         what = "trajectories" if of_edited is None else "source trajectories"
         own = "drive"
@@ -577,15 +591,20 @@ def _row_mend(
 
 
 def _neighbour(
-    own: Sequence[Points | None], answers: Sequence[Points | None]
+    own: Sequence[Point | None], answers: Sequence[Point | None]
 ) -> tuple[float, str] | None:
-    """Return the share of answers that are nearer to what a neighbour is, and on which side of it."""
+    """Return the share of answers that are nearer to what a neighbour is, and on which side of it.
+
+    Args:
+        own: First waypoint of each sample, in the order of the file.
+        answers: First waypoint of what is answered to it.
+    """
     for step, side in ((1, "behind"), (-1, "before")):
         others = [*own[step:], *own[:step]]
         nearer = [
-            math.dist(answer[0], other[0]) < math.dist(answer[0], mine[0])
+            math.dist(answer, other) < math.dist(answer, mine)
             for answer, mine, other in zip(answers, own, others, strict=True)
-            if answer and mine and other and math.dist(mine[0], other[0]) > ROWS_DIFFER_M
+            if answer and mine and other and math.dist(mine, other) > ROWS_DIFFER_M
         ]
         if len(nearer) >= MIN_COMPARED and sum(nearer) >= OF_NEIGHBOUR * len(nearer):
             return sum(nearer) / len(nearer), side
