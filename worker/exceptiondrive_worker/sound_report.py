@@ -4,6 +4,7 @@ from __future__ import annotations  # array[float] is no runtime type before 3.1
 
 import math
 from array import array
+from collections.abc import Iterator
 
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check.answers import TrajectoryPair
@@ -31,9 +32,9 @@ def sound_report(stages: Stages, target: Target, size_bytes: int) -> CheckReport
         return None
     manifest, protocol = target.split.manifest, target.protocol
     pairs = TrajectoryPairs.from_columns(stages.answers(target))
-    rows = zip(manifest.sample_ids, pairs.source, pairs.edited, strict=True)
+    rows = map(TrajectoryPair, _flats(pairs.source), _flats(pairs.edited))
     profile = file_profile(
-        {name: TrajectoryPair(_flat(source), _flat(edited)) for name, source, edited in rows},
+        dict(zip(manifest.sample_ids, rows, strict=True)),
         protocol.geometry,
         protocol.plausibility,
         manifest.recorded,
@@ -65,6 +66,8 @@ def _rounded(profile: FileProfile, publication: PublicationSection) -> FileProfi
     return profile.model_copy(update={**of(profile), "mend": mended})
 
 
-def _flat(waypoints_m: FloatArray) -> array[float] | None:
-    values = array("d", waypoints_m.tobytes())
-    return None if math.isnan(values[0]) else values
+def _flats(waypoints_m: FloatArray) -> Iterator[array[float] | None]:
+    """Each trajectory of (N, T, 2) by itself, None where missing."""
+    values, width = array("d", waypoints_m.tobytes()), 2 * waypoints_m.shape[1]
+    for start in range(0, len(values), width):
+        yield None if math.isnan(values[start]) else values[start : start + width]

@@ -3,26 +3,13 @@
 The rules of the scorer (docs/protocol.md section 5) in pure Python: the client has no numpy. What takes families, regions or controls is left to the scorer.
 """
 
-import itertools
 import math
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from itertools import pairwise
 
 from exceptiondrive_schemas.check.answers import TrajectoryPair
+from exceptiondrive_schemas.check.tracks import Column, Tracks, both_first
 from exceptiondrive_schemas.protocol import ProtocolDocument
-
-Step = tuple[float, float, float]
-"""Its x, y and length, metres."""
-
-
-class _Counts(NamedTuple):
-    """Of one pair, 0 or 1 each; None where it is not asked."""
-
-    is_impossible: bool | None
-    is_first_step_wrong: bool | None
-    edited_behind: bool
-    source_behind: bool
-    progress: float | None
 
 
 def motion_flags(
@@ -34,10 +21,14 @@ def motion_flags(
         pairs: Of all samples, metres, with the waypoints of the protocol.
         protocol: Thresholds and time step.
     """
-    section = protocol.plausibility
-    counts = [_counts(pair, protocol) for pair in pairs]
-    impossible = _share([each.is_impossible for each in counts])
-    first_step = _share([each.is_first_step_wrong for each in counts])
+    section, n_waypoints = protocol.plausibility, protocol.geometry.waypoints
+    sources, edits, n_both = both_first(pairs)
+    source, edited = Tracks.of(sources, n_waypoints), Tracks.of(edits, n_waypoints)
+    wrong = _wrong_first_steps(
+        source.steps[0].length_m[:n_both], edited.steps[0].length_m[:n_both], protocol
+    )
+    impossible = _share(len(wrong | _undrivable(edited, protocol)), len(edits))
+    first_step = _share(len(wrong), n_both)
     if impossible > section.flag_impossible:
         yield (
             "impossible_motion",
@@ -51,8 +42,9 @@ def motion_flags(
                 "allow"
             ),
         )
-    edited_behind = _share([each.edited_behind for each in counts])
-    source_behind = _share([each.source_behind for each in counts])
+    edited_behind, source_behind = (
+        _share(_n_behind(side, section.stationary_below_m), len(pairs)) for side in (edited, source)
+    )
     if edited_behind - source_behind > section.flag_reverses_excess:
         yield (
             "reverses",
@@ -61,7 +53,7 @@ def motion_flags(
                 f"{source_behind:.0%} of the source"
             ),
         )
-    along = [each.progress for each in counts if each.progress is not None]
+    along = _progress(source, edited, n_both, section.progress_min_path_m)
     if along and (mean := sum(along) / len(along)) < section.flag_progress:
         yield (
             "hardly_moves",
@@ -69,83 +61,72 @@ def motion_flags(
         )
 
 
-def _counts(pair: TrajectoryPair, protocol: ProtocolDocument) -> _Counts:
-    section = protocol.plausibility
-    source = None if pair.source is None else _steps(pair.source)
-    edited = None if pair.edited is None else _steps(pair.edited)
-    is_wrong = None if source is None or edited is None else _is_wrong(source, edited, protocol)
-    return _Counts(
-        is_impossible=None
-        if edited is None
-        else bool(is_wrong) or _is_undrivable(edited, protocol),
-        is_first_step_wrong=is_wrong,
-        edited_behind=_is_behind(pair.edited, section.stationary_below_m),
-        source_behind=_is_behind(pair.source, section.stationary_below_m),
-        progress=None
-        if source is None
-        else _progress(source, pair.edited, section.progress_min_path_m),
+def _share(n: int, n_asked: int) -> float:
+    return n / n_asked if n_asked else 0.0
+
+
+def _n_behind(tracks: Tracks, reach_m: float) -> int:
+    return sum(
+        x_m < 0 and end_m >= reach_m
+        for x_m, end_m in zip(tracks.x_m[-1], tracks.ends_m, strict=True)
     )
 
 
-def _steps(flat: Sequence[float]) -> list[Step]:
-    xs, ys = [0.0, *flat[::2]], [0.0, *flat[1::2]]
-    moves = [(x1 - x0, y1 - y0) for x0, x1, y0, y1 in zip(xs, xs[1:], ys, ys[1:], strict=False)]
-    return [(x, y, math.hypot(x, y)) for x, y in moves]
-
-
-def _is_behind(flat: Sequence[float] | None, reach_m: float) -> bool:
-    return flat is not None and flat[-2] < 0 and math.hypot(flat[-2], flat[-1]) >= reach_m
-
-
-def _is_undrivable(steps: Sequence[Step], protocol: ProtocolDocument) -> bool:
-    """Whether it accelerates too strongly, or turns too tightly where both steps have a heading."""
+def _undrivable(edited: Tracks, protocol: ProtocolDocument) -> set[int]:
+    """Which ones accelerate too strongly, or turn too tightly where both steps have a heading."""
     geometry, section = protocol.geometry, protocol.plausibility
     most_m = section.max_acceleration_mps2 * geometry.time_step_s**2
     heading_m = geometry.heading_hold_m + geometry.heading_hold_tolerance_m
-    for (ux, uy, u), (vx, vy, v) in itertools.pairwise(steps):
-        if math.hypot(vx - ux, vy - uy) > most_m:
-            return True
-        doubled_area = 2 * abs(ux * vy - uy * vx)
-        if u > heading_m and v > heading_m and doubled_area:
-            radius_m = u * v * math.hypot(ux + vx, uy + vy) / doubled_area
-            if radius_m < section.min_turn_radius_m:
-                return True
-    return False
+    least_m, hypot, found = section.min_turn_radius_m, math.hypot, set[int]()
+    for before, after in pairwise(edited.steps):
+        found.update(
+            row
+            for row, (ux, uy, u, vx, vy, v) in enumerate(zip(*before, *after, strict=True))
+            if hypot(vx - ux, vy - uy) > most_m
+            or (
+                u > heading_m
+                and v > heading_m
+                and (doubled_area := 2 * abs(ux * vy - uy * vx))
+                and u * v * hypot(ux + vx, uy + vy) / doubled_area < least_m
+            )
+        )
+    return found
 
 
-def _is_wrong(source: Sequence[Step], edited: Sequence[Step], protocol: ProtocolDocument) -> bool:
-    """Whether the first edited step is one that the source's own initial speed does not allow."""
+def _wrong_first_steps(source_m: Column, edited_m: Column, protocol: ProtocolDocument) -> set[int]:
+    """In which pairs the source's own initial speed does not allow the first edited step."""
     time_s, section = protocol.geometry.time_step_s, protocol.plausibility
-    most_mps2 = section.max_acceleration_mps2
-    speed_mps, first_m = source[0][2] / time_s, edited[0][2]
-    braking_s = min(speed_mps / most_mps2, time_s)
-    nearest_m = speed_mps * braking_s - most_mps2 * braking_s**2 / 2
-    farthest_m = speed_mps * time_s + most_mps2 * time_s**2 / 2
-    is_too_short = first_m < nearest_m and speed_mps >= section.first_step_from_mps
-    return is_too_short or first_m > farthest_m
+    most_mps2, found = section.max_acceleration_mps2, set[int]()
+    for row, (from_m, first_m) in enumerate(zip(source_m, edited_m, strict=True)):
+        speed_mps = from_m / time_s
+        braking_s = min(speed_mps / most_mps2, time_s)
+        nearest_m = speed_mps * braking_s - most_mps2 * braking_s**2 / 2
+        farthest_m = speed_mps * time_s + most_mps2 * time_s**2 / 2
+        is_too_short = first_m < nearest_m and speed_mps >= section.first_step_from_mps
+        if is_too_short or first_m > farthest_m:
+            found.add(row)
+    return found
 
 
-def _progress(
-    source: Sequence[Step], edited: Sequence[float] | None, least_m: float
-) -> float | None:
-    """Return how far along its source an edited trajectory ends, as a share; None: a short source."""
-    path_m = sum(length for _, _, length in source)
-    if path_m < least_m:
-        return None
-    if edited is None:
-        return 0.0
-    x, y, gone_m = edited[-2], edited[-1], 0.0
-    nearest = (math.inf, 0.0)
-    for step_x, step_y, length in source:
-        share = (x * step_x + y * step_y) / length**2 if length else 0.0
-        share = min(max(share, 0.0), 1.0)
-        gap_m = math.hypot(x - share * step_x, y - share * step_y)
-        if gap_m < nearest[0]:
-            nearest = (gap_m, gone_m + share * length)
-        x, y, gone_m = x - step_x, y - step_y, gone_m + length
-    return min(nearest[1] / path_m, 1.0)
-
-
-def _share(answers: Sequence[bool | None]) -> float:
-    asked = [answer for answer in answers if answer is not None]
-    return sum(asked) / len(asked) if asked else 0.0
+def _progress(source: Tracks, edited: Tracks, n_both: int, least_m: float) -> list[float]:
+    """How far along its source each edited trajectory ends, as a share; those of short sources left out."""
+    steps_of = zip(*(zip(*step, strict=True) for step in source.steps), strict=True)
+    ends = zip(edited.x_m[-1][:n_both], edited.y_m[-1][:n_both], strict=True)
+    along = [
+        0.0
+        for path_m in source.lengths_m[n_both:]
+        if path_m >= least_m  # no edited trajectory
+    ]
+    for (x, y), path_m, steps in zip(ends, source.lengths_m, steps_of, strict=False):
+        if path_m < least_m:
+            continue
+        gone_m, nearest_m, reached_m = 0.0, math.inf, 0.0
+        for step_x, step_y, length in steps:
+            share = (x * step_x + y * step_y) / length**2 if length else 0.0
+            share = 0.0 if share < 0.0 else min(share, 1.0)
+            gap_m = math.hypot(x - share * step_x, y - share * step_y)
+            if gap_m < nearest_m:
+                nearest_m, reached_m = gap_m, gone_m + share * length
+            x, y, gone_m = x - step_x, y - step_y, gone_m + length
+        along.append(min(reached_m / path_m, 1.0))
+    return along

@@ -15,14 +15,19 @@ where two samples in a row were driven at different speeds: there at most an eig
 a right file are nearer to the other sample's drive, and seven eighths of a file that is one row off.
 """
 
+from __future__ import annotations  # array[float] is no runtime type before 3.12
+
 import math
 import statistics
+from array import array
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
+from itertools import chain
 from types import MappingProxyType
 
 from exceptiondrive_schemas.check.answers import TrajectoryPair
+from exceptiondrive_schemas.check.tracks import Tracks, Whole, both_first
 from exceptiondrive_schemas.file_profile import FileProfile, Mend
 from exceptiondrive_schemas.protocol import GeometrySection, PlausibilitySection
 
@@ -53,6 +58,10 @@ ROWS_DIFFER_M = 1.5
 """First waypoints that are so far apart are of cars at different speeds."""
 OF_NEIGHBOUR = 0.75
 """So large a share of the answers is nearer to the neighbour's where rows stand one off."""
+OF_OTHERS, IN_ORDER = 0.25, 0.12
+"""So far off sample by sample, and so near in order of length, and drives have other samples' ids."""
+ALL_ROWS = 0.8
+"""A smaller share of rows mended by a transformation is a part of them: the others are spoilt by it."""
 MIN_COMPARED = 20
 """Fewer samples tell nothing."""
 MAX_COMPARED = 300
@@ -63,11 +72,21 @@ SECONDS_SHOWN = (1.0, 2.0, 3.0)
 
 @dataclass(frozen=True)
 class Compared:
-    """One sample: what was driven, and what the file says."""
+    """One sample: what was driven, and what the file says, flat (x1, y1, x2, y2, ...)."""
 
     recorded: Points
-    source: Points
-    edited: Points | None
+    flat_source: array[float]
+    flat_edited: array[float] | None
+
+    @cached_property
+    def source(self) -> Points:
+        """The waypoints of the source trajectory."""
+        return _points(self.flat_source)
+
+    @property
+    def edited(self) -> Points | None:
+        """Those of the edited one, if there is one."""
+        return None if self.flat_edited is None else _points(self.flat_edited)
 
 
 @dataclass(frozen=True)
@@ -107,45 +126,38 @@ def file_profile(
     """
     n_wanted = min(n_given or geometry.waypoints, geometry.waypoints)
     whole = {
-        sample_id: (_points(pair.source, n_wanted), _points(pair.edited, n_wanted))
+        sample_id: (_whole(pair.source, n_wanted), _whole(pair.edited, n_wanted))
         for sample_id, pair in pairs.items()
     }
-    sources = [source for source, _ in whole.values() if source]
-    both = [(source, edited) for source, edited in whole.values() if source and edited]
-    n_edited = sum(edited is not None for _, edited in whole.values())
-    if not sources and not n_edited:
+    sources, edited, n_both = both_first(whole.values())
+    if not sources and not edited:
         return None
     compared = [
-        Compared(recorded[sample_id], source, edited)
-        for sample_id, (source, edited) in sorted(whole.items())
+        Compared(recorded[sample_id], source, of_edit)
+        for sample_id, (source, of_edit) in sorted(whole.items())
         if source and recorded and sample_id in recorded
     ]
     best = _best_mend(compared, geometry, plausibility, n_given)
     if n_given is not None:
         return FileProfile(mend=best)
-    start = _start_mend(whole.values(), geometry, plausibility)
-    mend = start or best or _row_mend(whole, recorded)
-    distances_m = [_distances_m(each.source, each.recorded) for each in compared]
+    at_source, at_edit = Tracks.of(sources, n_wanted), Tracks.of(edited, n_wanted)
+    start = _start_mend((at_source, at_edit), geometry, plausibility)
+    mend = start or best or _row_mend(whole, recorded) or _id_mend(compared)
+    driven = Tracks.of([_flat(each.recorded) for each in compared], n_wanted)
+    distances_m = Tracks.of([each.flat_source for each in compared], n_wanted).gaps_m(driven)
     at_s = dict(zip(SECONDS_SHOWN, _means_at(distances_m, geometry), strict=True))
-    means_m = [statistics.fmean(of_one) for of_one in distances_m]
-    lengths_m = [(_length_m(source), _length_m(edited)) for source, edited in both]
-    margin_m = plausibility.blind_shift_below_m
+    means_m = [math.fsum(of_one) / n_wanted for of_one in distances_m]
+    shifts_m = _shifts_m(at_source.first(n_both), at_edit.first(n_both))
+    lengths_m = zip(at_source.lengths_m[:n_both], at_edit.lengths_m[:n_both], strict=True)
+    margin_m, reach_m = plausibility.blind_shift_below_m, plausibility.stationary_below_m
     return FileProfile(
-        source_speed_mps=_median(map(_length_m, sources), 1 / geometry.horizon_s),
-        recorded_speed_mps=_median(
-            (_length_m(each.recorded) for each in compared), 1 / geometry.horizon_s
-        ),
-        standing_sources=_share(
-            math.hypot(*source[-1]) < plausibility.stationary_below_m for source in sources
-        ),
-        standing_edited=_share(
-            math.hypot(*edited[-1]) < plausibility.stationary_below_m
-            for _, edited in whole.values()
-            if edited
-        ),
-        equal_pairs=_share(_mean_distance_m(*pair) < margin_m for pair in both),
-        same_edited=_same_share([edited for _, edited in whole.values() if edited], plausibility),
-        longer_sources=_share(source > edited + margin_m for source, edited in lengths_m),
+        source_speed_mps=_median(at_source.lengths_m, 1 / geometry.horizon_s),
+        recorded_speed_mps=_median(driven.lengths_m, 1 / geometry.horizon_s),
+        standing_sources=_share([end_m < reach_m for end_m in at_source.ends_m]),
+        standing_edited=_share([end_m < reach_m for end_m in at_edit.ends_m]),
+        equal_pairs=_share([shift_m < margin_m for shift_m in shifts_m]),
+        same_edited=_same_share(at_edit, plausibility),
+        longer_sources=_share([source_m > edit_m + margin_m for source_m, edit_m in lengths_m]),
         source_l2_m=_mean(means_m),
         source_l2_1s_m=at_s[1.0],
         source_l2_2s_m=at_s[2.0],
@@ -155,26 +167,31 @@ def file_profile(
     )
 
 
-def _points(flat: Sequence[float] | None, n_wanted: int) -> Points | None:
-    if flat is None or len(flat) != 2 * n_wanted:
-        return None
+def _whole(flat: array[float] | None, n_wanted: int) -> array[float] | None:
+    return flat if flat is not None and len(flat) == 2 * n_wanted else None
+
+
+def _points(flat: Sequence[float]) -> Points:
     return list(zip(flat[::2], flat[1::2], strict=True))
+
+
+def _flat(points: Points) -> array[float]:
+    return array("d", chain.from_iterable(points))
 
 
 def _distances_m(points: Points, others: Points) -> list[float]:
     return [math.dist(point, other) for point, other in zip(points, others, strict=True)]
 
 
-def _mean_distance_m(points: Points, others: Points) -> float:
-    """Return the shift of a pair: over the waypoints and t = 0, where both are at the origin."""
-    return sum(_distances_m(points, others)) / (len(points) + 1)
+def _shifts_m(sources: Tracks, edited: Tracks) -> list[float]:
+    """Return the shift of each pair: over the waypoints and t = 0, where both are at the origin."""
+    n_points = len(sources.x_m) + 1
+    return [sum(gaps_m) / n_points for gaps_m in sources.gaps_m(edited)]
 
 
-def _length_m(points: Points) -> float:
-    return sum(map(math.dist, [(0.0, 0.0), *points[:-1]], points))
-
-
-def _means_at(distances_m: list[list[float]], geometry: GeometrySection) -> Iterator[float | None]:
+def _means_at(
+    distances_m: Sequence[Sequence[float]], geometry: GeometrySection
+) -> Iterator[float | None]:
     for time_s in SECONDS_SHOWN:
         index = round(time_s / geometry.time_step_s) - 1
         is_waypoint = math.isclose((index + 1) * geometry.time_step_s, time_s)
@@ -186,31 +203,33 @@ def _mean(values: Sequence[float]) -> float | None:
     return statistics.fmean(values) if values else None
 
 
-def _median(values: Iterator[float] | Sequence[float], factor: float = 1.0) -> float | None:
-    found = list(values)
-    return statistics.median(found) * factor if found else None
+def _median(values: Sequence[float], factor: float = 1.0) -> float | None:
+    return statistics.median(values) * factor if values else None
 
 
-def _share(answers: Iterator[bool]) -> float | None:
-    found = list(answers)
-    return sum(found) / len(found) if found else None
+def _share(answers: Sequence[bool]) -> float | None:
+    return sum(answers) / len(answers) if answers else None
 
 
-def _same_share(paths: Sequence[Points], plausibility: PlausibilitySection) -> float | None:
+def _same_share(edited: Tracks, plausibility: PlausibilitySection) -> float | None:
     """Return the share of paths whose distance of the end, end ahead and first step are the median's.
 
     None where the paths are few or short: those that stand or creep are told apart.
     """
-    if len(paths) < plausibility.flag_family_min_samples:
+    if len(edited.ends_m) < plausibility.flag_family_min_samples:
         return None
-    told = [(math.hypot(*path[-1]), path[-1][0], math.hypot(*path[0])) for path in paths]
-    middle = [statistics.median(column) for column in zip(*told, strict=True)]
-    if middle[0] < plausibility.progress_min_path_m:
+    told = (edited.ends_m, edited.x_m[-1], edited.steps[0].length_m)
+    end_m, ahead_m, first_m = map(statistics.median, told)
+    if end_m < plausibility.progress_min_path_m:
         return None
     margin_m = plausibility.blind_shift_below_m
     return _share(
-        all(abs(value - usual) < margin_m for value, usual in zip(each, middle, strict=True))
-        for each in told
+        [
+            abs(end - end_m) < margin_m
+            and abs(ahead - ahead_m) < margin_m
+            and abs(first - first_m) < margin_m
+            for end, ahead, first in zip(*told, strict=True)
+        ]
     )
 
 
@@ -306,6 +325,9 @@ UNITS_M: Mapping[str, float] = MappingProxyType(
     }
 )
 """Units that trajectories come in, other than metres, each in metres."""
+KMH_MPS = 1 / 3.6
+UNITS: Mapping[str, float] = MappingProxyType({**UNITS_M, "km/h": KMH_MPS})
+"""The same with that of velocities, other than metres a second."""
 _SPATIAL: tuple[tuple[str, str, Callable[[Points], Points]], ...] = (
     ("mirrored (y to the right)", "--mirror", mirrored),
     ("x and y exchanged (x left, y forward)", "--swap", swapped),
@@ -337,6 +359,11 @@ def _of_space(time_step_s: float) -> Iterator[Transformation]:
 
     of_time = (
         ("velocities instead of positions", "--velocities", moved),
+        (
+            "velocities in km/h instead of positions",
+            "--unit km/h --velocities",
+            lambda points: moved(scaled(points, KMH_MPS)),
+        ),
         (
             "speed and heading in radians",
             "--polar radians --velocities",
@@ -404,7 +431,7 @@ def _best_mend(
     best, mended_error = _best_of(tried, error, transformations)
     if best is not None and error > FITS_BETTER * mended_error:
         return best
-    offset = _offset_mend(compared)
+    offset = _offset_mend(compared) or _offset_of_moving(tried, error)
     if offset is not None:
         return offset
     return _lead_mend(tried, error, geometry) or _sideways_mend(
@@ -416,20 +443,59 @@ def _best_of(
     tried: Sequence[Compared], error: float, transformations: Iterable[Transformation]
 ) -> tuple[Mend | None, float]:
     """Return what fits best, if it fits at all, and how well."""
-    mends: list[tuple[float, Mend]] = []
+    found: list[tuple[float, Transformation, list[tuple[Points, Points] | None]]] = []
     for transformation in transformations:
-        applied = [found for each in tried if (found := transformation.apply(each)) is not None]
-        if len(applied) >= MIN_COMPARED:
-            mended_error = _error(applied)
-            mend = Mend(
-                looks_like=transformation.looks_like,
-                convert_option=transformation.option,
-                error=error,
-                mended_error=mended_error,
-            )
-            mends.append((mended_error, mend))
-    mended_error, best = min(mends, key=lambda found: found[0], default=(math.inf, None))
-    return (best, mended_error) if mended_error <= FITS else (None, mended_error)
+        applied = [transformation.apply(each) for each in tried]
+        known = [pair for pair in applied if pair is not None]
+        if len(known) >= MIN_COMPARED:
+            found.append((_error(known), transformation, applied))
+    if not found:
+        return None, math.inf
+    mended_error, best, applied = min(found, key=lambda each: each[0])
+    if mended_error > FITS:
+        return None, mended_error
+    changes = [
+        (_off(each.source, each.recorded), _off(*pair))
+        for each, pair in zip(tried, applied, strict=True)
+        if pair is not None and len(each.source) == len(each.recorded)
+    ]
+    return _whole_or_part(best.looks_like, best.option, error, mended_error, changes), mended_error
+
+
+def _off(points: Points, recorded: Points) -> float:
+    """Return how far points are off what was recorded, as a share of its distance from the origin."""
+    scale_m = sum(math.hypot(*point) for point in recorded)
+    return sum(_distances_m(points, recorded)) / scale_m if scale_m else 0.0
+
+
+def _whole_or_part(
+    looks_like: str,
+    option: str | None,
+    error: float,
+    mended_error: float,
+    changes: Sequence[tuple[float, float]],
+) -> Mend:
+    """Name a transformation; where it mends a part of the rows and spoils the others, say so.
+
+    Args:
+        looks_like: As in `Transformation`.
+        option: As in `Transformation`.
+        error: Of the file as it is.
+        mended_error: Of the file after it.
+        changes: How far each row is off, before and after, as shares.
+    """
+    nearer = [after < before for before, after in changes if abs(before - after) > FITS]
+    share = sum(nearer) / len(nearer) if len(nearer) >= MIN_COMPARED else 1.0
+    if share < ALL_ROWS:
+        looks_like = (
+            f"{looks_like} in a part of its rows: of those that it changes, {share:.0%} come nearer "
+            "to the recorded drives, and the others go away from them"
+        )
+        by_hand = "write all rows alike, where the planner writes them"
+        return Mend(looks_like=looks_like, convert_option=None, by_hand=by_hand)
+    return Mend(
+        looks_like=looks_like, convert_option=option, error=error, mended_error=mended_error
+    )
 
 
 def _some(samples: Sequence[Compared]) -> Sequence[Compared]:
@@ -458,21 +524,26 @@ def _sideways_mend(moving: Sequence[Compared], *, is_of_the_path: bool) -> Mend 
         gaps_m = (abs(change(each.source)[-1][1] - each.recorded[-1][1]) for each in tried)
         return statistics.median(gaps_m) / scale_m
 
+    def changes(change: Callable[[Points], Points]) -> list[tuple[float, float]]:
+        ends = [
+            (each.source[-1][1], change(each.source)[-1][1], each.recorded[-1][1]) for each in tried
+        ]
+        return [(abs((y - own) / own), abs((new - own) / own)) for y, new, own in ends]
+
     error = error_of(list)
-    ranges_m, bearings = zip(*(point for each in moving for point in each.source), strict=True)
-    half_turns = (math.pi, 180.0) if min(ranges_m) >= 0 else ()
+    is_polar = error > POLAR_IS_OFF and all(min(each.flat_source[::2]) >= 0 for each in moving)
+    widest = max(max(map(abs, each.flat_source[1::2])) for each in moving) if is_polar else math.inf
     candidates = [(MIRROR, MIRROR_FITS_BETTER)] if is_of_the_path else []
     candidates += [
         (polar, POLAR_FITS_BETTER)
-        for polar, half_turn in zip(_POLAR, half_turns, strict=False)
-        if max(map(abs, bearings)) <= half_turn and error > POLAR_IS_OFF
+        for polar, half_turn in zip(_POLAR, (math.pi, 180.0), strict=True)
+        if widest <= half_turn
     ]
     for (looks_like, option, change), times_better in candidates:
         mended = error_of(change)
         if mended <= MIRROR_FITS and error > times_better * mended:
-            return Mend(
-                looks_like=looks_like, convert_option=option, error=error, mended_error=mended
-            )
+            rows = changes(change) if change is mirrored else ()
+            return _whole_or_part(looks_like, option, error, mended, rows)
     return None
 
 
@@ -480,20 +551,18 @@ def _sideways_mend(moving: Sequence[Compared], *, is_of_the_path: bool) -> Mend 
 
 
 def _start_mend(
-    pairs: Iterable[tuple[Points | None, Points | None]],
-    geometry: GeometrySection,
-    plausibility: PlausibilitySection,
+    sides: Iterable[Tracks], geometry: GeometrySection, plausibility: PlausibilitySection
 ) -> Mend | None:
     """Name a first waypoint that is the car at t = 0, in the trajectories of either side."""
     shares = []
-    for of_side in zip(*pairs, strict=True):
-        firsts_m = [
-            math.hypot(*points[0])
-            for points in of_side
-            if points and math.hypot(*points[-1]) > plausibility.frame_check_min_motion_m
+    for of_side in sides:
+        begins = [
+            first_m <= AT_ORIGIN_M
+            for first_m, end_m in zip(of_side.steps[0].length_m, of_side.ends_m, strict=True)
+            if end_m > plausibility.frame_check_min_motion_m
         ]
-        if len(firsts_m) >= MIN_COMPARED:
-            shares.append(_share(first_m <= AT_ORIGIN_M for first_m in firsts_m) or 0.0)
+        if len(begins) >= MIN_COMPARED:
+            shares.append(_share(begins) or 0.0)
     share = max(shares, default=0.0)
     if share < FROM_ORIGIN:
         return None
@@ -515,7 +584,7 @@ def _offset_mend(compared: Sequence[Compared]) -> Mend | None:
         return None
     offset_m = statistics.median(each.source[0][0] for each in standing)
     are_alike = _share(
-        max(abs(x_m - offset_m) for x_m, _ in each.source) < OFFSET_SPREADS_M for each in standing
+        [max(abs(x_m - offset_m) for x_m, _ in each.source) < OFFSET_SPREADS_M for each in standing]
     )
     if abs(offset_m) < OFFSET_ABOVE_M or (are_alike or 0.0) < FROM_ORIGIN:
         return None
@@ -525,6 +594,24 @@ def _offset_mend(compared: Sequence[Compared]) -> Mend | None:
             "cars that stand"
         ),
         convert_option=f"--origin-offset-m {-offset_m:.2f} --follows rear-axle",
+    )
+
+
+def _offset_of_moving(tried: Sequence[Compared], error: float) -> Mend | None:
+    """Name the same where no car stands: every waypoint is equally far ahead of the recorded one."""
+    gaps_m = [
+        own[0] - at[0] for each in tried for own, at in zip(each.source, each.recorded, strict=True)
+    ]
+    offset_m = statistics.median(gaps_m)
+    shifted = [([(x - offset_m, y) for x, y in each.source], each.recorded) for each in tried]
+    mended_error = _error(shifted)
+    if abs(offset_m) < OFFSET_ABOVE_M or mended_error > min(FITS, error / FITS_BETTER):
+        return None
+    return Mend(
+        looks_like=f"waypoints of a point {offset_m:.2f} m ahead of the rear axle",
+        convert_option=f"--origin-offset-m {-offset_m:.2f} --follows rear-axle",
+        error=error,
+        mended_error=mended_error,
     )
 
 
@@ -550,13 +637,14 @@ def _lead_mend(tried: Sequence[Compared], error: float, geometry: GeometrySectio
     )
 
 
-def _row_mend(
-    whole: Mapping[str, tuple[Points | None, Points | None]], recorded: Mapping[str, Points] | None
-) -> Mend | None:
+def _row_mend(whole: Mapping[str, Whole], recorded: Mapping[str, Points] | None) -> Mend | None:
     """Name trajectories that stand one row off: each is that of the sample before or behind it."""
-    sources = [source for source, _ in whole.values()]
-    of_edited = _neighbour(sources, [edited for _, edited in whole.values()])
-    found = _neighbour([(recorded or {}).get(name) for name in whole], sources)
+    sources = [None if source is None else (source[0], source[1]) for source, _ in whole.values()]
+    edited = [
+        None if of_edit is None else (of_edit[0], of_edit[1]) for _, of_edit in whole.values()
+    ]
+    driven = [recorded[name][0] if recorded and name in recorded else None for name in whole]
+    of_edited, found = _neighbour(sources, edited), _neighbour(driven, sources)
     if found is not None:
         what = "trajectories" if of_edited is None else "source trajectories"
         own = "drive"
@@ -576,16 +664,46 @@ def _row_mend(
     )
 
 
+def _id_mend(compared: Sequence[Compared]) -> Mend | None:
+    """Name drives under the ids of other samples: as long as the recorded ones, in another order."""
+    if len(compared) < MIN_COMPARED:
+        return None
+    lengths_m = [(math.hypot(*it.source[-1]), math.hypot(*it.recorded[-1])) for it in compared]
+    scale_m = statistics.median(own for _, own in lengths_m)
+    in_order = zip(*map(sorted, zip(*lengths_m, strict=True)), strict=True)
+    by_sample, by_order = (
+        statistics.median(abs(length_m - own_m) for length_m, own_m in pairs) / scale_m
+        if scale_m
+        else 0.0
+        for pairs in (lengths_m, in_order)
+    )
+    if by_sample < OF_OTHERS or by_order > IN_ORDER or by_sample < FITS_BETTER * by_order:
+        return None
+    return Mend(
+        looks_like=(
+            f"trajectories under the ids of other samples: sample by sample their lengths are "
+            f"{by_sample:.0%} off the recorded drives, and in order of length {by_order:.0%}"
+        ),
+        convert_option=None,
+        by_hand="write each trajectory with its own sample id",
+    )
+
+
 def _neighbour(
-    own: Sequence[Points | None], answers: Sequence[Points | None]
+    own: Sequence[Point | None], answers: Sequence[Point | None]
 ) -> tuple[float, str] | None:
-    """Return the share of answers that are nearer to what a neighbour is, and on which side of it."""
+    """Return the share of answers that are nearer to what a neighbour is, and on which side of it.
+
+    Args:
+        own: First waypoint of each sample, in the order of the file.
+        answers: First waypoint of what is answered to it.
+    """
     for step, side in ((1, "behind"), (-1, "before")):
         others = [*own[step:], *own[:step]]
         nearer = [
-            math.dist(answer[0], other[0]) < math.dist(answer[0], mine[0])
+            math.dist(answer, other) < math.dist(answer, mine)
             for answer, mine, other in zip(answers, own, others, strict=True)
-            if answer and mine and other and math.dist(mine[0], other[0]) > ROWS_DIFFER_M
+            if answer and mine and other and math.dist(mine, other) > ROWS_DIFFER_M
         ]
         if len(nearer) >= MIN_COMPARED and sum(nearer) >= OF_NEIGHBOUR * len(nearer):
             return sum(nearer) / len(nearer), side

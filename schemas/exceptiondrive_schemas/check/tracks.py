@@ -1,0 +1,105 @@
+"""Trajectories of many samples, column by column: then Python takes its steps in C, without numpy."""
+
+from __future__ import annotations  # array[float] is no runtime type before 3.12
+
+import math
+from array import array
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from operator import sub
+from typing import NamedTuple
+
+Column = Sequence[float]
+"""One number of each of n samples, metres."""
+Whole = tuple["array[float] | None", "array[float] | None"]
+"""Source and edited trajectory of a sample, flat; None where there is no whole one."""
+
+
+class Steps(NamedTuple):
+    """One step of each trajectory."""
+
+    x_m: Column
+    y_m: Column
+    length_m: Column
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Trajectories of n samples with T waypoints each.
+
+    Attributes:
+        x_m: T columns, one for each waypoint.
+        y_m: The same.
+    """
+
+    x_m: Sequence[Column]
+    y_m: Sequence[Column]
+
+    @classmethod
+    def of(cls, trajectories: Sequence[array[float]], n_waypoints: int) -> Tracks:
+        """Put whole trajectories, each flat (x1, y1, x2, y2, ...), beside each other.
+
+        Raises:
+            ValueError: They have other numbers of waypoints.
+        """
+        width, joined = 2 * n_waypoints, array("d")
+        for flat in trajectories:
+            joined.extend(flat)
+        if len(joined) != width * len(trajectories):
+            raise ValueError("the trajectories have different numbers of waypoints")
+        columns = [joined[start::width] for start in range(width)]
+        return cls(columns[::2], columns[1::2])
+
+    def first(self, n: int) -> Tracks:
+        """Return the first n of them."""
+        return Tracks([x[:n] for x in self.x_m], [y[:n] for y in self.y_m])
+
+    @cached_property
+    def steps(self) -> tuple[Steps, ...]:
+        """T steps, the first one from the origin."""
+        origin = [0.0] * len(self.x_m[0])
+        moved = [
+            (list(map(sub, x, x_before)), list(map(sub, y, y_before)))
+            for x, x_before, y, y_before in zip(
+                self.x_m, (origin, *self.x_m), self.y_m, (origin, *self.y_m), strict=False
+            )
+        ]
+        return tuple(Steps(x, y, list(map(math.hypot, x, y))) for x, y in moved)
+
+    @cached_property
+    def lengths_m(self) -> Column:
+        """How long each path is."""
+        return list(map(sum, zip(*(step.length_m for step in self.steps), strict=True)))
+
+    @cached_property
+    def ends_m(self) -> Column:
+        """How far from the origin each one ends."""
+        return list(map(math.hypot, self.x_m[-1], self.y_m[-1]))
+
+    def gaps_m(self, others: Tracks) -> list[tuple[float, ...]]:
+        """Return the T distances of each trajectory from another one, waypoint by waypoint."""
+        columns = [
+            map(math.hypot, map(sub, x, other_x), map(sub, y, other_y))
+            for x, other_x, y, other_y in zip(
+                self.x_m, others.x_m, self.y_m, others.y_m, strict=True
+            )
+        ]
+        return list(zip(*columns, strict=True))
+
+
+def both_first(pairs: Iterable[Whole]) -> tuple[list[array[float]], list[array[float]], int]:
+    """Return source and edited trajectories, first those of pairs that have both, and how many."""
+    both, sources, edited = [], [], []
+    for source, of_edit in pairs:
+        if source is not None and of_edit is not None:
+            both.append((source, of_edit))
+        elif source is not None:
+            sources.append(source)
+        elif of_edit is not None:
+            edited.append(of_edit)
+    return (
+        [source for source, _ in both] + sources,
+        [of_edit for _, of_edit in both] + edited,
+        len(both),
+    )
