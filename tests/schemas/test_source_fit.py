@@ -64,6 +64,7 @@ MISTAKES: dict[str, Mistake] = {
     **{f"--unit {unit}": partial(scaled, factor=1 / metres) for unit, metres in UNITS_M.items()},
     "--cumulative": increments,
     "--velocities": lambda points: scaled(increments(points), 2.0),
+    "--unit km/h --velocities": lambda points: scaled(increments(points), 7.2),
     "--polar radians": polar,
     "--polar degrees": lambda points: [(r, math.degrees(b)) for r, b in polar(points)],
     "--swap --polar radians": lambda points: swapped(polar(points)),
@@ -226,11 +227,52 @@ def test_guesses_at_random_get_no_advice(recorded: Drives, protocol: ProtocolDoc
             sample_id: [(chance.gauss(0, 20), chance.gauss(0, 20)) for _ in points]
             for sample_id, points in recorded.items()
         }
-        others = dict(
-            zip(recorded, chance.sample(list(recorded.values()), len(recorded)), strict=True)
-        )
-        for sources in (wild, others):
-            assert profile_of(pairs_of(sources), protocol, recorded).mend is None
+        assert profile_of(pairs_of(wild), protocol, recorded).mend is None
+
+
+def shuffled(drives: Drives) -> dict[str, Points]:
+    some = random.Random(3).sample(list(drives.values()), len(drives))
+    return dict(zip(drives, some, strict=True))
+
+
+def most(change: Mistake) -> Callable[[Drives], dict[str, Points]]:
+    """Change three rows of five."""
+
+    def part(drives: Drives) -> dict[str, Points]:
+        items = enumerate(drives.items())
+        return {key: change(points) if at % 5 < 3 else points for at, (key, points) in items}
+
+    return part
+
+
+PARTS: dict[str, Callable[[Drives], dict[str, Points]]] = {
+    "trajectories under the ids of other samples": shuffled,
+    "mirrored (y to the right) in a part of its rows": most(mirrored),
+    "centimetres in a part of its rows": most(partial(scaled, factor=100)),
+}
+
+
+@pytest.mark.parametrize("words", PARTS)
+def test_what_is_wrong_with_a_part_of_the_rows_is_for_the_author_to_mend(
+    words: str, planned: Drives, recorded: Drives, protocol: ProtocolDocument
+) -> None:
+    """Converting the whole file would spoil the rest, and leave a valid file."""
+    mend = profile_of(pairs_of(PARTS[words](planned)), protocol, recorded).mend
+    assert mend is not None
+    assert mend.looks_like.startswith(words)
+    assert mend.convert_option is None
+    assert mend.by_hand
+
+
+def test_a_point_ahead_of_the_axle_is_named_where_no_car_stands(
+    planned: Drives, recorded: Drives, protocol: ProtocolDocument
+) -> None:
+    moving = {key: points for key, points in recorded.items() if math.hypot(*points[-1]) > 1}
+    ahead = changed({key: planned[key] for key in moving}, lambda p: [(x + 2.6, y) for x, y in p])
+    mend = profile_of(pairs_of(ahead), protocol, moving).mend
+    assert mend is not None
+    assert mend.looks_like.startswith("waypoints of a point 2.")
+    assert str(mend.convert_option).startswith("--origin-offset-m -2.")
 
 
 def test_source_and_edited_exchanged_are_named(
