@@ -25,7 +25,7 @@ from exceptiondrive.settings import find_setting
 from exceptiondrive.version import __version__
 from exceptiondrive_schemas.coverage import unranked_reasons
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_schemas.protocol import NEWEST, packaged_protocol
 
 TABLES = (".csv", ".csv.gz", ".parquet")
 """Endings of the files that results of samples are written to."""
@@ -199,7 +199,7 @@ def plot(
 
 def version() -> None:
     """Print the versions of client and protocol."""
-    protocol = packaged_protocol()
+    protocol = packaged_protocol(NEWEST)
     show(f"exceptiondrive {__version__}")
     show(f"protocol {protocol.version} {protocol.digest}")
 
