@@ -21,6 +21,7 @@ from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.rescoring import NotificationView
 from exceptiondrive_schemas.score_sheet import BreakdownRow, MetricRow, ProtocolRef, ScoreSheet
+from exceptiondrive_schemas.standing_words import standing_words
 from exceptiondrive_schemas.submission import QueuePlace, Quota, SubmissionStatus, SubmissionView
 
 EXAMPLES_SHOWN = 5
@@ -414,8 +415,9 @@ def notices_view(notices: Iterable[NotificationView]) -> Iterator[RenderableType
         yield Text(f"{utc_text(notice.created_at)} · {notice.kind}", style="dim")
         yield from (Text(f"  {sentence}") for sentence in notice.what_changed)
         for entry in notice.entries:
-            places = (each.place if each else "not on the board" for each in (entry.old, entry.new))
-            yield Text(f"  {entry.method}: {' -> '.join(places)}")
+            challenge = None if notice.challenge is None else challenge_of(notice.challenge)
+            before, now = (standing_words(challenge, each) for each in (entry.old, entry.new))
+            yield Text(f"  {entry.method}: {before} -> {now}")
 
 
 def quota_table(quotas: Mapping[str, Quota]) -> FittedTable:
