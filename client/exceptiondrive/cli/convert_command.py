@@ -250,7 +250,7 @@ def _read_runs(
 
 
 def _said(done: tuple[str, ...], outcome: Conversion) -> list[str]:
-    lines = [f"- {sentence}" for sentence in done or ("nothing had to be changed",)]
+    lines = [f"- {sentence}" for sentence in done or ("no waypoint was moved",)]
     return [
         *lines,
         *(f"  null: {where}" for where in outcome.nulled),
