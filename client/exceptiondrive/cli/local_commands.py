@@ -26,7 +26,7 @@ from exceptiondrive.settings import find_setting
 from exceptiondrive.version import __version__
 from exceptiondrive_schemas.coverage import unranked_reasons
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_schemas.protocol import NEWEST, packaged_protocol
 
 TABLES = (".csv", ".csv.gz", ".parquet")
 """Endings of the files that results of samples are written to."""
@@ -73,7 +73,8 @@ def check(
         words = (*words, *outlook_view(outlook))
     show_result(report, json, *words)
     has_samples = split is not None or manifest is not None or phase is not None
-    if has_samples and report.profile is not None and report.profile.source_l2_m is None:
+    is_fit_unknown = report.profile is not None and report.profile.source_l2_m is None
+    if has_samples and report.is_valid and is_fit_unknown:
         say(
             "No recorded drives are known of these samples: whether the sources fit the scenes, and "
             "so the frame, the time step and the order of the rows, could only be checked in part."
@@ -206,7 +207,7 @@ def plot(
 
 def version() -> None:
     """Print the versions of client and protocol."""
-    protocol = packaged_protocol()
+    protocol = packaged_protocol(NEWEST)
     show(f"exceptiondrive {__version__}")
     show(f"protocol {protocol.version} {protocol.digest}")
 

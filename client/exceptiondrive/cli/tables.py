@@ -26,6 +26,7 @@ from exceptiondrive_schemas.method_facts import SubmissionEditView, Told
 from exceptiondrive_schemas.own_entries import entry_words, question_of
 from exceptiondrive_schemas.rescoring import NotificationView
 from exceptiondrive_schemas.score_sheet import HEADLINE, metric_text
+from exceptiondrive_schemas.standing_words import standing_words
 from exceptiondrive_schemas.submission import QueuePlace, Quota, SubmissionStatus, SubmissionView
 
 STYLES = {
@@ -207,8 +208,9 @@ def notices_view(notices: Iterable[NotificationView]) -> Iterator[RenderableType
         yield Text(f"{utc_text(notice.created_at)} · {notice.kind}", style="dim")
         yield from (Text(f"  {sentence}") for sentence in notice.what_changed)
         for entry in notice.entries:
-            places = (each.place if each else "not on the board" for each in (entry.old, entry.new))
-            yield Text(f"  {entry.method}: {' -> '.join(places)}")
+            challenge = None if notice.challenge is None else challenge_of(notice.challenge)
+            before, now = (standing_words(challenge, each) for each in (entry.old, entry.new))
+            yield Text(f"  {entry.method}: {before} -> {now}")
 
 
 def quota_table(quotas: Mapping[str, Quota]) -> FittedTable:

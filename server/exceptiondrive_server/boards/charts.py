@@ -548,7 +548,7 @@ class Curve:
 class CurveChart:
     """Curves on one pair of axes, in SVG units; `required_x` is the required clearance.
 
-    The points of curves count steps of the curve along x and thousandths of the scenes up;
+    The points of curves count steps of the curve along x and thousandths of the samples up;
     `transform` brings them to the axes, so that they are written once for every size.
     """
 
@@ -566,7 +566,7 @@ BAR_WIDTH = 0.25
 
 
 class ClearanceBar(NamedTuple):
-    """A share of the scenes by what they keep of the required clearance."""
+    """A share of the samples by what they keep of the required clearance."""
 
     level: Literal["hit", "close", "clear"]
     label: str
@@ -576,8 +576,8 @@ class ClearanceBar(NamedTuple):
 def clearance_bars(curve: ClearanceCurve) -> tuple[ClearanceBar, ...]:
     """Return the histogram that a clearance curve holds: the differences of its points.
 
-    All scenes count the same. The first bar is those hit, the last all that is further away than the
-    curve tells; together they are all scenes.
+    All samples count the same. The first bar is those hit, the last all that is further away than the
+    curve tells; together they are all samples.
     """
     kept, stride = curve.micro, max(1, round(BAR_WIDTH / curve.step))
     bars = [ClearanceBar("hit", "hit", 1 - kept[0])]
@@ -626,6 +626,6 @@ def curve_chart(
         y_ticks=tuple(Tick(px(y_scale.at(tick)), f"{tick:.0%}"[:-1]) for tick in y_scale.ticks),
         transform=transform,
         curves=tuple(curves),
-        description="Share of scenes that keep the whole required clearance: "
+        description="Share of samples that keep the whole required clearance: "
         + ", ".join(f"{one.name} {one.at_required:.1%}" for one in curves),
     )

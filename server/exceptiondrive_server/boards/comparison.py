@@ -144,10 +144,10 @@ class Comparison:
         """What the comparison sample by sample says."""
         label = self.first.label
         if found.interval is None:
-            return f"Scene by scene, {label} gives no interval here."
+            return f"Sample by sample, {label} gives no interval here."
         settled = "this split does not settle which is better"
         return (
-            f"Scene by scene, the difference in {label} is "
+            f"Sample by sample, the difference in {label} is "
             f"{self.digits.interval(self.first, found.interval, signed=True)} points "
             f"({self.board.confidence:.0%} interval): {found.verdict if is_sure(found) else settled}."
         )

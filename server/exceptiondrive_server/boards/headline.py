@@ -83,7 +83,9 @@ def _cases(share: float) -> str:
 
 
 def _small_fraction(share: float) -> tuple[str, int, int]:
-    """Return the simplest fraction within 1.5 points of a share, with how near it is: hits, out of.
+    """Return the nearest fraction of at most ten, if within 1.5 points, with how near it is.
+
+    Hits, and out of how many; of equally near ones the simplest.
 
     A share that is nearly, and not quite, none or all is never said to be it.
     """
@@ -91,10 +93,10 @@ def _small_fraction(share: float) -> tuple[str, int, int]:
         return "", int(share), 1
     if not 0.01 <= share <= 0.99:
         return ("less than ", 1, 100) if share < 0.5 else ("more than ", 99, 100)
-    for of in (*range(2, 11), 100):
-        hits = round(share * of)
-        if 0 < hits < of and abs(hits / of - share) <= 0.015:
-            break
+    near = [(abs(round(share * of) / of - share), of) for of in range(2, 11)]
+    distance, of = min(near)
+    of = of if distance <= 0.015 else 100
+    hits = round(share * of)
     return ("" if hits / of == share else "about "), hits, of
 
 
@@ -117,8 +119,17 @@ def _findings(
         lead = f"The only ranked {words.subject} so far is {leader.method}"
     else:
         lead = f"Of {grouped(len(ranked))} ranked {words.subjects}, {leader.method} leads"
+        lead += _could_too([entry for entry in ranked if entry is not leader])
     above = [entry for entry in ranked if (entry.rank or 0) < (leader.rank or 0)]
     return (f"{lead}: {numbers} ({average}){_own_flags(leader)}.", *_above(above, leader))
+
+
+def _could_too(others: Sequence[BoardEntry]) -> str:
+    """Say how many might lead as well, given how much the scenes vary."""
+    n = sum(
+        it.may_lead and it.rank_interval is not None and it.rank_interval[0] == 1 for it in others
+    )
+    return f", though {counted(n, 'other', 'others')} could be first" if n else ""
 
 
 def _own_flags(leader: BoardEntry) -> str:

@@ -127,7 +127,7 @@ def board_picture(reading: BoardPage) -> str:
     board, phase = reading.board, reading.phase
     digits = Digits.of(reading.protocol.publication)
     challenge = phase.challenge if phase else None
-    title = "How driving planners respond to hazards put into real scenes."
+    title = "How driving planners respond to hazards put into driving scenes."
     if challenge is not None:
         title = headline(board, challenge, len(reading.protocol.tasks), digits).title
     return render(

@@ -32,7 +32,7 @@ SOURCES: tuple[EntrySource, ...] = ("scored", "reference", "reported")
 """In the order in which boards show them; rows of different sources are never mixed."""
 AVERAGE_TITLES: Mapping[Average, str] = {
     "macro_family": "mean of families",
-    "micro": "mean of scenes",
+    "micro": "mean of samples",
 }
 BY_RANK = "rank"
 PageRows = Literal["20", "100", "all"]

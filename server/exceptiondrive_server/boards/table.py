@@ -523,7 +523,7 @@ class BoardTable:
 
     @property
     def small_family(self) -> int:
-        """Below so many scenes a family is small."""
+        """Below so many samples a family is small."""
         return SMALL_FAMILY
 
     @cached_property

@@ -45,7 +45,7 @@ _WORDS = {
     ),
     "outcome": Term(
         "What happened",
-        "All scenes of a row, in parts that sum to 100 %. The small squares below are the hazard "
+        "All samples of a row, in parts that sum to 100 %. The small squares below are the hazard "
         "families, darker where the first metric is better.",
     ),
     "original": Term(
@@ -56,6 +56,11 @@ _WORDS = {
         "Scene with hazard",
         "The same scene after a hazard was put into its pictures: a child on the road, a closed lane, "
         "a signal that changed. The paper calls it the edited scene.",
+    ),
+    "sample": Term(
+        "Sample",
+        "One scene and one hazard that was put into it. A scene can stand in several samples, each with "
+        "another hazard.",
     ),
     "family": Term(
         "Hazard family",
@@ -76,12 +81,12 @@ _WORDS = {
     ),
     "average": Term(
         "Two averages",
-        "Mean of families: every hazard family counts the same. Mean of scenes: every scene counts the "
-        "same, so a family with many scenes weighs more.",
+        "Mean of families: every hazard family counts the same. Mean of samples: every sample counts the "
+        "same, so a family with many samples weighs more.",
     ),
     "split": Term(
         "Split",
-        "A named set of scenes. Of a withheld one nobody outside knows where the hazards lie.",
+        "A named set of samples. Of a withheld one nobody outside knows where the hazards lie.",
     ),
     "protocol": Term(
         "Protocol",
@@ -89,13 +94,13 @@ _WORDS = {
         "a new one gets a new number, and old boards stay.",
     ),
     "paired": Term(
-        "Compared scene by scene",
-        "Both planners drove the same scenes, so chance that hits both alike drops out. That settles "
+        "Compared sample by sample",
+        "Both planners drove the same samples, so chance that hits both alike drops out. That settles "
         "more than a look at two intervals.",
     ),
     "coverage": Term(
-        "Answered scenes",
-        "The share of scenes for which the file holds an answer. A missing answer counts as driving "
+        "Answered samples",
+        "The share of samples for which the file holds an answer. A missing answer counts as driving "
         "into the hazard.",
     ),
 }  # fmt: skip

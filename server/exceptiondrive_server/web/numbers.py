@@ -75,8 +75,9 @@ class Digits:
         """
         if interval is None:
             return ""
-        is_whole = metric.unit == "fraction" and all(_is_whole(100 * end) for end in interval)
-        digits = Digits(percent=0) if is_whole else self
+        low, high = 100 * interval[0], 100 * interval[1]
+        is_whole = abs(low - round(low)) < 1e-6 and abs(high - round(high)) < 1e-6
+        digits = _WHOLE if is_whole and metric.unit == "fraction" else self
         write = digits.signed if signed else digits.text
         return " to ".join([write(metric, end) or "" for end in interval])
 
@@ -86,6 +87,9 @@ class Digits:
         if not known or metric.better is None:
             return None
         return self.text(metric, max(known) if metric.better == "higher" else min(known))
+
+
+_WHOLE = Digits(percent=0)
 
 
 def unit_of(metric: Metric) -> str:

@@ -174,8 +174,8 @@ def test_tasks_that_are_not_told_are_counted(
         )
         return " ".join(str(section).split())
 
-    assert "6 of 21 tasks, with fewer than 10 scenes, are not told." in said(tasks[:15], 10)
-    assert "1 of 21 tasks, with no scene, are not told." in said(tasks[1:], 1)
+    assert "6 of 21 tasks, with fewer than 10 samples, are not told." in said(tasks[:15], 10)
+    assert "1 of 21 tasks, with no sample, are not told." in said(tasks[1:], 1)
     assert "not told" not in said(tasks, 10)
 
 

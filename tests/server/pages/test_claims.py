@@ -124,6 +124,10 @@ def check_the_findings(text: str, board: Board) -> None:
     above = [entry for entry in ranked(board) if (entry.rank or 0) < (leader.rank or 0)]
     named = [leader, *above] if len(above) <= 3 else [leader]
     assert set(re.findall(r"Planner\d+x", text)) == {entry.method for entry in named}
+    others = [entry for entry in contenders(board) if entry is not leader and entry.rank_interval]
+    could = sum((entry.rank_interval or (0, 0))[0] == 1 for entry in others)
+    said = re.search(r"leads, though (\d+) others? could be first:", text)
+    assert (int(said[1]) if said else 0) == could
     for entry in named:
         assert all(label in text for label in labels(entry))
 
@@ -252,7 +256,7 @@ def check_who_could_be_first(page: Node, board: Board) -> None:
 
 def check_the_average(page: Node, average: str) -> None:
     """The words and the formulas are of the numbers that the page shows."""
-    words = {"macro_family": "mean of families", "micro": "mean of scenes"}
+    words = {"macro_family": "mean of families", "micro": "mean of samples"}
     assert f"Every number is the {words[average]}:" in sentence(page.one("div", "foot"))
     means = [part.text for part in page.one("section", id="metrics").all("math")]
     assert means

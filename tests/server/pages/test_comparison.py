@@ -236,7 +236,7 @@ def test_a_withheld_task_has_no_difference(lively_board: Board, sheets: Sheets) 
 def test_a_difference_that_is_not_there_says_why() -> None:
     said = macro("web/macros/tables.html", "difference")
     assert "+1.00" in said("+1.00", 7, 100)
-    assert "not told (under 100 scenes)" in said("", 7, 100)
+    assert "not told (under 100 samples)" in said("", 7, 100)
     assert "not defined for both" in said("", 100, 100)
     assert "not defined for both" in said("")
 
@@ -244,7 +244,7 @@ def test_a_difference_that_is_not_there_says_why() -> None:
 async def test_a_column_that_says_nothing_of_any_metric_is_left_out(paired_site: Any) -> None:
     address = "/compare?a=s0000000kq&b=s0000002kq"
     text = (await paired_site.get(address)).text
-    assert "Scene by scene" in text
+    assert "Sample by sample" in text
     assert "Scenes that differ" not in text
 
 

@@ -66,7 +66,7 @@ async def test_the_protocol_page_says_which_flags_take_a_rank_and_when_they_are_
     assert f"listed with its numbers, and takes no rank: {labels}." in text
     assert "A mean over fewer than 5 scenes has no interval." in text
     assert "more than 5 m from the drive that was recorded" in text
-    assert "less than 10 % in a family of at least 20 scenes" in text
+    assert "less than 10 % in a family of at least 20 samples" in text
     assert "takes no rank" not in (await site.get("/protocols/1.0")).text
 
 

@@ -32,6 +32,7 @@ def flagged(board: Board, *places: int) -> Board:
         (1.0, "Even the leading planner hits the hazard every time."),
         (0.996, "Even the leading planner hits the hazard more than 99 times in 100."),
         (0.78, "Even the leading planner hits the hazard about 7 times in 9."),
+        (0.8701, "Even the leading planner hits the hazard about 7 times in 8."),
         (0.5, "The leading planner still hits one hazard in 2."),
         (0.311, "The leading planner still hits about 3 hazards in 10."),
         (0.02, "The leading planner stays out of the hazard 98 times in 100."),
@@ -50,7 +51,7 @@ def test_the_facts_count_what_stands_on_the_board(lively_board: Board) -> None:
     said = headline(lively_board, PLANNING, 21, Digits())
     facts = {fact.label: f"{fact.value} {fact.note}" for fact in said.facts}
     assert facts == {
-        "Samples scored": "240 scenes, each without and with a hazard",
+        "Samples scored": "240 each a scene without and with a hazard",
         "Tasks": "21 kinds of hazard",
         "Planners": "6 planners ranked, 1 without a rank",
     }
@@ -111,5 +112,5 @@ def test_the_strategy_challenge_is_said_in_its_own_words(strategy_board: Board) 
         "Tasks",
         "Agents",
     ]
-    assert said.facts[0].note == "scenes with hazard"
+    assert said.facts[0].note == "each a scene with a hazard"
     assert headline(None, STRATEGY, 21, Digits()).title == "Which agent is careful enough?"

@@ -25,7 +25,7 @@ def test_a_pair_that_the_board_carries_is_judged_by_its_own_interval(lively_boar
     board = with_pair(lively_board, SURE)
     both = Comparison(board, board.entries[0], board.entries[2], Digits())
     assert both.verdict.endswith(
-        "Scene by scene, the difference in HCC is +1.12 to +7.13 points (95% interval): "
+        "Sample by sample, the difference in HCC is +1.12 to +7.13 points (95% interval): "
         "Kestrel-2 is better."
     )
     assert both.paired is not None
@@ -62,7 +62,7 @@ async def test_the_page_shows_the_table_where_there_is_one(site: Any, lively_boa
     site.publish(with_pair(lively_board, SURE))
     ids = [entry.submission_id for entry in lively_board.entries]
     text = (await site.get(f"/compare?phase=sample&a={ids[0]}&b={ids[2]}")).text
-    assert "Scene by scene" in text
+    assert "Sample by sample" in text
     assert "+1.12 to +7.13" in text
     assert "30.83 %" in text
     other = (await site.get(f"/compare?phase=sample&a={ids[0]}&b={ids[1]}")).text
