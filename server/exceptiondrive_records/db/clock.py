@@ -5,7 +5,6 @@ from datetime import UTC, datetime, timedelta
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-
 _SQLITE_NOW = select(func.strftime("%Y-%m-%dT%H:%M:%f", "now"))
 _POSTGRESQL_NOW = select(func.clock_timestamp())
 
