@@ -442,6 +442,20 @@ def test_evaluate_alone_touches_the_scoring_package(planning_file: MakeFile) -> 
     assert done.stdout.splitlines()[-1] == "heavy: []"
 
 
+def test_a_check_imports_nothing_of_submissions_drawings_or_progress(
+    planning_file: MakeFile,
+) -> None:
+    code = (
+        "import sys; from exceptiondrive.cli import app; "
+        f"app(['check', {str(planning_file())!r}], standalone_mode=False); "
+        "heavy = {'exceptiondrive_schemas.submission', 'exceptiondrive_schemas.rescoring', "
+        "'exceptiondrive_schemas.drawing', 'rich.progress'};"
+        "print('heavy:', sorted(heavy & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "heavy: []"
+
+
 def test_a_check_looks_for_no_cycles(planning_file: MakeFile) -> None:
     """Not once while it imports, reads and tells, where Python by itself would do so many times."""
     code = (

@@ -8,8 +8,8 @@ import typer
 from exceptiondrive.checking import write_file
 from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.completion import choices
+from exceptiondrive.cli.file_tables import report_view
 from exceptiondrive.cli.output import show_result
-from exceptiondrive.cli.tables import report_view
 from exceptiondrive.conversion import (
     Angles,
     Conversion,
