@@ -126,7 +126,7 @@ def _measured(n_entries: int) -> dict[str, dict[str, float]]:
         return found
 
 
-def _addresses(folder: Path) -> dict[str, str]:
+def _addresses(folder: Path) -> dict[str, Any]:
     return {
         "database_url": f"sqlite:///{folder}/records.sqlite3",
         "broker_url": "memory://",
