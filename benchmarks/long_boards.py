@@ -81,8 +81,8 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.part:
-        part = {"worker": _worker, "server": _server}[given.part]
-        sys.stdout.write(json.dumps(part(given.folder, given.entries[0])) + "\n")
+        measure = {"worker": _worker, "server": _server}[given.part]
+        sys.stdout.write(json.dumps(measure(given.folder, given.entries[0])) + "\n")
         return
     found = {n_entries: _measured(n_entries) for n_entries in given.entries}
     for part, title in (
