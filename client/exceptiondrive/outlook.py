@@ -3,10 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
+from typing import TYPE_CHECKING
 
 from exceptiondrive_schemas.faults import CheckReport
-from exceptiondrive_schemas.own_entries import to_confirm
-from exceptiondrive_schemas.submission import SubmissionView
+
+if TYPE_CHECKING:
+    from exceptiondrive_schemas.submission import SubmissionView
 
 
 @dataclass(frozen=True)
@@ -23,9 +25,9 @@ class Outlook:
     """
 
     report: CheckReport
-    replaces: SubmissionView | None
+    replaces: "SubmissionView | None"
     rule: str = ""
-    first: SubmissionView | None = None
+    first: "SubmissionView | None" = None
     disqualified_at: datetime | None = None
 
     @property
@@ -38,4 +40,6 @@ class Outlook:
         """What nobody may be surprised by, in a sentence; by the argument of `submit` that says yes."""
         if self.is_known:
             return {}
+        from exceptiondrive_schemas.own_entries import to_confirm
+
         return to_confirm(self.report.unranked_because, self.replaces)

@@ -363,7 +363,7 @@ PROTECTIONS = (
     ),
     Protection(
         "board-told-otherwise",
-        "exceptiondrive_records.operations.invariants:_unseen_forgetting",
+        "exceptiondrive_records.operations.invariants:unlogged_forgetting",
         _always(()),
         "tests/server/test_participation.py::test_verify_finds_a_team_that_nobody_forgot_and_one_that_came_back",
     ),
@@ -375,9 +375,27 @@ PROTECTIONS = (
     ),
     Protection(
         "unseen-changes",
-        "exceptiondrive_records.operations.invariants:_unseen_changes",
+        "exceptiondrive_records.operations.invariants:unlogged_submissions",
         _always(()),
         "tests/server/test_participation.py::test_verify_finds_entries_that_nobody_withdrew_or_moved",
+    ),
+    Protection(
+        "unseen-reinstated",
+        "exceptiondrive_records.operations.invariants:unlogged_disqualifications",
+        _always(()),
+        "tests/server/test_participation.py::test_verify_finds_what_decides_a_board_and_nobody_did",
+    ),
+    Protection(
+        "unseen-settings",
+        "exceptiondrive_records.operations.invariants:unlogged_settings",
+        _always(()),
+        "tests/server/test_participation.py::test_verify_finds_what_decides_a_board_and_nobody_did",
+    ),
+    Protection(
+        "unseen-history",
+        "exceptiondrive_records.operations.invariants:unlogged_flips",
+        _always(()),
+        "tests/server/test_participation.py::test_verify_finds_what_decides_a_board_and_nobody_did",
     ),
     Protection(
         "restored-after-reveal",

@@ -401,7 +401,7 @@ WALK: dict[str, Row] = {
     "a later schema": Row(
         lambda: outer(schema="exceptiondrive.planning/2"),
         {"wrong_schema": "1 fault"},
-        ["a newer form: pip install --upgrade exceptiondrive"],
+        ["a newer form: take the newest client, from the server's page /client/"],
     ),
     "line ends of Windows": Row(
         lambda: json.dumps(sound(), indent=1).replace("\n", "\r\n").encode()

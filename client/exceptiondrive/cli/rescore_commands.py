@@ -14,17 +14,17 @@ from rich.console import RenderableType
 from rich.progress import BarColumn, Progress, TextColumn
 
 from exceptiondrive.cli import completion, options
+from exceptiondrive.cli.file_tables import metric_head
 from exceptiondrive.cli.fitted_table import Column, FittedTable
 from exceptiondrive.cli.output import console, has_terminal, say, show_result
 from exceptiondrive.cli.session import open_organizer
-from exceptiondrive.cli.tables import metric_head
 from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, utc_text
 from exceptiondrive.organizer import Rescoring
 from exceptiondrive.transport import Record
 from exceptiondrive.words import challenge_of
 from exceptiondrive_schemas.challenges import Metric
-from exceptiondrive_schemas.own_entries import metric_text
 from exceptiondrive_schemas.python310 import Self
+from exceptiondrive_schemas.score_sheet import metric_text
 
 RunArgument = Annotated[
     str, typer.Argument(metavar="RUN", autocompletion=completion.runs, help="Id of the run.")

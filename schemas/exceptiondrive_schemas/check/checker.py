@@ -85,7 +85,7 @@ def check_schema(
             FaultCode.WRONG_SCHEMA, f"The file is {what}: hand in what the planner answered."
         )
     elif isinstance(value, str) and _is_newer(value):
-        hint = "a newer form: pip install --upgrade exceptiondrive"
+        hint = "a newer form: take the newest client, from the server's page /client/"
     elif wanted != STRATEGY.id:
         hint = f"no form of ours; {CONVERT}` writes {quoted(PLANNING.file_schema)}"
     faults.add(

@@ -99,21 +99,18 @@ def flip_board(
         return None
     before = session.get(BoardRow, phase.current_board_id) if phase.current_board_id else None
     phase.current_board_id = row.id
-    at, news = at or database_now(session), _news_since(before, row)
+    at = at or database_now(session)
+    news = news_between(parsed_board(before), parsed_board(row)) if before else BoardNews()
     flip = BoardFlip(phase_id=phase.id, board_id=row.id, at=at, news=news)
     session.add(flip)
     session.flush()
     return flip
 
 
-def _news_since(before: BoardRow | None, row: BoardRow) -> BoardNews:
+def news_between(old: Board, board: Board) -> BoardNews:
     """Say whose scores are new; between protocols or split revisions, nothing can be compared."""
-    if before is None or (before.protocol_digest, before.split_revision) != (
-        row.protocol_digest,
-        row.split_revision,
-    ):
+    if (old.protocol.digest, old.split.revision) != (board.protocol.digest, board.split.revision):
         return BoardNews()
-    old, board = parsed_board(before), parsed_board(row)
     key = CHALLENGES[board.challenge].metrics[0].key
     was = {entry.submission_id: entry for entry in old.entries if entry.submission_id}
     now = {entry.submission_id: entry for entry in board.entries if entry.submission_id}

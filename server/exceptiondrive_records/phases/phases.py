@@ -25,6 +25,7 @@ from exceptiondrive_schemas.form_fields import fields_of
 from exceptiondrive_schemas.phase_settings import (
     WITHHELD_DEFAULTS,
     NewPhase,
+    PhaseChange,
     PhasePage,
     PhaseSettings,
 )
@@ -138,8 +139,9 @@ def create_phase(session: Session, new: NewPhase, *, actor: str) -> Phase:
     detail = {
         "challenge": phase.challenge,
         "split": split.name,
-        "protocol": find_protocol(session, phase.protocol_digest).version,
-        "protocol_digest": phase.protocol_digest,
+        "protocol": phase.protocol_digest,
+        "protocol_version": find_protocol(session, phase.protocol_digest).version,
+        **deciding_settings(phase),
     }
     audit(session, actor, "phase created", phase.id, detail)
     return phase
@@ -271,3 +273,10 @@ def _is_open_now(session: Session, phase: Phase, team_id: int | None) -> bool:
 def settings_of(phase: Phase) -> dict[str, Any]:
     """Return the settings of a phase as they stand, by name."""
     return {name: getattr(phase, name) for name in PhaseSettings.model_fields}
+
+
+def deciding_settings(phase: Phase) -> dict[str, Any]:
+    """Return what decides which entries stand, as the audit log has it: dates and policy, by name."""
+    dates = PhaseChange.model_construct(opens_at=phase.opens_at, closes_at=phase.closes_at)
+    told = dates.model_dump(mode="json", include={"opens_at", "closes_at"})
+    return {**told, **phase.policy.model_dump(mode="json")}
