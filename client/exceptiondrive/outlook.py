@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import datetime
 from typing import TYPE_CHECKING
 
 from exceptiondrive_schemas.faults import CheckReport
@@ -19,12 +20,15 @@ class Outlook:
         replaces: The team's entry that it takes the place of; None where there is none.
         rule: Which run of a method stands, in a sentence.
         first: The team's submission of the same bytes, which stands; None where there is none.
+        disqualified_at: Since when the team, or these very bytes of it, are disqualified: then the
+            upload will be refused; None: they are not.
     """
 
     report: CheckReport
     replaces: "SubmissionView | None"
     rule: str = ""
     first: "SubmissionView | None" = None
+    disqualified_at: datetime | None = None
 
     @property
     def is_known(self) -> bool:

@@ -144,6 +144,23 @@ def test_check_says_what_an_upload_will_do(working: "Running", planning_file: Ma
     assert f"outlook: it replaces {first['id']} (HCC " in told
     assert "newest run stands" in told
     assert "submitted before" in run(working, *checked, str(planning_file())).stdout
+    from exceptiondrive_records.participation.disqualification import (
+        disqualify_submission,
+        disqualify_team,
+    )
+
+    why = {"reason": "copied", "actor": "test"}
+    with working.context.database.write() as session:
+        disqualify_submission(session, first["id"], **why)
+    told = run(working, *checked, str(planning_file())).stdout
+    assert f"it will be refused: these bytes, as {first['id']}, are disqualified in this" in told
+    assert "stands, no quota is spent" not in told
+    assert "will be ranked" in run(working, *checked, str(slower_file(planning_file))).stdout
+    with working.context.database.write() as session:
+        disqualify_team(session, "alpha", **why)
+    told = run(working, *checked, str(slower_file(planning_file))).stdout
+    assert "it will be refused: your team is disqualified in this phase since 2" in told
+    assert "will be ranked" not in told
 
 
 def test_a_withdrawal_says_what_stands_again(working: "Running", planning_file: MakeFile) -> None:

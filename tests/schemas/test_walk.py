@@ -363,7 +363,7 @@ WALK: dict[str, Row] = {
     "a trailing comma": Row(
         lambda: as_bytes(sound())[:-2] + b",]}",
         {"not_json": "1 fault"},
-        ["write it with a JSON library"],
+        ["a comma stands in front of this bracket: remove it"],
     ),
     "a comment": Row(
         lambda: as_bytes(sound()).replace(b'"split"', b'// my planner\n"split"', 1),
@@ -895,6 +895,16 @@ OWN: dict[str, Row] = {
             "a point 3.50 m ahead of the rear axle",
             f"{CONVERT} --origin-offset-m -3.50 --follows rear",
         ],
+    ),
+    "a comment in the first line": Row(
+        lambda: b"// my planner\n" + as_bytes(sound()),
+        {"not_json": "1 fault"},
+        ["looks like a comment: JSON has none, remove it"],
+    ),
+    "a file that stops within a number": Row(
+        lambda: as_bytes(sound())[: len(as_bytes(sound())) // 2].rpartition(b".")[0] + b".",
+        {"not_json": "1 fault"},
+        ["it stops before its end; was the copy cut off?"],
     ),
     "the goal six times": Row(
         lambda: paths(lambda path: [path[-1]] * 6),

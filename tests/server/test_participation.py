@@ -545,3 +545,6 @@ def test_a_forgotten_team_keeps_its_pseudonyms_on_anonymous_boards(
     assert [one["team"] for one in told["entries"]] == [pseudonym]
     history = api.client.get("/history?phase=dev", headers={"Accept": "text/html"}).text
     assert (pseudonym in history, "Former team" in history) == (True, False)
+    api.publish(make_entry("Another", submission_id=own, team=pseudonym))
+    history = api.client.get("/history?phase=dev", headers={"Accept": "text/html"}).text
+    assert "No HCC changed." in history

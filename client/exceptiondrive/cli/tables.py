@@ -72,6 +72,15 @@ AS_FAR = (
 
 def outlook_view(outlook: Outlook) -> Iterator[RenderableType]:
     """Yield what an upload will do, as far as the file and the team's entries tell."""
+    if outlook.disqualified_at is not None:
+        who = (
+            "your team is" if outlook.first is None else f"these bytes, as {outlook.first.id}, are"
+        )
+        yield (
+            f"outlook: it will be refused: {who} disqualified in this phase since "
+            f"{outlook.disqualified_at:%Y-%m-%d}; the reason stands in `exceptiondrive notices`"
+        )
+        return
     if outlook.first is not None:
         first = f"{outlook.first.id} ({outlook.first.method})"
         yield f"these bytes were submitted before, as {first}: that submission stands, no quota is spent"
@@ -92,13 +101,14 @@ def status_line(view: SubmissionView) -> str:
 
 def queue_text(queue: QueuePlace) -> str:
     """Say how long it will take."""
+    place = f"{queue.position} before it" if queue.position else "next"
     if queue.workers_alive == 0:
-        return f"place {queue.position}, no worker is alive: it waits until one is"
+        return f"{place}, no worker is alive: it waits until one is"
     wait = ""
     if queue.expected_wait_s is not None:
         wait = f", about {max(1, round(queue.expected_wait_s))} s"
     again = f", attempt {queue.attempts + 1}" if queue.attempts > 1 else ""
-    return f"place {queue.position}{wait}{again}"
+    return f"{place}{wait}{again}"
 
 
 def submission_view(
