@@ -149,8 +149,8 @@ def _worker(folder: Path, n_entries: int) -> dict[str, float]:
     entries = _Entries(context, n_entries)
     entries.add(range(n_entries - 1))
     _build(context)
-    before_mib = peak_mib_so_far()
     entries.add([n_entries - 1])
+    Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew: entries are made
     seconds: dict[str, float] = {}
     for function, step in _STEPS.items():
         setattr(board_run, function, _clocked(getattr(board_run, function), step, seconds))
@@ -163,7 +163,7 @@ def _worker(folder: Path, n_entries: int) -> dict[str, float]:
         **steps,
         "read the last board, the rest": 1000 * rest_s,
         "all": 1000 * total_s,
-        "most memory of the worker, MiB": max(before_mib, peak_mib_so_far()),
+        "most memory of the worker, MiB": peak_mib_so_far(),
     }
 
 
