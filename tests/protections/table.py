@@ -374,6 +374,12 @@ PROTECTIONS = (
         "tests/server/test_submit.py::test_a_token_that_is_revoked_while_its_upload_is_in_the_air_brings_nothing_in",
     ),
     Protection(
+        "rank-intervals",
+        "exceptiondrive_worker.board_entries:told_rank_intervals",
+        lambda _: lambda intervals, order: [(each, each) for each in range(1, len(intervals) + 1)],
+        "tests/worker/test_board_run.py::test_of_a_withheld_split_rank_intervals_tell_no_more_than_the_intervals_that_are_told",
+    ),
+    Protection(
         "unseen-changes",
         "exceptiondrive_records.operations.invariants:unlogged_submissions",
         _always(()),

@@ -8,7 +8,7 @@ from sqlalchemy import ColumnElement, Select, exists, func, insert, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
-from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, BoardRow
+from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, BoardRow, told_as
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.db.memory import Memory
@@ -257,25 +257,19 @@ def entry_ids(session: Session, board_id: int) -> set[str]:
     return set(session.scalars(query))
 
 
-_ENTRIES: dict[str, Mapping[str, BoardEntry]] = {}
-"""By what stands for a board, of those that were read of late."""
-_MAX_KEPT = 32
-
-
 def entries_on(session: Session, board_id: int | None) -> Mapping[str, BoardEntry]:
-    """Return the entries of a board by submission; boards never change, so each is read once."""
+    """Return the entries of a board by submission; of a board that is read, without its document."""
     key = session.execute(
-        select(BoardRow.body_digest, BoardRow.forgotten).where(BoardRow.id == board_id)
+        select(BoardRow.body_digest, BoardRow.told_at, BoardRow.forgotten).where(
+            BoardRow.id == board_id
+        )
     ).first()
     if key is None:
         return {}
-    told = f"{key.body_digest} {key.forgotten}"
-    if told not in _ENTRIES:
-        if len(_ENTRIES) >= _MAX_KEPT:
-            _ENTRIES.clear()
-        entries = parsed_board(session.get_one(BoardRow, board_id)).entries
-        _ENTRIES[told] = {each.submission_id: each for each in entries if each.submission_id}
-    return _ENTRIES[told]
+    board = _PARSED.get(told_as(*key))
+    if board is None:
+        board = parsed_board(session.get_one(BoardRow, board_id))
+    return board.entries_by_submission
 
 
 def newest_board_with(session: Session, submission_id: str) -> BoardRow | None:
