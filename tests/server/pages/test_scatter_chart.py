@@ -201,5 +201,6 @@ def test_labels_never_cover_each_other_and_stay_in_the_frame(
                 x1, y1, x2, y2 = map(float, other.leader)
                 line = [(x1 + (x2 - x1) * k / 40, y1 + (y2 - y1) * k / 40) for k in range(41)]
                 assert not any(
-                    middle.left < x < middle.right and middle.top < y < middle.bottom for x, y in line
+                    middle.left < x < middle.right and middle.top < y < middle.bottom
+                    for x, y in line
                 )
