@@ -17,7 +17,8 @@ from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check.source_fit import (
     AT_ORIGIN_M,
-    UNITS_M,
+    SPEEDS_MPS,
+    UNITS,
     at_times,
     from_polar,
     mirrored,
@@ -58,7 +59,7 @@ class ConversionPlan:
         camera: The columns are x right, y down, z ahead.
         swap: Exchange x and y.
         polar: What bearings are in, where the columns are range and bearing: `radians` or `degrees`.
-        unit: What the numbers are, one of `UNITS_M`; None: metres.
+        unit: What the numbers are, one of `UNITS`; None: metres.
         rotate_deg: Turn counter-clockwise by 90, -90 or 180 degrees; -90 makes x forward / y left of
             x right / y forward.
         mirror: Turn y to the other side.
@@ -178,7 +179,7 @@ def convert(pairs: tuple[RawPair, ...], plan: ConversionPlan) -> Conversion:
     if plan.camera:
         _from_camera(work)
     _leave_out_columns(work)
-    unit_m = UNITS_M[plan.unit] if plan.unit else 1.0
+    unit_m = UNITS[plan.unit] if plan.unit else 1.0
     for is_asked, change, sentence in (
         (plan.swap, swapped, "exchanged x and y: (x, y) -> (y, x)"),
         (
@@ -189,7 +190,7 @@ def convert(pairs: tuple[RawPair, ...], plan: ConversionPlan) -> Conversion:
         (
             plan.unit is not None,
             lambda points: scaled(points, unit_m),
-            f"took {plan.unit} as metres: x {unit_m:g}",
+            f"took {plan.unit} as {'metres a second' if plan.unit in SPEEDS_MPS else 'metres'}: x {unit_m:.6g}",
         ),
         (
             plan.rotate_deg != 0,
@@ -297,19 +298,39 @@ def _from_camera(work: _Work) -> None:
 
 
 def _leave_out_columns(work: _Work) -> None:
-    """Keep x and y: the first two columns, behind one of times where there is one."""
+    """Keep x and y: the first two columns, behind one of times or of headings where there is one."""
     wide = [points for _, points in work.given() if points and len(points[0]) > 2]
     if not wide:
         return
-    start = 1 if _begins_with_times(wide) else 0
+    x, y, words = 0, 1, "the first two columns as x and y"
+    if _begins_with_times(wide):
+        x, y, words = 1, 2, "x and y behind a column of times"
+    elif _begins_with_headings(wide):
+        x, y, words = 1, 2, "x and y behind a column of headings in radians"
+    elif _is_level(wide):
+        x, y, words = 0, 2, "the first and third columns as x and y, around a column of zeros"
     trajectories = counted(len(wide), "trajectory", "trajectories")
-    kept = "x and y behind a column of times" if start else "the first two columns as x and y"
     work.change(
-        lambda points: tuple(
-            point[start : start + 2] if len(point) > 2 else point for point in points
-        ),
-        f"kept {kept} of {trajectories}, and left out the rest (heading, z)",
+        lambda points: tuple((point[x], point[y]) if len(point) > 2 else point for point in points),
+        f"kept {words}, of {trajectories}, and left out the rest",
     )
+
+
+def _is_level(trajectories: Sequence[Waypoints]) -> bool:
+    """Whether the second column is zero everywhere, as a height is, and the third is no heading."""
+    second, third = (
+        max(abs(point[column]) for points in trajectories for point in points) for column in (1, 2)
+    )
+    return second == 0.0 and third > math.tau
+
+
+def _begins_with_headings(trajectories: Sequence[Waypoints]) -> bool:
+    """Whether the first column stays within a turn and neither of the next two does: x and y."""
+    first, *others = (
+        max(abs(point[column]) for points in trajectories for point in points)
+        for column in (0, 1, 2)
+    )
+    return first <= math.tau < min(others)
 
 
 def _begins_with_times(trajectories: Sequence[Waypoints]) -> bool:

@@ -43,6 +43,7 @@ CSV_DELIMITERS = ",;\t"
 NPZ_MAGIC, NPY_MAGIC = b"PK\x03\x04", b"\x93NUMPY"
 PARQUET_MAGIC = b"PAR1"
 PICKLE_MAGIC = b"\x80"
+NO_POINT = (math.nan, math.nan)
 MOST_BYTES = 1 << 30
 TOO_LARGE = "holds more than 1 GiB: give it in parts, several files make one submission."
 OnForm = Callable[[str], None]
@@ -179,7 +180,8 @@ def points_of(
         on_form(form)
     try:
         points = tuple(
-            tuple(_number(number) for number in point_in(point) or point) for point in value
+            NO_POINT if point is None else tuple(map(_number, point_in(point) or point))
+            for point in value
         )
     except (TypeError, ValueError):
         raise fault(path, f"{where} must be a list of [x, y] in metres, or null.") from None
@@ -394,7 +396,8 @@ def _pairs_of_parquet(path: Path, data: bytes, mode: int | None) -> Iterator[Raw
             'Run: pip install "exceptiondrive[parquet]"',
         ) from None
     try:
-        table = read_table(BufferReader(data))
+        # Without threads: one that is alive when the process ends aborts it.
+        table = read_table(BufferReader(data), use_threads=False, pre_buffer=False)
     except (ArrowException, OSError) as error:
         raise fault(path, f"cannot be read as Parquet: {error}") from None
     rows = table.to_pylist()

@@ -255,6 +255,12 @@ class Comparison(Document):
     entries: tuple[EntryChange, ...]
 
     @property
+    def n_newly_ranked(self) -> int:
+        """How many get a rank that had none."""
+        ranks = [(one.old and one.old.rank, one.new and one.new.rank) for one in self.entries]
+        return sum(before is None and after is not None for before, after in ranks)
+
+    @property
     def no_longer_ranked(self) -> dict[str, str]:
         """Submissions that lose their rank, and how they stand instead."""
         return {

@@ -87,6 +87,14 @@ def test_csv_may_carry_headings_and_t_0(tmp_path: Path) -> None:
     assert pairs[0].edited == ((0.0, 0.0, 0.1), (1.0, 0.0, 0.2))
 
 
+def test_a_null_among_the_waypoints_is_a_number_that_is_missing(tmp_path: Path) -> None:
+    holed = [LISTS[0], None, *LISTS[2:]]
+    path = written(tmp_path, "a.jsonl", json.dumps(PREDICTION | {"source": holed}))
+    (found,), _ = read_pairs([path])
+    assert found.source is not None
+    assert [at for at, point in enumerate(found.source) if math.isnan(point[0])] == [1]
+
+
 def test_an_object_by_sample_id_is_read(tmp_path: Path) -> None:
     sides = {"source": LISTS, "edited": None}
     by_id = written(tmp_path, "a.json", json.dumps({"s1": sides}))

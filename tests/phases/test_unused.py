@@ -112,6 +112,14 @@ def test_a_protocol_in_use_stays(life: "Life") -> None:
         "POST", "/api/v1/organizer/protocols/7.7/delete", "alpha", json=WHY
     ).status_code == 403  # fmt: skip
     life.refused("/protocols/9.9/delete", WHY, 404)
+    organizer = visitor(life, "organizer")
+    life.done(f"/rescoring/{drafted['id']}/cancel", WHY)
+    assert "of cancelled ones too" in life.refused("/protocols/7.7/delete", WHY, 409)
+    protocols = organizer.get("/organize/protocols").text
+    assert "/organize/protocols/7.7/delete" not in protocols, "what is refused is not offered"
+    assert 'href="/organize/protocols/new?start=1.0"' in protocols, "not from a draft"
+    starts = organizer.get("/organize/protocols/new").text
+    assert starts.index("?start=1.0") < starts.index("?start=7.7")
 
 
 @pytest.mark.parametrize("by", ["page", "api"])

@@ -109,6 +109,14 @@ def test_an_update_goes_from_document_to_rollback_over_the_pages(
     assert organizer.get(f"{here}/apply").headers["location"] == f"{here}/preview"
     applied = organizer.step(run_id, "apply", preview=digest)
     assert (applied.status_code, stage.board() != before) == (303, True)
+    (score_before, score_now) = _scores(
+        organizer.get(f"/organize/submissions/{stage.submitted[0]}").text
+    )
+    assert score_before != score_now, "each scoring says what it came to"
+    told = organizer.get(f"/organize/submissions/{stage.submitted[0]}").text
+    assert re.search(r"HCC [\d.]+ %[^;]* before; rank \d", told), (
+        "the numbers that its team was told"
+    )
     assert "What a rollback would change" in organizer.get(f"{here}/preview").text
     rolled = organizer.step(run_id, "rollback")
     assert (rolled.status_code, stage.board() == before) == (303, True)
@@ -126,6 +134,24 @@ def test_an_update_goes_from_document_to_rollback_over_the_pages(
         ("rescoring rolled back", "because", "token:"),
     ]
     assert "Olga" in organizer.get(here).text
+
+
+def _scores(page: str) -> list[str]:
+    """The scores of all scorings that the page of a submission names, in their order."""
+    return re.findall(r'data-k="score">(HCC [^<]+)<', page)
+
+
+def test_revisions_of_a_split_are_told_apart_where_one_is_chosen(
+    stage: Stage, visit: Callable[[str], Visitor], make_split: Callable[..., Any]
+) -> None:
+    revision = stage.put_split(make_split(7.0))
+    page = visit("organizer").get(f"{RUNS}/new").text
+    options = re.findall(r'<option value="(sha256:\w+)"[^>]*>\s*([^<]+?)\s*<', page)
+    words = dict(options)[revision]
+    assert re.match(r"tiny of \d{4}-\d\d-\d\d \d\d:\d\d UTC, 4 samples", words), words
+    in_force = [value for value, told in options if "now in force in " in told]
+    assert len(in_force) == 1
+    assert in_force[0] != revision
 
 
 def test_each_step_of_a_run_is_offered_asked_for_and_refused_in_words(

@@ -1,13 +1,17 @@
 """A protocol update from draft to apply to rollback, on both databases."""
 
 import json
+import re
 import threading
 from collections.abc import Callable
+from io import StringIO
 from typing import Any
 
 import pytest
+from rich.console import Console
 from sqlalchemy import delete, func, select, update
 
+from exceptiondrive.cli.tables import notices_view
 from exceptiondrive_records.audit.log import audit_page, verify_audit
 from exceptiondrive_records.boards.boards import board_at, find_board
 from exceptiondrive_records.db.clock import database_now
@@ -232,6 +236,17 @@ def test_a_cancelled_run_leaves_the_board_and_no_waiting_job(
     assert stage.board() == before
 
 
+def test_what_is_scored_later_is_none_of_the_work_of_a_run_that_ended(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    stage.step("cancel", run_id)
+    stage.submit(3.0, "later")
+    stage.work()
+    progress = stage.view(run_id).progress
+    assert (progress.done, progress.total) == (3, 3)
+
+
 def test_one_run_of_a_phase_is_open_at_a_time(
     stage: Stage, make_protocol: Callable[..., str]
 ) -> None:
@@ -353,3 +368,8 @@ def test_only_teams_whose_published_numbers_change_are_told_old_and_new(
         assert entry.old is not None
         assert entry.new is not None
         assert entry.old.metrics["hcc"] != entry.new.metrics["hcc"]
+    page = Console(width=200, record=True, file=StringIO())
+    page.print(*notices_view([told]))
+    assert re.search(
+        r"slow: rank 1.*, HCC [\d.]+ %.* -> rank 1.*, HCC [\d.]+ %", page.export_text()
+    )

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +55,11 @@ def test_a_parked_car_leaves_rank_1_by_a_run_that_says_so(
     parked.work()
 
     said = organizer.say("rescore", "preview", run["id"], "--csv", str(tmp_path / "new.csv"))
-    assert f"no longer ranked: Parked (Gamma): {WHY}" in " ".join(said.split())
+    words = " ".join(said.split())
+    assert f"no longer ranked: Parked (Gamma): {WHY}" in words
+    assert "3 with a new rank, 0 newly ranked, 1 no longer ranked" in words
+    assert "HCC %" in words, "as the board shows it"
+    assert re.search(r"[1-9]\d\.\d\d -> [1-9]\d\.\d\d", words), words
     rows = {
         row["method"]: row
         for row in csv.DictReader((tmp_path / "new.csv").read_text().splitlines())

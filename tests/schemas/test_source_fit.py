@@ -64,13 +64,15 @@ MISTAKES: dict[str, Mistake] = {
     **{f"--unit {unit}": partial(scaled, factor=1 / metres) for unit, metres in UNITS_M.items()},
     "--cumulative": increments,
     "--velocities": lambda points: scaled(increments(points), 2.0),
+    "--unit km/h --velocities": lambda points: scaled(increments(points), 7.2),
+    "--unit mph --velocities": lambda points: scaled(increments(points), 2.0 / 0.44704),
     "--polar radians": polar,
     "--polar degrees": lambda points: [(r, math.degrees(b)) for r, b in polar(points)],
     "--swap --polar radians": lambda points: swapped(polar(points)),
     "--swap --polar degrees": lambda points: [(math.degrees(b), r) for r, b in polar(points)],
     "--polar radians --velocities": lambda points: polar(scaled(increments(points), 2.0)),
     "--reverse": lambda points: points[::-1],
-    **{f"--time-step-s {step:g} --truncate": sampled(step) for step in (1.0, 2.5, 5.0)},
+    **{f"--time-step-s {step:g} --truncate": sampled(step) for step in (1.0, 2.5)},
 }
 """By the option of `convert` that mends it, what a planner's author did wrong."""
 TOO_SHORT = {step: sampled(step) for step in (0.05, 0.1, 0.2, 0.25)}
@@ -226,11 +228,70 @@ def test_guesses_at_random_get_no_advice(recorded: Drives, protocol: ProtocolDoc
             sample_id: [(chance.gauss(0, 20), chance.gauss(0, 20)) for _ in points]
             for sample_id, points in recorded.items()
         }
-        others = dict(
-            zip(recorded, chance.sample(list(recorded.values()), len(recorded)), strict=True)
-        )
-        for sources in (wild, others):
-            assert profile_of(pairs_of(sources), protocol, recorded).mend is None
+        assert profile_of(pairs_of(wild), protocol, recorded).mend is None
+
+
+def shuffled(drives: Drives) -> dict[str, Points]:
+    some = random.Random(3).sample(list(drives.values()), len(drives))
+    return dict(zip(drives, some, strict=True))
+
+
+def moved_by(n_rows: int, *, only: int = 1) -> Callable[[Drives], dict[str, Points]]:
+    """Give each so-manieth row the trajectory that stands some rows on."""
+
+    def move(drives: Drives) -> dict[str, Points]:
+        rows = list(drives.values())
+        return {
+            key: rows[(at + n_rows) % len(rows)] if at % only == 0 else points
+            for at, (key, points) in enumerate(drives.items())
+        }
+
+    return move
+
+
+def most(change: Mistake) -> Callable[[Drives], dict[str, Points]]:
+    """Change three rows of five."""
+
+    def part(drives: Drives) -> dict[str, Points]:
+        items = enumerate(drives.items())
+        return {key: change(points) if at % 5 < 3 else points for at, (key, points) in items}
+
+    return part
+
+
+PARTS: dict[str, Callable[[Drives], dict[str, Points]]] = {
+    "trajectories under the ids of other samples": shuffled,
+    "trajectories under the ids of other": lambda drives: dict(
+        zip(drives, list(drives.values())[::-1], strict=True)
+    ),
+    "trajectories under the ids of": moved_by(5),
+    "trajectories under the ids": moved_by(5, only=2),
+    "mirrored (y to the right) in a part of its rows": most(mirrored),
+    "centimetres in a part of its rows": most(partial(scaled, factor=100)),
+}
+
+
+@pytest.mark.parametrize("words", PARTS)
+def test_what_is_wrong_with_a_part_of_the_rows_is_for_the_author_to_mend(
+    words: str, planned: Drives, recorded: Drives, protocol: ProtocolDocument
+) -> None:
+    """Converting the whole file would spoil the rest, and leave a valid file."""
+    mend = profile_of(pairs_of(PARTS[words](planned)), protocol, recorded).mend
+    assert mend is not None
+    assert mend.looks_like.startswith(words)
+    assert mend.convert_option is None
+    assert mend.by_hand
+
+
+def test_a_point_ahead_of_the_axle_is_named_where_no_car_stands(
+    planned: Drives, recorded: Drives, protocol: ProtocolDocument
+) -> None:
+    moving = {key: points for key, points in recorded.items() if math.hypot(*points[-1]) > 1}
+    ahead = changed({key: planned[key] for key in moving}, lambda p: [(x + 2.6, y) for x, y in p])
+    mend = profile_of(pairs_of(ahead), protocol, moving).mend
+    assert mend is not None
+    assert mend.looks_like.startswith("waypoints of a point 2.")
+    assert str(mend.convert_option).startswith("--origin-offset-m -2.")
 
 
 def test_source_and_edited_exchanged_are_named(

@@ -8,8 +8,8 @@ import typer
 from exceptiondrive.checking import write_file
 from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.completion import choices
+from exceptiondrive.cli.file_tables import report_view
 from exceptiondrive.cli.output import show_result
-from exceptiondrive.cli.tables import report_view
 from exceptiondrive.conversion import (
     Angles,
     Conversion,
@@ -25,7 +25,7 @@ from exceptiondrive.pair_files import read_pairs
 from exceptiondrive.planner_runs import FORMS, PlannerForm, planner_form, read_runs
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import check_bytes
-from exceptiondrive_schemas.check.source_fit import UNITS_M
+from exceptiondrive_schemas.check.source_fit import UNITS
 from exceptiondrive_schemas.printable import counted
 
 MAX_OFFSET_M = 20.0
@@ -94,8 +94,8 @@ def convert(
         typer.Option(
             "--unit",
             metavar="UNIT",
-            autocompletion=choices(*UNITS_M),
-            help=f"What the numbers are: {', '.join(UNITS_M)}.",
+            autocompletion=choices(*UNITS),
+            help=f"What the numbers are: {', '.join(UNITS)}.",
         ),
     ] = None,
     rotate: Annotated[
@@ -166,8 +166,8 @@ def convert(
         raise InvalidArgumentError("wrong_option", "--follows must be sensor or rear-axle.")
     if polar not in (None, *ANGLES):
         raise InvalidArgumentError("wrong_option", f"--polar must be {' or '.join(ANGLES)}.")
-    if unit not in (None, *UNITS_M):
-        raise InvalidArgumentError("wrong_option", f"--unit must be one of {', '.join(UNITS_M)}.")
+    if unit not in (None, *UNITS):
+        raise InvalidArgumentError("wrong_option", f"--unit must be one of {', '.join(UNITS)}.")
     if not abs(origin_offset_m) <= MAX_OFFSET_M:
         raise InvalidArgumentError(
             "wrong_option", f"--origin-offset-m must be within {MAX_OFFSET_M:g} m."
@@ -250,7 +250,7 @@ def _read_runs(
 
 
 def _said(done: tuple[str, ...], outcome: Conversion) -> list[str]:
-    lines = [f"- {sentence}" for sentence in done or ("nothing had to be changed",)]
+    lines = [f"- {sentence}" for sentence in done or ("no waypoint was moved",)]
     return [
         *lines,
         *(f"  null: {where}" for where in outcome.nulled),

@@ -14,6 +14,7 @@ from rich.console import RenderableType
 from rich.progress import BarColumn, Progress, TextColumn
 
 from exceptiondrive.cli import completion, options
+from exceptiondrive.cli.file_tables import metric_head
 from exceptiondrive.cli.fitted_table import Column, FittedTable
 from exceptiondrive.cli.output import console, has_terminal, say, show_result
 from exceptiondrive.cli.session import open_organizer
@@ -21,7 +22,9 @@ from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, utc
 from exceptiondrive.organizer import Rescoring
 from exceptiondrive.transport import Record
 from exceptiondrive.words import challenge_of
+from exceptiondrive_schemas.challenges import Metric
 from exceptiondrive_schemas.python310 import Self
+from exceptiondrive_schemas.score_sheet import metric_text
 
 RunArgument = Annotated[
     str, typer.Argument(metavar="RUN", autocompletion=completion.runs, help="Id of the run.")
@@ -342,6 +345,7 @@ def preview_lines(preview: Record) -> list[RenderableType]:
         f"board {comparison['old_board']} -> {comparison['new_board']}: "
         f"{comparison['n_entries']} entries, {comparison['n_numbers_changed']} with new numbers, "
         f"{comparison['n_ranks_changed']} with a new rank, "
+        f"{_n_newly_ranked(comparison)} newly ranked, "
         f"{comparison['n_newly_failing']} no longer ranked{stale}"
     )
     lines: list[RenderableType] = [head, _entries_table(comparison)]
@@ -352,13 +356,19 @@ def preview_lines(preview: Record) -> list[RenderableType]:
     return lines
 
 
+def _n_newly_ranked(comparison: Record) -> int:
+    """Count the entries that get a rank and had none."""
+    ranks = [(entry["old"] or {}, entry["new"] or {}) for entry in comparison["entries"]]
+    return sum(old.get("rank") is None and new.get("rank") is not None for old, new in ranks)
+
+
 def _entries_table(comparison: Record) -> FittedTable:
     entries = {entry["submission_id"]: entry for entry in comparison["entries"]}
     movers = [entries[key] for key in comparison["worst_movers"]]
     rest = [entry for entry in comparison["entries"] if entry not in movers]
     challenge = challenge_of(comparison["challenge"])
-    metrics = [metric.key for metric in challenge.metrics if metric.role == "primary"]
-    numbers = (Column(metric, "number", left_out=1) for metric in metrics)
+    metrics = [metric for metric in challenge.metrics if metric.role == "primary"]
+    numbers = (Column(metric_head(metric), "number", left_out=1) for metric in metrics)
     table = FittedTable.of("method", "rank", Column("interval", left_out=2), *numbers, "")
     for entry in movers + rest:
         old, new = entry["old"], entry["new"]
@@ -366,7 +376,7 @@ def _entries_table(comparison: Record) -> FittedTable:
             entry["method"],
             f"{_of(old, 'rank')} -> {_of(new, 'rank')}",
             f"{_interval(old)} -> {_interval(new)}",
-            *(f"{_metric(old, key)} -> {_metric(new, key)}" for key in metrics),
+            *(f"{_metric(old, metric)} -> {_metric(new, metric)}" for metric in metrics),
             "no longer ranked" if entry["newly_failing"] else entry["change"].replace("_", " "),
         )
     return table
@@ -390,7 +400,7 @@ def _effect_lines(comparison: Record) -> list[str]:
         sides = [_effect(entry[side]) for side in ("old", "new")]
         if any(sides):
             words = (
-                f"{metric.key} {_signed(sides[0], metric.key)} -> {_signed(sides[1], metric.key)}"
+                f"{metric.label} {_signed(sides[0], metric)} -> {_signed(sides[1], metric)}"
                 for metric in metrics
                 if metric.role == "primary"
             )
@@ -403,9 +413,11 @@ def _effect(standing: Record | None) -> Record:
     return {} if effect is None else dict(effect["differences"])
 
 
-def _signed(effect: Record, key: str) -> str:
-    value = effect[key]["difference"] if key in effect else None
-    return "-" if value is None else f"{value:+.4f}"
+def _signed(effect: Record, metric: Metric) -> str:
+    value = effect[metric.key]["difference"] if metric.key in effect else None
+    if value is None:
+        return "-"
+    return f"+{metric_text(metric, value)}" if value >= 0 else metric_text(metric, value)
 
 
 def verification_line(found: Record) -> str:
@@ -456,9 +468,8 @@ def _interval(standing: Record | None) -> str:
     return "-" if span is None else f"{span[0]}..{span[1]}"
 
 
-def _metric(standing: Record | None, key: str) -> str:
-    value = None if standing is None else standing["metrics"].get(key)
-    return "-" if value is None else f"{value:.4f}"
+def _metric(standing: Record | None, metric: Metric) -> str:
+    return metric_text(metric, None if standing is None else standing["metrics"].get(metric.key))
 
 
 COMMANDS: dict[str, Callable[..., None]] = {

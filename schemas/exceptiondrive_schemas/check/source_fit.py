@@ -58,6 +58,10 @@ ROWS_DIFFER_M = 1.5
 """First waypoints that are so far apart are of cars at different speeds."""
 OF_NEIGHBOUR = 0.75
 """So large a share of the answers is nearer to the neighbour's where rows stand one off."""
+OF_OTHERS, IN_ORDER = 0.25, 0.12
+"""So far off sample by sample, and so near in order of length, and drives have other samples' ids."""
+ALL_ROWS = 0.8
+"""A smaller share of rows mended by a transformation is a part of them: the others are spoilt by it."""
 MIN_COMPARED = 20
 """Fewer samples tell nothing."""
 MAX_COMPARED = 300
@@ -138,7 +142,7 @@ def file_profile(
         return FileProfile(mend=best)
     at_source, at_edit = Tracks.of(sources, n_wanted), Tracks.of(edited, n_wanted)
     start = _start_mend((at_source, at_edit), geometry, plausibility)
-    mend = start or best or _row_mend(whole, recorded)
+    mend = start or best or _row_mend(whole, recorded) or _id_mend(compared)
     driven = Tracks.of([_flat(each.recorded) for each in compared], n_wanted)
     distances_m = Tracks.of([each.flat_source for each in compared], n_wanted).gaps_m(driven)
     at_s = dict(zip(SECONDS_SHOWN, _means_at(distances_m, geometry), strict=True))
@@ -315,12 +319,16 @@ UNITS_M: Mapping[str, float] = MappingProxyType(
     {
         "millimetres": 0.001,
         "centimetres": 0.01,
+        "decimetres": 0.1,
         "inches": 0.0254,
         "feet": 0.3048,
         "kilometres": 1000.0,
     }
 )
 """Units that trajectories come in, other than metres, each in metres."""
+SPEEDS_MPS: Mapping[str, float] = MappingProxyType({"km/h": 1 / 3.6, "mph": 0.44704})
+UNITS: Mapping[str, float] = MappingProxyType({**UNITS_M, **SPEEDS_MPS})
+"""The same with those of velocities, other than metres a second."""
 _SPATIAL: tuple[tuple[str, str, Callable[[Points], Points]], ...] = (
     ("mirrored (y to the right)", "--mirror", mirrored),
     ("x and y exchanged (x left, y forward)", "--swap", swapped),
@@ -331,7 +339,7 @@ _SPATIAL: tuple[tuple[str, str, Callable[[Points], Points]], ...] = (
     ("increments instead of positions", "--cumulative", summed),
     ("reversed in time", "--reverse", lambda points: points[::-1]),
 )
-TIME_FACTORS = (0.1, 0.2, 0.4, 0.5, 1.0, 2.0, 5.0, 10.0)
+TIME_FACTORS = (0.1, 0.2, 0.4, 0.5, 1.0, 2.0, 5.0)
 MIRROR = _SPATIAL[0]
 _DEGREES = partial(from_polar, degrees=True)
 _POLAR: tuple[tuple[str, str, Callable[[Points], Points]], ...] = (
@@ -352,6 +360,14 @@ def _of_space(time_step_s: float) -> Iterator[Transformation]:
 
     of_time = (
         ("velocities instead of positions", "--velocities", moved),
+        *(
+            (
+                f"velocities in {unit} instead of positions",
+                f"--unit {unit} --velocities",
+                lambda points, mps=mps: moved(scaled(points, mps)),
+            )
+            for unit, mps in SPEEDS_MPS.items()
+        ),
         (
             "speed and heading in radians",
             "--polar radians --velocities",
@@ -419,7 +435,7 @@ def _best_mend(
     best, mended_error = _best_of(tried, error, transformations)
     if best is not None and error > FITS_BETTER * mended_error:
         return best
-    offset = _offset_mend(compared)
+    offset = _offset_mend(compared) or _offset_of_moving(tried, error)
     if offset is not None:
         return offset
     return _lead_mend(tried, error, geometry) or _sideways_mend(
@@ -431,20 +447,59 @@ def _best_of(
     tried: Sequence[Compared], error: float, transformations: Iterable[Transformation]
 ) -> tuple[Mend | None, float]:
     """Return what fits best, if it fits at all, and how well."""
-    mends: list[tuple[float, Mend]] = []
+    found: list[tuple[float, Transformation, list[tuple[Points, Points] | None]]] = []
     for transformation in transformations:
-        applied = [found for each in tried if (found := transformation.apply(each)) is not None]
-        if len(applied) >= MIN_COMPARED:
-            mended_error = _error(applied)
-            mend = Mend(
-                looks_like=transformation.looks_like,
-                convert_option=transformation.option,
-                error=error,
-                mended_error=mended_error,
-            )
-            mends.append((mended_error, mend))
-    mended_error, best = min(mends, key=lambda found: found[0], default=(math.inf, None))
-    return (best, mended_error) if mended_error <= FITS else (None, mended_error)
+        applied = [transformation.apply(each) for each in tried]
+        known = [pair for pair in applied if pair is not None]
+        if len(known) >= MIN_COMPARED:
+            found.append((_error(known), transformation, applied))
+    if not found:
+        return None, math.inf
+    mended_error, best, applied = min(found, key=lambda each: each[0])
+    if mended_error > FITS:
+        return None, mended_error
+    changes = [
+        (_off(each.source, each.recorded), _off(*pair))
+        for each, pair in zip(tried, applied, strict=True)
+        if pair is not None and len(each.source) == len(each.recorded)
+    ]
+    return _whole_or_part(best.looks_like, best.option, error, mended_error, changes), mended_error
+
+
+def _off(points: Points, recorded: Points) -> float:
+    """Return how far points are off what was recorded, as a share of its distance from the origin."""
+    scale_m = sum(math.hypot(*point) for point in recorded)
+    return sum(_distances_m(points, recorded)) / scale_m if scale_m else 0.0
+
+
+def _whole_or_part(
+    looks_like: str,
+    option: str | None,
+    error: float,
+    mended_error: float,
+    changes: Sequence[tuple[float, float]],
+) -> Mend:
+    """Name a transformation; where it mends a part of the rows and spoils the others, say so.
+
+    Args:
+        looks_like: As in `Transformation`.
+        option: As in `Transformation`.
+        error: Of the file as it is.
+        mended_error: Of the file after it.
+        changes: How far each row is off, before and after, as shares.
+    """
+    nearer = [after < before for before, after in changes if abs(before - after) > FITS]
+    share = sum(nearer) / len(nearer) if len(nearer) >= MIN_COMPARED else 1.0
+    if share < ALL_ROWS:
+        looks_like = (
+            f"{looks_like} in a part of its rows: of those that it changes, {share:.0%} come nearer "
+            "to the recorded drives, and the others go away from them"
+        )
+        by_hand = "write all rows alike, where the planner writes them"
+        return Mend(looks_like=looks_like, convert_option=None, by_hand=by_hand)
+    return Mend(
+        looks_like=looks_like, convert_option=option, error=error, mended_error=mended_error
+    )
 
 
 def _some(samples: Sequence[Compared]) -> Sequence[Compared]:
@@ -473,6 +528,12 @@ def _sideways_mend(moving: Sequence[Compared], *, is_of_the_path: bool) -> Mend 
         gaps_m = (abs(change(each.source)[-1][1] - each.recorded[-1][1]) for each in tried)
         return statistics.median(gaps_m) / scale_m
 
+    def changes(change: Callable[[Points], Points]) -> list[tuple[float, float]]:
+        ends = [
+            (each.source[-1][1], change(each.source)[-1][1], each.recorded[-1][1]) for each in tried
+        ]
+        return [(abs((y - own) / own), abs((new - own) / own)) for y, new, own in ends]
+
     error = error_of(list)
     is_polar = error > POLAR_IS_OFF and all(min(each.flat_source[::2]) >= 0 for each in moving)
     widest = max(max(map(abs, each.flat_source[1::2])) for each in moving) if is_polar else math.inf
@@ -485,9 +546,8 @@ def _sideways_mend(moving: Sequence[Compared], *, is_of_the_path: bool) -> Mend 
     for (looks_like, option, change), times_better in candidates:
         mended = error_of(change)
         if mended <= MIRROR_FITS and error > times_better * mended:
-            return Mend(
-                looks_like=looks_like, convert_option=option, error=error, mended_error=mended
-            )
+            rows = changes(change) if change is mirrored else ()
+            return _whole_or_part(looks_like, option, error, mended, rows)
     return None
 
 
@@ -541,6 +601,24 @@ def _offset_mend(compared: Sequence[Compared]) -> Mend | None:
     )
 
 
+def _offset_of_moving(tried: Sequence[Compared], error: float) -> Mend | None:
+    """Name the same where no car stands: every waypoint is equally far ahead of the recorded one."""
+    gaps_m = [
+        own[0] - at[0] for each in tried for own, at in zip(each.source, each.recorded, strict=True)
+    ]
+    offset_m = statistics.median(gaps_m)
+    shifted = [([(x - offset_m, y) for x, y in each.source], each.recorded) for each in tried]
+    mended_error = _error(shifted)
+    if abs(offset_m) < OFFSET_ABOVE_M or mended_error > min(FITS, error / FITS_BETTER):
+        return None
+    return Mend(
+        looks_like=f"waypoints of a point {offset_m:.2f} m ahead of the rear axle",
+        convert_option=f"--origin-offset-m {-offset_m:.2f} --follows rear-axle",
+        error=error,
+        mended_error=mended_error,
+    )
+
+
 def _lead_mend(tried: Sequence[Compared], error: float, geometry: GeometrySection) -> Mend | None:
     """Name waypoints that begin one time step late: a first step twice as long as the next."""
     steps = [
@@ -584,6 +662,31 @@ def _row_mend(whole: Mapping[str, Whole], recorded: Mapping[str, Points] | None)
         looks_like=(
             f"{what} that stand one row off: where two rows differ, {share:.0%} begin nearer to "
             f"the {own} of the sample {side} than to their own"
+        ),
+        convert_option=None,
+        by_hand="write each trajectory with its own sample id",
+    )
+
+
+def _id_mend(compared: Sequence[Compared]) -> Mend | None:
+    """Name drives under the ids of other samples: as long as the recorded ones, in another order."""
+    if len(compared) < MIN_COMPARED:
+        return None
+    lengths_m = [(math.hypot(*it.source[-1]), math.hypot(*it.recorded[-1])) for it in compared]
+    scale_m = statistics.fmean(own for _, own in lengths_m)
+    in_order = zip(*map(sorted, zip(*lengths_m, strict=True)), strict=True)
+    by_sample, by_order = (
+        statistics.fmean(abs(length_m - own_m) for length_m, own_m in pairs) / scale_m
+        if scale_m
+        else 0.0
+        for pairs in (lengths_m, in_order)
+    )
+    if by_sample < OF_OTHERS or by_order > IN_ORDER or by_sample < FITS_BETTER * by_order:
+        return None
+    return Mend(
+        looks_like=(
+            f"trajectories under the ids of other samples: sample by sample their lengths are "
+            f"{by_sample:.0%} off the recorded drives, and in order of length {by_order:.0%}"
         ),
         convert_option=None,
         by_hand="write each trajectory with its own sample id",

@@ -44,7 +44,12 @@ class BoardRow(Base):
     @property
     def told(self) -> str:
         """What stands for the board as readers get it: two of one name are told alike."""
-        return f"{self.body_digest} {self.told_at} {self.forgotten or ''}"
+        return told_as(self.body_digest, self.told_at, self.forgotten)
+
+
+def told_as(body_digest: str, told_at: datetime, forgotten: str | None) -> str:
+    """Return what stands for a board as readers get it."""
+    return f"{body_digest} {told_at} {forgotten or ''}"
 
 
 class BoardFlip(Base):

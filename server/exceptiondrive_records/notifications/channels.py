@@ -17,10 +17,10 @@ import stamina
 from pydantic import Field, SecretStr
 
 from exceptiondrive_records.db.settings import RecordsSettings, Seconds
-from exceptiondrive_records.notifications.words import standing_words
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.printable import one_line
 from exceptiondrive_schemas.rescoring import ChangedEntry, NotificationView
+from exceptiondrive_schemas.standing_words import standing_words
 
 # Settings of what is sent outside; only the reconciler's process reads them.
 

@@ -17,7 +17,6 @@ from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.notifications.inbox import put_notice
 from exceptiondrive_records.notifications.tables import ContactPoint, Notification
-from exceptiondrive_records.notifications.words import ranked_words
 from exceptiondrive_records.participation.tables import TermsAcceptance
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
@@ -29,6 +28,7 @@ from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.own_entries import question_of
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.rescoring import NotificationView, Wish
+from exceptiondrive_schemas.standing_words import ranked_words
 from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
 
 LOOK_EVERY_S = 15.0

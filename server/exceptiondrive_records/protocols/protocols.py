@@ -60,19 +60,30 @@ def delete_protocol(
     row = find_protocol_row(session, version_or_digest)
     protocol = find_protocol(session, row.digest)
     reason = checked_reason(reason)
-    phases = session.scalars(select(Phase.id).where(Phase.protocol_digest == row.digest))
-    is_named = (RescoringRun.from_protocol_digest == row.digest) | (
-        RescoringRun.to_protocol_digest == row.digest
-    )
-    runs = session.scalars(select(RescoringRun.id).where(is_named))
-    users = [*(f"phase {key}" for key in phases), *(f"rescoring run {key}" for key in runs)]
+    users = protocol_users(session).get(row.digest)
     if users:
-        raise Conflict(f"Protocol {row.version} is in use and stays: {', '.join(sorted(users))}.")
+        raise Conflict(
+            f"Protocol {row.version} stays: {', '.join(users)} names it, and the records keep every "
+            "run, of cancelled ones too what a worker found. A new document needs another version."
+        )
     session.delete(row)
     flush_or_refuse(session, f"Protocol {protocol.version} is in use and stays.")
     detail = {"digest": protocol.digest, "reason": reason}
     audit(session, actor, "protocol deleted", protocol.version, detail)
     return protocol
+
+
+def protocol_users(session: Session) -> dict[str, list[str]]:
+    """Return which phases and rescoring runs name each protocol, in words; those of none are left out."""
+    phases = session.execute(select(Phase.protocol_digest, Phase.id))
+    sides = RescoringRun.from_protocol_digest, RescoringRun.to_protocol_digest
+    runs = [row for side in sides for row in session.execute(select(side, RescoringRun.id))]
+    named = {(digest, f"phase {key}") for digest, key in phases}
+    named |= {(digest, f"rescoring run {key}") for digest, key in runs}
+    users: dict[str, list[str]] = {}
+    for digest, words in sorted(named):
+        users.setdefault(digest, []).append(words)
+    return users
 
 
 def checked_protocol(session: Session, toml: str) -> ProtocolDocument:

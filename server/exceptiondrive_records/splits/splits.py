@@ -1,5 +1,7 @@
 """Splits as the server may know them: manifest and family sizes, never a region or a task."""
 
+from datetime import UTC
+
 from sqlalchemy import select
 from sqlalchemy.orm import Session, undefer
 
@@ -168,6 +170,14 @@ def list_splits(session: Session) -> list[SplitRow]:
     """Return all split revisions by name, newest first."""
     order = (SplitRow.name, SplitRow.registered_at.desc())
     return list(session.scalars(select(SplitRow).order_by(*order)))
+
+
+def words_of_revision(split: SplitRow) -> str:
+    """Tell a revision from others of its split: when it came, how many count, what its makers say."""
+    told = f": {split.changes.words}" if split.changes is not None else ""
+    part = f" of the {split.part} part" if split.part is not None else ""
+    day = f"{split.registered_at.astimezone(UTC):%Y-%m-%d %H:%M}"
+    return f"{day} UTC, {split.n_samples:,} samples{part}{told}"
 
 
 def manifest_of(session: Session, name: str, revision: str | None = None) -> Manifest:

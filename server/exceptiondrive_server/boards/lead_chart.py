@@ -162,12 +162,14 @@ def _time_title(start: datetime, now: datetime) -> str:
 
 
 def _dates(start: datetime, span: timedelta, frame: Frame, count: int) -> list[Tick]:
-    """Evenly placed; days alone only where no two of them are of one day."""
+    """Evenly placed; days alone only where no two of them are of one day, and seconds where two are of one minute."""
     ticks = []
     for k in range(count):
         share = k / (count - 1)
         at = start + share * span
-        if span < timedelta(days=1):
+        if span < timedelta(minutes=count):
+            text = f"{at:%H:%M:%S}"
+        elif span < timedelta(days=1):
             text = f"{at:%H:%M}"
         elif span < timedelta(days=count):
             text = f"{at.day} {at:%b %H:%M}"

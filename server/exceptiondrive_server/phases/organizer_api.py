@@ -1,6 +1,7 @@
 """Phases, and the splits that they may use, as organizers manage them."""
 
 from collections.abc import Callable, Mapping
+from datetime import datetime
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Path, Request, Response
@@ -63,6 +64,9 @@ class SplitView(BaseModel):
     is_public: bool
     part: SplitPart | None = None
     whole_revision: str | None = None
+    registered_at: datetime
+    words: str = ""
+    """What its makers say of it, where it is a later revision."""
     warnings: tuple[SplitWarning, ...] = ()
 
 
@@ -79,6 +83,8 @@ def get_splits(services: ServicesOf) -> list[SplitView]:
                 is_public=split.public_file_digest is not None,
                 part=part_of(split),
                 whole_revision=split.whole_revision,
+                registered_at=split.registered_at,
+                words="" if split.changes is None else split.changes.words,
                 warnings=split.warnings.found,
             )
             for split in list_splits(session)

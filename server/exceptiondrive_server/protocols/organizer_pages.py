@@ -20,6 +20,7 @@ from exceptiondrive_records.protocols.protocols import (
     find_protocol,
     find_protocol_row,
     list_protocol_rows,
+    protocol_users,
 )
 from exceptiondrive_records.protocols.shown import shown_digests
 from exceptiondrive_records.rescoring.views import protocol_check
@@ -77,7 +78,8 @@ def show_protocols(request: Request, services: ServicesOf, browser: OrganizerBro
         protocols = {row.digest: find_protocol(session, row.digest) for row in rows}
         phases = list_phases(session, with_hidden=True)
         confirmations = list_confirmations(session)
-        shown = shown_digests(session)
+        shown, users = shown_digests(session), protocol_users(session)
+        start = _starts(session)[:1]
     return organizer_page(
         request,
         browser,
@@ -87,6 +89,8 @@ def show_protocols(request: Request, services: ServicesOf, browser: OrganizerBro
         protocols=protocols,
         phases=phases,
         shown=shown,
+        users=users,
+        start=start,
         confirmations=confirmations,
     )
 
@@ -257,6 +261,14 @@ def _verdict(session: Session, toml: str) -> Verdict:
     )
 
 
+def _starts(session: Session) -> list[str]:
+    """Return the versions to start a new document from: first what phases stand under, then drafts."""
+    in_force = {phase.protocol_digest for phase in list_phases(session, with_hidden=True)}
+    newest_first = reversed(list_protocol_rows(session))
+    ordered = sorted(newest_first, key=lambda row: row.digest not in in_force)
+    return [row.version for row in ordered]
+
+
 def _form(
     request: Request,
     services: Services,
@@ -267,7 +279,7 @@ def _form(
 ) -> Response:
     """Show the form; each line of a refusal but its head is a problem."""
     with services.database.read() as session:
-        starts = [row.version for row in reversed(list_protocol_rows(session))]
+        starts = _starts(session)
     lines = [] if refusal is None else str(refusal).splitlines()
     return organizer_page(
         request,

@@ -1,5 +1,6 @@
 """Rescoring runs: list, draft, follow, preview, and every step; verifications of sheets."""
 
+from collections.abc import Sequence
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Request
@@ -14,7 +15,8 @@ from exceptiondrive_records.protocols.protocols import find_protocol, list_proto
 from exceptiondrive_records.rescoring import flip, runs
 from exceptiondrive_records.rescoring.verification import list_verifications, verification_view
 from exceptiondrive_records.rescoring.views import preview_of, run_view, run_views
-from exceptiondrive_records.splits.splits import list_splits
+from exceptiondrive_records.splits.splits import list_splits, words_of_revision
+from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_schemas.rescoring import RunKind
 from exceptiondrive_server.audit.queries import history
@@ -76,13 +78,16 @@ def show_runs(request: Request, services: ServicesOf, browser: OrganizerBrowser)
 def draft(services: ServicesOf, phase: Choice = "", protocol: Choice = "") -> Step:
     """Draft a run."""
     with services.database.read() as session:
+        in_force: dict[tuple[str, str], list[str]] = {}
+        for one in list_phases(session, with_hidden=True):
+            in_force.setdefault((one.split_name, one.split_revision), []).append(one.title)
         phases = [
             (one.id, f"{one.title}, now {find_protocol(session, one.protocol_digest).version}")
             for one in list_phases(session, with_hidden=True)
         ]
         versions = [(one.version, f"{one.version}: {one.title}") for one in list_protocols(session)]
         revisions = [
-            (one.revision, f"{one.name}, {short_digest(one.revision)}")
+            (one.revision, _revision_words(one, in_force.get((one.name, one.revision), ())))
             for one in list_splits(session)
         ]
     return Step(
@@ -118,6 +123,11 @@ def draft(services: ServicesOf, phase: Choice = "", protocol: Choice = "") -> St
         done="run_drafted",
         onward=lambda run: f"{HERE}/{run.id}",
     )
+
+
+def _revision_words(split: SplitRow, phases: Sequence[str]) -> str:
+    words = f"{split.name} of {words_of_revision(split)} ({short_digest(split.revision)})"
+    return f"{words}; now in force in {', '.join(phases)}" if phases else words
 
 
 @router.get("/rescoring/{run_id}")

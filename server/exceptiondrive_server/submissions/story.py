@@ -16,15 +16,17 @@ from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.verification import rechecks_of
 from exceptiondrive_records.submissions.edits import edits_of
 from exceptiondrive_records.submissions.submissions import find_submission
-from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.jobs import jobs_of
-from exceptiondrive_records.work.tables import WorkState
+from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.method_facts import SubmissionEditView
 from exceptiondrive_schemas.receipt import Receipt, ReceiptStatement
 from exceptiondrive_schemas.rescoring import NotificationView, VerifyItemView
+from exceptiondrive_schemas.score_sheet import metric_text
 from exceptiondrive_schemas.submission import SubmissionView
 from exceptiondrive_server.audit.queries import AuditLineView, line_view
 from exceptiondrive_server.submissions.download import (
@@ -56,6 +58,8 @@ class JobView(BaseModel):
     attempts: int
     created_at: datetime
     finished_at: datetime | None
+    score: str = ""
+    """What it came to, as a board would show it; empty: no sheet was made."""
 
 
 class SubmissionStory(BaseModel):
@@ -93,6 +97,7 @@ def story_of(session: Session, submission_id: str) -> SubmissionStory:
                 attempts=job.attempts,
                 created_at=job.created_at,
                 finished_at=job.finished_at,
+                score=_score_of(session, found, job),
             )
             for job in jobs_of(session, submission_id)
         ),
@@ -100,6 +105,22 @@ def story_of(session: Session, submission_id: str) -> SubmissionStory:
         edits=edits_of(session, submission_id),
         notices=tuple(notices_about(session, submission_id)),
         audit=tuple(map(line_view, audit_page(session, subject=submission_id, limit=MOST_LINES))),
+    )
+
+
+def _score_of(session: Session, submission: Submission, job: Job) -> str:
+    """Say what a scoring came to: `HCC 10.56, UR 3.00`; nothing where no sheet was made."""
+    key = (submission.id, job.protocol_digest, job.split_revision)
+    row = session.get(ScoreSheetRow, key)
+    if row is None:
+        return ""
+    protocol = find_protocol(session, job.protocol_digest)
+    values = getattr(row.sheet, protocol.grading.headline)
+    metrics = CHALLENGES[row.sheet.challenge].metrics
+    return ", ".join(
+        f"{metric.label} {metric_text(metric, values.get(metric.key), protocol.publication)}"
+        for metric in metrics
+        if metric.role == "primary"
     )
 
 

@@ -60,6 +60,7 @@ def test_a_step_is_as_long_as_the_lead_and_as_high_as_its_value(width: int) -> N
 @pytest.mark.parametrize(
     ("span", "title", "ends"),
     [
+        (timedelta(minutes=2), "time of day, UTC, 1 Mar 2026", ("00:00:00", "00:02:00")),
         (timedelta(hours=2), "time of day, UTC, 1 Mar 2026", ("00:00", "02:00")),
         (timedelta(days=2), "time (UTC)", ("1 Mar 00:00", "3 Mar 00:00")),
         (timedelta(days=20), "time (UTC)", ("1 Mar 2026", "21 Mar 2026")),
