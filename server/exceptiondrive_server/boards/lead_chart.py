@@ -71,7 +71,7 @@ def lead_chart(
     if not changes:
         return None
     height = 354 if width > 480 else 324
-    frame = Frame(width, height, top=30.0, bottom=height - 58.0, left=68.0)
+    frame = Frame(width, height, top=30.0, bottom=height - 58.0, left=66.0)
     left, right = frame.across
     start, span = changes[0].lead.at, max(now - changes[0].lead.at, timedelta(minutes=1))
 
