@@ -61,6 +61,8 @@ class ChartWords(Document):
     title: str
     note: str
     corners: dict[Corner, str]
+    same_scale: bool = False
+    """Whether a point along x is as long as one along y: of parts of one whole."""
 
 
 class ChallengeWords(Document):
@@ -181,12 +183,13 @@ STRATEGY_WORDS = ChallengeWords(
         title="Two ways to be wrong",
         note="A wrong answer is too careless (under-warning, to the right) or wrong in another way "
         "(over-warning, up): too cautious, say, or a detour where one has to stop. What both leave "
-        "of 100 is the accuracy.",
+        "of 100 is the accuracy. Both axes have one scale.",
         corners={
             "bottom left": "never wrong",
             "bottom right": "too careless",
             "top left": "wrong otherwise",
         },
+        same_scale=True,
     ),
     outcome=(
         OutcomePart(metric="accuracy", words="acceptable", kind="kept"),
