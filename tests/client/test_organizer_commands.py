@@ -268,6 +268,7 @@ def test_what_is_done_with_a_submission_from_the_command_line(
         assert words in story
     people = json.loads(organize(running, "audit", "list", "--by-people", "--json").stdout)
     assert not {line["actor"] for line in people} & {"worker", "reconciler", "server"}
+    assert "by mistake" in organize(running, "audit", "list").stdout, "why it was done"
     about = json.loads(organize(running, "audit", "list", "--subject", sent.id, "--json").stdout)
     assert {line["subject"] for line in about} == {sent.id}
 

@@ -550,7 +550,9 @@ def read_audit(
             until=until,
             action=action,
         )
-    show_result(found, json, records_table(found, ("id", "at", "actor", "action", "subject")))
+    lines = [{**line, "reason": line["detail"].get("reason", "")} for line in found]
+    columns = ("id", "at", "actor", "action", "subject", "reason")
+    show_result(found, json, records_table(lines, columns))
 
 
 GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {

@@ -101,7 +101,7 @@ def status_line(view: SubmissionView) -> str:
 
 def queue_text(queue: QueuePlace) -> str:
     """Say how long it will take."""
-    place = f"{queue.position} before it" if queue.position else "next"
+    place = f"{queue.position} ahead" if queue.position else "next"
     if queue.workers_alive == 0:
         return f"{place}, no worker is alive: it waits until one is"
     wait = ""

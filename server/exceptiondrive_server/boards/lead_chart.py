@@ -11,6 +11,8 @@ from exceptiondrive_server.boards.charts import Box, Frame, Label, Tick, place_l
 from exceptiondrive_server.web.numbers import Digits, day, minute, nice_scale, px
 
 N_DATES = 4
+CHARACTER_WIDTH = 6.5
+"""Of the names of protocols, in SVG units."""
 
 
 class LeadPoint(NamedTuple):
@@ -28,6 +30,7 @@ class ProtocolMark(NamedTuple):
 
     x: str
     version: str
+    """Empty where a later change is so near that its name stands here."""
     anchor: str
 
 
@@ -71,7 +74,7 @@ def lead_chart(
     if not changes:
         return None
     height = 354 if width > 480 else 324
-    frame = Frame(width, height, top=30.0, bottom=height - 58.0)
+    frame = Frame(width, height, top=30.0, bottom=height - 58.0, left=66.0)
     left, right = frame.across
     start, span = changes[0].lead.at, max(now - changes[0].lead.at, timedelta(minutes=1))
 
@@ -116,15 +119,27 @@ def lead_chart(
             for change, (x, y) in zip(changes, places, strict=True)
         ),
         labels=place_labels(named, room, flats),
-        protocols=tuple(
-            ProtocolMark(px(x), version, "start" if x < (left + right) / 2 else "end")
-            for version, x in marks
-        ),
+        protocols=_protocol_marks(marks, (left + right) / 2),
         x_title=_time_title(start, now),
         metric=metric,
         description=f"Best {metric.label} in per cent over time. "
         + "; ".join(_title(change, metric, digits) for change in changes[-12:]),
     )
+
+
+def _protocol_marks(marks: Sequence[tuple[str, float]], middle: float) -> tuple[ProtocolMark, ...]:
+    """Return the changes of protocol; of those whose names would lie on one another the last is named."""
+    found: list[ProtocolMark] = []
+    taken: list[tuple[float, float]] = []
+    for version, x in reversed(marks):
+        width = CHARACTER_WIDTH * len(f"protocol {version}  ")
+        begin, end = (x, x + width) if x < middle else (x - width, x)
+        is_free = all(end <= low or high <= begin for low, high in taken)
+        if is_free:
+            taken.append((begin, end))
+        anchor = "start" if x < middle else "end"
+        found.append(ProtocolMark(px(x), version if is_free else "", anchor))
+    return tuple(reversed(found))
 
 
 def takers(leads: Sequence[Lead]) -> list[Lead]:

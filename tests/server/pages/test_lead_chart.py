@@ -76,6 +76,18 @@ def test_the_axis_says_what_it_is_and_names_no_moment_twice(
     assert len(set(texts)) == len(texts)
 
 
+def test_names_of_protocols_of_one_day_do_not_lie_on_one_another() -> None:
+    hours = ("1.2", "1.3", "1.4", "1.5")
+    day = [
+        Lead(START + timedelta(days=12, hours=n), 20 + n, version, STORY[0].leader)
+        for n, version in enumerate(hours)
+    ]
+    chart = lead_chart((*STORY[:4], *day), START + timedelta(days=20), HCC, Digits())
+    assert chart is not None
+    assert [mark.version for mark in chart.protocols] == ["1.0", "", "", "", "1.5"]
+    assert len({mark.x for mark in chart.protocols}) == 5, "each change has its line"
+
+
 def test_nobody_who_led_nothing_to_draw() -> None:
     assert lead_chart((), START, HCC, Digits()) is None
     nobody = Lead(START, 1, "1.0", None)
