@@ -1,7 +1,6 @@
 """Boards: immutable snapshots, and one pointer that moves."""
 
 import gc
-import re
 from datetime import UTC, datetime, timedelta
 from typing import Any
 from weakref import ref
@@ -109,18 +108,6 @@ def test_entries_live_no_longer_than_their_board(world: World, monkeypatch: Any)
         boards.entries_on(session, second.id)
     gc.collect()
     assert read() is None
-
-
-def test_the_document_of_a_board_is_read_once(world: World) -> None:
-    want(world)
-    publish(world, board(world, "a", "b"))
-    boards._PARSED.clear()
-    for n_times in (1, 0):
-        with statements(world.database) as sent, world.database.read() as session:
-            row = boards.current_board(session, "dev")
-            assert row is not None
-            assert len(boards.parsed_board(row).entries) == 2
-        assert sum(re.search(r"boards\.body\b", one) is not None for one in sent) == n_times
 
 
 def test_entries_in_the_table_are_those_of_the_body(world: World) -> None:

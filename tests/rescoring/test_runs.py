@@ -358,12 +358,17 @@ def test_only_teams_whose_published_numbers_change_are_told_old_and_new(
 ) -> None:
     run_id = stage.ready(make_protocol("1.1", *D_SAFE))
     comparison = stage.preview(run_id).comparison
-    changed = {entry.team for entry in comparison.entries if entry.change != "none"}
-    assert changed == {"Alpha"}
+    changed = {(entry.team, entry.change) for entry in comparison.entries}
+    assert changed == {("Alpha", "numbers"), ("Beta", "rank_only")}
     stage.apply(run_id)
     with stage.database.read() as session:
         (told,) = list_notifications(session, find_team(session, "alpha").id)
-        assert list_notifications(session, find_team(session, "beta").id) == []
+        (beside,) = list_notifications(session, find_team(session, "beta").id)
+    for entry in beside.entries:
+        assert entry.old is not None
+        assert entry.new is not None
+        assert entry.old.metrics == entry.new.metrics
+        assert entry.old.rank_interval != entry.new.rank_interval
     for entry in told.entries:
         assert entry.old is not None
         assert entry.new is not None

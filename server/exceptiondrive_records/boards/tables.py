@@ -28,8 +28,7 @@ class BoardRow(Base):
     """Digest of what the board says (`Board.content_digest`), whatever its number and date."""
     body_digest: Mapped[str]
     """Digest of `body`: the strong ETag."""
-    body: Mapped[str] = mapped_column(Text, deferred=True)
-    """Up to megabytes: read when it is asked for, not with the row."""
+    body: Mapped[str] = mapped_column(Text)
     published_at: Mapped[datetime]
     """When it was built. Readers are told `told_at`."""
     told_at: ClassVar[Mapped[datetime]]
