@@ -45,7 +45,7 @@ from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work.tables import BoardRequest, Job
 
 _CLIENTS = 12
-_TIMES = {
+TIMES = {
     "EXCEPTIONDRIVE_SOFT_TIME_LIMIT_S": "75",
     "EXCEPTIONDRIVE_TIME_LIMIT_S": "90",
     "EXCEPTIONDRIVE_LEASE_S": "120",
@@ -132,7 +132,7 @@ def _run(plan: Plan) -> Rush:
         uses_postgres=plan.database == "postgres",
         n_workers=plan.workers,
         split_copies=plan.copies,
-        settings=_TIMES,
+        settings=TIMES,
     )
     try:
         return _rush(topology, plan)
@@ -142,7 +142,7 @@ def _run(plan: Plan) -> Rush:
 
 def _rush(topology: Topology, plan: Plan) -> Rush:
     rush, stopped = Rush(plan), threading.Event()
-    tokens = _add_teams(topology, plan.teams)
+    tokens = add_teams(topology, plan.teams)
     make_file = file_maker(topology.sample_ids)
     pages = {"page": f"/?phase={PHASE}", "board as JSON": f"/api/v1/leaderboard?phase={PHASE}"}
     readers = {name: Readers(topology.url + path) for name, path in pages.items()}
@@ -165,7 +165,8 @@ def _rush(topology: Topology, plan: Plan) -> Rush:
     return rush
 
 
-def _add_teams(topology: Topology, n_teams: int) -> dict[str, str]:
+def add_teams(topology: Topology, n_teams: int) -> dict[str, str]:
+    """Make the flooding team and others; tokens by slug."""
     tokens = {}
     with topology.database.write() as session:
         for slug in (FLOOD, *(f"team{number}" for number in range(n_teams))):

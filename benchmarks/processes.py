@@ -87,9 +87,9 @@ def memory(small: str, largest: str) -> None:
     split = _load_split(Path(largest))
     manifest = make_manifest(split.n_samples, protocol)
     gc.collect()
-    before = _peak_mib()
+    before = peak_mib_so_far()
     score(Path(largest).read_bytes(), manifest, split, protocol)
-    print(f"{before:.0f} {_peak_mib() - before:.0f}")
+    print(f"{before:.0f} {peak_mib_so_far() - before:.0f}")
 
 
 def _score(path: Path, protocol: ProtocolDocument) -> None:
@@ -97,7 +97,7 @@ def _score(path: Path, protocol: ProtocolDocument) -> None:
     score(path.read_bytes(), make_manifest(split.n_samples, protocol), split, protocol)
 
 
-def _peak_mib() -> float:
+def peak_mib_so_far() -> float:
     """Most resident memory since this process began (`ru_maxrss` would count its parent's)."""
     status = Path("/proc/self/status").read_text()
     (line,) = (line for line in status.splitlines() if line.startswith("VmHWM:"))

@@ -1,7 +1,11 @@
-"""Rescoring 1,000 stored submissions: new d_safe (no geometry), new geometry (no uploads)."""
+"""Rescoring 1,000 stored submissions: new d_safe (no geometry), new geometry (no uploads).
+
+A third row shows what batches would give: several submissions graded and summed as one long one, with
+the same bits. Nothing else uses them: a job takes many times as long as its grading (docs/performance.md).
+"""
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +15,16 @@ from benchmarks.timing import Job, interleave, ratio, typical
 from benchmarks.workload import SEED, Workload, make_workload
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.taxonomy import Taxonomy
-from exceptiondrive_scoring.aliases import Columns
+from exceptiondrive_scoring.aliases import Columns, IntArray
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
 from exceptiondrive_scoring.grade import grade
 from exceptiondrive_scoring.measure import Measurements, measure
-from exceptiondrive_scoring.sheet import aggregate
+from exceptiondrive_scoring.sheet import Breakdown, aggregate
 from exceptiondrive_worker.private_store import PrivateStore, Shelf
 
 SUBMISSIONS = 1000
+AT_ONCE = 5
+"""Submissions of a batch; 2, 10 and 25 were slower still."""
 DISTINCT = 50
 """Different submissions; each stands for twenty of the thousand."""
 
@@ -91,9 +97,20 @@ def _compare(
     def regrade(index: int) -> None:
         _sheet(Measurements.from_columns(measurements(index)), split, doubled, taxonomy)
 
-    found = interleave({"new geometry": _all(measure_again), "new d_safe": _all(regrade)}, rounds=5)
+    batch = _Batch(split, doubled)
+
+    def regrade_batches() -> None:
+        for start in range(0, DISTINCT, AT_ONCE):
+            some = range(start, start + AT_ONCE)
+            batch.breakdowns([Measurements.from_columns(measurements(index)) for index in some])
+
+    batch.require_same_bits(
+        Measurements.from_columns(measurements(index)) for index in range(AT_ONCE)
+    )
+    jobs = {"new geometry": _all(measure_again), "new d_safe": _all(regrade)}
+    found = interleave({**jobs, "in batches": regrade_batches}, rounds=5)
     scale = SUBMISSIONS / DISTINCT
-    slow, fast = found["new geometry"], found["new d_safe"]
+    slow = found["new geometry"]
     rows = [
         (
             name,
@@ -103,10 +120,67 @@ def _compare(
         )
         for name, seconds in (
             ("(b) new geometry: measure, grade, aggregate", slow),
-            ("(a) new d_safe: grade, aggregate", fast),
+            ("(a) new d_safe: grade, aggregate", found["new d_safe"]),
+            (f"(a) in batches of {AT_ONCE}", found["in batches"]),
         )
     ]
     show(f"Rescoring {SUBMISSIONS:,} submissions, {title}", ("", "s", "per second", "x (b)"), rows)
+
+
+class _Batch:
+    """Several submissions, one behind the other, as one whose tasks and families are its own."""
+
+    def __init__(self, split: SplitArrays, protocol: ProtocolDocument) -> None:
+        self._one, self._protocol = split, protocol
+        taxonomy = protocol.taxonomy
+        numbers = range(AT_ONCE)
+        self._split = SplitArrays(
+            regions_m=np.tile(split.regions_m, (AT_ONCE, 1, 1)),
+            task_index=_apart(split.task_index, len(taxonomy.tasks)),
+            family_index=_apart(split.family_index, len(taxonomy.families)),
+            scene_index=_apart(split.scene_index, split.n_scenes),
+            n_scenes=split.n_scenes * AT_ONCE,
+            d_safe_m=np.tile(split.d_safe_m, AT_ONCE),
+            acceptable=np.tile(split.acceptable, (AT_ONCE, 1)),
+        )
+        self._taxonomy = Taxonomy.model_construct(
+            families=tuple(
+                family.model_copy(update={"id": f"{number}.{family.id}"})
+                for number in numbers
+                for family in taxonomy.families
+            ),
+            tasks=tuple(
+                task.model_copy(update={"id": f"{number}.{task.id}"})
+                for number in numbers
+                for task in taxonomy.tasks
+            ),
+        )
+
+    def breakdowns(self, measured: Sequence[Measurements]) -> Breakdown:
+        """Grade and aggregate them; the rows of each carry its number. Only its total is still to be made."""
+        given = [each.columns() for each in measured]
+        columns = {name: np.concatenate([each[name] for each in given]) for name in given[0]}
+        scores = grade(Measurements.from_columns(columns), self._split, self._protocol)
+        return aggregate(scores, self._split, self._taxonomy)
+
+    def require_same_bits(self, measured: Iterable[Measurements]) -> None:
+        """Compare every row with that of the single way.
+
+        Raises:
+            SystemExit: One differs.
+        """
+        submissions = list(measured)
+        found = self.breakdowns(submissions)
+        for number, each in enumerate(submissions):
+            scores = grade(each, self._one, self._protocol)
+            alone = aggregate(scores, self._one, self._protocol.taxonomy)
+            for rows, of_all in ((alone.families, found.families), (alone.tasks, found.tasks)):
+                if any(row != of_all[f"{number}.{key}"] for key, row in rows.items()):
+                    raise SystemExit("a batch does not give the bits of its submissions")
+
+
+def _apart(index: IntArray, n: int) -> IntArray:
+    return np.concatenate([index + number * n for number in range(AT_ONCE)])
 
 
 def _all(one: Callable[[int], None]) -> Job:

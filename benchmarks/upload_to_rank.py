@@ -73,15 +73,15 @@ def _cpu_of_uploads_s(http: httpx.Client, launcher: int) -> dict[str, float]:
         gzip.compress(json.dumps(_submission(number)).encode(), 6)
         for number in range(N_UPLOADS, 2 * N_UPLOADS)
     ]
-    before = _cpu_by_process_s(launcher)
+    before = cpu_by_process_s(launcher)
     ids = [_upload(http, f"Planner {N_UPLOADS + k}", data) for k, data in enumerate(files)]
     while not all(_is_ranked(http, each) for each in ids):
         time.sleep(1.0)
-    after = _cpu_by_process_s(launcher)
+    after = cpu_by_process_s(launcher)
     return {name: (after[name] - before.get(name, 0.0)) / N_UPLOADS for name in after}
 
 
-def _cpu_by_process_s(launcher: int) -> dict[str, float]:
+def cpu_by_process_s(launcher: int) -> dict[str, float]:
     """CPU seconds so far of all processes below this one, by the name of their program."""
     parents, seconds = {}, {}
     for entry in Path("/proc").glob("[0-9]*/stat"):
@@ -105,7 +105,10 @@ def _cpu_by_process_s(launcher: int) -> dict[str, float]:
 
 
 def _program(words: list[str]) -> str:
+    if "postgres" in words[0]:
+        return "database"
     known = {"serve": "server", "reconcile": "reconciler", "run": "workers"}
+    known |= {"benchmarks.latency": "proxies"}
     return next((known[word] for word in words if word in known), "broker")
 
 

@@ -378,12 +378,16 @@ class Client(Connection):
         report = self._check(file, phase)
         if not report.is_valid:
             return Outlook(report, None)
+        if phase.disqualified_at is not None:
+            return Outlook(report, None, disqualified_at=phase.disqualified_at)
         try:
             own = self.submissions(phase=phase.id)
         except (NotAllowedError, NotSignedInError):
             own = ()
         same = (each for each in own if each.file_digest == report.digest)
         first = next((each for each in same if each.status not in SENT_ANEW), None)
+        if first is not None and first.disqualified_at is not None:
+            return Outlook(report, None, first=first, disqualified_at=first.disqualified_at)
         scored = [each for each in own if each.status is SubmissionStatus.SCORED]
         replaces = replaced_entry(own, method, phase.policy, is_open=phase.is_open)
         replaces = None if first is not None else replaces

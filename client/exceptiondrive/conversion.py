@@ -17,6 +17,7 @@ from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check.source_fit import (
     AT_ORIGIN_M,
+    SPEEDS_MPS,
     UNITS,
     at_times,
     from_polar,
@@ -189,7 +190,7 @@ def convert(pairs: tuple[RawPair, ...], plan: ConversionPlan) -> Conversion:
         (
             plan.unit is not None,
             lambda points: scaled(points, unit_m),
-            f"took {plan.unit} as {'metres a second' if plan.unit == 'km/h' else 'metres'}: x {unit_m:.6g}",
+            f"took {plan.unit} as {'metres a second' if plan.unit in SPEEDS_MPS else 'metres'}: x {unit_m:.6g}",
         ),
         (
             plan.rotate_deg != 0,
@@ -301,17 +302,26 @@ def _leave_out_columns(work: _Work) -> None:
     wide = [points for _, points in work.given() if points and len(points[0]) > 2]
     if not wide:
         return
-    before = "times" if _begins_with_times(wide) else ""
-    before = before or ("headings in radians" if _begins_with_headings(wide) else "")
-    start = 1 if before else 0
+    x, y, words = 0, 1, "the first two columns as x and y"
+    if _begins_with_times(wide):
+        x, y, words = 1, 2, "x and y behind a column of times"
+    elif _begins_with_headings(wide):
+        x, y, words = 1, 2, "x and y behind a column of headings in radians"
+    elif _is_level(wide):
+        x, y, words = 0, 2, "the first and third columns as x and y, around a column of zeros"
     trajectories = counted(len(wide), "trajectory", "trajectories")
-    kept = f"x and y behind a column of {before}" if before else "the first two columns as x and y"
     work.change(
-        lambda points: tuple(
-            point[start : start + 2] if len(point) > 2 else point for point in points
-        ),
-        f"kept {kept} of {trajectories}, and left out the rest",
+        lambda points: tuple((point[x], point[y]) if len(point) > 2 else point for point in points),
+        f"kept {words}, of {trajectories}, and left out the rest",
     )
+
+
+def _is_level(trajectories: Sequence[Waypoints]) -> bool:
+    """Whether the second column is zero everywhere, as a height is, and the third is no heading."""
+    second, third = (
+        max(abs(point[column]) for points in trajectories for point in points) for column in (1, 2)
+    )
+    return second == 0.0 and third > math.tau
 
 
 def _begins_with_headings(trajectories: Sequence[Waypoints]) -> bool:

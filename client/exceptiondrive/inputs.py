@@ -19,6 +19,7 @@ from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY
 from exceptiondrive_schemas.check.inflate import UnreadableFileError, inflate
 from exceptiondrive_schemas.protocol import (
+    NEWEST,
     ProtocolDocument,
     ProtocolError,
     packaged_protocol,
@@ -146,13 +147,13 @@ def given_split(given: SplitLike) -> Split:
 
 
 def given_protocol(given: ProtocolLike | None) -> ProtocolDocument:
-    """Return a protocol: a model, a TOML file or a version that ships; else the one that ships.
+    """Return a protocol: a model, a TOML file or a version that ships; else the newest.
 
     Raises:
         InvalidArgumentError: Neither a file nor a version, or a file that is no protocol.
     """
     if given is None:
-        return packaged_protocol()
+        return packaged_protocol(NEWEST)
     if isinstance(given, ProtocolDocument):
         return given
     path = Path(given)

@@ -24,9 +24,19 @@ class Organizer(Connection):
         """Return all teams."""
         return self._transport.records("/organizer/teams")
 
-    def create_team(self, team_id: str, name: str, *, is_reference: bool = False) -> Record:
+    def create_team(
+        self,
+        team_id: str,
+        name: str,
+        *,
+        affiliation: str = "",
+        email: str = "",
+        is_reference: bool = False,
+    ) -> Record:
         """Make a team; a reference team's entries are shown and never ranked."""
+        known = {"affiliation": affiliation, "email": email}
         team = {"id": team_id, "name": name, "is_reference": is_reference}
+        team |= {key: value for key, value in known.items() if value}
         return self._transport.post_once("/organizer/teams", team)
 
     def approve_team(self, team_id: str) -> Record:

@@ -2,10 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import datetime
+from typing import TYPE_CHECKING
 
 from exceptiondrive_schemas.faults import CheckReport
-from exceptiondrive_schemas.own_entries import to_confirm
-from exceptiondrive_schemas.submission import SubmissionView
+
+if TYPE_CHECKING:
+    from exceptiondrive_schemas.submission import SubmissionView
 
 
 @dataclass(frozen=True)
@@ -17,12 +20,15 @@ class Outlook:
         replaces: The team's entry that it takes the place of; None where there is none.
         rule: Which run of a method stands, in a sentence.
         first: The team's submission of the same bytes, which stands; None where there is none.
+        disqualified_at: Since when the team, or these very bytes of it, are disqualified: then the
+            upload will be refused; None: they are not.
     """
 
     report: CheckReport
-    replaces: SubmissionView | None
+    replaces: "SubmissionView | None"
     rule: str = ""
-    first: SubmissionView | None = None
+    first: "SubmissionView | None" = None
+    disqualified_at: datetime | None = None
 
     @property
     def is_known(self) -> bool:
@@ -34,4 +40,6 @@ class Outlook:
         """What nobody may be surprised by, in a sentence; by the argument of `submit` that says yes."""
         if self.is_known:
             return {}
+        from exceptiondrive_schemas.own_entries import to_confirm
+
         return to_confirm(self.report.unranked_because, self.replaces)

@@ -429,7 +429,7 @@ def read_answer(read: Callable[[bytes], Answer], response: httpx.Response) -> An
             "unexpected_answer",
             f"The server answered {response.url.path} in a form that this client does not know "
             f"({where}: {first['msg']}).",
-            "Install the newest client: pip install --upgrade exceptiondrive",
+            "Install the newest client, from the page /client/ of the server.",
         ) from None
 
 

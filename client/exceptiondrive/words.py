@@ -16,5 +16,5 @@ def challenge_of(challenge_id: str) -> Challenge:
         raise ServerError(
             "unknown_challenge",
             error.sentence,
-            "Install the newest client: pip install --upgrade exceptiondrive",
+            "Install the newest client, from the page /client/ of the server.",
         ) from None

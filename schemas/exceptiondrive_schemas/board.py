@@ -1,5 +1,6 @@
 """The published board: an immutable snapshot of ranked entries."""
 
+from collections.abc import Mapping
 from datetime import datetime
 from functools import cached_property
 from typing import Literal
@@ -191,6 +192,11 @@ class Board(Document):
         """
         fit = (entry for entry in self.entries if entry.may_lead)
         return min(fit, key=lambda entry: entry.rank or 0, default=None)
+
+    @cached_property
+    def entries_by_submission(self) -> Mapping[str, BoardEntry]:
+        """The entries that are submissions, by their ids."""
+        return {entry.submission_id: entry for entry in self.entries if entry.submission_id}
 
     @cached_property
     def content_digest(self) -> str:

@@ -61,6 +61,8 @@ class ChartWords(Document):
     title: str
     note: str
     corners: dict[Corner, str]
+    same_scale: bool = False
+    """Whether a point along x is as long as one along y: of parts of one whole."""
 
 
 class ChallengeWords(Document):
@@ -103,11 +105,11 @@ PLANNING_WORDS = ChallengeWords(
     "the area that the car sweeps touches the red hazard. **HCC** pays for the distance kept, up to "
     "the amber line: here d = {clearance_m:.2f} of {d_safe_m:.2f} m, so {hcc:.2f}. **CTS** is the "
     "mean gap between the dotted path, of the original scene, and the solid one.",
-    sample_note="each a scene without and with a hazard",
+    sample_note="samples, without and with a hazard",
     headline=HeadlineWords(
         question="Which planner keeps clear of the hazard?",
         leads="it earns {first} of the credit for keeping its distance (HCC) and drives into the "
-        "hazard in {second} of the scenes (UR)",
+        "hazard in {second} of the samples (UR)",
         by_share=(
             (0.501, "Even the leading planner hits the hazard {often}."),
             (0.1, "The leading planner still hits {cases}."),
@@ -166,7 +168,7 @@ STRATEGY_WORDS = ChallengeWords(
     scene_caption="A scene with a hazard from above, to scale. The agent answers with a strategy: "
     "**A** maintain path, **B** slow down, **C** stop, **D** yield, **E** prepare to bypass. "
     "**Under-warning** counts answers that are wrong and too careless.",
-    sample_note="each a scene with a hazard",
+    sample_note="samples, with a hazard",
     headline=HeadlineWords(
         question="Which agent is careful enough?",
         leads="{first} of its answers are acceptable, {second} too careless",
@@ -181,12 +183,13 @@ STRATEGY_WORDS = ChallengeWords(
         title="Two ways to be wrong",
         note="A wrong answer is too careless (under-warning, to the right) or wrong in another way "
         "(over-warning, up): too cautious, say, or a detour where one has to stop. What both leave "
-        "of 100 is the accuracy.",
+        "of 100 is the accuracy. Both axes have one scale.",
         corners={
             "bottom left": "never wrong",
             "bottom right": "too careless",
             "top left": "wrong otherwise",
         },
+        same_scale=True,
     ),
     outcome=(
         OutcomePart(metric="accuracy", words="acceptable", kind="kept"),

@@ -2,13 +2,11 @@
 
 from collections.abc import Iterable, Mapping
 
-from exceptiondrive_schemas.challenges import CHALLENGES, Metric
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.phase_settings import PhasePolicy
-from exceptiondrive_schemas.protocol import PublicationSection
 from exceptiondrive_schemas.python310 import UTC
+from exceptiondrive_schemas.score_sheet import HEADLINE, metric_text
 from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
-
-HEADLINE = "macro_family"
 
 
 def replaced_entry(
@@ -59,23 +57,6 @@ def question_of(view: SubmissionView) -> str:
     return " ".join(
         ("Nothing is counted yet.", *asked, f"Confirm it until {until}, or its file is deleted.")
     )
-
-
-def metric_text(
-    metric: Metric, value: float | None, publication: PublicationSection | None = None
-) -> str:
-    """Return a value as the board shows it.
-
-    Args:
-        metric: Which metric.
-        value: Fraction or metres; None where undefined.
-        publication: Digits; two where not given.
-    """
-    if value is None:
-        return "-"
-    if metric.unit == "fraction":
-        return f"{100 * value:.{publication.percent_decimals if publication else 2}f}"
-    return f"{value:.{publication.metre_decimals if publication else 2}f}"
 
 
 def entry_words(view: SubmissionView) -> str:

@@ -5,9 +5,13 @@ from typing import Annotated, Any
 from pydantic import ConfigDict, Field, TypeAdapter, WithJsonSchema
 
 from exceptiondrive_schemas.base import Document
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import ChallengeId, Metric
+from exceptiondrive_schemas.protocol import PublicationSection
 from exceptiondrive_schemas.python310 import Self
 from exceptiondrive_schemas.split import SplitRef
+
+HEADLINE = "macro_family"
+"""The aggregate that is shown where no protocol says which."""
 
 MetricRow = dict[str, float | None]
 """Metric key to value: fractions, CTS in metres, undefined = None."""
@@ -117,3 +121,20 @@ class ScoreSheet(Document):
     """Further named rows: sensitivity to d_safe, confusion, reminder scores."""
     clearance_curve: ClearanceCurve | None = Field(default=None, exclude_if=lambda it: it is None)
     """Left out where the challenge has none or the protocol does not publish it."""
+
+
+def metric_text(
+    metric: Metric, value: float | None, publication: PublicationSection | None = None
+) -> str:
+    """Return a value as the board shows it.
+
+    Args:
+        metric: Which metric.
+        value: Fraction or metres; None where undefined.
+        publication: Digits; two where not given.
+    """
+    if value is None:
+        return "-"
+    if metric.unit == "fraction":
+        return f"{100 * value:.{publication.percent_decimals if publication else 2}f}"
+    return f"{value:.{publication.metre_decimals if publication else 2}f}"

@@ -89,6 +89,8 @@ class SimilarityReport(Document):
     phase: str
     n_compared: int
     """Scored submissions that were compared with all others of the phase."""
+    n_teams: int = 0
+    """Teams with a scored submission."""
     n_waiting: int
     """Scored ones that are compared after the next board: until then another file went first."""
     pairs: tuple[AlikePair, ...] = ()

@@ -171,6 +171,8 @@ class PhaseView(PhaseSettings):
     """Which version of the terms a team accepts before it submits; None: none need be accepted."""
     terms_accepted_at: datetime | None = None
     """When the asking team accepted that version."""
+    disqualified_at: datetime | None = None
+    """Since when the asking team is disqualified here: its uploads are refused."""
 
 
 class Me(Document):

@@ -173,6 +173,7 @@ def test_the_repository_holds_no_split_but_the_sample() -> None:
         pytest.skip("not a git checkout")
     assert sorted(listed.stdout.split()) == [
         f"{FOLDER}/README.md",
+        f"{FOLDER}/sample/datasheet.json",
         f"{FOLDER}/sample/split.json.gz",
     ]
 

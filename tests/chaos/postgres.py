@@ -47,6 +47,11 @@ class Postgres:
     def url(self) -> str:
         return f"postgresql+psycopg://postgres@/records?host={self._folder}"
 
+    @property
+    def socket(self) -> Path:
+        """Where it listens."""
+        return self._folder / ".s.PGSQL.5432"
+
     def connect(self, name: str = "records") -> "psycopg.Connection[tuple[object, ...]]":
         return psycopg.connect(
             host=str(self._folder), user="postgres", dbname=name, autocommit=True

@@ -141,6 +141,7 @@ class Topology:
         users: Users | None = None,
         split_copies: int = 1,
         has_canary: bool = False,
+        is_database_proxied: bool = False,
         settings: Mapping[str, str] | None = None,
     ) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="ed-chaos-"))
@@ -152,6 +153,10 @@ class Topology:
         self.uploads = self.folder / "uploads"
         self.orders.mkdir()
         self.postgres = Postgres() if uses_postgres else None
+        self._is_database_proxied = is_database_proxied
+        if is_database_proxied:
+            assert self.postgres is not None, "a file cannot be far away"
+            self.database_proxy = Proxy(self.postgres.socket)
         self.broker = Broker(self.folder / "broker")
         self.proxy = Proxy(socket_path(self.broker.folder))
         self.supervisor = Supervisor()
@@ -190,10 +195,11 @@ class Topology:
             return self.postgres.url
         return f"sqlite:///{self.data / 'records.sqlite3'}"
 
-    def add_worker(self, *, environment: dict[str, str] | None = None) -> Process:
+    def add_worker(self, *, environment: dict[str, str] | None = None, slots: int = 2) -> Process:
         """Start one worker more."""
         name = f"worker-{len(self.workers) + 1}"
-        worker = self._add(name, "worker", "run", "--concurrency", "2", **(environment or {}))
+        concurrency = ("--concurrency", f"{slots}")
+        worker = self._add(name, "worker", "run", *concurrency, **(environment or {}))
         self.workers.append(worker)
         return worker
 
@@ -246,6 +252,8 @@ class Topology:
     def close(self, *, keep: bool = False) -> None:
         self.supervisor.close()
         self.proxy.close()
+        if self._is_database_proxied:
+            self.database_proxy.close()
         self.broker.kill()
         self.database.dispose()
         if self.postgres is not None:
@@ -279,6 +287,8 @@ class Topology:
         """The address of each role on PostgreSQL."""
         assert self.postgres is not None
         owner = make_url(self.postgres.url)
+        if self._is_database_proxied:
+            owner = owner.set(host="127.0.0.1", port=self.database_proxy.port, query={})
         return {
             role: owner.set(username=role, password="trusted").render_as_string(hide_password=False)
             for role in Role

@@ -241,7 +241,7 @@ def test_convert_never_writes_what_is_not_valid(planning_file: MakeFile, tmp_pat
     output = tmp_path / "out.json"
     done = run("convert", path, "-o", output)
     assert done.exit_code == 2
-    assert "nothing had to be changed" not in done.stdout
+    assert "no waypoint was moved" not in done.stdout
     assert "step_too_long" in done.stdout
     assert "was not written" in done.stderr
     assert not output.exists()
@@ -437,6 +437,20 @@ def test_evaluate_alone_touches_the_scoring_package(planning_file: MakeFile) -> 
         "import sys; from exceptiondrive.cli import app; "
         f"app(['check', {str(planning_file())!r}], standalone_mode=False); "
         "print('heavy:', sorted({'numpy', 'exceptiondrive_scoring', 'httpx'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "heavy: []"
+
+
+def test_a_check_imports_nothing_of_submissions_drawings_or_progress(
+    planning_file: MakeFile,
+) -> None:
+    code = (
+        "import sys; from exceptiondrive.cli import app; "
+        f"app(['check', {str(planning_file())!r}], standalone_mode=False); "
+        "heavy = {'exceptiondrive_schemas.submission', 'exceptiondrive_schemas.rescoring', "
+        "'exceptiondrive_schemas.drawing', 'rich.progress'};"
+        "print('heavy:', sorted(heavy & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "heavy: []"

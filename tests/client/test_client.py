@@ -202,7 +202,7 @@ def test_a_form_that_is_not_known_asks_for_a_newer_client(canned_server: "Canned
     canned_server.answer("GET /me", 200, {**ME, "scopes": {"submit": True}})
     with Client(canned_server.url) as client, pytest.raises(ServerError) as caught:
         client.me()
-    assert "--upgrade" in caught.value.advice
+    assert "/client/" in caught.value.advice
 
 
 def test_an_address_where_nobody_listens_is_a_network_error() -> None:

@@ -196,7 +196,7 @@ def test_headings_are_left_out_and_said_so() -> None:
     result = convert((pair(tuple((*point, 0.1) for point in straight(6))),), PLAN)
     assert result.pairs == (pair(straight(6)),)
     assert result.done == (
-        "kept the first two columns as x and y of 2 trajectories, and left out the rest",
+        "kept the first two columns as x and y, of 2 trajectories, and left out the rest",
     )
 
 
@@ -204,10 +204,17 @@ def test_headings_in_front_are_told_from_an_x_by_the_columns_behind() -> None:
     turning = tuple((3.0 * step, 1.5 * step) for step in range(1, 7))
     result = convert((pair(tuple((0.4, *point) for point in turning)),), PLAN)
     assert result.pairs == (pair(turning),)
-    assert result.done[0].startswith("kept x and y behind a column of headings in radians of 2")
+    assert result.done[0].startswith("kept x and y behind a column of headings in radians, of 2")
     sideways = tuple((0.1 * step, 3.0 * step) for step in range(1, 7))
     result = convert((pair(tuple((*point, 0.4) for point in sideways)),), PLAN)
     assert result.pairs == (pair(sideways),), "x right, y forward and a heading behind"
+
+
+def test_a_height_in_the_middle_is_no_y() -> None:
+    turning = tuple((3.0 * step, 1.5 * step) for step in range(1, 7))
+    result = convert((pair(tuple((x, 0.0, y) for x, y in turning)),), PLAN)
+    assert result.pairs == (pair(turning),)
+    assert "around a column of zeros" in result.done[0]
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from tests.support import realdata, reference
 
 from exceptiondrive import InvalidArgumentError, InvalidFileError, StrategyRecorder, evaluate_file
 from exceptiondrive.inputs import given_split
-from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_schemas.protocol import NEWEST, packaged_protocol
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.split import Split
 
@@ -29,7 +29,7 @@ def test_a_sheet_names_protocol_and_split_by_digest(
     planning_file: MakeFile, split_file: Path
 ) -> None:
     sheet = evaluate_file(planning_file(), split=split_file)
-    assert sheet.protocol.digest == packaged_protocol().digest
+    assert sheet.protocol.digest == packaged_protocol(NEWEST).digest
     assert sheet.split.revision == given_split(split_file).revision
 
 
@@ -120,7 +120,7 @@ def test_client_and_worker_give_the_same_sheet(planning_file: MakeFile, split_fi
     from exceptiondrive_worker.split_store import load_split
     from exceptiondrive_worker.upload_reader import read_upload
 
-    protocol = packaged_protocol()
+    protocol = packaged_protocol(NEWEST)
     swerving = [[4.0 * step, 0.3 * step] for step in range(1, 7)]
     path = planning_file(
         predictions=[

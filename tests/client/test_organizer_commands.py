@@ -28,6 +28,12 @@ def organize(server: "Running", *arguments: object, token: str | None = None) ->
     return CliRunner().invoke(app, words, env=environment)
 
 
+def standings(server: "Running") -> dict[str, str]:
+    """How each team stands, as the list says."""
+    teams = json.loads(organize(server, "teams", "list", "--json").stdout)
+    return {team["id"]: team["standing"] for team in teams}
+
+
 def test_a_team_gets_a_token_that_works_until_it_is_revoked(running: "Running") -> None:
     assert organize(running, "teams", "create", "beta", "Team Beta").exit_code == 0
     teams = json.loads(organize(running, "teams", "list", "--json").stdout)
@@ -192,13 +198,17 @@ def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path:
     out = organize(running, "teams", "disqualify", "bet", "--phase", "dev", *why, "--json")
     number = json.loads(out.stdout)["id"]
     assert "bet" in organize(running, "teams", "disqualified").stdout
+    assert standings(running) == {"alpha": "", "alef": "", "bet": "disqualified in dev"}
+    assert "disqualified in dev\n" in organize(running, "teams", "show", "bet").stdout
     assert organize(running, "teams", "reinstate", number, *why).stdout == "bet reinstated\n"
     limits = organize(running, "teams", "limits", "bet", "--phase", "dev", "--quota-total", 2, *why)
     assert limits.stdout == "team bet has its own limits in dev\n"
     text = tmp_path / "text.txt"
     text.write_text("It moves.", encoding="utf-8")
     to = ("message", "The deadline", "--text", text, "--to", "alef", "--to", "bet")
-    assert "would reach 2 teams" in organize(running, *to, "--preview").stdout
+    preview = organize(running, *to, "--preview").stdout
+    assert "would reach 2 teams" in preview
+    assert preview.endswith("as they read it:\n  The deadline\n  It moves.\n")
     assert "would reach 1 team\n" in organize(running, *to[:-2], "--preview").stdout
     assert "sent to 2 teams" in organize(running, *to).stdout
     assert organize(running, *to).exit_code == 4
@@ -206,6 +216,13 @@ def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path:
     assert merged.stdout == "team bet has 0 submissions of alef\n"
     shown = organize(running, "teams", "show", "bet").stdout
     assert "quota total" in shown
+    assert shown.startswith("Beth\n")
+    assert standings(running) == {"alpha": "", "alef": "part of bet", "bet": ""}
+    known = ("--affiliation", "Lab", "--email", "gimel@example.org")
+    assert organize(running, "teams", "create", "gimel", "Gimel", *known).exit_code == 0
+    shown = organize(running, "teams", "show", "gimel").stdout
+    assert shown.startswith("Gimel, Lab\n")
+    assert "gimel@example.org" in shown
     terms = {"EXCEPTIONDRIVE_SERVER": running.url, "EXCEPTIONDRIVE_TOKEN": running.token}
     none = CliRunner().invoke(app, ["terms", "--phase", "dev"], env=terms)
     assert (none.exit_code, "no terms to accept" in none.stderr) == (2, True)
@@ -251,6 +268,7 @@ def test_what_is_done_with_a_submission_from_the_command_line(
         assert words in story
     people = json.loads(organize(running, "audit", "list", "--by-people", "--json").stdout)
     assert not {line["actor"] for line in people} & {"worker", "reconciler", "server"}
+    assert "by mistake" in organize(running, "audit", "list").stdout, "why it was done"
     about = json.loads(organize(running, "audit", "list", "--subject", sent.id, "--json").stdout)
     assert {line["subject"] for line in about} == {sent.id}
 

@@ -1,6 +1,7 @@
 """The life of a phase from the command line, against the real server and the worker's functions."""
 
 import json
+import re
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -122,11 +123,16 @@ def test_a_board_is_frozen_and_revealed(working: "Running", planning_file: MakeF
     board_shows(working, first)
     frozen = organize(working, "freeze", "test", *REASON)
     assert frozen.exit_code == 0, frozen.stderr
+    assert re.fullmatch(
+        r"the board of test is frozen since .*; organizer phases reveal test --what board .*\n",
+        frozen.stdout,
+    )
     assert shown(working)["now"]["frozen_since"] is not None
     second = scored(working, other_bytes(planning_file("two.json")), "Second")
     board_shows(working, first)
     revealed = organize(working, "reveal", "test", "--what", "board", *REASON)
     assert revealed.exit_code == 0, revealed.stderr
+    assert revealed.stdout.startswith("the newest board of test is shown")
     board_shows(working, first, second)
 
 

@@ -2,7 +2,7 @@
 
 from rich.console import Console
 
-from exceptiondrive.cli.tables import sheet_view
+from exceptiondrive.cli.file_tables import sheet_view
 from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.score_sheet import (
     Coverage,

@@ -144,6 +144,23 @@ def test_check_says_what_an_upload_will_do(working: "Running", planning_file: Ma
     assert f"outlook: it replaces {first['id']} (HCC " in told
     assert "newest run stands" in told
     assert "submitted before" in run(working, *checked, str(planning_file())).stdout
+    from exceptiondrive_records.participation.disqualification import (
+        disqualify_submission,
+        disqualify_team,
+    )
+
+    why = {"reason": "copied", "actor": "test"}
+    with working.context.database.write() as session:
+        disqualify_submission(session, first["id"], **why)
+    told = run(working, *checked, str(planning_file())).stdout
+    assert f"it will be refused: these bytes, as {first['id']}, are disqualified in this" in told
+    assert "stands, no quota is spent" not in told
+    assert "will be ranked" in run(working, *checked, str(slower_file(planning_file))).stdout
+    with working.context.database.write() as session:
+        disqualify_team(session, "alpha", **why)
+    told = run(working, *checked, str(slower_file(planning_file))).stdout
+    assert "it will be refused: your team is disqualified in this phase since 2" in told
+    assert "will be ranked" not in told
 
 
 def test_a_withdrawal_says_what_stands_again(working: "Running", planning_file: MakeFile) -> None:
@@ -182,14 +199,14 @@ def test_evaluate_takes_the_protocol_of_the_phase_and_says_whether_it_would_rank
     predictions = [{"sample_id": f"s{n}", "source": moving, "edited": standing} for n in range(4)]
     file = planning_file("still.json", predictions=predictions)
     options = ("--split", str(split_file))
-    usual = run(running, "evaluate", str(file), *options).stdout
-    assert "protocol 1.0" in usual
-    assert "it would be ranked under protocol 1.0" in usual
+    assert "protocol 1.1" in run(running, "evaluate", str(file), *options).stdout
+    first = run(running, "evaluate", str(file), *options, "--protocol", "1.0").stdout
+    assert "it would be ranked under protocol 1.0" in first
     strict = run(running, "evaluate", str(file), *options, "--phase", "strict").stdout
     assert "protocol 1.1" in strict
     assert "it will be scored but not ranked: flagged Stands still" in strict
     told = run(running, "check", str(file), "--phase", "strict").stdout
-    assert "not ranked: flagged Stands still: 100% of the edited trajectories, 0% of" in told
+    assert "not ranked: flagged Stands still: 100% of the edited trajectories stand" in told
 
 
 def test_another_method_replaces_nothing(working: "Running", planning_file: MakeFile) -> None:

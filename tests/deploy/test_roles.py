@@ -107,6 +107,7 @@ REFUSED = [
     (Role.API, "INSERT INTO splits DEFAULT VALUES"),
     (Role.API, "UPDATE splits SET public_file_digest = 'x'"),
     (Role.API, "DELETE FROM worker_heartbeats"),
+    (Role.API, "DELETE FROM disqualifications"),
     (Role.API, "INSERT INTO board_entries DEFAULT VALUES"),
 ]  # fmt: skip
 
@@ -145,18 +146,50 @@ def test_the_server_points_no_phase_at_what_no_worker_has_built_a_board_of(ask: 
     ask(Role.API, POINT.format("public"))
     with pytest.raises(errors.InsufficientPrivilege, match="no worker has built"):
         ask(Role.API, POINT.format("private"))
-    ask(
-        Role.WORKER,
-        "INSERT INTO boards (phase_id, protocol_digest, split_revision, number, digest, body_digest, body, "
-        "published_at, view) SELECT id, protocol_digest, split_revision, 1, '', '', '', now(), 'main' "
-        "FROM phases",
-    )
+    ask(Role.WORKER, NEW_BOARD.format(1))
     for statement in (POINT.format("private"), OTHER):
         with pytest.raises(errors.InsufficientPrivilege, match="no worker has built"):
             ask(Role.API, statement)
     ask(Role.API, "UPDATE phases SET title = 'still changed'")
     with pytest.raises(errors.InsufficientPrivilege):
         ask(Role.API, "DROP TRIGGER phases_follow_boards ON phases")
+
+
+NEW_BOARD = (
+    "INSERT INTO boards (phase_id, protocol_digest, split_revision, number, digest, body_digest, body, "
+    "published_at, view) SELECT id, protocol_digest, split_revision, {}, '', '', '', now(), 'main' "
+    "FROM phases"
+)
+SHOW = "UPDATE phases SET current_board_id = (SELECT id FROM boards WHERE number = {})"
+SHOW_LATE = "UPDATE phases SET late_board_id = (SELECT id FROM boards WHERE number = {})"
+FLIP = (
+    "INSERT INTO board_flips (phase_id, board_id, at, news) "
+    "SELECT phase_id, id, {}, '{{}}' FROM boards WHERE number = {}"
+)
+
+
+@pytest.mark.usefixtures("pointed")
+def test_the_server_shows_the_newest_board_alone_and_says_no_other_history(ask: Ask) -> None:
+    """As a reveal and another protocol do; a worker shows what it built."""
+    for number in (1, 2):
+        ask(Role.WORKER, NEW_BOARD.format(number))
+    ask(Role.WORKER, SHOW.format(1))
+    ask(Role.WORKER, SHOW_LATE.format(1))
+    ask(Role.WORKER, FLIP.format("now()", 1))
+    with pytest.raises(errors.InsufficientPrivilege, match="no such board"):
+        ask(Role.API, FLIP.format("clock_timestamp()", 2))  # not shown yet
+    ask(Role.API, SHOW.format(2))
+    for at in ("clock_timestamp() - interval '1 day'", "clock_timestamp() + interval '1 day'"):
+        with pytest.raises(errors.InsufficientPrivilege, match="no such board"):
+            ask(Role.API, FLIP.format(at, 2))
+    ask(Role.API, FLIP.format("clock_timestamp()", 2))
+    for statement in (FLIP.format("clock_timestamp()", 2), FLIP.format("clock_timestamp()", 1)):
+        with pytest.raises(errors.InsufficientPrivilege, match="no such board"):
+            ask(Role.API, statement)
+    for statement in (SHOW.format(1), SHOW_LATE.format(2)):
+        with pytest.raises(errors.InsufficientPrivilege, match="newest board alone"):
+            ask(Role.API, statement)
+    ask(Role.API, "UPDATE phases SET late_board_id = NULL")
 
 
 @pytest.mark.parametrize(("role", "statement"), REFUSED)

@@ -28,7 +28,7 @@ from exceptiondrive_scoring.bootstrap import (
 from exceptiondrive_scoring.challenge import SCORING, exact_sheet
 from exceptiondrive_scoring.grade import SampleScores
 from exceptiondrive_scoring.interval import percentile_intervals
-from exceptiondrive_scoring.rank import rank_intervals
+from exceptiondrive_scoring.rank import rank_intervals, told_rank_intervals
 from exceptiondrive_worker.rounding import Rounding
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ class Exact:
         own: K uncertainties of the upload itself.
         pairs: Companion to K intervals (M, 2) of the headline and (F, M, 2) of families.
         discordant: Companion to K shares of the samples that differ in the first metric.
-        ranks: K best and worst ranks among the companions.
+        beside: Uncertainties of the companions.
     """
 
     clearance_m: FloatArray
@@ -76,7 +76,7 @@ class Exact:
     own: list[Any]
     pairs: list[list[tuple[FloatArray, FloatArray]]]
     discordant: list[list[float]]
-    ranks: list[tuple[int, int]]
+    beside: list[Any]
 
 
 def tried(oracle: "Oracle", sample: int, clearance_m: FloatArray, seed: int = 0) -> Exact:
@@ -124,7 +124,7 @@ def tried(oracle: "Oracle", sample: int, clearance_m: FloatArray, seed: int = 0)
             [float((each.values[:, 0] != other.values[:, 0]).mean()) for each in scores]
             for other in others
         ],
-        ranks=[tuple(rank_intervals([each, *beside], "descending")[0]) for each in own],
+        beside=beside,
     )
 
 
@@ -182,6 +182,18 @@ def published(exact: Exact, protocol: ProtocolDocument, *, is_public: bool = Fal
         ]
         return told
 
+    def ranks(own: Any) -> list[int]:
+        """The places that are left open among the companions, by HCC."""
+        board = [own, *exact.beside]
+        if is_public:
+            return [int(end) for end in rank_intervals(board, "descending")[0]]
+        first = [metric.key for metric in METRICS].index("hcc")
+        told = [
+            rounding.interval("hcc", _ends(getattr(each, headline)[first])) or (-np.inf, np.inf)
+            for each in board
+        ]
+        return [int(end) for end in told_rank_intervals(np.array(told), "descending")[0]]
+
     outcomes = ("clear", "close", "hit_reacting", "hit_unmoved")
     answers: Answers = {
         "means of the totals": [means(sheet) for sheet in sheets],
@@ -203,7 +215,7 @@ def published(exact: Exact, protocol: ProtocolDocument, *, is_public: bool = Fal
             [rounding.fraction(shares[number]) for shares in exact.discordant] if is_public else []
             for number in range(len(sheets))
         ],
-        "rank intervals": list(exact.ranks),
+        "rank intervals": [ranks(each) for each in exact.own],
         "progress, CTS, Source L2, flags": [
             [sheet.plausibility, *(sheet.micro[key] for key in ("progress", "cts", "source_l2_m"))]
             for sheet in sheets
@@ -275,13 +287,16 @@ class Places:
             "intervals": ends,
             "pair intervals": N_COMPANIONS * ends,
             "discordant shares": 2 * N_COMPANIONS if is_public else 0,
-            "rank intervals": 2 * N_COMPANIONS,
+            "rank intervals": 2 * (N_COMPANIONS if is_public else _places("hcc", draw, step, 1)),
             "progress, CTS, Source L2, flags": 0,
         }
 
     def together(self, *, is_public: bool = False) -> int:
         """Different answers of all channels together, at most."""
-        return 1 + sum(self.of_channels(is_public=is_public).values())
+        channels = self.of_channels(is_public=is_public)
+        if not is_public:
+            del channels["rank intervals"]  # what intervals tell, told again
+        return 1 + sum(channels.values())
 
     def bits(self, *, is_public: bool = False) -> float:
         """Bits of one sample and submission, at most."""

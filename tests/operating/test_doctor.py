@@ -10,14 +10,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sqlalchemy import text
+from sqlalchemy import select, text
+from sqlalchemy.exc import DBAPIError
 from tests.operating.conftest import Lived
-from tests.support.processes import plain_environment
+from tests.support.processes import plain_environment, wait_until
 
+from exceptiondrive_records.db.database import is_forbidden, sentence_of
 from exceptiondrive_records.db.settings import RecordsSettings
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.heartbeats import beat
 from exceptiondrive_records.work.lease import take_lead
 from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_server.launcher.broker import broker_command, find_broker_binary, socket_path
 from exceptiondrive_server.operations.doctor import Finding, Severity, examine
 
 BIN = Path(sys.executable).parent
@@ -69,6 +73,42 @@ def test_every_trouble_says_what_to_do(tmp_path: Path) -> None:
     found = troubles(settings)
     assert {Severity.WARNING, Severity.ERROR} <= {finding.severity for finding in found}
     assert all(finding.do for finding in found)
+
+
+def test_records_that_lack_a_column_are_an_error_and_no_outage(
+    healthy: RecordsSettings, lived: Lived
+) -> None:
+    with lived.database.write() as session:
+        session.execute(text("ALTER TABLE submissions DROP COLUMN confirm_until"))
+    (finding,) = troubles(healthy)
+    assert finding.severity is Severity.ERROR
+    assert finding.what.startswith("the records lack submissions.confirm_until: ")
+    with pytest.raises(DBAPIError) as raised, lived.database.read() as session:
+        session.scalars(select(Submission)).all()
+    assert is_forbidden(raised.value)
+    assert "another version made these records" in sentence_of(raised.value)
+
+
+def test_the_private_broker_of_a_data_folder_is_found(tmp_path: Path) -> None:
+    said = doctor_of(tmp_path)
+    assert "the broker does not answer" in said
+    assert "start the server, if the broker is its own" in said
+    (tmp_path / "broker").mkdir(mode=0o700)
+    command = broker_command(find_broker_binary().path, tmp_path / "broker")
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
+        wait_until(socket_path(tmp_path / "broker").exists)
+        said = doctor_of(tmp_path)
+        process.terminate()
+    assert "the broker answers and evicts nothing" in said
+
+
+def doctor_of(data: Path) -> str:
+    """What the command says of a data folder, with no address of a broker in the environment."""
+    words = [str(BIN / "exceptiondrive-server"), "doctor", "--data", str(data)]
+    done = subprocess.run(
+        words, env=plain_environment(), capture_output=True, text=True, check=False
+    )
+    return done.stdout
 
 
 def test_a_broker_that_evicts_is_named(healthy: RecordsSettings, broker: Any) -> None:

@@ -10,7 +10,9 @@ from typing import Any
 import pytest
 from tests.phases.browsing import visitor
 from tests.phases.conftest import SAMPLES, Life, split_of
+from typer.testing import CliRunner
 
+from exceptiondrive.cli import app
 from exceptiondrive_records.operations.troubles import troubles
 from exceptiondrive_records.phases.phases import splits_in_use
 from exceptiondrive_records.work.heartbeats import beat
@@ -120,5 +122,14 @@ def test_the_papers_rows_beside_a_withheld_split(life: Life, store: SplitStore) 
     life.change({"shows_reported": True}, "driven")
     say_alive(life, store)
     assert told(life) == [("reported_beside_other_split", "driven")]
+    with life.database.read() as session:
+        (found,) = troubles(session)
+    words = found.do.split()[1:]
+    environment = {
+        "EXCEPTIONDRIVE_SERVER": "http://127.0.0.1:1",
+        "EXCEPTIONDRIVE_TOKEN": "edk_none",
+    }
+    done = CliRunner().invoke(app, words, env=environment)
+    assert done.exit_code != 2, f"what is advised is no command: {done.stderr}"
     life.done("/phases/driven", {"visibility": "archived"}, "PATCH")
     assert told(life) == []

@@ -363,7 +363,7 @@ PROTECTIONS = (
     ),
     Protection(
         "board-told-otherwise",
-        "exceptiondrive_records.operations.invariants:_unseen_forgetting",
+        "exceptiondrive_records.operations.invariants:unlogged_forgetting",
         _always(()),
         "tests/server/test_participation.py::test_verify_finds_a_team_that_nobody_forgot_and_one_that_came_back",
     ),
@@ -374,10 +374,34 @@ PROTECTIONS = (
         "tests/server/test_submit.py::test_a_token_that_is_revoked_while_its_upload_is_in_the_air_brings_nothing_in",
     ),
     Protection(
+        "rank-intervals",
+        "exceptiondrive_worker.board_entries:told_rank_intervals",
+        lambda _: lambda intervals, order: [(each, each) for each in range(1, len(intervals) + 1)],
+        "tests/worker/test_board_run.py::test_of_a_withheld_split_rank_intervals_tell_no_more_than_the_intervals_that_are_told",
+    ),
+    Protection(
         "unseen-changes",
-        "exceptiondrive_records.operations.invariants:_unseen_changes",
+        "exceptiondrive_records.operations.invariants:unlogged_submissions",
         _always(()),
         "tests/server/test_participation.py::test_verify_finds_entries_that_nobody_withdrew_or_moved",
+    ),
+    Protection(
+        "unseen-reinstated",
+        "exceptiondrive_records.operations.invariants:unlogged_disqualifications",
+        _always(()),
+        "tests/server/test_participation.py::test_verify_finds_what_decides_a_board_and_nobody_did",
+    ),
+    Protection(
+        "unseen-settings",
+        "exceptiondrive_records.operations.invariants:unlogged_settings",
+        _always(()),
+        "tests/server/test_participation.py::test_verify_finds_what_decides_a_board_and_nobody_did",
+    ),
+    Protection(
+        "unseen-history",
+        "exceptiondrive_records.operations.invariants:unlogged_flips",
+        _always(()),
+        "tests/server/test_participation.py::test_verify_finds_what_decides_a_board_and_nobody_did",
     ),
     Protection(
         "restored-after-reveal",

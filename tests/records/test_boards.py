@@ -1,7 +1,10 @@
 """Boards: immutable snapshots, and one pointer that moves."""
 
+import gc
+import re
 from datetime import UTC, datetime, timedelta
 from typing import Any
+from weakref import ref
 
 import pytest
 from sqlalchemy import text, update
@@ -15,6 +18,7 @@ from exceptiondrive_records.boards import ranking as board_records
 from exceptiondrive_records.boards.tables import BoardEntryRow, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.db.memory import Memory
 from exceptiondrive_records.operations.invariants import broken_boards
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.views import board_history
@@ -91,6 +95,32 @@ def test_a_board_knows_its_entries(world: World) -> None:
         assert [row.number for row in boards.boards_with(session, "b", ids)] == [2, 1]
         rules = {fault.rule for fault in broken_boards(session)}
     assert "entries of a board altered" not in rules
+
+
+def test_entries_live_no_longer_than_their_board(world: World, monkeypatch: Any) -> None:
+    monkeypatch.setattr(boards, "_PARSED", Memory(1))  # the newest board alone
+    want(world)
+    first = publish(world, board(world, "a", "b"))
+    want(world)
+    second = publish(world, board(world, "b", "c"))
+    with world.database.read() as session:
+        read = ref(boards.entries_on(session, first.id)["a"])
+        assert read() is not None
+        boards.entries_on(session, second.id)
+    gc.collect()
+    assert read() is None
+
+
+def test_the_document_of_a_board_is_read_once(world: World) -> None:
+    want(world)
+    publish(world, board(world, "a", "b"))
+    boards._PARSED.clear()
+    for n_times in (1, 0):
+        with statements(world.database) as sent, world.database.read() as session:
+            row = boards.current_board(session, "dev")
+            assert row is not None
+            assert len(boards.parsed_board(row).entries) == 2
+        assert sum(re.search(r"boards\.body\b", one) is not None for one in sent) == n_times
 
 
 def test_entries_in_the_table_are_those_of_the_body(world: World) -> None:

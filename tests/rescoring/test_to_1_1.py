@@ -57,6 +57,7 @@ def test_a_parked_car_leaves_rank_1_by_a_run_that_says_so(
     said = organizer.say("rescore", "preview", run["id"], "--csv", str(tmp_path / "new.csv"))
     words = " ".join(said.split())
     assert f"no longer ranked: Parked (Gamma): {WHY}" in words
+    assert words.startswith("what readers would see change if it is applied: 1.0 -> 1.1, board ")
     assert "3 with a new rank, 0 newly ranked, 1 no longer ranked" in words
     assert "HCC %" in words, "as the board shows it"
     assert re.search(r"[1-9]\d\.\d\d -> [1-9]\d\.\d\d", words), words
@@ -76,6 +77,8 @@ def test_a_parked_car_leaves_rank_1_by_a_run_that_says_so(
     assert organizer.board() == before
 
     organizer.rescore("apply", run["id"], "--preview", preview["digest"], *REASON)
+    said = organizer.say("rescore", "preview", run["id"])
+    assert said.startswith("it is applied; what readers would see change if it is rolled back:")
     after = organizer.board()
     assert ranks(after) == {"slow": 1, "middle": 2, "fast": 3, "Parked": None}
     assert list(ranks(after))[-1] == "Parked", "it stands below the ranked ones"

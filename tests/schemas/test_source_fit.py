@@ -65,13 +65,14 @@ MISTAKES: dict[str, Mistake] = {
     "--cumulative": increments,
     "--velocities": lambda points: scaled(increments(points), 2.0),
     "--unit km/h --velocities": lambda points: scaled(increments(points), 7.2),
+    "--unit mph --velocities": lambda points: scaled(increments(points), 2.0 / 0.44704),
     "--polar radians": polar,
     "--polar degrees": lambda points: [(r, math.degrees(b)) for r, b in polar(points)],
     "--swap --polar radians": lambda points: swapped(polar(points)),
     "--swap --polar degrees": lambda points: [(math.degrees(b), r) for r, b in polar(points)],
     "--polar radians --velocities": lambda points: polar(scaled(increments(points), 2.0)),
     "--reverse": lambda points: points[::-1],
-    **{f"--time-step-s {step:g} --truncate": sampled(step) for step in (1.0, 2.5, 5.0)},
+    **{f"--time-step-s {step:g} --truncate": sampled(step) for step in (1.0, 2.5)},
 }
 """By the option of `convert` that mends it, what a planner's author did wrong."""
 TOO_SHORT = {step: sampled(step) for step in (0.05, 0.1, 0.2, 0.25)}
@@ -235,6 +236,19 @@ def shuffled(drives: Drives) -> dict[str, Points]:
     return dict(zip(drives, some, strict=True))
 
 
+def moved_by(n_rows: int, *, only: int = 1) -> Callable[[Drives], dict[str, Points]]:
+    """Give each so-manieth row the trajectory that stands some rows on."""
+
+    def move(drives: Drives) -> dict[str, Points]:
+        rows = list(drives.values())
+        return {
+            key: rows[(at + n_rows) % len(rows)] if at % only == 0 else points
+            for at, (key, points) in enumerate(drives.items())
+        }
+
+    return move
+
+
 def most(change: Mistake) -> Callable[[Drives], dict[str, Points]]:
     """Change three rows of five."""
 
@@ -247,6 +261,11 @@ def most(change: Mistake) -> Callable[[Drives], dict[str, Points]]:
 
 PARTS: dict[str, Callable[[Drives], dict[str, Points]]] = {
     "trajectories under the ids of other samples": shuffled,
+    "trajectories under the ids of other": lambda drives: dict(
+        zip(drives, list(drives.values())[::-1], strict=True)
+    ),
+    "trajectories under the ids of": moved_by(5),
+    "trajectories under the ids": moved_by(5, only=2),
     "mirrored (y to the right) in a part of its rows": most(mirrored),
     "centimetres in a part of its rows": most(partial(scaled, factor=100)),
 }

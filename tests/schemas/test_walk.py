@@ -363,7 +363,7 @@ WALK: dict[str, Row] = {
     "a trailing comma": Row(
         lambda: as_bytes(sound())[:-2] + b",]}",
         {"not_json": "1 fault"},
-        ["write it with a JSON library"],
+        ["a comma stands in front of this bracket: remove it"],
     ),
     "a comment": Row(
         lambda: as_bytes(sound()).replace(b'"split"', b'// my planner\n"split"', 1),
@@ -401,7 +401,7 @@ WALK: dict[str, Row] = {
     "a later schema": Row(
         lambda: outer(schema="exceptiondrive.planning/2"),
         {"wrong_schema": "1 fault"},
-        ["a newer form: pip install --upgrade exceptiondrive"],
+        ["a newer form: take the newest client, from the server's page /client/"],
     ),
     "line ends of Windows": Row(
         lambda: json.dumps(sound(), indent=1).replace("\n", "\r\n").encode()
@@ -895,6 +895,16 @@ OWN: dict[str, Row] = {
             "a point 3.50 m ahead of the rear axle",
             f"{CONVERT} --origin-offset-m -3.50 --follows rear",
         ],
+    ),
+    "a comment in the first line": Row(
+        lambda: b"// my planner\n" + as_bytes(sound()),
+        {"not_json": "1 fault"},
+        ["looks like a comment: JSON has none, remove it"],
+    ),
+    "a file that stops within a number": Row(
+        lambda: as_bytes(sound())[: len(as_bytes(sound())) // 2].rpartition(b".")[0] + b".",
+        {"not_json": "1 fault"},
+        ["it stops before its end; was the copy cut off?"],
     ),
     "the goal six times": Row(
         lambda: paths(lambda path: [path[-1]] * 6),

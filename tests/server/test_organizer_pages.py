@@ -297,6 +297,63 @@ def test_answers_are_kept_by_nobody(organizer: "TeamBrowser") -> None:
         assert "script-src 'self'" in answer.headers["content-security-policy"]
 
 
+def test_deeds_of_a_phase_are_grouped_and_what_would_be_refused_is_not_offered(
+    api: "Api", organizer: "TeamBrowser"
+) -> None:
+    page = organizer.get("/organize/phases/dev").text
+    assert re.findall(r"<dt>(Look|Do|Once)</dt>", page) == ["Look", "Do", "Once"]
+    assert "/organize/phases/dev/delete" in page
+    assert page.index("/organize/phases/dev/freeze") < page.index("/organize/phases/dev/delete")
+    phases = organizer.get("/organize/phases").text
+    assert "at once" in phases
+    assert "no deadline" in phases
+    api.submit("one")
+    assert "/organize/phases/dev/delete" not in organizer.get("/organize/phases/dev").text
+
+
+def test_a_site_without_a_team_is_told_its_first_steps(
+    api: "Api", organizer: "TeamBrowser"
+) -> None:
+    first = "nobody can submit"
+    assert first not in organizer.get("/organize").text
+    with api.database.write() as session:
+        session.execute(text("UPDATE teams SET is_reference = true"))
+    page = organizer.get("/organize").text
+    assert first in page
+    assert "is public, and has no description, no rules, no deadline." in page
+    assert "Nothing. No team waits" not in page
+
+
+def test_nothing_is_told_as_compared_where_one_team_takes_part(
+    api: "Api", organizer: "TeamBrowser"
+) -> None:
+    def said() -> str:
+        return " ".join(organizer.get("/organize/similar/dev").text.split())
+
+    assert "Nothing to compare yet: no team has a scored submission here." in said()
+    api.score(api.submit("some bytes", "alpha").json()["id"])
+    assert "Nothing to compare yet: one team has a scored submission here." in said()
+    api.score(api.submit("other bytes", "beta").json()["id"])
+    assert "None of 2 teams sent a submission equal or nearly equal" in said()
+
+
+def test_who_is_signed_in_is_not_told_to_sign_in(api: "Api", organizer: "TeamBrowser") -> None:
+    page = organizer.get("/phases/dev/report")
+    assert page.status_code == 404
+    words = "There is no report of the phase &#39;dev&#39; yet: it comes when all teams are done"
+    assert words in page.text
+    assert "sign in first" not in page.text
+    stranger = api.client.get("/phases/dev/report", headers={"Accept": "text/html"})
+    assert "sign in first" in stranger.text
+
+
+def test_a_team_is_made_on_its_page_with_affiliation_and_address(organizer: "TeamBrowser") -> None:
+    made = {"id": "lab", "name": "Lab", "affiliation": "Somewhere", "email": "lab@example.org"}
+    organizer.post("/organize/teams", made, page="/organize/teams")
+    assert "Somewhere" in organizer.get("/organize/teams").text
+    assert "lab@example.org" in organizer.get("/organize/teams/lab").text
+
+
 def test_alike_submissions_of_a_phase_are_reported(api: "Api", organizer: "TeamBrowser") -> None:
     for team in ("alpha", "beta"):
         api.score(api.submit("the same bytes", team, method=f"of {team}").json()["id"])

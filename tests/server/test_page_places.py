@@ -59,6 +59,15 @@ def test_what_no_page_asks_for_leads_to_the_address_without_it(api: "Api") -> No
     for path in ("/", "/history"):
         answer = api.client.get(f"{path}?phase=dev&zz=1&search=x", follow_redirects=False)
         assert (answer.status_code, answer.headers["location"]) == (308, f"{path}?phase=dev")
+    for path, read in {
+        "/entries/x": "phase=dev&board=1",
+        "/entries/x/samples/1": "phase=dev",
+        "/compare": "a=x&b=y&more=z&phase=dev",
+        "/scenes": "with=x&phase=dev",
+    }.items():
+        answer = api.client.get(f"{path}?{read}&zz=1", follow_redirects=False)
+        assert (answer.status_code, answer.headers["location"]) == (308, f"{path}?{read}")
+        assert api.client.get(f"{path}?{read}", follow_redirects=False).status_code != 308
     assert api.client.get("/?phase=dev", follow_redirects=False).status_code == 200
 
 

@@ -4,6 +4,7 @@ import hashlib
 import json
 import re
 from collections.abc import Callable
+from datetime import UTC, datetime, timedelta, timezone
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -12,7 +13,7 @@ from sqlalchemy.exc import IntegrityError
 from tests.server.test_organizer_team_pages import last_line
 
 from exceptiondrive_records.audit.log import verify_audit
-from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.notifications.tables import ContactPoint, Notification
 from exceptiondrive_records.operations.dump import dump_rows, dumped_tables
@@ -25,6 +26,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team
+from exceptiondrive_schemas.board import BoardNews
 from exceptiondrive_schemas.phase_settings import PhaseChange
 from exceptiondrive_schemas.submission import SubmissionStatus
 
@@ -430,6 +432,62 @@ def test_verify_finds_a_board_that_nobody_showed(
         assert "shown by nobody" in {each.rule for each in violations(session)}
 
 
+def test_verify_finds_what_decides_a_board_and_nobody_did(
+    api_on_both: "Api", make_entry: Callable[..., Any]
+) -> None:
+    """As whoever holds the server's role may write it: name, choice, deadline, reinstatement, news."""
+    api = api_on_both
+    own, other = (api.submit(name).json()["id"] for name in "ab")
+    for each in (own, other):
+        api.score(each)
+    late = (datetime.now(UTC) + timedelta(hours=9)).astimezone(timezone(timedelta(hours=2)))
+    change = {"closes_at": late.isoformat(), "policy": {"run_choice": "team"}}
+    assert api.request("PATCH", "/organizer/phases/dev", "organizer", json=change).is_success
+    assert api.post(f"/submissions/{own}/choose", "alpha", json={"rule": "best"}).is_success
+    edit = {"method": "Renamed"}
+    assert api.request("PATCH", f"/submissions/{own}", "alpha", json=edit).is_success
+    out = api.post("/organizer/teams/beta/disqualify", "organizer", json={**WHY, "phase": "dev"})
+    assert out.is_success
+    for rank in (1, 2):
+        api.publish(make_entry("Planner", submission_id=own, rank=rank))
+    with api.database.read() as session:
+        assert not {each.rule for each in violations(session)} & UNLOGGED
+    with api.database.write() as session:
+        chosen, unsaid = (session.get_one(Submission, each) for each in (own, other))
+        chosen.method, chosen.chosen_rule = "I cheat", "newest"
+        unsaid.chosen_at = database_now(session)
+        phase = session.get_one(Phase, "dev")
+        phase.closes_at = database_now(session) - timedelta(hours=1)
+        phase.policy = phase.policy.model_copy(update={"entries_shown": "chosen"})
+        session.execute(update(Disqualification).values(reinstated_at=database_now(session)))
+        newest = session.scalars(select(BoardFlip).order_by(BoardFlip.id.desc())).first()
+        assert newest is not None
+        again = {"phase_id": "dev", "board_id": newest.board_id}
+        session.add(BoardFlip(**again, at=newest.at, news=BoardNews(n_more=3)))
+        session.add(BoardFlip(**again, at=newest.at - timedelta(days=1), news=BoardNews()))
+    with api.database.read() as session:
+        found = [(each.rule, each.subject) for each in violations(session)]
+    assert sorted(each for each in found if each[0] in UNLOGGED) == [
+        ("chosen by nobody", min(own, other)),
+        ("chosen by nobody", max(own, other)),
+        ("history altered", "dev/2"),
+        ("history altered", "dev/2"),
+        ("phase changed by nobody", "dev"),
+        ("phase changed by nobody", "dev"),
+        ("reinstated by nobody", "1"),
+        ("renamed by nobody", own),
+    ]
+
+
+UNLOGGED = {
+    "chosen by nobody",
+    "history altered",
+    "phase changed by nobody",
+    "reinstated by nobody",
+    "renamed by nobody",
+}
+
+
 def test_a_team_that_was_merged_is_forgotten_with_the_one_it_became_part_of(
     api_on_both: "Api", make_entry: Callable[..., Any]
 ) -> None:
@@ -487,3 +545,6 @@ def test_a_forgotten_team_keeps_its_pseudonyms_on_anonymous_boards(
     assert [one["team"] for one in told["entries"]] == [pseudonym]
     history = api.client.get("/history?phase=dev", headers={"Accept": "text/html"}).text
     assert (pseudonym in history, "Former team" in history) == (True, False)
+    api.publish(make_entry("Another", submission_id=own, team=pseudonym))
+    history = api.client.get("/history?phase=dev", headers={"Accept": "text/html"}).text
+    assert "No HCC changed." in history

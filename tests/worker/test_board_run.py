@@ -94,6 +94,20 @@ def test_rank_intervals_hold_the_rank_and_intervals_the_value(
             assert low <= (row.metrics[key] or 0) <= high
 
 
+def test_of_a_withheld_split_rank_intervals_tell_no_more_than_the_intervals_that_are_told(
+    phase: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    """The attack: companions beside a probe, whose exact draws say which of both is the better."""
+    for method, speed in {"probe": 1.8, "companion": 1.9}.items():
+        phase.score(planning_file(tiny, edited_mps=speed), method=method)
+    better, worse = build(phase).entries
+    assert (better.rank, worse.rank) == (1, 2)
+    assert better.intervals["hcc"] is not None
+    assert worse.intervals["hcc"] is not None
+    assert better.intervals["hcc"][0] <= worse.intervals["hcc"][1], "they overlap"
+    assert better.rank_interval == worse.rank_interval == (1, 2)
+
+
 def test_everything_on_a_board_is_rounded(
     phase: World, tiny: Split, planning_file: MakeFile
 ) -> None:

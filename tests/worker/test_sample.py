@@ -20,6 +20,7 @@ from exceptiondrive_worker.sample.planners import PLANNERS, Planner, predictions
 from exceptiondrive_worker.sample.road import Lane
 from exceptiondrive_worker.sample.scenes import SEED, SampleScene, sample_scenes
 from exceptiondrive_worker.split_store import LoadedSplit, load_split, read_split
+from exceptiondrive_worker.splits_admin import read_datasheet
 
 ROOT = Path(__file__).parents[2]
 COMMITTED = ROOT / "hidden_splits" / "sample" / "split.json.gz"
@@ -55,6 +56,17 @@ def test_the_committed_split_is_what_the_generator_writes(tmp_path: Path) -> Non
     committed = COMMITTED.read_bytes()
     assert gzip.decompress(again) == gzip.decompress(committed)
     assert again[4:8] == committed[4:8] == bytes(4), "the gzip header must carry no date"
+
+
+def test_the_committed_datasheet_counts_the_committed_split(tmp_path: Path) -> None:
+    made = write_sample_split(tmp_path)
+    sheet = read_datasheet(COMMITTED)
+    assert sheet is not None
+    assert sheet == read_datasheet(made)
+    assert sheet.revision == read_split(COMMITTED).revision
+    assert (sheet.n_samples, sheet.n_scenes, sheet.n_controls) == (420, 120, 21)
+    assert {cell.n for cell in sheet.tasks} == {20}
+    assert sum(cell.n for cell in sheet.families) == 420
 
 
 def test_the_committed_split_can_be_scored(loaded: LoadedSplit, protocol: ProtocolDocument) -> None:

@@ -99,6 +99,28 @@ def rank_intervals(
     return np.stack([best, worst], axis=1)[np.argsort(by_high)]
 
 
+def told_rank_intervals(
+    intervals: FloatArray, order: Literal["descending", "ascending"]
+) -> IntArray:
+    """Best and worst rank of each entry that published intervals leave open.
+
+    Entry i is surely better than j if its interval lies wholly above that of j. Whoever reads the
+    intervals can say so: of a withheld split ranks tell nothing besides (docs/leakage.md).
+
+    Args:
+        intervals: (K, 2) of the metric that ranks first, as they are told; of an entry that has
+            none, all numbers.
+        order: Whether more of it is better (`descending`) or less.
+
+    Returns:
+        (K, 2).
+    """
+    low, high = intervals.T if order == "descending" else -intervals[:, ::-1].T
+    best = 1 + len(low) - np.searchsorted(np.sort(low), high, side="right")
+    worst = len(low) - np.searchsorted(np.sort(high), low, side="left")
+    return np.stack([best, worst], axis=1)
+
+
 def _spans(draws: FloatArray, n_outside: int) -> tuple[FloatArray, FloatArray]:
     """Return the lowest and the highest draw of each entry but for `n_outside` at either end.
 

@@ -15,7 +15,7 @@ from exceptiondrive_schemas.references import REFERENCES, TEAM, Reference
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow, ScoreSheet
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.bootstrap import Uncertainty
-from exceptiondrive_scoring.rank import rank_intervals, ranks
+from exceptiondrive_scoring.rank import rank_intervals, ranks, told_rank_intervals
 from exceptiondrive_worker.rounding import Rounding
 from exceptiondrive_worker.split_store import LoadedSplit
 
@@ -109,10 +109,25 @@ class _Rows:
         return ranks(values, takes_part, self._order)
 
     def spread(self, ranked: Sequence[ScoredEntry]) -> list[tuple[int, int] | None]:
-        """Best and worst rank that the draws leave open; None where scenes are too few to say."""
-        first = self._keys_of_intervals.index(self._order[0].metric)
-        ends = [self._overall(entry.uncertainty)[first] for entry in ranked]
-        found = rank_intervals([entry.uncertainty for entry in ranked], self._order[0].order)
+        """Best and worst rank that are left open; None where scenes are too few to say.
+
+        By the draws where the split is public, else by what is told of the intervals: exact draws
+        compare two entries by one sample, as finely as an attacker likes.
+        """
+        first = self._order[0]
+        index = self._keys_of_intervals.index(first.metric)
+        ends = [self._overall(entry.uncertainty)[index] for entry in ranked]
+        if self._rounding.is_public:
+            found = rank_intervals([entry.uncertainty for entry in ranked], first.order)
+        else:
+            told = [
+                None
+                if np.isnan(each).any()
+                else self._rounding.interval(first.metric, (float(each[0]), float(each[1])))
+                for each in ends
+            ]
+            known = np.array([each or (-np.inf, np.inf) for each in told]).reshape(-1, 2)
+            found = told_rank_intervals(known, first.order)
         return [
             None if np.isnan(interval).any() else (int(best), int(worst))
             for interval, (best, worst) in zip(ends, found, strict=True)

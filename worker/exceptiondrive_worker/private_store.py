@@ -7,6 +7,7 @@ that is missing, cut short or damaged is simply absent, and the next run writes 
 
 import hashlib
 import json
+import math
 import os
 import shutil
 import tempfile
@@ -81,7 +82,7 @@ def unpack_columns(data: bytes) -> dict[str, NDArray[Any]]:
     start = end_of_head + 1
     for name, type_text, shape in json.loads(data[:end_of_head]):
         dtype = np.dtype(type_text)
-        count = int(np.prod(shape, dtype=np.int64))
+        count = math.prod(shape)
         columns[name] = np.frombuffer(data, dtype, count, start).reshape(shape)
         start += count * dtype.itemsize
     return columns

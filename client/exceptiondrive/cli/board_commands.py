@@ -14,9 +14,9 @@ from exceptiondrive.cli.tables import board_view
 from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive.settings import find_setting
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_schemas.own_entries import metric_text
 from exceptiondrive_schemas.phase_report import PhaseReport
 from exceptiondrive_schemas.printable import printable
+from exceptiondrive_schemas.score_sheet import metric_text
 from exceptiondrive_schemas.submission import PhaseView
 
 

@@ -8,8 +8,8 @@ import typer
 from exceptiondrive.checking import write_file
 from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.completion import choices
+from exceptiondrive.cli.file_tables import report_view
 from exceptiondrive.cli.output import show_result
-from exceptiondrive.cli.tables import report_view
 from exceptiondrive.conversion import (
     Angles,
     Conversion,
@@ -250,7 +250,7 @@ def _read_runs(
 
 
 def _said(done: tuple[str, ...], outcome: Conversion) -> list[str]:
-    lines = [f"- {sentence}" for sentence in done or ("nothing had to be changed",)]
+    lines = [f"- {sentence}" for sentence in done or ("no waypoint was moved",)]
     return [
         *lines,
         *(f"  null: {where}" for where in outcome.nulled),

@@ -1,4 +1,7 @@
-"""Commands that work without a server: check, evaluate, plot, version."""
+"""Commands that work without a server: check, evaluate, plot, version.
+
+What only one of them uses is imported when it is called.
+"""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,10 +10,9 @@ import typer
 
 from exceptiondrive.checking import check_file, csv_text, parquet_bytes, write_file
 from exceptiondrive.cli import options
+from exceptiondrive.cli.file_tables import file_view, report_view, sheet_view
 from exceptiondrive.cli.output import say, show, show_result
-from exceptiondrive.cli.progress import StepLine
 from exceptiondrive.cli.session import open_client
-from exceptiondrive.cli.tables import file_view, outlook_view, report_view, sheet_view
 from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
 from exceptiondrive.evaluation import (
     SampleResult,
@@ -20,12 +22,11 @@ from exceptiondrive.evaluation import (
 )
 from exceptiondrive.inputs import GivenFile, ProtocolLike, given_split
 from exceptiondrive.outlook import Outlook
-from exceptiondrive.plot import plot_file
 from exceptiondrive.settings import find_setting
 from exceptiondrive.version import __version__
 from exceptiondrive_schemas.coverage import unranked_reasons
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_schemas.protocol import NEWEST, packaged_protocol
 
 TABLES = (".csv", ".csv.gz", ".parquet")
 """Endings of the files that results of samples are written to."""
@@ -65,11 +66,15 @@ def check(
         phase = find_setting("phase", phase).value
     outlook = _outlook(given, split, manifest, phase, method, protocol, server)
     report = outlook.report
-    words = report_view(report, given.name, with_all=name_all)
-    is_told = report.is_valid and phase is not None and protocol is None
-    show_result(report, json, *words, *(outlook_view(outlook) if is_told else ()))
+    words = tuple(report_view(report, given.name, with_all=name_all))
+    if report.is_valid and phase is not None and protocol is None:
+        from exceptiondrive.cli.tables import outlook_view
+
+        words = (*words, *outlook_view(outlook))
+    show_result(report, json, *words)
     has_samples = split is not None or manifest is not None or phase is not None
-    if has_samples and report.profile is not None and report.profile.source_l2_m is None:
+    is_fit_unknown = report.profile is not None and report.profile.source_l2_m is None
+    if has_samples and report.is_valid and is_fit_unknown:
         say(
             "No recorded drives are known of these samples: whether the sources fit the scenes, and "
             "so the frame, the time step and the order of the rows, could only be checked in part."
@@ -143,6 +148,8 @@ def evaluate(
     if protocol is None and (named := find_setting("phase", phase).value) is not None:
         with open_client(server) as client:
             rules = client.protocol_of(client.phase(named))
+    from exceptiondrive.cli.progress import StepLine
+
     with StepLine(is_shown=not json) as tell:
         tell(f"reading {given.name}")
         sound = sound_file(given, split, rules)
@@ -184,6 +191,8 @@ def plot(
     scoring code itself. An .svg follows light and dark. Needs the extra `plot` and a split with
     regions: see `split download`.
     """
+    from exceptiondrive.plot import plot_file
+
     drawn = plot_file(
         options.given(file, context),
         output,
@@ -198,7 +207,7 @@ def plot(
 
 def version() -> None:
     """Print the versions of client and protocol."""
-    protocol = packaged_protocol()
+    protocol = packaged_protocol(NEWEST)
     show(f"exceptiondrive {__version__}")
     show(f"protocol {protocol.version} {protocol.digest}")
 

@@ -129,7 +129,7 @@ def _named(submission: dict[str, Any]) -> str:
 
 def list_teams(server: options.Server = None, json: options.Json = False) -> None:
     """List all teams."""
-    columns = ("id", "name", "is_reference", "created_at", "pending_since")
+    columns = ("id", "name", "standing", "affiliation", "is_reference", "created_at")
     with open_organizer(server) as organizer:
         found = organizer.teams()
     show_result(found, json, records_table(found, columns))
@@ -138,6 +138,15 @@ def list_teams(server: options.Server = None, json: options.Json = False) -> Non
 def create_team(
     team_id: Annotated[str, typer.Argument(metavar="ID", help="Small letters, digits, dashes.")],
     name: Annotated[str, typer.Argument(metavar="NAME", help="As the board shows it.")],
+    affiliation: Annotated[
+        str, typer.Option("--affiliation", metavar="TEXT", help="For organizers.")
+    ] = "",
+    email: Annotated[
+        str,
+        typer.Option(
+            "--email", metavar="ADDRESS", help="For its notices, once somebody there confirms it."
+        ),
+    ] = "",
     reference: Annotated[
         bool, typer.Option("--reference", help="Its entries are shown and never ranked.")
     ] = False,
@@ -149,7 +158,9 @@ def create_team(
 ) -> None:
     """Make a team."""
     with open_organizer(server) as organizer:
-        team = organizer.create_team(team_id, name, is_reference=reference)
+        team = organizer.create_team(
+            team_id, name, affiliation=affiliation, email=email, is_reference=reference
+        )
         if with_token:
             team["token"] = organizer.issue_token(team_id, "first token")["token"]
             say(f"team {team['id']} made; its token, shown this once:")
@@ -539,7 +550,9 @@ def read_audit(
             until=until,
             action=action,
         )
-    show_result(found, json, records_table(found, ("id", "at", "actor", "action", "subject")))
+    lines = [{**line, "reason": line["detail"].get("reason", "")} for line in found]
+    columns = ("id", "at", "actor", "action", "subject", "reason")
+    show_result(found, json, records_table(lines, columns))
 
 
 GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {

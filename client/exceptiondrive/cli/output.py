@@ -138,7 +138,7 @@ def report_error(error: ExceptionDriveError, context: typer.Context) -> None:
     if context.meta.get(_JSON):
         show_json({"error": error.document()})
     elif isinstance(error, InvalidFileError):
-        from exceptiondrive.cli.tables import report_view
+        from exceptiondrive.cli.file_tables import report_view
 
         show(*report_view(error.report))
     say(f"error: {error.sentence}")

@@ -30,7 +30,7 @@ PublicNote = Annotated[
 
 
 def show_team(team_id: TeamId, server: options.Server = None, json: options.Json = False) -> None:
-    """Show people, addresses, own limits, disqualifications and accepted terms of a team."""
+    """Show name, standing, people, addresses, own limits, disqualifications and accepted terms of a team."""
     with open_organizer(server) as organizer:
         found = organizer.participation(team_id)
     tables = {
@@ -40,7 +40,8 @@ def show_team(team_id: TeamId, server: options.Server = None, json: options.Json
         "disqualifications": ("id", "phase", "submission", "reason", "reinstated_at"),
         "terms": ("phase", "version", "accepted_at"),
     }
-    lines: list[Any] = []
+    name = f"{found['name']}, {found['affiliation']}" if found["affiliation"] else found["name"]
+    lines: list[Any] = [name, *([found["standing"]] if found["standing"] else [])]
     for name, columns in tables.items():
         rows = found[name]
         lines += [f"{name}:", records_table(rows, columns)] if rows else [f"{name}: none"]
@@ -205,7 +206,14 @@ def reinstate(
 
 def send_message(
     title: Annotated[str, typer.Argument(metavar="TITLE", help="Subject of mails.")],
-    text: Annotated[Path, typer.Option("--text", metavar="FILE", help="Plain words; - is stdin.")],
+    text: Annotated[
+        Path,
+        typer.Option(
+            "--text",
+            metavar="FILE",
+            help="Plain words, no Markdown; a blank line parts paragraphs; - is stdin.",
+        ),
+    ],
     to: Annotated[
         list[str] | None,
         typer.Option(
@@ -237,7 +245,10 @@ def send_message(
     columns = ("team", "name", "n_emails", "n_webhooks")
     what = "sent to" if sent["is_sent"] else "would reach"
     line = f"{what} {counted(len(sent['recipients']), 'team')}"
-    show_result(sent, json, records_table(sent["recipients"], columns), line)
+    message = (f"  {words}" for words in (sent["title"], *sent["paragraphs"]))
+    show_result(
+        sent, json, records_table(sent["recipients"], columns), line, "as they read it:", *message
+    )
 
 
 TEAM_COMMANDS: dict[str, Callable[..., None]] = {

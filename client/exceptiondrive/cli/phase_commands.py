@@ -13,10 +13,10 @@ from typing import Annotated, Any
 import typer
 
 from exceptiondrive.cli import completion, options
-from exceptiondrive.cli.output import show, show_result, show_saved
+from exceptiondrive.cli.output import show_result, show_saved
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.cli.tables import records_table
-from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive.inputs import given_bytes
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenges import CHALLENGES
@@ -31,7 +31,14 @@ ReasonOption = Annotated[
 ]
 LONGEST_SHOWN = 100
 """Characters of a text that `show` prints; `--json` prints all."""
-WHAT = ("board", "names", "split")
+REVEALED = {
+    "board": "the newest board of {} is shown, and from now on each that follows",
+    "names": "teams and methods of {} stand under their names from its next board on",
+    "split": "Scoring of {} has begun; nobody sees it. Go on with: organizer rescore status, preview "
+    "and apply. The board changes when you apply.",
+}
+"""What `reveal` may show, and what it says then."""
+WHAT = tuple(REVEALED)
 
 
 def show_phase(
@@ -132,7 +139,7 @@ def feature(
     """Put a phase before all others: in lists, and on the front page."""
     with open_organizer(server) as organizer:
         phase = organizer.feature_phase(phase_id, reason)
-    _show(phase, json)
+    show_result(phase, json, f"phase {phase_id} stands before all others")
 
 
 def delete(
@@ -219,7 +226,11 @@ def freeze(
     """Freeze the public board now; scoring goes on."""
     with open_organizer(server) as organizer:
         phase = organizer.freeze_phase(phase_id, reason)
-    _show(phase, json)
+    since = utc_text(phase["now"]["frozen_since"])
+    reveal = f'organizer phases reveal {phase_id} --what board --reason "…"'
+    show_result(
+        phase, json, f"the board of {phase_id} is frozen since {since}; {reveal} shows it again"
+    )
 
 
 def reveal(
@@ -242,12 +253,7 @@ def reveal(
         raise InvalidArgumentError("wrong_what", f"--what is {', '.join(WHAT)}, not {what!r}.")
     with open_organizer(server) as organizer:
         phase = organizer.reveal_phase(phase_id, what, reason)
-    if what == "split" and not json:
-        show(
-            "Scoring has begun; nobody sees it. Go on with: organizer rescore status, preview "
-            "and apply. The board changes when you apply."
-        )
-    _show(phase, json)
+    show_result(phase, json, REVEALED[what].format(phase_id))
 
 
 def with_settings(command: Callable[..., None], model: type[Document]) -> Callable[..., None]:

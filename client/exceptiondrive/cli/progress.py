@@ -1,6 +1,7 @@
 """Progress on stderr, and only where a person sees it."""
 
 from threading import Timer
+from typing import TYPE_CHECKING
 
 from rich.progress import (
     BarColumn,
@@ -16,9 +17,10 @@ from rich.status import Status
 from rich.table import Column
 
 from exceptiondrive.cli.output import console, has_terminal
-from exceptiondrive.cli.tables import status_line
 from exceptiondrive_schemas.python310 import Self
-from exceptiondrive_schemas.submission import SubmissionView
+
+if TYPE_CHECKING:
+    from exceptiondrive_schemas.submission import SubmissionView
 
 
 class TransferBar:
@@ -92,7 +94,7 @@ class StepLine:
 class WaitLine:
     """A line that says where a submission stands."""
 
-    def __init__(self, view: SubmissionView) -> None:
+    def __init__(self, view: "SubmissionView") -> None:
         self._status = Status(_place(view), console=console(stderr=True))
 
     def __enter__(self) -> Self:
@@ -103,11 +105,13 @@ class WaitLine:
     def __exit__(self, *_: object) -> None:
         self._status.stop()
 
-    def __call__(self, view: SubmissionView) -> None:
+    def __call__(self, view: "SubmissionView") -> None:
         """Say the new state."""
         if has_terminal():
             self._status.update(_place(view))
 
 
-def _place(view: SubmissionView) -> str:
+def _place(view: "SubmissionView") -> str:
+    from exceptiondrive.cli.tables import status_line
+
     return f"{view.id}  {status_line(view)}"

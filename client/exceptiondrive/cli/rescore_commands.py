@@ -14,17 +14,17 @@ from rich.console import RenderableType
 from rich.progress import BarColumn, Progress, TextColumn
 
 from exceptiondrive.cli import completion, options
+from exceptiondrive.cli.file_tables import metric_head
 from exceptiondrive.cli.fitted_table import Column, FittedTable
 from exceptiondrive.cli.output import console, has_terminal, say, show_result
 from exceptiondrive.cli.session import open_organizer
-from exceptiondrive.cli.tables import metric_head
 from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, utc_text
 from exceptiondrive.organizer import Rescoring
 from exceptiondrive.transport import Record
 from exceptiondrive.words import challenge_of
 from exceptiondrive_schemas.challenges import Metric
-from exceptiondrive_schemas.own_entries import metric_text
 from exceptiondrive_schemas.python310 import Self
+from exceptiondrive_schemas.score_sheet import metric_text
 
 RunArgument = Annotated[
     str, typer.Argument(metavar="RUN", autocompletion=completion.runs, help="Id of the run.")
@@ -42,6 +42,12 @@ WatchOption = Annotated[
     bool, typer.Option("--watch", help="Follow until scoring has ended; exit code 6 on failures.")
 ]
 _SCORING = ("scoring",)
+DIRECTIONS = {
+    "apply": "what readers would see change if it is applied:",
+    "roll_back": "it is applied; what readers would see change if it is rolled back:",
+    "applied": "what readers saw change when it was applied:",
+}
+"""What a preview compares, by its direction."""
 _LOOK_EVERY_S = 1.0
 _MAX_LOOKS = 120
 MAX_SAMPLE = 100_000
@@ -348,7 +354,11 @@ def preview_lines(preview: Record) -> list[RenderableType]:
         f"{_n_newly_ranked(comparison)} newly ranked, "
         f"{comparison['n_newly_failing']} no longer ranked{stale}"
     )
-    lines: list[RenderableType] = [head, _entries_table(comparison)]
+    lines: list[RenderableType] = [
+        DIRECTIONS[preview.get("direction", "apply")],
+        head,
+        _entries_table(comparison),
+    ]
     lines += _unranked_lines(comparison)
     lines += _effect_lines(comparison)
     lines += [f"! {blocker}" for blocker in preview["blockers"]]

@@ -7,6 +7,7 @@ import typer
 
 from exceptiondrive.cli import options
 from exceptiondrive.cli.completion import choices, submission_ids
+from exceptiondrive.cli.file_tables import file_view
 from exceptiondrive.cli.output import (
     can_ask,
     say_view,
@@ -21,7 +22,6 @@ from exceptiondrive.cli.progress import TransferBar, WaitLine
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.cli.tables import (
     edits_table,
-    file_view,
     outlook_view,
     quota_table,
     submission_view,

@@ -85,7 +85,7 @@ def check_schema(
             FaultCode.WRONG_SCHEMA, f"The file is {what}: hand in what the planner answered."
         )
     elif isinstance(value, str) and _is_newer(value):
-        hint = "a newer form: pip install --upgrade exceptiondrive"
+        hint = "a newer form: take the newest client, from the server's page /client/"
     elif wanted != STRATEGY.id:
         hint = f"no form of ours; {CONVERT}` writes {quoted(PLANNING.file_schema)}"
     faults.add(
@@ -155,6 +155,15 @@ def report_repeated_keys(value: Any, path: Path, faults: FaultList) -> None:
 ROOT_KEYS = ("schema", "split", "predictions")
 
 
+A_COMMENT = "looks like a comment: JSON has none, remove it"
+CLOSING = ('"]', '"}')
+AFTER_A_COMMA = (
+    "a value",
+    "a key in double quotes",
+    "no comma before the end of an object",
+    "no comma before the end of a list",
+)
+"""What is expected where one stood before a closing bracket."""
 COMMENTS = ('"//', '"/*', '"#')
 MAX_HEADER_BYTES = 1024
 CSV_DELIMITERS: Mapping[bytes, str] = MappingProxyType(
@@ -317,7 +326,10 @@ class SubmissionReader:
         if begins is None or self._data[: begins.start()].strip() == b"[":
             return False
         lines = counted(self._data.count(b"\n", 0, begins.start()), "line")
+        before = self._data[: begins.start()].split()[0]
         hint = f"looks like {lines} of a log: remove what stands before the JSON"
+        if f'"{before.decode(errors="replace")}'.startswith(COMMENTS):
+            hint = A_COMMENT
         expected = "a JSON object from the first line on"
         self._refuse(FaultCode.NOT_JSON, (), expected, f"{lines} of other text", hint=hint)
         return True
@@ -494,9 +506,12 @@ class SubmissionReader:
         if error.code is not FaultCode.NOT_JSON:
             return None
         if error.got.startswith(COMMENTS):
-            return "looks like a comment: JSON has none, remove it"
+            return A_COMMENT
+        if error.got.startswith(CLOSING) and error.expected in AFTER_A_COMMA:
+            return "a comma stands in front of this bracket: remove it"
         if self._data.lstrip().startswith((b"{", b"[")):
-            return None
+            is_cut = not self._data.rstrip().endswith((b"}", b"]"))
+            return "it stops before its end; was the copy cut off?" if is_cut else None
         if self._data.startswith((b'"{', b'"[')):
             return f"JSON within a JSON text; {self._convert}"
         first_line = self._data[:MAX_HEADER_BYTES].splitlines()[0]

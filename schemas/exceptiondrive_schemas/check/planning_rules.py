@@ -164,12 +164,12 @@ class PlanningRules:
         edited = 1 - shares["edited"] * (1 - (profile.standing_edited or 0.0))
         source = 1 - shares["source"] * (1 - (profile.standing_sources or 0.0))
         if edited - source > section.flag_edited_stationary_excess:
-            yield (
-                "stands_still",
-                f"{edited:.0%} of the edited trajectories, {source:.0%} of the source",
-            )
+            are = "are missing or stand still" if shares["edited"] < 1 else "stand still"
+            text = f"{edited:.0%} of the edited trajectories {are}, of the source {source:.0%}"
+            yield "stands_still", text
         if source > section.flag_source_stationary:
-            yield "source_stands_still", f"{source:.0%} of the source trajectories"
+            are = "are missing or stand still" if shares["source"] < 1 else "stand still"
+            yield "source_stands_still", f"{source:.0%} of the source trajectories {are}"
         yield from self._blind(profile)
         yield from motion_flags(self._pairs, self._protocol)
         same = profile.same_edited or 0.0

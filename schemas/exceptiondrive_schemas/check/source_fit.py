@@ -319,15 +319,16 @@ UNITS_M: Mapping[str, float] = MappingProxyType(
     {
         "millimetres": 0.001,
         "centimetres": 0.01,
+        "decimetres": 0.1,
         "inches": 0.0254,
         "feet": 0.3048,
         "kilometres": 1000.0,
     }
 )
 """Units that trajectories come in, other than metres, each in metres."""
-KMH_MPS = 1 / 3.6
-UNITS: Mapping[str, float] = MappingProxyType({**UNITS_M, "km/h": KMH_MPS})
-"""The same with that of velocities, other than metres a second."""
+SPEEDS_MPS: Mapping[str, float] = MappingProxyType({"km/h": 1 / 3.6, "mph": 0.44704})
+UNITS: Mapping[str, float] = MappingProxyType({**UNITS_M, **SPEEDS_MPS})
+"""The same with those of velocities, other than metres a second."""
 _SPATIAL: tuple[tuple[str, str, Callable[[Points], Points]], ...] = (
     ("mirrored (y to the right)", "--mirror", mirrored),
     ("x and y exchanged (x left, y forward)", "--swap", swapped),
@@ -338,7 +339,7 @@ _SPATIAL: tuple[tuple[str, str, Callable[[Points], Points]], ...] = (
     ("increments instead of positions", "--cumulative", summed),
     ("reversed in time", "--reverse", lambda points: points[::-1]),
 )
-TIME_FACTORS = (0.1, 0.2, 0.4, 0.5, 1.0, 2.0, 5.0, 10.0)
+TIME_FACTORS = (0.1, 0.2, 0.4, 0.5, 1.0, 2.0, 5.0)
 MIRROR = _SPATIAL[0]
 _DEGREES = partial(from_polar, degrees=True)
 _POLAR: tuple[tuple[str, str, Callable[[Points], Points]], ...] = (
@@ -359,10 +360,13 @@ def _of_space(time_step_s: float) -> Iterator[Transformation]:
 
     of_time = (
         ("velocities instead of positions", "--velocities", moved),
-        (
-            "velocities in km/h instead of positions",
-            "--unit km/h --velocities",
-            lambda points: moved(scaled(points, KMH_MPS)),
+        *(
+            (
+                f"velocities in {unit} instead of positions",
+                f"--unit {unit} --velocities",
+                lambda points, mps=mps: moved(scaled(points, mps)),
+            )
+            for unit, mps in SPEEDS_MPS.items()
         ),
         (
             "speed and heading in radians",
@@ -669,10 +673,10 @@ def _id_mend(compared: Sequence[Compared]) -> Mend | None:
     if len(compared) < MIN_COMPARED:
         return None
     lengths_m = [(math.hypot(*it.source[-1]), math.hypot(*it.recorded[-1])) for it in compared]
-    scale_m = statistics.median(own for _, own in lengths_m)
+    scale_m = statistics.fmean(own for _, own in lengths_m)
     in_order = zip(*map(sorted, zip(*lengths_m, strict=True)), strict=True)
     by_sample, by_order = (
-        statistics.median(abs(length_m - own_m) for length_m, own_m in pairs) / scale_m
+        statistics.fmean(abs(length_m - own_m) for length_m, own_m in pairs) / scale_m
         if scale_m
         else 0.0
         for pairs in (lengths_m, in_order)

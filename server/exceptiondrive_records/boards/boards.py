@@ -8,7 +8,7 @@ from sqlalchemy import ColumnElement, Select, exists, func, insert, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
-from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, BoardRow
+from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, BoardRow, told_as
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.db.memory import Memory
@@ -99,21 +99,18 @@ def flip_board(
         return None
     before = session.get(BoardRow, phase.current_board_id) if phase.current_board_id else None
     phase.current_board_id = row.id
-    at, news = at or database_now(session), _news_since(before, row)
+    at = at or database_now(session)
+    news = news_between(parsed_board(before), parsed_board(row)) if before else BoardNews()
     flip = BoardFlip(phase_id=phase.id, board_id=row.id, at=at, news=news)
     session.add(flip)
     session.flush()
     return flip
 
 
-def _news_since(before: BoardRow | None, row: BoardRow) -> BoardNews:
+def news_between(old: Board, board: Board) -> BoardNews:
     """Say whose scores are new; between protocols or split revisions, nothing can be compared."""
-    if before is None or (before.protocol_digest, before.split_revision) != (
-        row.protocol_digest,
-        row.split_revision,
-    ):
+    if (old.protocol.digest, old.split.revision) != (board.protocol.digest, board.split.revision):
         return BoardNews()
-    old, board = parsed_board(before), parsed_board(row)
     key = CHALLENGES[board.challenge].metrics[0].key
     was = {entry.submission_id: entry for entry in old.entries if entry.submission_id}
     now = {entry.submission_id: entry for entry in board.entries if entry.submission_id}
@@ -260,25 +257,19 @@ def entry_ids(session: Session, board_id: int) -> set[str]:
     return set(session.scalars(query))
 
 
-_ENTRIES: dict[str, Mapping[str, BoardEntry]] = {}
-"""By what stands for a board, of those that were read of late."""
-_MAX_KEPT = 32
-
-
 def entries_on(session: Session, board_id: int | None) -> Mapping[str, BoardEntry]:
-    """Return the entries of a board by submission; boards never change, so each is read once."""
+    """Return the entries of a board by submission; of a board that is read, without its document."""
     key = session.execute(
-        select(BoardRow.body_digest, BoardRow.forgotten).where(BoardRow.id == board_id)
+        select(BoardRow.body_digest, BoardRow.told_at, BoardRow.forgotten).where(
+            BoardRow.id == board_id
+        )
     ).first()
     if key is None:
         return {}
-    told = f"{key.body_digest} {key.forgotten}"
-    if told not in _ENTRIES:
-        if len(_ENTRIES) >= _MAX_KEPT:
-            _ENTRIES.clear()
-        entries = parsed_board(session.get_one(BoardRow, board_id)).entries
-        _ENTRIES[told] = {each.submission_id: each for each in entries if each.submission_id}
-    return _ENTRIES[told]
+    board = _PARSED.get(told_as(*key))
+    if board is None:
+        board = parsed_board(session.get_one(BoardRow, board_id))
+    return board.entries_by_submission
 
 
 def newest_board_with(session: Session, submission_id: str) -> BoardRow | None:

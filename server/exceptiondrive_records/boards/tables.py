@@ -28,7 +28,8 @@ class BoardRow(Base):
     """Digest of what the board says (`Board.content_digest`), whatever its number and date."""
     body_digest: Mapped[str]
     """Digest of `body`: the strong ETag."""
-    body: Mapped[str] = mapped_column(Text)
+    body: Mapped[str] = mapped_column(Text, deferred=True)
+    """Up to megabytes: read when it is asked for, not with the row."""
     published_at: Mapped[datetime]
     """When it was built. Readers are told `told_at`."""
     told_at: ClassVar[Mapped[datetime]]
@@ -44,7 +45,12 @@ class BoardRow(Base):
     @property
     def told(self) -> str:
         """What stands for the board as readers get it: two of one name are told alike."""
-        return f"{self.body_digest} {self.told_at} {self.forgotten or ''}"
+        return told_as(self.body_digest, self.told_at, self.forgotten)
+
+
+def told_as(body_digest: str, told_at: datetime, forgotten: str | None) -> str:
+    """Return what stands for a board as readers get it."""
+    return f"{body_digest} {told_at} {forgotten or ''}"
 
 
 class BoardFlip(Base):

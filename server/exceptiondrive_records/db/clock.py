@@ -5,14 +5,17 @@ from datetime import UTC, datetime, timedelta
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+_SQLITE_NOW = select(func.strftime("%Y-%m-%dT%H:%M:%f", "now"))
+_POSTGRESQL_NOW = select(func.clock_timestamp())
+
 
 def database_now(session: Session) -> datetime:
     """Return the time of the database's own clock, aware UTC."""
     if session.get_bind().dialect.name == "sqlite":
-        text = session.scalar(select(func.strftime("%Y-%m-%dT%H:%M:%f", "now")))
+        text = session.scalar(_SQLITE_NOW)
         assert text is not None
         return datetime.fromisoformat(text).replace(tzinfo=UTC)
-    now = session.scalar(select(func.clock_timestamp()))
+    now = session.scalar(_POSTGRESQL_NOW)
     assert isinstance(now, datetime)
     return now.astimezone(UTC)
 

@@ -32,6 +32,7 @@ _STATE = {"sqlite": "PRAGMA data_version", "postgresql": "SELECT pg_current_snap
 names the transactions whose work can be seen, and is the same only where the same can be seen."""
 _INSUFFICIENT_PRIVILEGE = "42501"
 _UNDEFINED_TABLE = "42P01"
+_UNDEFINED_COLUMN = "42703"
 _CONFLICTS = {
     "23503",
     "23505",
@@ -40,6 +41,7 @@ _CONFLICTS = {
     "SQLITE_CONSTRAINT_UNIQUE",
 }
 _NO_TABLE = "no such table"  # SQLite has no code of its own for it
+_NO_COLUMN = "no such column"
 
 
 class Database:
@@ -118,7 +120,7 @@ def sentence_of(error: DBAPIError) -> str:
     """Return what a database said and what an operator does about it, without what was asked.
 
     Raises:
-        DBAPIError: The error itself, where it is neither an outage nor a missing right or table.
+        DBAPIError: The error itself, where it is neither an outage nor a missing right, table or column.
     """
     said = str(error.orig).partition("\n")[0]
     if said.startswith(_NO_TABLE) or _code_of(error) == _UNDEFINED_TABLE:
@@ -126,6 +128,8 @@ def sentence_of(error: DBAPIError) -> str:
             f"{said}; nothing is set up in this database yet: start the server with it, run "
             "exceptiondrive-server migrate, or name another in EXCEPTIONDRIVE_DATABASE_URL"
         )
+    if _lacks_column(error):
+        return f"{said}; another version made these records: exceptiondrive-server doctor says more"
     if _code_of(error) == _INSUFFICIENT_PRIVILEGE:
         return f"{said}; its owner gives the rights: exceptiondrive-server migrate --grant-to FILE"
     if isinstance(error, OperationalError):
@@ -139,8 +143,14 @@ def is_conflict(error: Exception) -> bool:
 
 
 def is_forbidden(error: Exception) -> bool:
-    """Whether the role has no right to this, or a rule of the tables is broken: no outage mends that."""
-    return isinstance(error, IntegrityError) or _code_of(error) == _INSUFFICIENT_PRIVILEGE
+    """Whether a right or a column is missing, or a rule of the tables broken: no outage ends with it."""
+    is_ruled = isinstance(error, IntegrityError) or _code_of(error) == _INSUFFICIENT_PRIVILEGE
+    return is_ruled or _lacks_column(error)
+
+
+def _lacks_column(error: Exception) -> bool:
+    said = str(getattr(error, "orig", None))
+    return _code_of(error) == _UNDEFINED_COLUMN or said.startswith(_NO_COLUMN)
 
 
 def _code_of(error: Exception) -> str | None:

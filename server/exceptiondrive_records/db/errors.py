@@ -31,8 +31,8 @@ class NotFound(RecordsError):
 
     code = ProblemCode.NOT_FOUND
 
-    def __init__(self, kind: str, name: str) -> None:
-        super().__init__(f"There is no {kind} {name!r}.")
+    def __init__(self, kind: str, name: str, until: str = "") -> None:
+        super().__init__(f"There is no {kind} {name!r}{until}.")
 
 
 class Conflict(RecordsError):

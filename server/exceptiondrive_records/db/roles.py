@@ -69,7 +69,7 @@ RIGHTS = MappingProxyType(
         "boards": (R, RI, R),  # only workers publish
         "confirmations": (_CONFIRMATIONS, R, R),  # workers believe a signature, not a row
         "contact_points": (RIUD, R, R),
-        "disqualifications": (RIUD, R, R),
+        "disqualifications": (RIU, R, R),
         "entry_drawings": (R, RI, R),
         "invitations": (RIUD, NONE, NONE),
         "memberships": (RID, NONE, NONE),
@@ -139,6 +139,7 @@ def grants(role: Role) -> Iterator[str]:
             yield f"GRANT USAGE ON SEQUENCE {table}_id_seq TO {role}"
     yield from _work_policies(role)
     yield from _PHASES_FOLLOW_BOARDS
+    yield from _READERS_GET_THE_NEWEST
 
 
 _NO_TEMPORARY_TABLES = """DO $$ BEGIN
@@ -165,6 +166,43 @@ _PHASES_FOLLOW_BOARDS = (
 )
 """The server points a phase only at what a worker has scored and built a board of, floors held; a
 phase without boards at any part but the private one."""
+
+
+_READERS_GET_THE_NEWEST = (
+    f"""CREATE OR REPLACE FUNCTION pointer_goes_to_newest() RETURNS trigger LANGUAGE plpgsql
+    SET search_path = public AS $$ BEGIN
+        IF current_user <> '{Role.API}' OR (
+            NEW.late_board_id IS NULL OR NEW.late_board_id = OLD.late_board_id
+        ) AND (
+            NEW.current_board_id IS NULL OR NEW.current_board_id = OLD.current_board_id
+            OR NEW.current_board_id = (
+                SELECT id FROM boards WHERE phase_id = NEW.id AND view = 'main'
+                AND protocol_digest = NEW.protocol_digest AND split_revision = NEW.split_revision
+                ORDER BY number DESC LIMIT 1
+            )
+        ) THEN RETURN NEW; END IF;
+        RAISE insufficient_privilege USING MESSAGE = 'the server shows the newest board alone';
+    END $$""",
+    "DROP TRIGGER IF EXISTS pointer_goes_to_newest ON phases",
+    """CREATE TRIGGER pointer_goes_to_newest
+    BEFORE INSERT OR UPDATE OF current_board_id, late_board_id ON phases
+    FOR EACH ROW EXECUTE FUNCTION pointer_goes_to_newest()""",
+    f"""CREATE OR REPLACE FUNCTION flips_follow_pointer() RETURNS trigger LANGUAGE plpgsql
+    SET search_path = public AS $$ BEGIN
+        IF current_user <> '{Role.API}' OR NEW.at <= clock_timestamp()
+        AND NEW.at > clock_timestamp() - interval '1 minute'
+        AND NEW.board_id = (SELECT current_board_id FROM phases WHERE id = NEW.phase_id)
+        AND NEW.board_id IS DISTINCT FROM (
+            SELECT board_id FROM board_flips WHERE phase_id = NEW.phase_id ORDER BY id DESC LIMIT 1
+        ) THEN RETURN NEW; END IF;
+        RAISE insufficient_privilege USING MESSAGE = 'the phase shows no such board since now';
+    END $$""",
+    "DROP TRIGGER IF EXISTS flips_follow_pointer ON board_flips",
+    """CREATE TRIGGER flips_follow_pointer BEFORE INSERT ON board_flips
+    FOR EACH ROW EXECUTE FUNCTION flips_follow_pointer()""",
+)
+"""The server shows what a worker built last, as a reveal or another protocol does; no earlier board,
+and nothing that was so at another time. Late views are the workers', which the server may end."""
 
 
 def _work_policies(role: Role) -> Iterator[str]:

@@ -7,9 +7,10 @@ from alembic import command
 from alembic.config import Config
 from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy import text
+from sqlalchemy import inspect, text
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.database import Database
 
 FOLDER = Path(__file__).parent
@@ -62,6 +63,20 @@ def is_usable(database: Database) -> bool:
     with database.read() as session:
         revision = _revision_of(session)
     return revision == newest_revision() or _is_newer(revision)
+
+
+def missing_columns(database: Database) -> list[str]:
+    """Return the tables and columns that this code needs and the database lacks, as `table.column`."""
+    found = inspect(database.engine)
+    known = {
+        name: {it["name"] for it in found.get_columns(name)} for name in found.get_table_names()
+    }
+    return sorted(
+        f"{table.name}.{column.name}" if table.name in known else table.name
+        for table in Base.metadata.tables.values()
+        for column in table.columns
+        if column.name not in known.get(table.name, ())
+    )
 
 
 def _revision_of(session: Session) -> str | None:

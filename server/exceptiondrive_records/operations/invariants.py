@@ -23,7 +23,13 @@ from exceptiondrive_records.boards.tables import (
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText
 from exceptiondrive_records.db.errors import Conflict, NotFound, StoreError, Violation
-from exceptiondrive_records.participation.tables import Disqualification
+from exceptiondrive_records.operations.unlogged import (
+    unlogged_disqualifications,
+    unlogged_flips,
+    unlogged_forgetting,
+    unlogged_settings,
+    unlogged_submissions,
+)
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.protocols.tables import ProtocolRow
@@ -32,7 +38,6 @@ from exceptiondrive_records.splits.pictures import pictures_of_withheld_splits
 from exceptiondrive_records.submissions.file_store import FileDamaged, FileStore
 from exceptiondrive_records.submissions.submissions import keeps_its_file
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
-from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
 from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.board import Board, BoardEntry
@@ -64,49 +69,6 @@ def broken_boards(session: Session) -> Iterator[Violation]:
         for rule, text in _faults(session, row, totals, references):
             yield Violation(rule, subject, text)
     yield from _pointers(session)
-
-
-def _unseen_forgetting(session: Session) -> Iterator[Violation]:
-    """Boards tell an alias for each forgotten team; the audit log says by whom it was forgotten."""
-    said = select(AuditLine.subject).where(AuditLine.action == "team forgotten")
-    is_forgotten = Team.forgotten_at.is_not(None) & Team.merged_into_id.is_(None)
-    for team in session.scalars(select(Team.slug).where(is_forgotten, Team.slug.not_in(said))):
-        yield Violation("forgotten by nobody", team, "no audit line says that it was forgotten")
-    told = select(Team.slug).where(Team.forgotten_at.is_(None), Team.slug.in_(said))
-    for team in session.scalars(told):
-        yield Violation("forgotten and back", team, "the audit log says that it was forgotten")
-
-
-def _unseen_changes(session: Session) -> Iterator[Violation]:
-    """Whose a submission is, that it was withdrawn, and who is disqualified, follows from the log."""
-    actions = ("submission received", "submission withdrawn", "submission restored")
-    lines = select(AuditLine.subject, AuditLine.action, AuditLine.actor).order_by(AuditLine.id)
-    sent_by: dict[str, str] = {}
-    last: dict[str, str] = {}
-    for subject, action, actor in session.execute(lines.where(AuditLine.action.in_(actions))):
-        last[subject] = action
-        sent_by.setdefault(subject, actor)
-    into = {f"team:{team.id}": team.merged_into_id for team in session.scalars(select(Team))}
-    for row in session.scalars(select(Submission).options(defer(Submission.report))):
-        was_told = row.confirmed_as is not None or last.get(row.id) == "submission withdrawn"
-        if row.status is Status.WITHDRAWN and not was_told:
-            yield Violation("withdrawn by nobody", row.id, "no audit line says who withdrew it")
-        owner = sent_by.get(row.id, f"team:{row.team_id}")
-        while (later := into.get(owner)) is not None:
-            owner = f"team:{later}"
-        if owner != f"team:{row.team_id}":
-            yield Violation("submission of another team", row.id, f"{owner} sent it")
-    lines_of = select(AuditLine.detail).where(AuditLine.action.endswith(" disqualified"))
-    notes = {line.get("disqualification"): line for line in session.scalars(lines_of)}
-    for found in session.scalars(select(Disqualification)):
-        line = notes.get(found.id, {})
-        if (line.get("reason"), line.get("public_note")) != (found.reason, found.public_note):
-            text = "no audit line tells of it in these words"
-            yield Violation("disqualified by nobody", str(found.id), text)
-    said = select(AuditLine.subject).where(AuditLine.action == "team merged")
-    is_merged = Team.merged_into_id.is_not(None) & Team.forgotten_at.is_(None)
-    for slug in session.scalars(select(Team.slug).where(is_merged, Team.slug.not_in(said))):
-        yield Violation("merged by nobody", slug, "no audit line says that it was merged")
 
 
 def _faults(
@@ -242,8 +204,11 @@ def violations(session: Session) -> list[Violation]:
         _protocols,
         _audit_chain,
         broken_boards,
-        _unseen_forgetting,
-        _unseen_changes,
+        unlogged_forgetting,
+        unlogged_submissions,
+        unlogged_disqualifications,
+        unlogged_settings,
+        unlogged_flips,
         drawings_of_withheld_splits,
         pictures_of_withheld_splits,
     )

@@ -98,5 +98,5 @@ def _phases(session: Session) -> Iterator[Trouble]:
                 phase.id,
                 f"Phase {phase.id} leads to the paper's results, which are of the paper's samples, "
                 f"not of split {phase.split_name}.",
-                f"exceptiondrive organizer phases update {phase.id} --set shows_reported=false",
+                f"exceptiondrive organizer phases update {phase.id} --no-shows-reported",
             )

@@ -12,6 +12,7 @@ from exceptiondrive_records.db.errors import InvalidRecord, RecordsError
 from exceptiondrive_records.notifications.contacts import add_contact
 from exceptiondrive_records.notifications.tables import Channel
 from exceptiondrive_records.participation.changes import checked_affiliation
+from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import create_team
 
 COLUMNS = ("id", "name", "affiliation", "email")
@@ -68,12 +69,48 @@ def tokens_table(made: list[ImportedTeam]) -> str:
     return out.getvalue()
 
 
-def _make(session: Session, values: dict[str, str], actor: str) -> ImportedTeam:
-    affiliation = checked_affiliation(values.get("affiliation", ""))
-    team = create_team(session, values["id"], values["name"], actor=actor)
+def make_team(
+    session: Session,
+    slug: str,
+    name: str,
+    *,
+    affiliation: str = "",
+    email: str = "",
+    is_reference: bool = False,
+    actor: str,
+) -> Team:
+    """Make a team with what organizers know of it.
+
+    Args:
+        session: Of a write transaction; a refusal has to end it.
+        slug: Its id.
+        name: As the board shows it.
+        affiliation: For organizers alone.
+        email: Where its notices go, once whoever reads there confirms it; empty: nowhere.
+        is_reference: Whether its entries are shown and never ranked.
+        actor: Who.
+
+    Raises:
+        InvalidRecord: One of the texts cannot be used.
+        Conflict: Id or name is taken.
+    """
+    affiliation = checked_affiliation(affiliation)
+    team = create_team(session, slug, name, is_reference=is_reference, actor=actor)
     team.affiliation = affiliation
-    if values.get("email"):
-        add_contact(session, team.id, Channel.EMAIL, values["email"], actor=actor)
+    if email:
+        add_contact(session, team.id, Channel.EMAIL, email, actor=actor)
+    return team
+
+
+def _make(session: Session, values: dict[str, str], actor: str) -> ImportedTeam:
+    team = make_team(
+        session,
+        values["id"],
+        values["name"],
+        affiliation=values.get("affiliation", ""),
+        email=values.get("email", ""),
+        actor=actor,
+    )
     token, _ = issue_token(session, team.id, "first token", TEAM_SCOPES, actor=actor)
     return ImportedTeam(team.slug, team.name, token)
 

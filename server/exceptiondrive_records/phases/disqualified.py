@@ -55,13 +55,7 @@ def require_not_disqualified(
     Raises:
         NotAllowed: The team, or this very file of it, is disqualified.
     """
-    of_team = select(Disqualification).where(
-        Disqualification.team_id == team_id,
-        Disqualification.submission_id.is_(None),
-        Disqualification.reinstated_at.is_(None),
-        Disqualification.phase_id.is_(None) | (Disqualification.phase_id == phase.id),
-    )
-    found = session.scalars(of_team.limit(1)).first()
+    found = _of_team(session, team_id, phase)
     if found is not None:
         where = "in this phase" if found.phase_id else "here"
         raise NotAllowed(
@@ -80,6 +74,22 @@ def require_not_disqualified(
             f"These bytes were disqualified as submission {submission_id!r}; the reason stands in "
             "your notices. Ask the organizers."
         )
+
+
+def team_disqualified_since(session: Session, team_id: int, phase: Phase) -> datetime | None:
+    """Return since when no upload of a team is taken in a phase; None: its uploads are."""
+    found = _of_team(session, team_id, phase)
+    return None if found is None else found.disqualified_at
+
+
+def _of_team(session: Session, team_id: int, phase: Phase) -> Disqualification | None:
+    query = select(Disqualification).where(
+        Disqualification.team_id == team_id,
+        Disqualification.submission_id.is_(None),
+        Disqualification.reinstated_at.is_(None),
+        Disqualification.phase_id.is_(None) | (Disqualification.phase_id == phase.id),
+    )
+    return session.scalars(query.order_by(Disqualification.id).limit(1)).first()
 
 
 def disqualification_notes(session: Session, phase: Phase) -> tuple[DisqualificationNote, ...]:

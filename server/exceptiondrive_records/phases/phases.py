@@ -11,6 +11,7 @@ from exceptiondrive_records.db.database import flush_or_refuse
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.db.identifiers import checked_link, checked_slug, checked_text
 from exceptiondrive_records.phases.allowances import allowance_of, is_open_to
+from exceptiondrive_records.phases.disqualified import team_disqualified_since
 from exceptiondrive_records.phases.policy import new_salt, phase_now
 from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.phases.tables import Phase
@@ -24,6 +25,7 @@ from exceptiondrive_schemas.form_fields import fields_of
 from exceptiondrive_schemas.phase_settings import (
     WITHHELD_DEFAULTS,
     NewPhase,
+    PhaseChange,
     PhasePage,
     PhaseSettings,
 )
@@ -138,6 +140,8 @@ def create_phase(session: Session, new: NewPhase, *, actor: str) -> Phase:
         "challenge": phase.challenge,
         "split": split.name,
         "protocol": phase.protocol_digest,
+        "protocol_version": find_protocol(session, phase.protocol_digest).version,
+        **deciding_settings(phase),
     }
     audit(session, actor, "phase created", phase.id, detail)
     return phase
@@ -240,6 +244,9 @@ def phase_view(
         not_checked=not_checked(phase.challenge, whole),
         now=phase_now(session, phase),
         quota=None if team_id is None else quota_of(session, team_id, phase),
+        disqualified_at=None
+        if team_id is None
+        else team_disqualified_since(session, team_id, phase),
         terms_version=terms_version(phase),
         terms_accepted_at=None if team_id is None else terms_accepted_at(session, team_id, phase),
         **settings_of(phase),
@@ -266,3 +273,10 @@ def _is_open_now(session: Session, phase: Phase, team_id: int | None) -> bool:
 def settings_of(phase: Phase) -> dict[str, Any]:
     """Return the settings of a phase as they stand, by name."""
     return {name: getattr(phase, name) for name in PhaseSettings.model_fields}
+
+
+def deciding_settings(phase: Phase) -> dict[str, Any]:
+    """Return what decides which entries stand, as the audit log has it: dates and policy, by name."""
+    dates = PhaseChange.model_construct(opens_at=phase.opens_at, closes_at=phase.closes_at)
+    told = dates.model_dump(mode="json", include={"opens_at", "closes_at"})
+    return {**told, **phase.policy.model_dump(mode="json")}

@@ -103,16 +103,16 @@ def similarity_report(session: Session, phase_id: str) -> SimilarityReport:
     pairs = {frozenset((p.first.id, p.second.id)): p for p in _equal_files(known)}
     for pair in _alike_pairs(known):
         pairs.setdefault(frozenset((pair.first.id, pair.second.id)), pair)
-    n_scored = session.scalar(
-        select(func.count())
-        .select_from(Submission)
-        .where(Submission.phase_id == phase_id, _HAS_SCORE)
-    )
+    counts = select(func.count(), func.count(Submission.team_id.distinct()))
+    n_scored, n_teams = session.execute(
+        counts.where(Submission.phase_id == phase_id, _HAS_SCORE)
+    ).one()
     n_compared = sum(each.alike is not None for each in known.values())
     return SimilarityReport(
         phase=phase_id,
         n_compared=n_compared,
-        n_waiting=max(0, (n_scored or 0) - n_compared),
+        n_teams=n_teams,
+        n_waiting=max(0, n_scored - n_compared),
         pairs=tuple(sorted(pairs.values(), key=_nearest_first)[:MOST_PAIRS]),
         probing=_probing(known),
     )

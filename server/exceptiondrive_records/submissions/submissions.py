@@ -264,7 +264,12 @@ def accept(
     session.flush()
     session.add(job)
     _score_under_both(session, submission, now)
-    detail = {"phase": phase.id, "file_digest": file_digest, "size_bytes": size_bytes}
+    detail = {
+        "phase": phase.id,
+        "method": submission.method,
+        "file_digest": file_digest,
+        "size_bytes": size_bytes,
+    }
     audit(session, f"team:{team_id}", "submission received", submission.id, detail)
     return Accepted(submission, is_duplicate=False, job_id=job.id)
 

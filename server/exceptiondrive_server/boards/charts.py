@@ -246,9 +246,16 @@ def scatter_chart(
     marks = _marks(board, entries, average, metrics)
     if not marks:
         return None
-    frame = Frame(width, height, top=32.0, bottom=height - 52.0)
-    x_scale = _scale([m.x for m in marks], [m.x_interval for m in marks], frame.across, width)
-    y_scale = _scale([m.y for m in marks], [m.y_interval for m in marks], frame.upwards, width)
+    foot = 72.0 if any(corner.startswith("bottom") for corner in words.corners) else 52.0
+    frame = Frame(width, height, top=32.0, bottom=height - foot)
+    x_values, x_intervals = [m.x for m in marks], [m.x_interval for m in marks]
+    y_values, y_intervals = [m.y for m in marks], [m.y_interval for m in marks]
+    if words.same_scale:
+        both = _scale([*x_values, *y_values], [*x_intervals, *y_intervals], frame.across, width)
+        x_scale, y_scale, frame = _like_along_x(both, frame, foot, y_values, y_intervals)
+    else:
+        x_scale = _scale(x_values, x_intervals, frame.across, width)
+        y_scale = _scale(y_values, y_intervals, frame.upwards, width)
     drawn = {entry_key(mark.entry) for mark in marks}
     corners = _corners(words.corners, x_scale, y_scale)
     return ScatterChart(
@@ -306,19 +313,39 @@ def _scale(
     )
 
 
+def _like_along_x(
+    x: Scale,
+    frame: Frame,
+    foot: float,
+    values: Sequence[float],
+    intervals: Sequence[Interval | None],
+) -> tuple[Scale, Scale, Frame]:
+    """Return x, a y on which a point is as long as along x, and a frame as high as that y asks.
+
+    It ends at the first tick above all that it holds, and above a quarter of x, where labels find room.
+    """
+    ends = [end for interval in intervals if interval for end in interval]
+    needed = max(*values, *ends, x.domain[1] / 4)
+    top = next((tick for tick in x.ticks if tick >= needed - 1e-9), x.domain[1])
+    bottom = frame.top + (frame.right - frame.left) * top / x.domain[1]
+    cut = Frame(frame.width, math.ceil(bottom + foot), frame.top, bottom, frame.left)
+    ticks = tuple(tick for tick in x.ticks if tick <= top)
+    return x, Scale((0.0, top), cut.upwards, ticks), cut
+
+
 def _ticks(scale: Scale) -> tuple[Tick, ...]:
     decimals = scale.tick_decimals
     return tuple(Tick(px(scale.at(tick)), fixed(tick, decimals)) for tick in scale.ticks)
 
 
 def _corners(words: Mapping[Corner, str], x: Scale, y: Scale) -> tuple[Label, ...]:
-    """What the corners mean: those on top above the frame, the others inside."""
+    """What the corners mean, outside of the frame: above it, or below the numbers along x."""
     placed = []
     for corner, text in words.items():
         is_left, is_top = corner.endswith("left"), corner.startswith("top")
         at = (x.extent[0] + 8 if is_left else x.extent[1] - 6, y.extent[1 if is_top else 0])
         anchor: Anchor = "start" if is_left else "end"
-        placed.append(Label(px(at[0]), px(at[1] + (-10 if is_top else -8)), anchor, text, None))
+        placed.append(Label(px(at[0]), px(at[1] + (-10 if is_top else 42)), anchor, text, None))
     return tuple(placed)
 
 
@@ -377,7 +404,11 @@ _OFFSETS: tuple[tuple[float, float, Anchor], ...] = (
     (10, 18, "start"),
     (-10, 18, "end"),
     (-10, -9, "end"),
+    (22, -8, "start"),
+    (-22, -8, "end"),
     (0, 27, "middle"),
+    (4, -36, "start"),
+    (-4, -36, "end"),
     (-34, 34, "end"),
     (34, 34, "start"),
     (34, -26, "start"),
@@ -401,13 +432,17 @@ def place_labels(
     """
     taken = [Box(x - 7, y - 7, x + 7, y + 7) for _, x, y in anchors] + list(obstacles)
     placed: list[Label] = []
+    names: list[Box] = []
     for text, x, y in anchors:
         short = _cut(text, MAX_CHARACTERS)
         for dx, dy, anchor in _OFFSETS:
             box = _text_box(short, x + dx, y + dy, anchor)
-            if frame.holds(box) and not box.meets(taken):
-                taken.append(box)
-                leader = _leader(x, y, dx, dy)
+            leader = _leader(x, y, dx, dy)
+            is_free = frame.holds(box) and not box.meets(taken)
+            steps = _steps(leader)
+            if is_free and not any(step.meets(names) for step in steps):
+                taken += [box, *steps]
+                names.append(box)
                 placed.append(Label(px(x + dx), px(y + dy), anchor, short, leader))
                 break
     return tuple(placed)
@@ -424,6 +459,15 @@ def _leader(x: float, y: float, dx: float, dy: float) -> tuple[str, str, str, st
         return None
     side = math.copysign(3, dx)
     return (px(x), px(y), px(x + dx - side), px(y + dy - 4))
+
+
+def _steps(leader: tuple[str, str, str, str] | None) -> list[Box]:
+    """Pieces of a leading line, which must not run through a name."""
+    if leader is None:
+        return []
+    x1, y1, x2, y2 = map(float, leader)
+    places = [(x1 + (x2 - x1) * k / 8, y1 + (y2 - y1) * k / 8) for k in range(9)]
+    return [Box(x - 1, y - 1, x + 1, y + 1) for x, y in places]
 
 
 def effect_arrows(

@@ -11,6 +11,8 @@ from exceptiondrive_server.boards.charts import Box, Frame, Label, Tick, place_l
 from exceptiondrive_server.web.numbers import Digits, day, minute, nice_scale, px
 
 N_DATES = 4
+CHARACTER_WIDTH = 6.5
+"""Of the names of protocols, in SVG units."""
 
 
 class LeadPoint(NamedTuple):
@@ -28,6 +30,7 @@ class ProtocolMark(NamedTuple):
 
     x: str
     version: str
+    """Empty where a later change is so near that its name stands here."""
     anchor: str
 
 
@@ -71,7 +74,7 @@ def lead_chart(
     if not changes:
         return None
     height = 354 if width > 480 else 324
-    frame = Frame(width, height, top=30.0, bottom=height - 58.0)
+    frame = Frame(width, height, top=30.0, bottom=height - 58.0, left=66.0)
     left, right = frame.across
     start, span = changes[0].lead.at, max(now - changes[0].lead.at, timedelta(minutes=1))
 
@@ -116,15 +119,27 @@ def lead_chart(
             for change, (x, y) in zip(changes, places, strict=True)
         ),
         labels=place_labels(named, room, flats),
-        protocols=tuple(
-            ProtocolMark(px(x), version, "start" if x < (left + right) / 2 else "end")
-            for version, x in marks
-        ),
+        protocols=_protocol_marks(marks, (left + right) / 2),
         x_title=_time_title(start, now),
         metric=metric,
         description=f"Best {metric.label} in per cent over time. "
         + "; ".join(_title(change, metric, digits) for change in changes[-12:]),
     )
+
+
+def _protocol_marks(marks: Sequence[tuple[str, float]], middle: float) -> tuple[ProtocolMark, ...]:
+    """Return the changes of protocol; of those whose names would lie on one another the last is named."""
+    found: list[ProtocolMark] = []
+    taken: list[tuple[float, float]] = []
+    for version, x in reversed(marks):
+        width = CHARACTER_WIDTH * len(f"protocol {version}  ")
+        begin, end = (x, x + width) if x < middle else (x - width, x)
+        is_free = all(end <= low or high <= begin for low, high in taken)
+        if is_free:
+            taken.append((begin, end))
+        anchor = "start" if x < middle else "end"
+        found.append(ProtocolMark(px(x), version if is_free else "", anchor))
+    return tuple(reversed(found))
 
 
 def takers(leads: Sequence[Lead]) -> list[Lead]:
@@ -162,12 +177,14 @@ def _time_title(start: datetime, now: datetime) -> str:
 
 
 def _dates(start: datetime, span: timedelta, frame: Frame, count: int) -> list[Tick]:
-    """Evenly placed; days alone only where no two of them are of one day."""
+    """Evenly placed; days alone only where no two of them are of one day, and seconds where two are of one minute."""
     ticks = []
     for k in range(count):
         share = k / (count - 1)
         at = start + share * span
-        if span < timedelta(days=1):
+        if span < timedelta(minutes=count):
+            text = f"{at:%H:%M:%S}"
+        elif span < timedelta(days=1):
             text = f"{at:%H:%M}"
         elif span < timedelta(days=count):
             text = f"{at.day} {at:%b %H:%M}"

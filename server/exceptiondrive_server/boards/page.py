@@ -83,8 +83,9 @@ class ShownBoard(NamedTuple):
 
 
 MADE_OF_A_BOARD = 8
-_MADE: Memory[Same[Board], Memory[Hashable, Any]] = Memory(12_000)
-"""What was made of the boards that were shown last; it weighs what it keeps alive: entries."""
+_MADE: Memory[Same[Board], Memory[Hashable, Any]] = Memory(4_000)
+"""What was made of the boards that were shown last; it weighs what it keeps alive: entries, about as
+many as parsed boards are kept."""
 
 
 def of_board(board: Board, what: Hashable, make: Callable[[], T]) -> T:

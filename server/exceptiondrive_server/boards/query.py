@@ -228,11 +228,21 @@ _KEYS = frozenset(
 """What `BoardQuery.parse` reads of an address."""
 
 
-def without_unknown(request: Request) -> str | None:
-    """Return the address without what no page asks for, where there is such: each would be kept apart."""
-    if _KEYS.issuperset(request.query_params):
+def without_unknown(request: Request, *further: str) -> str | None:
+    """Return the address without what a page does not ask for, where there is such.
+
+    Each would be a page of its own to be kept.
+
+    Args:
+        request: Whose address counts.
+        further: What the page reads besides a board.
+    """
+    known = _KEYS.union(further)
+    if known.issuperset(request.query_params):
         return None
-    return asked_board(request).url(request.url.path, anchor="")
+    kept = [(key, value) for key, value in request.query_params.multi_items() if key in known]
+    query = urlencode(kept, safe=",:")
+    return f"{request.url.path}{'?' + query if query else ''}"
 
 
 AskedBoard = Annotated[BoardQuery, Depends(asked_board)]

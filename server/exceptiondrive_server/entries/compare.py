@@ -60,7 +60,7 @@ def compare_page(reading: ComparedEntries) -> dict[str, Any]:
         "both": both,
         "labels": entry_labels(board),
         "fit": [entry for entry in entries if not is_barred(entry)],
-        "plot": dot_plot(board, entries, digits) if len(entries) > 2 else None,
+        "plot": dot_plot(board, entries, digits),
         "bars": [outcome_bar(challenge, entry.metrics, digits) for entry in entries[:2]],
         "differences": difference_table(
             both, shown.protocol, (reading.sheets[0], reading.sheets[1])

@@ -7,7 +7,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_server.boards.entry_facts import entry_key, find_entry
 from exceptiondrive_server.boards.pictures import painted_picture
-from exceptiondrive_server.boards.query import BoardQuery
+from exceptiondrive_server.boards.query import BoardQuery, without_unknown
 from exceptiondrive_server.entries.compare import compare_address, compare_page
 from exceptiondrive_server.entries.pictures import badge, entry_picture
 from exceptiondrive_server.entries.queries import EntryData, read_comparison, read_entry
@@ -25,6 +25,8 @@ router = APIRouter(include_in_schema=False)
 @router.get("/entries/{key}")
 def show_entry(request: Request, key: str) -> Response:
     """Show an entry as it stands on a board."""
+    if short := without_unknown(request):
+        return RedirectResponse(short, status_code=308)
 
     def read(session: Session) -> Reading:
         reading = read_entry(session, key, _query(request))
@@ -36,6 +38,8 @@ def show_entry(request: Request, key: str) -> Response:
 @router.get("/entries/{key}/samples/{place}")
 def show_sample(request: Request, key: str, place: str) -> Response:
     """Show one drawn sample of an entry on a public split."""
+    if short := without_unknown(request):
+        return RedirectResponse(short, status_code=308)
 
     def read(session: Session) -> Reading:
         reading = read_entry(session, key, _query(request))
@@ -50,6 +54,8 @@ def show_sample(request: Request, key: str, place: str) -> Response:
 @router.get("/scenes")
 def show_scenes(request: Request) -> Response:
     """Show the scenes of a board in motion: its leader, and up to two more entries that are named."""
+    if short := without_unknown(request, "with"):
+        return RedirectResponse(short, status_code=308)
 
     def read(session: Session) -> Reading:
         scenes = _scenes(session, request)
@@ -89,6 +95,8 @@ def show_entry_picture(request: Request, services: ServicesOf, key: str) -> Resp
 @router.get("/compare")
 def show_comparison(request: Request) -> Response:
     """Compare two or more entries of one board; names that were typed become their keys."""
+    if short := without_unknown(request, "a", "b"):
+        return RedirectResponse(short, status_code=308)
     try:
         return public_page(
             request, "entries/compare.html", "compare", lambda it: _comparison(it, request)

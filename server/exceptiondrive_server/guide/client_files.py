@@ -123,6 +123,7 @@ def show_client(request: Request, services: ServicesOf) -> Response:
         own=own,
         others=[wheel for wheel in wheels.values() if wheel is not own],
         recorder_digest=None if source is None else hashlib.sha256(source).hexdigest(),
+        recorder_size_bytes=0 if source is None else len(source),
     )
 
 

@@ -23,7 +23,7 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import StoreError
 from exceptiondrive_records.db.settings import RecordsSettings
-from exceptiondrive_records.migrations import is_current, is_usable
+from exceptiondrive_records.migrations import is_current, is_usable, missing_columns
 from exceptiondrive_records.operations.reconciler import LEADERSHIP
 from exceptiondrive_records.operations.troubles import troubles
 from exceptiondrive_records.phases.tables import Phase
@@ -107,6 +107,15 @@ def _database(settings: RecordsSettings) -> Iterator[Finding]:
                 Severity.ERROR,
                 "the records have an older schema than this version",
                 "back up, then run: exceptiondrive-server migrate",
+            )
+            return
+        lacking = missing_columns(database)
+        if lacking:
+            yield Finding(
+                Severity.ERROR,
+                f"the records lack {', '.join(lacking)}: they were made before this version had them",
+                "start with a new data folder, or with the version that made these records; waiting "
+                "mends nothing",
             )
             return
         schema = "current" if is_current(database) else "newer than this version, which is fine"
@@ -208,7 +217,8 @@ def _broker(url: str) -> Iterator[Finding]:
         yield Finding(
             Severity.WARNING,
             f"the broker does not answer ({type(error).__name__}): scoring waits, nothing is lost",
-            "check EXCEPTIONDRIVE_BROKER_URL and the broker's log",
+            "start the server, if the broker is its own; else check EXCEPTIONDRIVE_BROKER_URL and "
+            "the broker's log",
         )
         return
     finally:

@@ -5,10 +5,12 @@ from urllib.parse import quote
 
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
+from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.operations.dashboard import SLOW_S, Dashboard, dashboard
 from exceptiondrive_records.operations.site import set_site_links, site_links
+from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.rescoring.views import run_view
 from exceptiondrive_records.submissions.file_store import LOW_ON_ROOM_BYTES
 from exceptiondrive_records.teams.teams import list_teams
@@ -47,7 +49,10 @@ def show_overview(request: Request, services: ServicesOf, browser: OrganizerBrow
     with services.database.read() as session:
         found = dashboard(session)
         runs = [run_line(run_view(session, run)) for run in found.open_runs]
-        team_names = {team.id: team.name for team in list_teams(session)}
+        teams = list_teams(session)
+        team_names = {team.id: team.name for team in teams}
+        is_new = all(team.is_reference or team.is_gone for team in teams)
+        first = list(_first_steps(session)) if is_new else []
     return organizer_page(
         request,
         browser,
@@ -55,7 +60,7 @@ def show_overview(request: Request, services: ServicesOf, browser: OrganizerBrow
         "overview",
         found=found,
         alive=[worker for worker in found.workers if worker.is_alive],
-        tasks=list(_tasks(found, runs, services.files.free_bytes())),
+        tasks=[*_tasks(found, runs, services.files.free_bytes()), *first],
         runs=runs,
         team_names=team_names,
         lane_titles=LANE_TITLES,
@@ -102,6 +107,19 @@ def _site(
         refusal=refusal,
         fields=filled(SITE_FIELDS, texts),
     )
+
+
+def _first_steps(session: Session) -> Iterator[Task]:
+    """Yield what a site without a team still needs."""
+    words = "No team is here yet, so nobody can submit."
+    yield words, "/organize/teams", "Make a team", "warn"
+    for phase in list_phases(session):
+        texts = (("description", phase.description), ("rules", phase.page.rules))
+        missing = [name for name, text in texts if not text]
+        missing += ["deadline"] if phase.closes_at is None else []
+        if missing and phase.visibility == "shown":
+            words = f"Phase {phase.title} is public, and has no {', no '.join(missing)}."
+            yield words, f"/organize/phases/{quote(phase.id)}", "Describe it", "warn"
 
 
 def _tasks(found: Dashboard, runs: Sequence[RunLine], free_bytes: int | None) -> Iterator[Task]:

@@ -1,5 +1,6 @@
 """Operator commands that keep a server well: backup, restore, verify, doctor."""
 
+import os
 from datetime import timedelta
 from pathlib import Path
 from typing import Annotated
@@ -13,6 +14,7 @@ from exceptiondrive_records.operations.garbage import GRACE, sweep_orphans
 from exceptiondrive_records.operations.invariants import damaged_uploads, violations
 from exceptiondrive_records.operations.setup import opened
 from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_server.launcher.broker import broker_url
 from exceptiondrive_server.launcher.layout import Layout
 from exceptiondrive_server.operations.backup import LIMIT_BYTES, restore_backup, write_backup
 from exceptiondrive_server.operations.doctor import Severity, examine
@@ -99,7 +101,11 @@ def doctor(
     data: DataOption = None,
 ) -> None:
     """Examine settings, permissions, walls, broker, database and clocks; exit code 1 on errors."""
-    findings = examine(load_settings(RecordsSettings, data), tuple(withheld or ()))
+    settings = load_settings(RecordsSettings, data)
+    if data is not None and "EXCEPTIONDRIVE_BROKER_URL" not in os.environ:
+        private = broker_url(data.resolve() / "broker")
+        settings = settings.model_copy(update={"broker_url": private})
+    findings = examine(settings, tuple(withheld or ()))
     for finding in findings:
         typer.echo(f"{finding.severity:8}{finding.what}")
         if finding.do:

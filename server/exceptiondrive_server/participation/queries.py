@@ -14,6 +14,7 @@ from exceptiondrive_records.participation.disqualification import list_disqualif
 from exceptiondrive_records.participation.tables import Allowance, Disqualification
 from exceptiondrive_records.phases.terms import acceptances_of
 from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.teams.teams import list_teams
 
 
 class AddressView(BaseModel):
@@ -72,6 +73,10 @@ class AcceptedTerms(BaseModel):
 class Participation(BaseModel):
     """What organizers see of a team besides its submissions."""
 
+    name: str
+    affiliation: str
+    standing: str
+    """Why it does not take part as others do; empty: it does."""
     members: list[MemberView]
     addresses: list[AddressView]
     allowances: list[AllowanceView]
@@ -84,9 +89,30 @@ class Participation(BaseModel):
         return {one.phase: one for one in self.allowances}
 
 
+def standings_of_teams(session: Session) -> dict[int, str]:
+    """Return of the teams that do not take part as others do, why, by key: `disqualified in test`."""
+    said: dict[int, str] = {}
+    for row in reversed(list_disqualifications(session)):
+        if row.reinstated_at is None and row.submission_id is None:
+            where = f" in {row.phase_id}" if row.phase_id is not None else ""
+            said[row.team_id] = f"disqualified{where}"
+    teams = {team.id: team for team in list_teams(session)}
+    for team in teams.values():
+        if team.merged_into_id is not None:
+            said[team.id] = f"part of {teams[team.merged_into_id].slug}"
+        elif team.is_gone:
+            said[team.id] = "forgotten"
+        elif team.pending_since is not None:
+            said[team.id] = "waits for approval"
+    return said
+
+
 def participation_of(session: Session, team: Team) -> Participation:
     """Return people, addresses, limits, conduct and terms of a team."""
     return Participation(
+        name=team.name,
+        affiliation=team.affiliation,
+        standing=standings_of_teams(session).get(team.id, ""),
         members=[
             MemberView(name=person.name, email=person.email, joined_at=membership.joined_at)
             for person, membership in members_of(session, team.id)

@@ -24,6 +24,7 @@ from exceptiondrive_records.phases.changes import (
 )
 from exceptiondrive_records.phases.phases import create_phase, find_phase, list_phases, phase_view
 from exceptiondrive_records.phases.policy import phase_now
+from exceptiondrive_records.phases.scoring_keys import list_runs
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol, list_protocols
 from exceptiondrive_records.rescoring.reveal import reveal_split
@@ -38,6 +39,7 @@ from exceptiondrive_schemas.phase_settings import (
     PhaseNow,
     PhaseSettings,
 )
+from exceptiondrive_schemas.protocol import NEWEST_WITHHELD
 from exceptiondrive_schemas.submission import PhaseView
 from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.phases.export import export_phase
@@ -305,7 +307,9 @@ def _made_of(session: Session) -> tuple[FormField, ...]:
         FormField("challenge", "Challenge", "choice", is_required=True, options=challenges),
         FormField("split", "Split", "choice", is_required=True,
               options=tuple((name, f"{name}: {title}") for name, title in splits.items())),
-        FormField("protocol", "Protocol", "choice", options=versions, empty="the usual one"),
+        FormField("protocol", "Protocol", "choice",
+              f"the usual one: of a withheld split {NEWEST_WITHHELD}, of a public one the newest that "
+              "a phase has", options=versions, empty="the usual one"),
     )  # fmt: skip
 
 
@@ -344,6 +348,7 @@ def _phase(
         seen = phase_view(session, phase, max_upload_bytes=services.settings.max_upload_bytes)
         now, seen_at = phase_now(session, phase), database_now(session)
         lines = history(session, phase_id, limit=HISTORY)
+        is_used = bool(counts_by_phase(session).get(phase_id) or list_runs(session, phase_id))
         found = [one for one in troubles(session) if one.subject in (phase_id, phase.split_name)]
     return _page(
         request,
@@ -354,7 +359,11 @@ def _phase(
         made_of=(),
         now=now,
         seen_at=seen_at,
-        steps=[step for step in PHASE_STEPS.values() if step.is_offered(seen)],
+        steps=[
+            step
+            for step in PHASE_STEPS.values()
+            if step.is_offered(seen) and not (step.is_end and is_used)
+        ],
         lines=[one for one in lines if one.line.action != "board published"],
         troubles=found,
     )

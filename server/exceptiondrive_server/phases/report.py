@@ -42,10 +42,8 @@ def report_of(session: Session, phase: Phase) -> PhaseReport:
     """
     row = current_board(session, phase.id)
     if row is None or not has_ended(session, phase):
-        raise NotFound(
-            "report yet (it comes when all teams are done and the board is shown) of the phase",
-            phase.id,
-        )
+        until = " yet: it comes when all teams are done and the board is shown"
+        raise NotFound("report of the phase", phase.id, until)
     board = parsed_board(row)
     scored = [entry for entry in board.entries if entry.source == "scored"]
     leading = [entry for entry in scored if entry.may_lead]

@@ -13,16 +13,18 @@ from exceptiondrive_records.accounts.tokens import (
     list_tokens,
     revoke_token,
 )
+from exceptiondrive_records.participation.changes import MAX_AFFILIATION
+from exceptiondrive_records.participation.importing import make_team
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import (
     approve_team,
-    create_team,
     find_team,
     list_teams,
     refuse_team,
 )
 from exceptiondrive_schemas.datetimes import Time
 from exceptiondrive_server.accounts.queries import IssuedToken, TokenView, token_view
+from exceptiondrive_server.participation.queries import standings_of_teams
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
 from exceptiondrive_server.web.forms import Deed, Form
 
@@ -37,6 +39,9 @@ class NewTeam(Form):
         str, Field(max_length=64, json_schema_extra={"pattern": "^[a-z0-9][a-z0-9-]{0,63}$"})
     ]
     name: Annotated[str, Field(max_length=400)]
+    affiliation: Annotated[str, Field(max_length=MAX_AFFILIATION)] = ""
+    email: Annotated[str, Field(max_length=400)] = ""
+    """Where its notices go, once whoever reads there confirms it."""
     is_reference: StrictBool = False
 
 
@@ -51,6 +56,8 @@ class TeamView(BaseModel):
     pending_since: datetime | None
     """Registered itself then, and waits for approval."""
     registration_note: str | None
+    standing: str = ""
+    """Why it does not take part as others do, such as `disqualified in test`; empty: it does."""
 
 
 class NewToken(Form):
@@ -65,15 +72,22 @@ class NewToken(Form):
 def get_teams(services: ServicesOf) -> list[TeamView]:
     """List all teams."""
     with services.database.read() as session:
-        return [_team(team) for team in list_teams(session)]
+        standings = standings_of_teams(session)
+        return [_team(team, standings.get(team.id, "")) for team in list_teams(session)]
 
 
 @router.post("/teams", operation_id="createTeam", status_code=201)
 def post_team(services: ServicesOf, organizer: Organizer, team: NewTeam) -> TeamView:
     """Make a team."""
     with services.database.write() as session:
-        made = create_team(
-            session, team.id, team.name, is_reference=team.is_reference, actor=organizer.actor
+        made = make_team(
+            session,
+            team.id,
+            team.name,
+            affiliation=team.affiliation,
+            email=team.email,
+            is_reference=team.is_reference,
+            actor=organizer.actor,
         )
         return _team(made)
 
@@ -128,7 +142,7 @@ def post_revocation(
         return token_view(revoke_token(session, token_id, actor=organizer.actor))
 
 
-def _team(team: Team) -> TeamView:
+def _team(team: Team, standing: str = "") -> TeamView:
     return TeamView(
         id=team.slug,
         name=team.name,
@@ -137,4 +151,5 @@ def _team(team: Team) -> TeamView:
         created_at=team.created_at,
         pending_since=team.pending_since,
         registration_note=team.registration_note,
+        standing=standing,
     )

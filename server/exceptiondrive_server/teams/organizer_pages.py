@@ -20,19 +20,20 @@ from exceptiondrive_records.accounts.tokens import (
 )
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound, RecordsError
+from exceptiondrive_records.participation.changes import MAX_AFFILIATION
+from exceptiondrive_records.participation.importing import make_team
 from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.submissions.submissions import counts_by_team
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import (
     approve_team,
-    create_team,
     find_team,
     list_teams,
     refuse_team,
 )
 from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_server.audit.queries import history
-from exceptiondrive_server.participation.queries import participation_of
+from exceptiondrive_server.participation.queries import participation_of, standings_of_teams
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import PostedForm, SignedIn
 from exceptiondrive_server.web.forms import REASON, filled, read, typed
@@ -49,6 +50,9 @@ NEW_TEAM = (
     FormField("id", "Id", hint="small letters, digits, hyphens; never changes", is_required=True,
           max_length=64),
     FormField("name", "Name", hint="as the board shows it", is_required=True, max_length=80),
+    FormField("affiliation", "Affiliation", hint="for organizers", max_length=MAX_AFFILIATION),
+    FormField("email", "E-mail", hint="for notices, once somebody there confirms it",
+              max_length=400),
     FormField("is_reference", "A reference row", "yes", "stands on the board, never ranks"),
 )  # fmt: skip
 NEW_TOKEN = (
@@ -87,10 +91,12 @@ def post_team(
     try:
         values = read(NEW_TEAM, form)
         with services.database.write() as session:
-            create_team(
+            make_team(
                 session,
                 values["id"],
                 values["name"],
+                affiliation=values["affiliation"] or "",
+                email=values["email"] or "",
                 is_reference=values["is_reference"],
                 actor=browser.principal.actor,
             )
@@ -144,6 +150,7 @@ def _list(
     refusal: RecordsError | None = None,
 ) -> Response:
     with services.database.read() as session:
+        standings = standings_of_teams(session)
         by_id = {one.id: one for one in list_teams(session)}
         teams = [one for one in by_id.values() if one.pending_since or not only_pending]
         n_tokens, n_submissions = live_tokens_by_team(session), counts_by_team(session)
@@ -155,6 +162,7 @@ def _list(
         refusal=refusal,
         teams=sorted(teams, key=lambda team: team.pending_since is None),
         by_id=by_id,
+        standings=standings,
         n_tokens=n_tokens,
         n_submissions=n_submissions,
         only_pending=only_pending,

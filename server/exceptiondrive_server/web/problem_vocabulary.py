@@ -69,7 +69,7 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = MappingProxyType(
             2,
             in_browser=(
                 "Check the address.",
-                "If it belongs to your team, sign in first.",
+                "If it belongs to a team, sign in as somebody of that team.",
                 "Otherwise start again from the leaderboard.",
             ),
         ),

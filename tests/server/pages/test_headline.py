@@ -51,7 +51,7 @@ def test_the_facts_count_what_stands_on_the_board(lively_board: Board) -> None:
     said = headline(lively_board, PLANNING, 21, Digits())
     facts = {fact.label: f"{fact.value} {fact.note}" for fact in said.facts}
     assert facts == {
-        "Samples scored": "240 each a scene without and with a hazard",
+        "Samples scored": "240 samples, without and with a hazard",
         "Tasks": "21 kinds of hazard",
         "Planners": "6 planners ranked, 1 without a rank",
     }
@@ -112,5 +112,5 @@ def test_the_strategy_challenge_is_said_in_its_own_words(strategy_board: Board) 
         "Tasks",
         "Agents",
     ]
-    assert said.facts[0].note == "each a scene with a hazard"
+    assert said.facts[0].note == "samples, with a hazard"
     assert headline(None, STRATEGY, 21, Digits()).title == "Which agent is careful enough?"

@@ -512,6 +512,20 @@ def test_addresses_in_the_page_lead_somewhere(visit: Visit) -> None:
             assert answer.status == 200, path
 
 
+@pytest.mark.parametrize("path", ["/", "/?phase=strategy"])
+def test_a_tablet_shows_every_number_of_the_board_without_scrolling(
+    visit: Visit, path: str
+) -> None:
+    page = visit.open(path, width=820)
+    card = page.locator(".scroll.b").bounding_box()
+    edges = page.locator("#board-rows tbody td:is(.pm, .dg):visible").evaluate_all(
+        "cells => cells.map((cell) => cell.getBoundingClientRect().right)"
+    )
+    assert card is not None
+    assert len(edges) >= 4
+    assert max(edges) <= card["x"] + card["width"] + 0.5
+
+
 @pytest.mark.parametrize("width", [320, 820])
 def test_the_menu_of_columns_stays_on_the_screen(visit: Visit, width: int) -> None:
     page = visit.open("/", width=width)

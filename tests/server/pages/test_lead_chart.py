@@ -60,6 +60,7 @@ def test_a_step_is_as_long_as_the_lead_and_as_high_as_its_value(width: int) -> N
 @pytest.mark.parametrize(
     ("span", "title", "ends"),
     [
+        (timedelta(minutes=2), "time of day, UTC, 1 Mar 2026", ("00:00:00", "00:02:00")),
         (timedelta(hours=2), "time of day, UTC, 1 Mar 2026", ("00:00", "02:00")),
         (timedelta(days=2), "time (UTC)", ("1 Mar 00:00", "3 Mar 00:00")),
         (timedelta(days=20), "time (UTC)", ("1 Mar 2026", "21 Mar 2026")),
@@ -73,6 +74,18 @@ def test_the_axis_says_what_it_is_and_names_no_moment_twice(
     texts = [tick.text for tick in chart.x_ticks]
     assert (chart.x_title, (texts[0], texts[-1])) == (title, ends)
     assert len(set(texts)) == len(texts)
+
+
+def test_names_of_protocols_of_one_day_do_not_lie_on_one_another() -> None:
+    hours = ("1.2", "1.3", "1.4", "1.5")
+    day = [
+        Lead(START + timedelta(days=12, hours=n), 20 + n, version, STORY[0].leader)
+        for n, version in enumerate(hours)
+    ]
+    chart = lead_chart((*STORY[:4], *day), START + timedelta(days=20), HCC, Digits())
+    assert chart is not None
+    assert [mark.version for mark in chart.protocols] == ["1.0", "", "", "", "1.5"]
+    assert len({mark.x for mark in chart.protocols}) == 5, "each change has its line"
 
 
 def test_nobody_who_led_nothing_to_draw() -> None:

@@ -143,6 +143,30 @@ def test_there_is_no_arrow_without_both_ends_or_under_the_other_average(
         assert chart.arrows == ()
 
 
+@pytest.mark.parametrize("width", [640, 350])
+def test_two_parts_of_one_whole_are_drawn_on_one_scale(strategy_board: Board, width: int) -> None:
+    chart = scatter_chart(strategy_board, "macro_family", width=width)
+    assert chart is not None
+    along, up = (
+        [(float(tick.text), float(tick.at)) for tick in ticks]
+        for ticks in (chart.x_ticks, chart.y_ticks)
+    )
+    (x0, at_x0), (x1, at_x1), *_ = along
+    (y0, at_y0), (y1, at_y1), *_ = up
+    assert (at_x1 - at_x0) / (x1 - x0) == pytest.approx((at_y0 - at_y1) / (y1 - y0), abs=0.02)
+    assert float(chart.y_ticks[-1].at) >= chart.frame.top
+
+
+def test_what_a_lower_corner_means_stands_below_the_axis_and_its_numbers(
+    strategy_board: Board,
+) -> None:
+    chart = scatter_chart(strategy_board, "macro_family")
+    assert chart is not None
+    lower = [label for label in chart.corners if label.text in ("never wrong", "too careless")]
+    assert len(lower) == 2
+    assert all(float(label.y) > chart.frame.bottom + 21 + 13 for label in lower)
+
+
 async def test_the_board_says_the_effect_in_words_beside_the_arrows(shown_site: Any) -> None:
     text = (await shown_site.get("/?phase=strategy")).text
     assert text.count('<g class="eff">') == 2  # wide and narrow
@@ -171,3 +195,12 @@ def test_labels_never_cover_each_other_and_stay_in_the_frame(
     for index, box in enumerate(boxes):
         inner = Box(box.left + 0.2, box.top + 0.2, box.right - 0.2, box.bottom - 0.2)
         assert not inner.meets(boxes[index + 1 :])
+        middle = Box(box.left + 6, box.top + 6, box.right - 6, box.bottom - 6)
+        for other in labels[:index] + labels[index + 1 :]:
+            if other.leader and middle.left < middle.right:
+                x1, y1, x2, y2 = map(float, other.leader)
+                line = [(x1 + (x2 - x1) * k / 40, y1 + (y2 - y1) * k / 40) for k in range(41)]
+                assert not any(
+                    middle.left < x < middle.right and middle.top < y < middle.bottom
+                    for x, y in line
+                )

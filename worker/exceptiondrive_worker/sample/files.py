@@ -2,17 +2,22 @@
 
 import gzip
 import json
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.base import Document, canonical_json
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY
+from exceptiondrive_schemas.datasheet import Cell, Datasheet, SplitWarning, Words
 from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_schemas.split import Split
 from exceptiondrive_schemas.submission_files import PlanningSubmission, StrategySubmission
+from exceptiondrive_schemas.taxonomy import Family, Task
 from exceptiondrive_worker.sample.agents import AGENTS, Agent, agent_predictions
 from exceptiondrive_worker.sample.planners import PLANNERS, Planner, predictions
 from exceptiondrive_worker.sample.scenes import SEED, SPLIT_NAME, sample_scenes, sample_split
+from exceptiondrive_worker.split_warnings import split_warnings
 
 _Written = tuple[Planner | Agent, PlanningSubmission | StrategySubmission]
 _OPTIONAL = ("part", "d_safe_m", "acceptable", "reminder")
@@ -20,11 +25,56 @@ _OPTIONAL = ("part", "d_safe_m", "acceptable", "reminder")
 
 
 def write_sample_split(splits_dir: Path) -> Path:
-    """Write `<splits_dir>/sample/split.json.gz` and return its path."""
+    """Write `<splits_dir>/sample/split.json.gz`, and its datasheet beside it; return its path."""
     path = splits_dir / SPLIT_NAME / "split.json.gz"
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(_gzipped(sample_split()))
+    split = sample_split()
+    path.write_bytes(_gzipped(split))
+    sheet = canonical_json(sample_datasheet(split)) + b"\n"
+    path.with_name("datasheet.json").write_bytes(sheet)
     return path
+
+
+def sample_datasheet(split: Split) -> Datasheet:
+    """Say how the sample is made, and count it; nobody chose or reviewed anything of it."""
+    protocol = packaged_protocol()
+    families, tasks = protocol.taxonomy.families, protocol.taxonomy.tasks
+    family_of = {task.id: task.family for task in tasks}
+    of_task = Counter(sample.task for sample in split.counted)
+    of_family = Counter(family_of[sample.task] for sample in split.counted)
+
+    def cell(member: Family | Task, n: int) -> Cell:
+        return Cell(id=member.id, title=member.title, candidates=n, suitable=n, accepted=n, n=n)
+
+    return Datasheet(
+        schema_="exceptiondrive.datasheet/1",
+        name=split.name,
+        title=split.title,
+        revision=split.revision,
+        protocol=protocol.version,
+        n_samples=len(split.counted),
+        n_scenes=len({sample.scene_id for sample in split.counted}),
+        n_controls=sum(sample.control for sample in split.samples),
+        n_recorded=sum(sample.recorded is not None for sample in split.samples),
+        words=Words(
+            purpose="To try planners, files and this server on: made by a program, without a "
+            "picture and without anybody's drive.",
+            source="Drawn from a fixed seed, byte for byte the same each time: speeds of 2 to 14 "
+            "m/s, a little under half of the lanes bend, and each region lies where the hazard of "
+            "its task would be. What stands as recorded drive is synthetic, too.",
+            uses="Development. A place on its boards says that a file is in order, not how well a "
+            "planner drives.",
+            limits="No picture, so nothing is there to be seen: a planner that looks cannot be "
+            "told from one that does not.",
+        ),
+        stages=(),
+        families=tuple(cell(family, of_family[family.id]) for family in families),
+        tasks=tuple(cell(task, of_task[task.id]) for task in tasks),
+        warnings=tuple(
+            SplitWarning(code=found.code, what=found.what, count=found.count)
+            for found in split_warnings(split, protocol)
+        ),
+    )
 
 
 def write_planners(folder: Path) -> list[Path]:

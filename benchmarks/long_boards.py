@@ -1,0 +1,376 @@
+"""Boards of 100 to 10,000 entries: `python -m benchmarks.long_boards [ENTRIES ...]`.
+
+Records, worker and application are real, the latter two in a process of their own each. One file is
+scored; every entry has that score and its sums by scene, times a factor of its own. A board of all but
+one stands when the last score comes. Printed: CPU of each step from that score to the published board,
+what looks at it cost a server, the most memory of both, and how all this grows. Drawing and likeness,
+which follow publication, are not counted.
+"""
+
+import argparse
+import json
+import math
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable
+from datetime import datetime, timedelta
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from fastapi.testclient import TestClient
+from tests.support.work import let_time_pass
+from tests.support.worker import build_board_of
+
+from benchmarks.load_traffic import file_maker
+from benchmarks.processes import ROOT, peak_mib_so_far
+from benchmarks.report import note, show
+from exceptiondrive_records.boards.boards import current_board, flip_board
+from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.operations.setup import prepare
+from exceptiondrive_records.phases.phases import create_phase
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, SimilarityRow, Submission
+from exceptiondrive_records.teams.teams import create_team
+from exceptiondrive_records.work.board_requests import want_board
+from exceptiondrive_schemas.base import bytes_digest, canonical_json
+from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.phase_settings import NewPhase
+from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_scoring import SCORER_VERSION
+from exceptiondrive_scoring.bootstrap import GRID
+from exceptiondrive_server.app import create_app
+from exceptiondrive_server.web.settings import ServerSettings
+from exceptiondrive_worker import board_run
+from exceptiondrive_worker.context import WorkerContext, open_context
+from exceptiondrive_worker.private_store import Shelf, content_key
+from exceptiondrive_worker.process import keep_memory
+from exceptiondrive_worker.rounding import Rounding
+from exceptiondrive_worker.sample.files import write_sample_split
+from exceptiondrive_worker.settings import WorkerSettings
+from exceptiondrive_worker.splits_admin import register_all_splits
+from exceptiondrive_worker.stages import Target
+
+GROWTH = (100, 1_000, 10_000)
+N_TEAMS = 97
+PAGE = 100
+ENTRIES_AFTER_IT = 30_000
+"""Of boards that the server shows besides: as many boards of this length."""
+N_LOG_N = 1.13
+"""The exponent of n log n between 1,000 and 10,000."""
+_STEPS = {
+    "entries_for_board": "read entries",
+    "_scored": "read intervals",
+    "board_entries": "ranks, rows",
+    "comparisons": "compared top",
+    "publish_board": "publish",
+}
+
+
+def main() -> None:
+    """Print how long boards cost."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.long_boards", description=__doc__)
+    parser.add_argument("entries", nargs="*", type=int, default=GROWTH)
+    parser.add_argument("--part", choices=("worker", "server"), help=argparse.SUPPRESS)
+    parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.part:
+        measure = {"worker": _worker, "server": _server}[given.part]
+        sys.stdout.write(json.dumps(measure(given.folder, given.entries[0])) + "\n")
+        return
+    found = {n_entries: _measured(n_entries) for n_entries in given.entries}
+    for part, title in (
+        ("worker", "From a new score to the published board, CPU ms"),
+        ("server", "In a server, CPU ms unless it says otherwise"),
+    ):
+        names = list(next(iter(found.values()))[part])
+        rows = [
+            (name, *_line([found[n][part][name] for n in found], list(found))) for name in names
+        ]
+        heads = [f"{n:,}" for n in found] + ["exponents"]
+        show(title, ("", *heads), rows)
+    note(f"exponents: from each length to the next; n log n is about {N_LOG_N} at the last")
+
+
+def _line(values: list[float], lengths: list[int]) -> list[str]:
+    exponents = [
+        math.log(after / before) / math.log(longer / shorter)
+        for before, after, shorter, longer in zip(
+            values, values[1:], lengths, lengths[1:], strict=False
+        )
+        if before and after
+    ]
+    return [*(f"{value:,.3g}" if value < 100 else f"{value:,.0f}" for value in values),
+            ", ".join(f"{each:.2f}" for each in exponents)]  # fmt: skip
+
+
+def _measured(n_entries: int) -> dict[str, dict[str, float]]:
+    with tempfile.TemporaryDirectory(prefix="ed-long-") as folder:
+        found = {}
+        for part in ("worker", "server"):
+            command = [sys.executable, "-m", "benchmarks.long_boards", str(n_entries)]
+            done = subprocess.run(
+                [*command, "--part", part, "--folder", folder],
+                cwd=ROOT,
+                check=True,
+                stdout=subprocess.PIPE,
+                text=True,
+            )
+            found[part] = json.loads(done.stdout.splitlines()[-1])
+        return found
+
+
+def _addresses(folder: Path) -> dict[str, Any]:
+    return {
+        "database_url": f"sqlite:///{folder}/records.sqlite3",
+        "broker_url": "memory://",
+        "file_store_url": (folder / "uploads").as_uri(),
+    }
+
+
+def _worker(folder: Path, n_entries: int) -> dict[str, float]:
+    """Build a board, add one score and build the next; CPU ms by step, MiB."""
+    prepare(_addresses(folder)["database_url"])
+    write_sample_split(folder / "splits")
+    settings = WorkerSettings(
+        **_addresses(folder), splits_dir=folder / "splits", private_dir=folder / "private"
+    )
+    context = open_context(settings)
+    protocol = packaged_protocol()
+    register_all_splits(context.database, context.splits, protocol)
+    keep_memory()
+    entries = _Entries(context, n_entries)
+    entries.add(range(n_entries - 1))
+    _build(context)
+    entries.add([n_entries - 1])
+    Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew: entries are made
+    seconds: dict[str, float] = {}
+    for function, step in _STEPS.items():
+        setattr(board_run, function, _clocked(getattr(board_run, function), step, seconds))
+    began_s = time.process_time()
+    _build(context)
+    total_s = time.process_time() - began_s
+    rest_s = total_s - sum(seconds.values())
+    steps = {step: 1000 * seconds[step] for step in _STEPS.values()}
+    return {
+        **steps,
+        "read the last board, the rest": 1000 * rest_s,
+        "all": 1000 * total_s,
+        "most memory of the worker, MiB": peak_mib_so_far(),
+    }
+
+
+def _clocked(
+    function: Callable[..., Any], step: str, seconds: dict[str, float]
+) -> Callable[..., Any]:
+    def run(*arguments: Any) -> Any:
+        began_s = time.process_time()
+        try:
+            return function(*arguments)
+        finally:
+            seconds[step] = seconds.get(step, 0.0) + time.process_time() - began_s
+
+    return run
+
+
+def _build(context: WorkerContext) -> None:
+    digest = packaged_protocol().digest
+    with context.database.write() as session:
+        want_board(session, "bench", digest)
+        let_time_pass(session, timedelta(hours=1))
+    build_board_of(context, "bench", digest)
+
+
+class _Entries:
+    """Scored submissions of one phase, each its own factor away from one that was scored."""
+
+    def __init__(self, context: WorkerContext, n_entries: int) -> None:
+        self._context, self._protocol = context, packaged_protocol()
+        rng = np.random.default_rng(20261123)
+        self._factors = rng.uniform(0.3, 0.99, n_entries)
+        self._best = set(np.argsort(self._factors)[-2 * self._compared :].tolist())
+        with context.database.write() as session:
+            phase = NewPhase(id="bench", challenge=PLANNING.id, title="Bench", split="sample",
+                protocol="1.0", quota_per_day=50, quota_total=None)  # fmt: skip
+            self._revision = create_phase(session, phase, actor="bench").split_revision
+            self._teams = [
+                create_team(session, f"team{k}", f"Team {k}", actor="bench").id
+                for k in range(N_TEAMS)
+            ]
+        split = context.splits.find("sample", self._revision, self._protocol)
+        data = file_maker(split.manifest.sample_ids)()
+        digest, _ = context.files.put_stream([data], limit_bytes=len(data))
+        self._target = Target(digest, PLANNING, split, self._protocol)
+        self._scored = context.stages.score(self._target)
+        self._measurements = context.stages.measurements(self._target)
+        self._sums = context.stages.scene_sums(self._target, self._scored.measurement_key)
+        self._sheet = Rounding(PLANNING, self._protocol.publication).sheet(self._scored.sheet)
+
+    @property
+    def _compared(self) -> int:
+        return self._protocol.publication.compared_entries
+
+    def add(self, numbers: Iterable[int]) -> None:
+        """Record the scores of these entries."""
+        with self._context.database.write() as session:
+            now = database_now(session)
+            for number in numbers:
+                self._keep(number)
+                session.add(self._submission(number, now))
+                session.flush()
+                session.add(self._sheet_row(number, now))
+                row = SimilarityRow(submission_id=_name(number), alike="[]", compared_at=now)
+                session.add(row)
+
+    def _keep(self, number: int) -> None:
+        """Write what the worker would have kept: sums, and measurements of those to be compared."""
+        private, key = self._context.private, _measurement_key(number)
+        if number in self._best:
+            private.write_columns(Shelf.MEASUREMENTS, key, self._measurements)
+        columns = self._sums.columns()
+        columns["sums"] = np.rint(columns["sums"] * self._factors[number] / GRID) * GRID
+        private.write_columns(Shelf.SUMS, self._context.stages.sums_key(self._target, key), columns)
+
+    def _submission(self, number: int, now: datetime) -> Submission:
+        return Submission(
+            id=_name(number),
+            phase_id="bench",
+            team_id=self._teams[number % N_TEAMS],
+            method=f"Planner {number}",
+            description="An invented planner.",
+            file_digest=bytes_digest(f"{number}".encode()),
+            size_bytes=1,
+            status=SubmissionStatus.SCORED,
+            received_at=now,
+            status_at=now,
+        )
+
+    def _sheet_row(self, number: int, now: datetime) -> ScoreSheetRow:
+        factor = float(self._factors[number])
+        rows = {
+            name: {
+                key: None if value is None else round(value * factor, 4)
+                for key, value in getattr(self._sheet, name).items()
+            }
+            for name in ("micro", "macro_family")
+        }
+        return ScoreSheetRow(
+            submission_id=_name(number),
+            protocol_digest=self._protocol.digest,
+            split_revision=self._revision,
+            sheet=self._sheet.model_copy(update=rows),
+            exact_digest=self._scored.digest,
+            measurement_key=_measurement_key(number),
+            scorer_version=SCORER_VERSION,
+            created_at=now,
+        )
+
+
+def _name(number: int) -> str:
+    return f"s{number:07d}kq"
+
+
+def _measurement_key(number: int) -> str:
+    return content_key("bench", str(number))
+
+
+def _server(folder: Path, n_entries: int) -> dict[str, float]:
+    """Look at the board as visitors and programs do, then at others; CPU ms, kB, MiB."""
+    settings = ServerSettings(**_addresses(folder), receipt_key_file=folder / "receipt-key.pem")
+    client = TestClient(create_app(settings), base_url="http://localhost")
+    assert client.get("/readyz").status_code in (200, 503)
+    idle_mib = peak_mib_so_far()
+    page, api = "/?phase=bench", "/api/v1/leaderboard?phase=bench"
+    first_ms, first = _look(client, page)
+    again_ms, _ = _look(client, page)
+    whole_ms, whole = _look(client, api)
+    after_json_mib = peak_mib_so_far()
+    parts_ms, n_parts, n_told = _by_cursor(client, f"{api}&limit={PAGE}")
+    assert n_told == len(whole.json()["entries"]), "the pages do not hold all entries"
+    csv_ms, csv = _look(client, "/api/v1/leaderboard.csv?phase=bench")
+    with_csv_mib = peak_mib_so_far()
+    for number in range(max(3, ENTRIES_AFTER_IT // n_entries) if n_entries > 100 else 30):
+        beside = get_context("spawn").Process(
+            target=_publish_next, args=(settings.database_url, number)
+        )
+        beside.start()
+        beside.join()
+        assert beside.exitcode == 0, "the next board was not published"
+        _look(client, page)
+        _look(client, api)
+    return {
+        "first page, with reading the board": first_ms,
+        "the same page again": again_ms,
+        "first page, kB": len(first.content) / 1e3,
+        "whole board as JSON": whole_ms,
+        f"API in pages of {PAGE}, each": parts_ms / n_parts,
+        f"API in pages of {PAGE}, all of them": parts_ms,
+        "CSV": csv_ms,
+        "CSV, kB": len(csv.content) / 1e3,
+        "memory idle, MiB": idle_mib,
+        "most, page and JSON shown, MiB": after_json_mib,
+        "most, CSV too, MiB": with_csv_mib,
+        "most, after other boards as long, MiB": peak_mib_so_far(),
+    }
+
+
+def _look(client: TestClient, address: str) -> tuple[float, Any]:
+    began_s = time.process_time()
+    answer = client.get(address)
+    took_ms = 1000 * (time.process_time() - began_s)
+    assert answer.status_code == 200, answer.text[:300]
+    return took_ms, answer
+
+
+def _by_cursor(client: TestClient, address: str) -> tuple[float, int, int]:
+    """Follow `Link` to the end: CPU ms of all pages, how many, and how many entries they held."""
+    total_ms, n_pages, n_entries = 0.0, 0, 0
+    while True:
+        took_ms, answer = _look(client, address)
+        total_ms, n_pages = total_ms + took_ms, n_pages + 1
+        n_entries += len(answer.json()["entries"])
+        following = answer.links.get("next")
+        if following is None:
+            return total_ms, n_pages, n_entries
+        address = following["url"]
+
+
+def _publish_next(database_url: str, number: int) -> None:
+    """Let the phase show one board more, which says the same under another number.
+
+    It runs beside the server, as a worker does: what it takes is none of the server's memory.
+    """
+    database = Database(database_url)
+    with database.read() as session:
+        row = current_board(session, "bench")
+        assert row is not None, "a board stands"
+        shown = Board.model_validate_json(row.body)
+    board = shown.model_copy(update={"board": 1_000 + number})
+    body = canonical_json(board).decode()
+    with database.write() as session:
+        phase = session.get_one(Phase, board.phase)
+        row = BoardRow(
+            phase_id=phase.id,
+            protocol_digest=phase.protocol_digest,
+            split_revision=phase.split_revision,
+            number=board.board,
+            digest=board.content_digest,
+            body_digest=bytes_digest(body.encode()),
+            body=body,
+            published_at=board.published_at,
+        )
+        session.add(row)
+        session.flush()
+        flip_board(session, phase, row)
+    database.dispose()
+
+
+if __name__ == "__main__":
+    main()
