@@ -119,7 +119,7 @@ def _look_up(table: BoolArray, strategy: IntArray) -> BoolArray:
     return chosen
 
 
-PRESENT, ABSENT = 1, 0
+PRESENT = 1
 
 
 def reminder_scores(

@@ -273,13 +273,6 @@ def names_of_actors(session: Session, actors: Iterable[str]) -> dict[str, str]:
     return names | {f"{_TEAM}{team_id}": name for team_id, name in found}
 
 
-def is_well_formed(text: str) -> bool:
-    """Whether prefix, lengths and checksum are those of a token: for leak scanners and clients."""
-    body, _, checksum = text.rpartition("_")
-    lengths = [len(part) for part in text.split("_")]
-    return text.startswith("edk_") and lengths == [3, 1, 8, 32, 6] and checksum == _checksum(body)
-
-
 def _token_text(letter: str, token_id: str) -> str:
     secret = "".join(secrets.choice(_ALPHABET) for _ in range(32))
     body = f"edk_{letter}_{token_id}_{secret}"

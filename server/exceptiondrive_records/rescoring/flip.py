@@ -163,7 +163,6 @@ def apply_run(
     _require_seen(compared, preview)
     lost = compared.comparison.no_longer_ranked
     run = move_run(session, run_id, RunAction.APPLY, reason, actor, no_longer_ranked=lost)
-    run.from_board_id, run.to_board_id = phase.current_board_id, row.id
     run.applied_at = run.state_at
     run.comparison = compared.comparison
     if frozen_since(phase, run.state_at) is not None:  # only a reveal comes here

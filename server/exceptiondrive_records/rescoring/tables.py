@@ -35,9 +35,6 @@ class RescoringRun(Base):
     """When scoring last began or went on: the rate counts from here."""
     applied_at: Mapped[datetime | None]
     ended_at: Mapped[datetime | None]
-    from_board_id: Mapped[int | None] = mapped_column(ForeignKey("boards.id"))
-    """The board that was current when the run was applied."""
-    to_board_id: Mapped[int | None] = mapped_column(ForeignKey("boards.id"))
     apply_flip_id: Mapped[int | None] = mapped_column(ForeignKey("board_flips.id"))
     rollback_flip_id: Mapped[int | None] = mapped_column(ForeignKey("board_flips.id"))
     comparison: Mapped[Comparison | None] = mapped_column(DocumentText(Comparison), deferred=True)

@@ -7,7 +7,6 @@ from sqlalchemy import exists, func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import PROBING_SUSPECTED, audit_once
-from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, SimilarityRow, Submission
 from exceptiondrive_records.teams.tables import Team
@@ -65,7 +64,6 @@ def keep_alike(session: Session, submission_id: str, alike: Sequence[AlikeSubmis
     row = SimilarityRow(
         submission_id=submission_id,
         alike=ALIKE_SUBMISSIONS.dump_json(tuple(alike)).decode(),
-        compared_at=database_now(session),
     )
     session.add(row)
     session.flush()

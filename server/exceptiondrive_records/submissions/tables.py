@@ -131,4 +131,3 @@ class SimilarityRow(Base):
     submission_id: Mapped[str] = mapped_column(ForeignKey("submissions.id"), primary_key=True)
     alike: Mapped[str] = mapped_column(Text)
     """`ALIKE_SUBMISSIONS` as JSON: the nearest of other teams, and of its own."""
-    compared_at: Mapped[datetime]

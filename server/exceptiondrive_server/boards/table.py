@@ -492,11 +492,10 @@ def _sorting(challenge: Challenge, query: BoardQuery, key: str) -> tuple[Order |
 
 @dataclass(frozen=True)
 class Block:
-    """Rows of one source, and how many the source has in all."""
+    """Rows of one source: those of this page."""
 
     source: EntrySource
     rows: tuple[Row, ...]
-    n_all: int
 
 
 @dataclass(frozen=True)
@@ -741,7 +740,7 @@ def board_table(
         shown = entries[start : start + n_rows] if source == "scored" else entries
         if shown:
             rows = tuple([builder.row(entry) for entry in shown])
-            blocks.append(Block(source, rows, len(entries)))
+            blocks.append(Block(source, rows))
     least_covered = protocol.ranking.min_coverage
     return BoardTable(
         board, query, builder, tuple(blocks), number, n_pages, len(found), least_covered

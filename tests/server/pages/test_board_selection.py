@@ -81,7 +81,7 @@ def test_long_boards_are_cut_into_pages(lively_board: Board) -> None:
     pages = [table_of(board, page=number) for number in (1, 3, 99)]
     assert [len(page.blocks[0].rows) for page in pages] == [20, 20, 15]
     assert [page.number for page in pages] == [1, 3, 5]
-    assert pages[0].blocks[0].n_all == 95
+    assert pages[0].n_found == 95
 
 
 FACTS = {

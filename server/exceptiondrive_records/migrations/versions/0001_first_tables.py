@@ -387,7 +387,6 @@ def create_submissions() -> None:
         "similarities",
         sa.Column("submission_id", sa.String(), sa.ForeignKey("submissions.id"), primary_key=True),
         sa.Column("alike", sa.Text(), nullable=False),
-        sa.Column("compared_at", TIME, nullable=False),
     )
 
 
@@ -549,8 +548,6 @@ def create_rescoring() -> None:
         sa.Column("resumed_at", TIME),
         sa.Column("applied_at", TIME),
         sa.Column("ended_at", TIME),
-        sa.Column("from_board_id", sa.Integer(), sa.ForeignKey("boards.id")),
-        sa.Column("to_board_id", sa.Integer(), sa.ForeignKey("boards.id")),
         sa.Column("apply_flip_id", sa.Integer(), sa.ForeignKey("board_flips.id")),
         sa.Column("rollback_flip_id", sa.Integer(), sa.ForeignKey("board_flips.id")),
         sa.Column("comparison", sa.Text()),
