@@ -7,6 +7,12 @@ from pathlib import Path
 from tests.canary.values import CANARY_M
 
 
+def _rewrite(path: Path, document: object) -> None:
+    """Write another split; the datasheet beside it counted the one before."""
+    path.write_bytes(gzip.compress(json.dumps(document).encode()))
+    path.with_name("datasheet.json").unlink(missing_ok=True)
+
+
 def multiply(path: Path, copies: int) -> None:
     """Make a split as large as a real one: every sample so many times, under other ids."""
     document = json.loads(gzip.decompress(path.read_bytes()))
@@ -15,7 +21,7 @@ def multiply(path: Path, copies: int) -> None:
         for copy in range(copies)
         for sample in document["samples"]
     ]
-    path.write_bytes(gzip.compress(json.dumps(document).encode()))
+    _rewrite(path, document)
 
 
 def plant_canary(path: Path) -> None:
@@ -23,4 +29,4 @@ def plant_canary(path: Path) -> None:
     document = json.loads(gzip.decompress(path.read_bytes()))
     far = [[10.0, -1.0], [CANARY_M, -1.0], [CANARY_M, 1.0], [10.0, 1.0]]
     document["samples"][0]["region"] = far
-    path.write_bytes(gzip.compress(json.dumps(document).encode()))
+    _rewrite(path, document)

@@ -63,6 +63,12 @@ def _told(*statuses: str, of_failed: bool = False) -> Plant:
     return plant
 
 
+def _sent_as_another(story: Story) -> None:
+    calls = story.history.calls
+    number = next(n for n, call in enumerate(calls) if call.submission_id == story.scored[0])
+    calls[number] = dataclasses.replace(calls[number], method="other")
+
+
 def _tell_another_diagnostic(story: Story) -> None:
     seen = next(seen for seen in story.history.sightings if seen.sheet is not None)
     assert seen.sheet is not None
@@ -158,7 +164,7 @@ PLANTED: dict[str, tuple[str, Plant]] = {
     ),
     "a submission got another's method": (
         "accepted as another",
-        _sql("UPDATE submissions SET method = 'other' WHERE id = '{best}'"),
+        _sent_as_another,
     ),
     "a sound file was refused": ("sound file refused", _called(401)),
     "a quota was said to be used up": ("sound file refused", _called(429)),

@@ -317,4 +317,4 @@ def test_an_unknown_challenge_is_named_and_the_known_ones_too() -> None:
 def test_a_client_older_than_a_challenge_asks_for_a_newer_one() -> None:
     with pytest.raises(ServerError, match="no challenge 'gaps' here") as caught:
         challenge_of("gaps")
-    assert "--upgrade" in caught.value.advice
+    assert "Install the newest client" in caught.value.advice

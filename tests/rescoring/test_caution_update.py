@@ -128,8 +128,8 @@ def test_a_new_order_of_caution_goes_from_document_to_rollback(
     assert "effect_shifts" not in agent
     assert (changes["careful"]["change"], helped["change"]) == ("none", "numbers")
     read = organizer.say("rescore", "preview", run["id"])
-    assert "reminder's effect on agent+reminder: accuracy +0.5000 -> +0.5000, " in read
-    assert "under_warning -0.1667 -> -0.5000" in read
+    assert "reminder's effect on agent+reminder: Accuracy +50.00 -> +50.00, " in read
+    assert "Under-warning -16.67 -> -50.00" in read
     assert organizer.board() == before
 
     organizer.rescore("apply", run["id"], "--preview", preview["digest"], *REASON)

@@ -38,9 +38,11 @@ def disqualify_team(
     Raises:
         NotFound: No such team or phase.
         InvalidRecord: A text cannot be kept.
-        Conflict: It is disqualified there already.
+        Conflict: It is disqualified there already, or waits for approval.
     """
     team = lock_team(session, find_team(session, slug).id)
+    if team.pending_since is not None:
+        raise Conflict("The team waits for approval: refuse its registration instead.")
     if phase_id is not None:
         find_phase(session, phase_id)
     row = Disqualification(team_id=team.id, phase_id=phase_id)

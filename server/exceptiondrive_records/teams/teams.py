@@ -21,6 +21,7 @@ from exceptiondrive_records.db.identifiers import (
     checked_text,
     skeleton,
 )
+from exceptiondrive_records.db.roles import Role, rights_of
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import SiteSetting, Team
 
@@ -87,29 +88,30 @@ def refuse_team(session: Session, slug: str, *, reason: str, actor: str) -> None
     """Refuse a team that waits for approval: its id and name are free again, its tokens gone.
 
     Only an audit line stays. Whatever table comes to hold something of a team is emptied of it
-    too, and of what hangs on that, since its foreign keys say so.
+    too, and of what hangs on that, since its foreign keys say so; but for the tables of which the
+    server may delete nothing, whose rows keep the team.
 
     Raises:
         NotFound: There is no such team.
         InvalidRecord: The reason cannot be kept.
-        Conflict: It was approved, or has submitted.
+        Conflict: It was approved, has submitted, or was disqualified.
     """
     team = session.get(Team, find_team(session, slug).id, with_for_update=True)
     if team is None:  # refused meanwhile
         raise NotFound("team", slug)
     if team.pending_since is None:
         raise Conflict("The team is approved; only a team that waits for approval can be refused.")
-    if session.scalar(select(exists().where(Submission.team_id == team.id))):
-        raise Conflict("The team has submissions; they cannot be taken out of the records.")
     detail = {"reason": checked_reason(reason), "name": team.name}
     audit(session, actor, "team refused", slug, detail)
+    deletable = rights_of(Role.API)
     for table in reversed(Base.metadata.sorted_tables):
-        if table is Submission.__table__:  # there are none, and the server may delete none
+        if "DELETE" not in deletable[table.name]:
             continue
         for key in table.foreign_keys:
             for of_team in _of_team(key, team.id):
                 session.execute(delete(table).where(of_team))
-    session.execute(delete(Team).where(Team.id == team.id))
+    session.delete(team)
+    flush_or_refuse(session, "The team has submissions or was disqualified: the records keep it.")
 
 
 def _of_team(key: ForeignKey, team_id: int) -> Iterator[ColumnElement[bool]]:
