@@ -341,7 +341,7 @@ def test_a_revision_of_other_samples_is_refused_and_nothing_is_copied(
     operate("register-splits")
     others: list[dict[str, dict[str, Any]]] = [{"a": {}}, {"a": {}, "b": {"task": "LB1"}, "c": {}}]
     for samples in others:
-        new = tmp_path / "new.json"
+        new = tmp_path / "new-split.json"
         new.write_text(make_split(samples).model_dump_json(by_alias=True, exclude_none=True))
         code, _, err = operate("add-split", str(new), "--words", "Others.")
         assert code == 2
