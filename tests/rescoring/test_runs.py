@@ -353,26 +353,35 @@ def test_every_step_is_in_the_audit_log_with_actor_and_reason(
     assert all(line.detail["reason"] for line in lines if line.actor == "organizer")
 
 
-def test_only_teams_whose_published_numbers_change_are_told_old_and_new(
+def test_a_team_is_told_when_only_its_rank_range_moves(
     stage: Stage, make_protocol: Callable[..., str]
 ) -> None:
     run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    stage.apply(run_id)
+    with stage.database.read() as session:
+        (told,) = list_notifications(session, find_team(session, "beta").id)
+    (entry,) = told.entries
+    assert entry.old is not None
+    assert entry.new is not None
+    assert entry.old.metrics == entry.new.metrics
+    assert entry.old.rank_interval != entry.new.rank_interval
+
+
+def test_only_teams_whose_published_numbers_change_are_told_old_and_new(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    run_id = stage.ready(make_protocol("1.1", "d_safe_m = 2.0", "d_safe_m = 3.0"))
     comparison = stage.preview(run_id).comparison
     changed = {(entry.team, entry.change) for entry in comparison.entries}
-    assert changed == {("Alpha", "numbers"), ("Beta", "rank_only")}
+    assert changed == {("Alpha", "numbers"), ("Beta", "none")}
     stage.apply(run_id)
     with stage.database.read() as session:
         (told,) = list_notifications(session, find_team(session, "alpha").id)
-        (beside,) = list_notifications(session, find_team(session, "beta").id)
-    for entry in beside.entries:
-        assert entry.old is not None
-        assert entry.new is not None
-        assert entry.old.metrics == entry.new.metrics
-        assert entry.old.rank_interval != entry.new.rank_interval
+        assert list_notifications(session, find_team(session, "beta").id) == []
     for entry in told.entries:
         assert entry.old is not None
         assert entry.new is not None
-        assert entry.old.metrics["hcc"] != entry.new.metrics["hcc"]
+        assert entry.old.metrics != entry.new.metrics
     page = Console(width=200, record=True, file=StringIO())
     page.print(*notices_view([told]))
     assert re.search(
