@@ -74,7 +74,7 @@ class ChallengeWords(Document):
     answers: str
     """What the file holds: "trajectories", "answers"."""
     task: str
-    """Goes on after "ExceptionDrive puts a hazard into a real driving scene and"."""
+    """Goes on after "ExceptionDrive puts a hazard into a driving scene and"."""
     scene_caption: str
     """Under the drawing; `{clearance_m}`, `{d_safe_m}` and `{hcc}` are filled in."""
     sample_note: str
@@ -101,7 +101,7 @@ PLANNING_WORDS = ChallengeWords(
     answers="trajectories",
     task="scores what a planner would drive.",
     withheld="Where the hazards lie, nobody outside can see.",
-    scene_caption="A scene with a hazard from above, to scale. **UR** counts the scenes in which "
+    scene_caption="A scene with a hazard from above, to scale. **UR** counts the samples in which "
     "the area that the car sweeps touches the red hazard. **HCC** pays for the distance kept, up to "
     "the amber line: here d = {clearance_m:.2f} of {d_safe_m:.2f} m, so {hcc:.2f}. **CTS** is the "
     "mean gap between the dotted path, of the original scene, and the solid one.",
@@ -364,7 +364,7 @@ PLANNING = Challenge(
             unit="fraction",
             better="higher",
             role="primary",
-            meaning="Of each scene: zero in the hazard, then grows with the distance kept until the "
+            meaning="Of each sample: zero in the hazard, then grows with the distance kept until the "
             "required clearance is met.",
             formula=formulas.HCC,
         ),
@@ -377,7 +377,7 @@ PLANNING = Challenge(
             better="lower",
             role="primary",
             aggregation="share",
-            meaning="Share of scenes in which the area that the car sweeps touches the hazard.",
+            meaning="Share of samples in which the area that the car sweeps touches the hazard.",
             formula=formulas.UR,
         ),
         Metric(
@@ -450,7 +450,7 @@ PLANNING = Challenge(
             aggregation="share",
             shown="details",
             cells="of public regions",
-            meaning="Share of scenes whose clearance is the required one or more.",
+            meaning="Share of samples whose clearance is the required one or more.",
         ),
         Metric(
             key="close",
@@ -462,7 +462,7 @@ PLANNING = Challenge(
             aggregation="share",
             shown="details",
             cells="of public regions",
-            meaning="Share of scenes clear of the hazard whose clearance is below the required one.",
+            meaning="Share of samples clear of the hazard whose clearance is below the required one.",
         ),
         Metric(
             key="hit_reacting",
@@ -474,7 +474,7 @@ PLANNING = Challenge(
             aggregation="share",
             shown="details",
             cells="of public regions",
-            meaning="Share of scenes in the hazard whose trajectory moved once the hazard appeared, "
+            meaning="Share of samples in the hazard whose trajectory moved once the hazard appeared, "
             "but not enough or the wrong way.",
         ),
         Metric(
@@ -487,7 +487,7 @@ PLANNING = Challenge(
             aggregation="share",
             shown="details",
             cells="of public regions",
-            meaning="Share of scenes in the hazard whose trajectory hardly moved, or is missing.",
+            meaning="Share of samples in the hazard whose trajectory hardly moved, or is missing.",
         ),
         *(
             Metric(
@@ -548,7 +548,7 @@ STRATEGY = Challenge(
             better="higher",
             role="primary",
             aggregation="share",
-            meaning="Share of scenes whose answer is in the acceptable set.",
+            meaning="Share of samples whose answer is in the acceptable set.",
             formula=formulas.ACCURACY,
         ),
         Metric(
