@@ -28,7 +28,7 @@ from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive.inputs import STDIN
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check.checker import CSV_COLUMNS
-from exceptiondrive_schemas.check.inflate import wide_encoding
+from exceptiondrive_schemas.check.inflate import CONVERTIBLE, other_file_kind, wide_encoding
 from exceptiondrive_schemas.check.trajectory_forms import (
     is_null_word,
     is_number,
@@ -47,6 +47,7 @@ NO_POINT = (math.nan, math.nan)
 MOST_BYTES = 1 << 30
 TOO_LARGE = "holds more than 1 GiB: give it in parts, several files make one submission."
 OnForm = Callable[[str], None]
+READ_HERE = "Read are JSON, JSON lines, CSV, Parquet and NPZ, plain or as gzip."
 
 
 def read_pairs(
@@ -226,6 +227,9 @@ def _number(value: Any) -> float:
 
 def _pairs_of(path: Path, splits: set[str], mode: int | None, on_form: OnForm) -> Iterator[RawPair]:
     data = read_bytes(path)
+    kind = other_file_kind(data)
+    if kind and kind not in CONVERTIBLE and not data.startswith(NPY_MAGIC):
+        raise fault(path, f"is {kind}. {READ_HERE}")
     if data.startswith((NPZ_MAGIC, NPY_MAGIC)):
         on_form("arrays (NPZ)")
         yield from _pairs_of_arrays(path, data)

@@ -251,6 +251,19 @@ def test_convert_never_writes_what_is_not_valid(planning_file: MakeFile, tmp_pat
     assert json.loads(output.read_text())["predictions"][0]["source"] is None
 
 
+def test_convert_tells_all_faults_of_what_is_nearly_a_submission_at_once(
+    planning_file: MakeFile, tmp_path: Path
+) -> None:
+    six = [[2.0 * step, 0.0] for step in range(1, 7)]
+    twice = {"sample_id": "s0", "source": six, "edited": None}
+    path = planning_file(predictions=[{**twice, "note": 1}, twice, {"source": six, "edited": "x"}])
+    done = run("convert", path, "-o", tmp_path / "out.json")
+    assert done.exit_code == 2
+    assert "s0: unknown key note" in done.stderr
+    for code in ("unknown_key", "duplicate_sample", "missing_key"):
+        assert code in done.stdout
+
+
 def test_convert_says_where_it_found_nothing(tmp_path: Path) -> None:
     file, out = tmp_path / "run.json", tmp_path / "out.json"
     file.write_text('{"n0": {"of_another_form": 1}}')

@@ -1,9 +1,11 @@
 import gzip
 import io
 import json
+import lzma
 import math
 import os
 import pickle
+import shutil
 import sys
 import zipfile
 from collections.abc import Mapping
@@ -283,6 +285,18 @@ HEADER = "sample_id,trajectory,step,x_m,y_m\n"
 def test_an_unreadable_file_says_where(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(InvalidArgumentError, match=message):
         read_pairs([written(tmp_path, "a.txt", text)])
+
+
+@pytest.mark.parametrize("kind", ["zip", "tar", "xz"])
+def test_an_archive_is_named_and_what_is_read_instead(tmp_path: Path, kind: str) -> None:
+    path = written(tmp_path, "a.json", json.dumps(DOCUMENT))
+    if kind == "xz":
+        packed = tmp_path / "a.json.xz"
+        packed.write_bytes(lzma.compress(path.read_bytes()))
+    else:
+        packed = Path(shutil.make_archive(str(tmp_path / "b"), kind, tmp_path, "a.json"))
+    with pytest.raises(InvalidArgumentError, match=rf"is (a )?{kind}.*Read are JSON"):
+        read_pairs([packed])
 
 
 def test_a_missing_file_and_bytes_that_are_no_text_are_said(tmp_path: Path) -> None:

@@ -21,12 +21,13 @@ from exceptiondrive.conversion import (
 from exceptiondrive.conversion import convert as convert_pairs
 from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
 from exceptiondrive.inputs import given_manifest, given_protocol
-from exceptiondrive.pair_files import read_pairs
+from exceptiondrive.pair_files import OnForm, read_pairs
 from exceptiondrive.planner_runs import FORMS, PlannerForm, planner_form, read_runs
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import check_bytes
 from exceptiondrive_schemas.check.source_fit import UNITS
 from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.protocol import ProtocolDocument
 
 MAX_OFFSET_M = 20.0
 ROTATIONS_DEG = (90, -90, 180)
@@ -181,7 +182,7 @@ def convert(
     pairs, split_of_files = (
         _read_runs(form, files, source_run or [], edited_run or [], mode)
         if form is not None or not files
-        else read_pairs(files, mode, forms.setdefault)
+        else _read_files(files, mode, forms.setdefault, rules)
     )
     if not pairs:
         raise InvalidArgumentError(
@@ -247,6 +248,25 @@ def _read_runs(
             "Name files with pairs, or two runs by --source-run and --edited-run; not both.",
         )
     return read_runs(form, source_run, edited_run, mode), None
+
+
+def _read_files(
+    files: list[Path], mode: int | None, on_form: OnForm, rules: ProtocolDocument
+) -> tuple[tuple[RawPair, ...], str | None]:
+    """Read files with pairs; of one that is nearly a submission, say all that is wrong at once."""
+    try:
+        return read_pairs(files, mode, on_form)
+    except InvalidArgumentError as error:
+        if error.code != "unreadable_file" or len(files) > 1 or not files[0].is_file():
+            raise
+        report = check_bytes(files[0].read_bytes(), protocol=rules, challenge=PLANNING.id)
+        if not report.n_predictions or report.is_valid:
+            raise
+        raise InvalidFileError(
+            report,
+            f"{error.sentence} All that a check finds in the file is listed.",
+            error.advice or "Correct what is listed where the planner writes.",
+        ) from None
 
 
 def _said(done: tuple[str, ...], outcome: Conversion) -> list[str]:
