@@ -315,6 +315,7 @@ def test_what_is_asked_first_waits_for_the_word_of_its_team(
     assert f"Submission {counted.rpartition('/')[2]} is in its place" in alpha.get(address).text
     assert api.post(f"{address}/confirm", "alpha").json()["id"] == counted.rpartition("/")[2]
     assert api.post(f"{counted}/confirm", "alpha").status_code == 409
+    assert f'<a href="{counted}">another one</a> is in its' in alpha.get("/my").text
 
 
 def test_what_was_not_confirmed_in_time_says_that_its_file_is_deleted(

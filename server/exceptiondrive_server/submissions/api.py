@@ -87,7 +87,11 @@ async def submit(
     The same bytes again give the first submission (200) and cost no quota. With an
     `Idempotency-Key` the same upload, sent again within 24 hours, is answered as the first time
     (202), even where the submission was withdrawn meanwhile; the key with other bytes is refused
-    (409).
+    (409). A key is 1 to 255 visible ASCII characters.
+
+    The headers `RateLimit-Limit`, `RateLimit-Remaining` and `RateLimit-Reset` (in seconds) say what
+    the team may still submit to the phase today; a phase, a submission, and the submissions of one
+    phase come with them too.
     """
     began_s = time.monotonic()
     async with received_upload(request, services, team_of(principal)) as upload:
