@@ -226,7 +226,7 @@ class _Entries:
                 session.add(self._submission(number, now))
                 session.flush()
                 session.add(self._sheet_row(number, now))
-                row = SimilarityRow(submission_id=_name(number), alike="[]", compared_at=now)
+                row = SimilarityRow(submission_id=_name(number), alike="[]")
                 session.add(row)
 
     def _keep(self, number: int) -> None:
