@@ -155,6 +155,19 @@ def test_evaluate_shows_both_aggregates_labelled(planning_file: MakeFile, split_
         assert words in done.stdout
 
 
+def test_evaluate_says_which_samples_of_a_file_count(
+    planning_file: MakeFile, split_file: Path, tmp_path: Path
+) -> None:
+    split = json.loads(split_file.read_text())
+    split["samples"][0]["withdrawn"] = "its hazard is hidden by a bus"
+    path = tmp_path / "withdrawn.json"
+    path.write_text(json.dumps(split))
+    done = run("evaluate", planning_file(), "--split", path)
+    assert done.exit_code == 0, done.stderr
+    words = " ".join(done.stdout.split())
+    assert "4 samples, 3 of them in the score, the others controls or withdrawn" in words
+
+
 def test_evaluate_json_is_the_exact_sheet(planning_file: MakeFile, split_file: Path) -> None:
     from exceptiondrive import evaluate_file
     from exceptiondrive_schemas.score_sheet import ScoreSheet

@@ -123,7 +123,8 @@ def sheet_view(
     """
     n_scored = counted(sheet.n, "sample")
     if n_predictions not in (None, sheet.n):
-        n_scored = f"{counted(n_predictions or 0, 'sample')}, {sheet.n:,} of them in the score"
+        n_scored = f"{counted(n_predictions or 0, 'sample')}, {sheet.n:,} of them in the score, "
+        n_scored += "the others controls or withdrawn"
     protocol = protocol or _shipped(sheet.protocol)
     yield Text(
         f"{challenge_of(sheet.challenge).title} · split {sheet.split.name} · "

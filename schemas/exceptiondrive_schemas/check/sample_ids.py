@@ -101,7 +101,8 @@ class SampleIds:
         if self._manifest is None:
             return
         missing = [each for each in self._manifest.sample_ids if each not in self._first_at]
-        self._report_unknown(NearestId(missing or self._manifest.sample_ids))
+        if self._unknown:
+            self._report_unknown(NearestId(missing or self._manifest.sample_ids))
         if n_read is not None and (self._first_at or n_read == 0):
             self._report_missing(missing, NearestId(text for _, text in self._unknown))
 
