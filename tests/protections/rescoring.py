@@ -113,6 +113,20 @@ def _hash_of_the_number(_: Any) -> Callable[..., Any]:
     return lambda line: hashlib.sha256(str(line.id).encode()).hexdigest()
 
 
+def _longest_due(_: Any) -> Callable[..., Any]:
+    from sqlalchemy import select
+
+    from exceptiondrive_records.db.clock import database_now
+    from exceptiondrive_records.notifications.tables import Delivery
+    from exceptiondrive_records.work.lease import is_claimable
+
+    return lambda session: (
+        select(Delivery.id)
+        .where(is_claimable(Delivery, database_now(session)))
+        .order_by(Delivery.available_at)
+    )
+
+
 def _over_the_kept_store(stages_over: Any) -> Callable[..., Any]:
     from exceptiondrive_worker.private_store import PrivateStore
 
@@ -265,5 +279,11 @@ RESCORING = (
         f"{RECORDS}.notifications.channels:is_public",
         always(True),
         f"{HERE}/test_notices.py::test_no_webhook_reaches_our_own_network",
+    ),
+    Protection(
+        "slow-webhook",
+        f"{RECORDS}.notifications.outbox:_due",
+        _longest_due,
+        f"{HERE}/test_notices.py::test_a_team_whose_webhook_is_slow_keeps_no_other_team_waiting",
     ),
 )

@@ -416,6 +416,12 @@ PROTECTIONS = (
         "tests/server/test_page_places.py::test_an_api_call_and_health_answer_while_more_pages_are_asked_for_than_there_are_threads",
     ),
     Protection(
+        "page-places-of-an-address",
+        "exceptiondrive_server.web.page_places:WeakValueDictionary",
+        lambda _: type("Forgets", (), {"setdefault": lambda self, key, new: new}),
+        "tests/server/test_page_places.py::test_who_asks_for_many_pages_waits_behind_none_but_its_own",
+    ),
+    Protection(
         "reveal-rolled-back",
         "exceptiondrive_records.phases.policy:was_split_revealed",
         _always(False),

@@ -238,6 +238,45 @@ def test_an_address_that_cannot_be_called_keeps_no_other_message_waiting(
         assert session.get_one(Delivery, bad_one.id).note == "the host of the webhook is unknown"
 
 
+def test_a_team_whose_webhook_is_slow_keeps_no_other_team_waiting(
+    stage: Stage, make_protocol: Callable[..., str], receiver: Receiver
+) -> None:
+    told(stage, make_protocol, Channel.WEBHOOK, receiver.url)
+    with stage.database.write() as session:
+        first = session.scalars(select(Delivery)).one()
+        beta = find_team(session, "beta").id
+        contact = add_contact(
+            session,
+            beta,
+            Channel.WEBHOOK,
+            f"{receiver.url}/beta",
+            actor="test",
+            may_be_private=True,
+        )
+        for key, contact_id, wait_s in (("again", first.contact_id, 1), ("beta", contact.id, 2)):
+            later = first.available_at + timedelta(seconds=wait_s)
+            session.add(
+                new_item(
+                    Delivery,
+                    key,
+                    later,
+                    notification_id=first.notification_id,
+                    contact_id=contact_id,
+                )
+            )
+    with stage.owner.write() as session:
+        let_time_pass(session, timedelta(seconds=30))
+    assert send_next(stage.database, settings())
+    with stage.owner.write() as session:  # as if alpha's receiver had been slow
+        session.get_one(Delivery, first.id).took_s = 19.0
+    assert send_next(stage.database, settings())
+    with stage.database.read() as session:
+        states = {each.key: each.outcome for each in session.scalars(select(Delivery))}
+    assert states == {first.key: "sent", "beta": "sent", "again": "waiting"}
+    assert send_next(stage.database, settings())
+    assert len(receiver.received) == 3
+
+
 def test_a_receiver_that_answers_letter_by_letter_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(webhooks, "_LONGEST_S", 0.5)
     with socket.create_server(("127.0.0.1", 0)) as listening:
@@ -264,7 +303,7 @@ def test_a_receiver_that_answers_letter_by_letter_is_left(monkeypatch: pytest.Mo
         *("127.0.0.1", "10.0.0.1", "169.254.169.254", "localhost"),
         *("::1", "::ffff:10.0.0.1", "::10.0.0.1", "::ffff:0:10.0.0.1", "2002:a00:1::"),
         *("64:ff9b::10.0.0.1", "64:ff9b:1::8.8.8.8", "fec0::1"),
-        *("192.88.99.1", "::ffff:192.88.99.1", "3fff::1", "5f00::1", "4000::1"),
+        *("192.88.99.1", "192.0.0.8", "::ffff:192.88.99.1", "3fff::1", "5f00::1", "4000::1"),
     ],
 )
 def test_no_webhook_reaches_our_own_network(host: str) -> None:

@@ -1,7 +1,7 @@
 """Pages are made in a few places of their own: API calls and /healthz never wait behind them."""
 
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from threading import Event, Semaphore
 from typing import TYPE_CHECKING
 
@@ -10,7 +10,7 @@ import pytest
 from tests.support.serving import served
 
 from exceptiondrive_server.boards.queries import read_board
-from exceptiondrive_server.web.page_places import PAGES_AT_ONCE
+from exceptiondrive_server.web.page_places import PAGES_AT_ONCE, PAGES_OF_AN_ADDRESS
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api
@@ -25,33 +25,76 @@ def address(api: "Api") -> Iterator[str]:
         yield address
 
 
-def test_an_api_call_and_health_answer_while_more_pages_are_asked_for_than_there_are_threads(
-    api: "Api", address: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    go_on, began = Event(), Semaphore(0)
+class Held:
+    """The making of pages, which stops until it may go on.
 
-    def held(*arguments: object, **options: object) -> object:
-        began.release()
-        go_on.wait()
+    Attributes:
+        began: Is released by each page that begins to be made.
+        go_on: Lets them all go on.
+    """
+
+    def __init__(self) -> None:
+        self.began, self.go_on = Semaphore(0), Event()
+
+    def read_board(self, *arguments: object, **options: object) -> object:
+        """Wait, then read a board."""
+        self.began.release()
+        self.go_on.wait()
         return read_board(*arguments, **options)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("exceptiondrive_server.boards.pages.read_board", held)
-    bearer = {"Authorization": f"Bearer {api.tokens['alpha']}"}
+
+@pytest.fixture
+def held(monkeypatch: pytest.MonkeyPatch) -> Iterator[Held]:
+    made = Held()
+    monkeypatch.setattr("exceptiondrive_server.boards.pages.read_board", made.read_board)
+    yield made
+    made.go_on.set()
+
+
+@pytest.fixture
+def readers(held: Held) -> Iterator[ThreadPoolExecutor]:
     with ThreadPoolExecutor(2 * THREADS) as readers:
-        asked = [
-            readers.submit(httpx.get, f"{address}/?page={number}", timeout=60)
-            for number in range(1, 2 * THREADS + 1)
-        ]
-        try:
-            for _ in range(PAGES_AT_ONCE):
-                began.acquire()
-            for path in ("/healthz", "/api/v1/submissions"):
-                assert httpx.get(address + path, headers=bearer, timeout=30).status_code == 200
-            assert not began.acquire(blocking=False)
-            assert not any(page.done() for page in asked)
-        finally:
-            go_on.set()
-    assert {page.result().status_code for page in asked} == {200}
+        yield readers
+        held.go_on.set()
+
+
+def ask(url: str, source: str = "127.0.0.1") -> int:
+    """Ask for a page from an address of this machine; return the status."""
+    with httpx.Client(transport=httpx.HTTPTransport(local_address=source), timeout=60) as client:
+        return client.get(url).status_code
+
+
+def test_an_api_call_and_health_answer_while_more_pages_are_asked_for_than_there_are_threads(
+    api: "Api", address: str, held: Held, readers: ThreadPoolExecutor
+) -> None:
+    bearer = {"Authorization": f"Bearer {api.tokens['alpha']}"}
+    asked = [
+        readers.submit(ask, f"{address}/?page={number + 1}", f"127.0.0.{2 + number % THREADS}")
+        for number in range(2 * THREADS)
+    ]
+    for _ in range(PAGES_AT_ONCE):
+        held.began.acquire()
+    for path in ("/healthz", "/api/v1/submissions"):
+        assert httpx.get(address + path, headers=bearer, timeout=30).status_code == 200
+    assert not held.began.acquire(blocking=False)
+    assert not any(page.done() for page in asked)
+    held.go_on.set()
+    assert {page.result() for page in asked} == {200}
+
+
+def test_who_asks_for_many_pages_waits_behind_none_but_its_own(
+    address: str, held: Held, readers: ThreadPoolExecutor
+) -> None:
+    asked = [readers.submit(ask, f"{address}/?page={number}") for number in range(2, 12)]
+    for _ in range(PAGES_OF_AN_ADDRESS):
+        held.began.acquire()
+    other = readers.submit(ask, f"{address}/status", "127.0.0.2")
+    wait([other], timeout=30)
+    assert other.done()
+    assert other.result() == 200
+    assert not held.began.acquire(blocking=False)
+    held.go_on.set()
+    assert {page.result() for page in asked} == {200}
 
 
 def test_what_no_page_asks_for_leads_to_the_address_without_it(api: "Api") -> None:

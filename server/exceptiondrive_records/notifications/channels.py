@@ -52,11 +52,18 @@ _WRAPPING = tuple(map(ipaddress.ip_network, ("::/96", "::ffff:0:0:0/96", "64:ff9
 _NOT_PUBLIC = tuple(
     map(
         ipaddress.ip_network,
-        ("64:ff9b:1::/48", "fec0::/10", "192.88.99.0/24", "3fff::/20", "5f00::/16"),
+        (
+            "64:ff9b:1::/48",
+            "fec0::/10",
+            "192.0.0.0/24",
+            "192.88.99.0/24",
+            "3fff::/20",
+            "5f00::/16",
+        ),
     )
 )
-"""NAT64 within a network (RFC 8215), site-local, the old 6to4 relays (RFC 7526), documentation (RFC
-9637), segment routing (RFC 9602); the library calls them global."""
+"""NAT64 within a network (RFC 8215), site-local, protocol assignments (RFC 6890), the old 6to4 relays
+(RFC 7526), documentation (RFC 9637), segment routing (RFC 9602); the library calls them global."""
 _GLOBAL_UNICAST = ipaddress.ip_network("2000::/3")
 
 

@@ -1,11 +1,12 @@
 """The outbox: what waits to be sent, each message claimed by one sender and tried for hours."""
 
 import threading
+from datetime import timedelta
 
 import structlog
-from sqlalchemy import Select, select
+from sqlalchemy import Select, func, select
 from sqlalchemy.exc import SQLAlchemyError
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import Session, aliased
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
@@ -30,6 +31,8 @@ _log = structlog.get_logger("exceptiondrive.notices")
 
 _LEASE_S = 60.0
 """Longer than one message may take: two senders would send it twice."""
+_OF_LATE = timedelta(hours=1)
+"""The time over which teams share the sender."""
 
 
 def run_outbox(database: Database, settings: NoticeSettings, stop: threading.Event) -> None:
@@ -45,7 +48,10 @@ def run_outbox(database: Database, settings: NoticeSettings, stop: threading.Eve
 
 
 def send_next(database: Database, settings: NoticeSettings) -> bool:
-    """Send the message that is due longest; return whether there was one.
+    """Send the next message that is due; return whether there was one.
+
+    First come the teams to which sending took least time of late: one whose webhooks answer slowly keeps
+    none but itself waiting. Of a team, what is due longest comes first.
 
     A process that dies between sending and recording lets another send again: receivers know a
     message by the `id` in its body.
@@ -75,11 +81,21 @@ def send_next(database: Database, settings: NoticeSettings) -> bool:
 
 
 def _due(session: Session) -> Select[str]:
+    now = database_now(session)
+    of_late = aliased(Delivery)
+    taken = (
+        select(ContactPoint.team_id, func.sum(of_late.took_s).label("seconds"))
+        .join(of_late, of_late.contact_id == ContactPoint.id)
+        .where(of_late.leased_at > now - _OF_LATE)
+        .group_by(ContactPoint.team_id)
+        .subquery()
+    )
     return (
         select(Delivery.id)
         .join(ContactPoint, ContactPoint.id == Delivery.contact_id)
-        .where(is_claimable(Delivery, database_now(session)), ContactPoint.removed_at.is_(None))
-        .order_by(Delivery.available_at, Delivery.id)
+        .outerjoin(taken, taken.c.team_id == ContactPoint.team_id)
+        .where(is_claimable(Delivery, now), ContactPoint.removed_at.is_(None))
+        .order_by(func.coalesce(taken.c.seconds, 0.0), Delivery.available_at, Delivery.id)
         .limit(1)
     )
 

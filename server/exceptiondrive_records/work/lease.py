@@ -131,8 +131,16 @@ def finish(
 
 def try_later(session: Session, item: WorkItem, wait_s: float, *, note: str | None = None) -> bool:
     """Give an item back, to be tried again after a while; whether the lease was still held."""
-    available_at = database_now(session) + timedelta(seconds=wait_s)
-    return _leave(session, item, state=WorkState.QUEUED, available_at=available_at, note=note)
+    now = database_now(session)
+    assert item.leased_at is not None
+    return _leave(
+        session,
+        item,
+        state=WorkState.QUEUED,
+        available_at=now + timedelta(seconds=wait_s),
+        took_s=(now - item.leased_at).total_seconds(),
+        note=note,
+    )
 
 
 def _leave(session: Session, item: WorkItem, **values: object) -> bool:
