@@ -45,6 +45,7 @@ from exceptiondrive_server.protocols import pages as protocol_pages
 from exceptiondrive_server.rescoring import api as rescoring
 from exceptiondrive_server.rescoring import organizer_api as organizer_rescoring
 from exceptiondrive_server.rescoring import organizer_pages as run_pages
+from exceptiondrive_server.rescoring import pages as update_pages
 from exceptiondrive_server.splits import api as splits
 from exceptiondrive_server.splits import pages as split_pages
 from exceptiondrive_server.submissions import api as submissions
@@ -114,6 +115,7 @@ for _part in (
 PAGES = APIRouter(include_in_schema=False)
 for _part in (
     board_pages.router,
+    update_pages.router,
     entry_pages.router,
     phase_pages.router,
     terms_pages.router,

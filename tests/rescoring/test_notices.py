@@ -386,7 +386,7 @@ def test_an_e_mail_says_what_the_board_shows_before_and_after(
     assert text.count("before: rank") == 2
     assert "https://board.example/?phase=dev" in text
     assert "https://board.example/history?phase=dev" in text
-    assert "https://board.example/api/v1/rescoring/" in text
+    assert "before and after: https://board.example/rescoring/" in text
     assert "List-Unsubscribe: <https://board.example/contacts/" in text.replace("\r\n ", " ")
     assert "List-Unsubscribe-Post: List-Unsubscribe=One-Click" in text
 

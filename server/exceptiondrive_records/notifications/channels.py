@@ -274,7 +274,7 @@ def text_of(notice: NotificationView, site_url: str) -> str:
         "",
         f"The board: {site}/?phase={notice.phase}",
         f"Every board there was: {site}/history?phase={notice.phase}",
-        f"Every entry before and after, as JSON: {site}{notice.comparison}",
+        f"Every entry before and after: {site}{notice.comparison.removeprefix('/api/v1')}",
     ]
     return "\n".join(lines) + "\n"
 

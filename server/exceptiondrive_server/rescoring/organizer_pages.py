@@ -21,13 +21,7 @@ from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_schemas.rescoring import RunKind
 from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.rescoring.exports import comparison_csv
-from exceptiondrive_server.rescoring.preview import (
-    SHOWN,
-    Shifts,
-    rank_words,
-    slope_chart,
-    worst_first,
-)
+from exceptiondrive_server.rescoring.preview import compared
 from exceptiondrive_server.rescoring.steps import (
     RUN_STEPS,
     RunStep,
@@ -38,7 +32,7 @@ from exceptiondrive_server.rescoring.steps import (
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import PostedForm
 from exceptiondrive_server.web.forms import REASON
-from exceptiondrive_server.web.numbers import short_digest, unit_of
+from exceptiondrive_server.web.numbers import short_digest
 from exceptiondrive_server.web.organizer_frame import (
     NO_STORE,
     OrganizerBrowser,
@@ -168,9 +162,6 @@ def show_preview(
         preview = preview_of(session, run_id)
         comparison = preview.comparison
         protocol = find_protocol(session, comparison.to_protocol.digest)
-    ordered = worst_first(comparison)
-    n_pages = max(1, -(-len(ordered) // SHOWN))
-    page = min(page, n_pages)
     return organizer_page(
         request,
         browser,
@@ -179,14 +170,7 @@ def show_preview(
         line=run_line(seen),
         steps=offered(seen),
         preview=preview,
-        shown=ordered[(page - 1) * SHOWN : page * SHOWN],
-        shifts=Shifts(protocol, comparison),
-        rank_words=rank_words,
-        unit=unit_of,
-        number=page,
-        n_pages=n_pages,
-        wide=slope_chart(comparison, width=860, longest=28),
-        narrow=slope_chart(comparison, width=420, longest=15),
+        **compared(comparison, protocol, page),
     )
 
 

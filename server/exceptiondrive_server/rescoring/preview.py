@@ -1,14 +1,15 @@
-"""The preview of a run: every entry before and after, worst movers first."""
+"""Every entry before and after a run, worst movers first."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 from exceptiondrive_schemas.challenges import CHALLENGES, Metric
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.rescoring import Comparison, EntryChange, Standing
-from exceptiondrive_server.web.numbers import Digits, px
+from exceptiondrive_server.web.numbers import Digits, px, unit_of
 
 SHOWN = 40
 """Entries on a page: it stays small, and the file has them all."""
@@ -100,6 +101,24 @@ class Shifts:
             return Shift(*texts, None, "same")
         is_better = (new > old) == (metric.better == "higher")
         return Shift(*texts, digits.signed(metric, new - old), "better" if is_better else "worse")
+
+
+def compared(comparison: Comparison, protocol: ProtocolDocument, page: int) -> dict[str, Any]:
+    """Return what fills `compared.html`; `protocol` is the one to come, a page beyond the last is the last."""
+    ordered = worst_first(comparison)
+    n_pages = max(1, -(-len(ordered) // SHOWN))
+    number = min(page, n_pages)
+    return {
+        "c": comparison,
+        "shown": ordered[(number - 1) * SHOWN : number * SHOWN],
+        "shifts": Shifts(protocol, comparison),
+        "rank_words": rank_words,
+        "unit": unit_of,
+        "number": number,
+        "n_pages": n_pages,
+        "wide": slope_chart(comparison, width=860, longest=28),
+        "narrow": slope_chart(comparison, width=420, longest=15),
+    }
 
 
 def worst_first(comparison: Comparison) -> list[EntryChange]:

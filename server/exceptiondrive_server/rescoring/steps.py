@@ -8,7 +8,14 @@ from types import MappingProxyType
 from exceptiondrive_records.rescoring import flip, runs
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_schemas.rescoring import Comparison, Progress, RunAction, RunState, RunView
+from exceptiondrive_schemas.rescoring import (
+    Comparison,
+    Progress,
+    PublicRun,
+    RunAction,
+    RunState,
+    RunView,
+)
 from exceptiondrive_server.web.forms import REASON
 from exceptiondrive_server.web.numbers import grouped
 from exceptiondrive_server.web.organizer_frame import Step, duration_words
@@ -55,21 +62,26 @@ class RunLine:
 
 def run_line(run: RunView) -> RunLine:
     """Return a run in words."""
-    changes = []
-    if run.from_protocol != run.to_protocol:
-        changes.append(f"protocol {run.from_protocol.version} to {run.to_protocol.version}")
-    if run.from_split != run.to_split:
-        changes.append(f"a new revision of {run.to_split.name}")
     progress = run.progress
     return RunLine(
         run=run,
-        change=" and ".join(changes) or "verification of sheets",
+        change=change_words(run) or "verification of sheets",
         state=run.state.value.replace("_", " "),
         tone=_TONE[run.state],
         next_words=_next_words(run),
         progress_words=_progress_words(progress),
         share=progress.done / progress.total if progress.total else 1.0,
     )
+
+
+def change_words(run: RunView | PublicRun) -> str:
+    """Return what a run changes to what: `protocol 1.0 to 1.1`; empty for a verification."""
+    changes = []
+    if run.from_protocol != run.to_protocol:
+        changes.append(f"protocol {run.from_protocol.version} to {run.to_protocol.version}")
+    if run.from_split != run.to_split:
+        changes.append(f"a new revision of {run.to_split.name}")
+    return " and ".join(changes)
 
 
 def _next_words(run: RunView) -> str:

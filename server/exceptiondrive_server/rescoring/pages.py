@@ -1,0 +1,51 @@
+"""What a protocol update or a new split revision changed, as every reader may see it."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Query, Request
+from fastapi.responses import Response
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.phases.phases import shown_phase
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.rescoring.views import public_run
+from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.rescoring import PublicRun
+from exceptiondrive_server.rescoring.preview import compared
+from exceptiondrive_server.rescoring.steps import change_words
+from exceptiondrive_server.web.auth import sees_hidden
+from exceptiondrive_server.web.browser_session import principal_of_browser
+from exceptiondrive_server.web.responses import Reading, public_page
+
+router = APIRouter(include_in_schema=False)
+
+
+@router.get("/rescoring/{run_id}")
+def show_update(
+    request: Request,
+    run_id: Annotated[str, Path(max_length=64)],
+    page: Annotated[int, Query(ge=1, le=100_000)] = 1,
+) -> Response:
+    """Compare every entry before and after a run that was applied; others have no address."""
+
+    def read(session: Session) -> Reading:
+        run = public_run(session, run_id)
+        may_see = sees_hidden(principal_of_browser(session, request))
+        phase = shown_phase(session, run.phase, with_hidden=may_see)
+        protocol = find_protocol(session, run.to_protocol.digest)
+        outline = (page, phase.title, run.state, run.ended_at, run.comparison.digest)
+        return outline, lambda: {
+            "run": run,
+            "phase_title": phase.title,
+            "change": change_words(run),
+            "sentences": _sentences(run, protocol),
+            **compared(run.comparison, protocol, page),
+        }
+
+    return public_page(request, "rescoring/update.html", "board", read)
+
+
+def _sentences(run: PublicRun, protocol: ProtocolDocument) -> list[str]:
+    """What changed: in the words of the new protocol, if there is one, then point by point."""
+    words = [protocol.changes] if run.from_protocol != run.to_protocol else []
+    return words + [change.sentence for change in run.difference.changes]

@@ -1,0 +1,60 @@
+"""The page of an applied run, for every reader: every entry before and after."""
+
+import re
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from sqlalchemy import update
+
+from exceptiondrive_records.phases.tables import Phase
+
+if TYPE_CHECKING:
+    from tests.rescoring.conftest import Api
+
+Stage = Any
+D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 4.5")
+
+
+def test_readers_see_every_entry_before_and_after_a_run_that_was_applied(
+    stage: Stage, api: "Api", make_protocol: Callable[..., str]
+) -> None:
+    def read(path: str, status: int = 200) -> str:
+        answer = api.client.get(path, headers={"Accept": "text/html"})
+        assert answer.status_code == status, path
+        return str(answer.text)
+
+    stage.add_protocol(make_protocol("1.1", *D_SAFE))
+    wanted = {"phase": "dev", "protocol": "1.1", "reason": "kept to ourselves"}
+    run = api("POST", "/organizer/rescoring", json=wanted).json()["id"]
+    api("POST", f"/organizer/rescoring/{run}/start", json={"reason": "go"})
+    stage.work()
+    here = f"/rescoring/{run}"
+    read(here, 404)
+    digest = api("GET", f"/organizer/rescoring/{run}/preview").json()["digest"]
+    body = {"preview": digest, "reason": "go"}
+    assert api("POST", f"/organizer/rescoring/{run}/apply", json=body).status_code == 200
+    assert f'href="{here}"' in read("/history?phase=dev")
+    page = read(here)
+    assert '<h1 id="h1">Protocol 1.0 to 1.1</h1>' in page
+    assert "required clearance of task SE1" in page
+    for unwanted in ("kept to ourselves", "taken back", "/organize"):
+        assert unwanted not in page
+    numbers = api("GET", f"/rescoring/{run}", "nobody").json()["comparison"]
+    assert set(re.findall(r'href="/entries/(\w+)"', page)) == set(stage.submitted)
+    for one in numbers["entries"]:
+        read(f"/entries/{one['submission_id']}")
+        for side in (one["old"], one["new"]):
+            assert f"{100 * side['metrics']['hcc']:.2f}" in page
+    for board in (numbers["old_board"], numbers["new_board"]):
+        read(f"/?phase=dev&board={board}")
+        assert f"/?phase=dev&amp;board={board}#board" in page
+    api("POST", f"/organizer/rescoring/{run}/rollback", json={"reason": "a mistake"})
+    assert "It was taken back" in read(here)
+    forgotten = api("POST", "/organizer/teams/beta/forget", json={"reason": "asked"})
+    alias = forgotten.json()["name"]
+    assert alias in read(here)
+    assert "Beta" not in read(here)
+    with stage.database.write() as session:
+        session.execute(update(Phase).values(visibility="hidden"))
+    read(here, 404)
+    read("/rescoring/no-such-run", 404)
