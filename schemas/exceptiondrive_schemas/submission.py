@@ -182,3 +182,7 @@ class Me(Document):
     token_name: str
     scopes: tuple[str, ...]
     expires_at: datetime | None
+    role: str | None = None
+    """As what it organizes: `owner`, `helper` or `read-only`; None: not at all."""
+    phases: tuple[str, ...] = ()
+    """The phases that an organizer is confined to; none: the role is for the whole site."""

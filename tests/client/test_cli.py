@@ -62,6 +62,22 @@ def test_done_is_0(canned_server: "CannedServer") -> None:
 
 
 @pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        ({}, "organizer"),
+        ({"role": "owner", "phases": []}, "organizer (owner, of the whole site)"),
+        ({"role": "helper", "phases": ["a", "b"]}, "organizer (helper, of a, b alone)"),
+    ],
+)
+def test_an_organizer_reads_its_role_in_words(
+    canned_server: "CannedServer", told: dict[str, Any], words: str
+) -> None:
+    canned_server.answer("GET /me", 200, {**ME, "team": None, **told})
+    done = run("whoami", "--server", canned_server.url)
+    assert done.stdout.splitlines()[0] == f"{words} at {canned_server.url}"
+
+
+@pytest.mark.parametrize(
     "arguments",
     [
         ["nonsense"],

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from exceptiondrive_records.accounts.roles import OrganizerRole
+from exceptiondrive_records.accounts.tokens import SCOPES_OF_ROLE, issue_token
 from exceptiondrive_records.splits.splits import publish_split
 from exceptiondrive_schemas.protocol import packaged_protocol_toml, parse_protocol
 from exceptiondrive_schemas.published import DOCUMENT_NAMES
@@ -155,4 +157,13 @@ def test_me_tells_who_the_token_speaks_for(api: "Api") -> None:
     assert (me.team, me.token_name, me.expires_at) == ("Alpha", "laptop", None)
     assert {"read:own", "submit"} <= set(me.scopes)
     assert "organizer" not in me.scopes
-    assert Me.model_validate_json(api.get("/me", "organizer").content).team is None
+    assert (me.role, me.phases) == (None, ())
+    organizer = Me.model_validate_json(api.get("/me", "organizer").content)
+    assert (organizer.team, organizer.role, organizer.phases) == (None, "owner", ())
+    with api.database.write() as session:
+        scopes = SCOPES_OF_ROLE[OrganizerRole.HELPER]
+        api.tokens["confined"] = issue_token(
+            session, None, "Bob", scopes, actor="test", phases=("dev",)
+        )[0]
+    confined = Me.model_validate_json(api.get("/me", "confined").content)
+    assert (confined.team, confined.role, confined.phases) == (None, "helper", ("dev",))

@@ -14,6 +14,7 @@ from exceptiondrive.cli.tables import records_table
 from exceptiondrive.client import Client, TeamTokens
 from exceptiondrive.credentials import find_server, forget_token, is_sent_in_clear, keep_token
 from exceptiondrive.errors import NotSignedInError, utc_text
+from exceptiondrive_schemas.submission import Me
 
 TokenId = Annotated[str, typer.Argument(metavar="ID", help="Id of the token: see `tokens list`.")]
 COLUMNS = ("id", "name", "scopes", "created_at", "expires_at", "revoked_at", "last_used_at")
@@ -33,7 +34,7 @@ def login(server: options.Server = None) -> None:
     with Client(address, token) as client:
         me = client.me()
     path = keep_token(address, token)
-    show(f"{_name(me.team)} at {address}; the token is kept in {path}")
+    show(f"{_name(me)} at {address}; the token is kept in {path}")
 
 
 def logout(server: options.Server = None) -> None:
@@ -50,7 +51,7 @@ def whoami(server: options.Server = None, json: options.Json = False) -> None:
         address = client.server
     until = "" if me.expires_at is None else f", valid until {utc_text(me.expires_at)}"
     token = f"token {me.token_name!r}, scopes: {', '.join(me.scopes)}{until}"
-    show_result(me, json, f"{_name(me.team)} at {address}", token)
+    show_result(me, json, f"{_name(me)} at {address}", token)
 
 
 def _token(server: str) -> str:
@@ -65,8 +66,12 @@ def _token(server: str) -> str:
     return token.strip()
 
 
-def _name(team: str | None) -> str:
-    return "organizer" if team is None else f"team {team}"
+def _name(me: Me) -> str:
+    """Return a team, or an organizer with its role and what it is for, where the server tells them."""
+    if me.team is not None or me.role is None:
+        return "organizer" if me.team is None else f"team {me.team}"
+    confined = f"of {', '.join(me.phases)} alone" if me.phases else "of the whole site"
+    return f"organizer ({me.role}, {confined})"
 
 
 def list_tokens(server: options.Server = None, json: options.Json = False) -> None:

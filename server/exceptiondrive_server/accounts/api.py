@@ -91,7 +91,7 @@ me_router = APIRouter(tags=["access"])
 
 @me_router.get("/me", operation_id="whoAmI", responses=problem_responses(ProblemCode.NOT_SIGNED_IN))
 def get_me(principal: MaybePrincipal) -> Me:
-    """Show team, scopes and expiry of the token."""
+    """Show team, or role as an organizer, scopes and expiry of the token."""
     if principal is None:
         raise ApiProblem(ProblemCode.NOT_SIGNED_IN, "Send a token: Authorization: Bearer ...")
     return Me(
@@ -99,4 +99,6 @@ def get_me(principal: MaybePrincipal) -> Me:
         token_name=principal.token_name,
         scopes=tuple(sorted(principal.scopes)),
         expires_at=principal.expires_at,
+        role=principal.role,
+        phases=tuple(sorted(principal.phases)),
     )
