@@ -65,7 +65,7 @@ def pasted(said: str, **words: str) -> str:
 def test_one_command_makes_a_phase_of_a_split_that_takes_and_ranks_files(start: Start) -> None:
     running = start("--split", SPLIT)
     said = running.said.read_text()
-    assert "split nuscenes-real (3181 samples) is phase nuscenes-real: 1 submissions a day" in said
+    assert "split nuscenes-real (3181 samples) is phase nuscenes-real: 1 submission a day" in said
     assert "add-split" not in said
     told = pasted(said, FILE=FILE)
     assert "18.60" in told or "rank 1" in told.lower(), told

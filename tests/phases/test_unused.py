@@ -103,6 +103,7 @@ def test_an_unused_protocol_is_deleted_and_its_version_is_free(life: "Life", by:
 
 
 def test_a_protocol_in_use_stays(life: "Life") -> None:
+    assert "came with this software" in life.refused("/protocols/1.0/delete", WHY, 409)
     life.make_phase(split="plain")
     assert "phase test" in life.refused("/protocols/1.0/delete", WHY, 409)
     add(life)

@@ -209,6 +209,9 @@ def test_names_limits_and_addresses_stand_on_the_page_of_a_team(
     assert api.get("/phases/dev", "alpha").json()["quota"]["per_day"] == 7
     assert api.get("/phases/dev", "beta").json()["quota"]["per_day"] == 5
     assert 'value="7"' in organizer.get(page).text
+    later = {"closes_at": "2100-01-01T00:00", **WHY}
+    endless = organizer.post(page, later, page=page)
+    assert (endless.status_code, "has no deadline" in endless.text) == (400, True)
     put = api.request("PUT", "/organizer/teams/alpha/allowances/dev", "organizer", json=WHY)
     assert put.json()["granted_at"] is None
     assert api.get("/phases/dev", "alpha").json()["quota"]["per_day"] == 5

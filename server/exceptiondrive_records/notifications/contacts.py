@@ -170,8 +170,8 @@ def _question(session: Session, contact: ContactPoint, now: datetime) -> Notific
         created_at=now,
         title="Confirm that ExceptionDrive may write to this address",
         what_changed=(
-            f"The team {team} asked to be told here about its submissions.",
-            "If you did not ask for that, do nothing: nothing more will be sent.",
+            f"The team {team}, or an organizer for it, wants to be told here about its submissions.",
+            "If you do not want that, do nothing: nothing more will be sent.",
         ),
         comparison=contact_link(contact, "confirm"),
     )

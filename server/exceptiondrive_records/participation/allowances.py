@@ -46,7 +46,9 @@ def set_allowance(
     phase = lock_phase(session, phase_id)
     team = lock_team(session, find_team(session, slug).id)
     if closes_at is not None:
-        if phase.closes_at is None or closes_at <= phase.closes_at:
+        if phase.closes_at is None:
+            raise InvalidRecord("The phase has no deadline: no team needs a later one.")
+        if closes_at <= phase.closes_at:
             raise InvalidRecord("A team's own deadline must lie after that of the phase.")
         if is_revealed(session, phase):
             raise Conflict("What was kept back is revealed: nothing more can be in time.")

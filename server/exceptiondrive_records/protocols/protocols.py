@@ -18,6 +18,7 @@ from exceptiondrive_schemas.protocol import (
     NEWEST_WITHHELD,
     ProtocolDocument,
     ProtocolError,
+    packaged_digests,
     packaged_protocol_toml,
     parse_protocol,
 )
@@ -55,7 +56,7 @@ def delete_protocol(
     Raises:
         NotFound: There is none.
         InvalidRecord: The reason is empty.
-        Conflict: A phase, a run, a board or a sheet names it.
+        Conflict: A phase, a run, a board or a sheet names it, or it came with this software.
     """
     row = find_protocol_row(session, version_or_digest)
     protocol = find_protocol(session, row.digest)
@@ -66,6 +67,8 @@ def delete_protocol(
             f"Protocol {row.version} stays: {', '.join(users)} names it, and the records keep every "
             "run, of cancelled ones too what a worker found. A new document needs another version."
         )
+    if row.digest in packaged_digests():
+        raise Conflict(f"Protocol {row.version} came with this software; readers find it here.")
     session.delete(row)
     flush_or_refuse(session, f"Protocol {protocol.version} is in use and stays.")
     detail = {"digest": protocol.digest, "reason": reason}

@@ -15,6 +15,7 @@ from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.phase_settings import NewPhase
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.launcher.layout import Layout, find_command, worker_environment
 from exceptiondrive_server.launcher.steps import Say, run_step
 
@@ -46,7 +47,7 @@ def open_phase_on(
         )
         say(
             f"split {told['name']} ({told['n_samples']} samples) is phase {phase.id}: "
-            f"{phase.quota_per_day} submissions a day of a team"
+            f"{counted(phase.quota_per_day, 'submission')} a day for each team"
         )
     for warning in told["warnings"]:
         say(f"  warning {warning['code']} ({warning['count']}): {warning['what']}")
