@@ -56,5 +56,12 @@ def test_readers_see_every_entry_before_and_after_a_run_that_was_applied(
     assert "Beta" not in read(here)
     with stage.database.write() as session:
         session.execute(update(Phase).values(visibility="hidden"))
-    read(here, 404)
-    read("/rescoring/no-such-run", 404)
+    hidden, none = (read(path, 404) for path in (here, "/rescoring/none"))
+    assert hidden.count(run) > 0
+    assert "phase" not in api("GET", f"/rescoring/{run}", "nobody").json()["detail"]
+    assert re.sub(run, "none", _told(hidden)) == _told(none), "told from none by no word"
+
+
+def _told(page: str) -> str:
+    """What a page of a problem says, without the id of the request."""
+    return re.sub(r"[0-9a-f]{32}", "REQUEST", page)

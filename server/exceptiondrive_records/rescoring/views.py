@@ -168,17 +168,24 @@ def _unfinished_comparison(session: Session, run: RescoringRun) -> Compared | No
     return None if new is None or old is None else compare_rows(old, new)
 
 
-def public_run(session: Session, run_id: str) -> PublicRun:
+def public_run(session: Session, run_id: str, *, with_hidden: bool = False) -> PublicRun:
     """Return an applied run as every reader may see it; its reason stays with the organizers.
 
+    Args:
+        session: To read with.
+        run_id: Its id.
+        with_hidden: Whether an organizer asks, who sees hidden phases.
+
     Raises:
-        NotFound: There is none, or it was never applied.
+        NotFound: There is none, it was never applied, or its phase is hidden; the words are the same.
     """
-    run = find_run(session, run_id)
-    applied = _applied(session, run)
-    if run.applied_at is None or applied is None:
+    run = session.get(RescoringRun, run_id)
+    applied = None if run is None else _applied(session, run)
+    if run is None or run.applied_at is None or applied is None:
         raise NotFound("applied rescoring run", run_id)
     phase = session.get_one(Phase, run.phase_id)
+    if phase.visibility == "hidden" and not with_hidden:
+        raise NotFound("applied rescoring run", run_id)
     return PublicRun(
         id=run.id,
         phase=run.phase_id,

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.phases.phases import shown_phase
+from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.views import public_run
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -29,9 +29,9 @@ def show_update(
     """Compare every entry before and after a run that was applied; others have no address."""
 
     def read(session: Session) -> Reading:
-        run = public_run(session, run_id)
         may_see = sees_hidden(principal_of_browser(session, request))
-        phase = shown_phase(session, run.phase, with_hidden=may_see)
+        run = public_run(session, run_id, with_hidden=may_see)
+        phase = find_phase(session, run.phase)
         protocol = find_protocol(session, run.to_protocol.digest)
         outline = (page, phase.title, run.state, run.ended_at, run.comparison.digest)
         return outline, lambda: {
