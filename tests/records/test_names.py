@@ -47,7 +47,19 @@ def test_accents_do_not_pile_up() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["FREEZE", "freeze", "Fr\u0435eze", "\u0421ONSTANT VELOCITY", "Ref\u0435rence"]
+    "name",
+    [
+        "FREEZE",
+        "freeze",
+        "Fr\u0435eze",
+        "FREE\u0396E",
+        "\u0421ONSTANT VELOCITY",
+        "CONSTANT VELOCI\u0422Y",
+        "SOURC\u0395 AS EDITED",
+        "Ref\u0435rence",
+        "\u0395xceptionDrive reference",
+    ],
+    ids=ascii,
 )
 def test_names_of_reference_rows_are_reserved_in_every_spelling(name: str) -> None:
     with pytest.raises(InvalidRecord, match="reserved"):
@@ -71,6 +83,8 @@ def test_no_two_teams_have_names_that_look_alike(
         ("x", "Team 7KQ-2MF"),
         ("x", "TEAM abc–def"),
         ("x", "T\u0435am 7KQ - 2MF"),
+        ("x", "\u0422eam 7KQ-2MF"),
+        ("x", "Team 7\u041aQ-2MF"),
         ("x", "Former team 7KQ2MF"),
         ("x", "former  Team"),
         ("former-7kq2mf", "Alpha"),
@@ -102,7 +116,22 @@ def test_other_names_of_teams_stay_free(name: str) -> None:
         ("自动驾驶", "自動車"),
         ("किरण", "करण"),
         ("Ω", "Σ"),
+        ("Мир", "Mind"),
+        ("Van", "Nan"),
     ],
 )
 def test_names_that_differ_to_the_eye_are_two(one: str, other: str) -> None:
     assert skeleton(one) != skeleton(other)
+
+
+@pytest.mark.parametrize("capital", "ΑАΒВСΕЕΗНΙІКΚМΜΝОΟРΡЅТΤХΧУΥΖϜԌ", ids=ascii)
+def test_capitals_of_other_scripts_are_read_as_the_latin_ones(capital: str) -> None:
+    latin = dict(
+        zip("ΑАΒВСΕЕΗНΙІКΚМΜΝОΟРΡЅТΤХΧУΥΖϜԌ", "AABBCEEHHIIKKMMNOOPPSTTXXYYZFG", strict=True)
+    )
+    assert skeleton(f"{capital}x one") == skeleton(f"{latin[capital]}x one")
+
+
+@pytest.mark.parametrize("name", ["Мир", "Москва", "Αθήνα", "Straße", "Élan"], ids=ascii)
+def test_case_makes_no_two_names(name: str) -> None:
+    assert skeleton(name) == skeleton(name.lower())

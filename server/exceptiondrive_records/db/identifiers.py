@@ -25,6 +25,7 @@ it pass, and the blank braille pattern."""
 _PILE = re.compile("mmm")
 _PSEUDONYM = re.compile(r"team +[0-9a-z]{3} *[^0-9a-z ]+ *[0-9a-z]{3}|former +team\b.*")
 """As an anonymous phase names a team (`phases.policy`), and as a forgotten one is called."""
+_WORD = re.compile(r"\w+")
 _SLUG = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
 
 
@@ -117,10 +118,25 @@ def skeleton(name: str) -> str:
 
 
 def _as_read(name: str) -> str:
-    """Fold letters that look alike, case, accents and width."""
-    folded = unicodedata.normalize("NFKD", unicodedata.normalize("NFKC", name).casefold())
+    """Fold letters that look alike, case, accents and width.
+
+    A word that looks Latin as it is written is read so, before case is folded: many a capital of
+    another script looks like a Latin one, and its small letter does not.
+    """
+    plain = _without_accents(unicodedata.normalize("NFKC", name))
+    folded = _without_accents(_WORD.sub(_as_latin, plain).casefold())
     dashed = ("-" if unicodedata.category(c) == "Pd" else c for c in folded)
-    return "".join(_prototype(c) for c in dashed if not unicodedata.combining(c)).casefold()
+    return "".join(map(_prototype, dashed)).casefold()
+
+
+def _without_accents(text: str) -> str:
+    decomposed = unicodedata.normalize("NFKD", text)
+    return "".join(c for c in decomposed if not unicodedata.combining(c))
+
+
+def _as_latin(word: re.Match[str]) -> str:
+    seen = "".join(map(_prototype, word[0]))
+    return seen if seen.isascii() else word[0]
 
 
 def _prototype(letter: str) -> str:
