@@ -135,10 +135,13 @@ def test_too_many_requests_of_one_address_and_others_are_served(site: Nginx) -> 
     assert "Nothing was taken" in problem.detail
 
 
-def test_searches_of_one_address_have_a_limit_of_their_own(site: Nginx) -> None:
+@pytest.mark.parametrize(("name", "sender"), [("q", "127.0.0.54"), ("%71", "127.0.0.56")])
+def test_searches_of_one_address_have_a_limit_of_their_own(
+    site: Nginx, name: str, sender: str
+) -> None:
     """Each is a page that nobody keeps; what else the address asks for is answered still."""
-    with site.browser("127.0.0.54") as flood, site.browser("127.0.0.55") as other:
-        asked = [flood.get(f"/?sort=ur&q={number}").status_code for number in range(30)]
+    with site.browser(sender) as flood, site.browser("127.0.0.55") as other:
+        asked = [flood.get(f"/?sort=ur&{name}={number}").status_code for number in range(30)]
         assert (asked[0], asked.count(429) > 0) == (502, True)
         assert flood.get("/?sort=ur").status_code == 502
         assert other.get("/?q=1").status_code == 502
