@@ -1,10 +1,12 @@
 """POST /registrations and POST /organizer/teams/{id}/approve."""
 
+import socket
 from collections.abc import Callable
 from datetime import timedelta
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from tests.support.serving import served
 
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import Conflict
@@ -51,6 +53,25 @@ def test_a_registered_team_submits_only_when_it_is_approved(
     assert api.submit("a", "gamma").status_code == 202
     lines = api.get("/organizer/audit", "organizer").json()
     assert [line["action"] for line in lines].count("team approved") == 1
+
+
+def test_an_upload_of_a_team_that_waits_for_approval_is_refused_at_its_head(
+    open_api: "Api",
+) -> None:
+    """Strangers who registered eight teams held all 32 places of a server, sending nothing more."""
+    token = open_api.post("/registrations", json=WANTED).json()["token"]
+    head = (
+        "POST /api/v1/submissions HTTP/1.1\r\nHost: x\r\nContent-Length: 60000\r\n"
+        f"Authorization: Bearer {token}\r\nContent-Type: multipart/form-data; boundary=b\r\n\r\n"
+    )
+    with served(open_api.app) as address:
+        place = ("127.0.0.1", int(address.rpartition(":")[2]))
+        with socket.create_connection(place, timeout=60) as stranger:
+            stranger.sendall(head.encode())
+            answer = stranger.recv(65_536)
+    assert answer.startswith(b"HTTP/1.1 403 ")
+    assert b"not approved yet" in answer
+    assert open_api.services.upload_places.taken == 0
 
 
 def test_a_team_that_waits_for_approval_asks_one_question_at_a_time(

@@ -13,6 +13,7 @@ from typing import Annotated, Any, BinaryIO
 
 import structlog
 from fastapi import Request
+from fastapi.concurrency import run_in_threadpool
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 from sqlalchemy.orm import Session
@@ -34,6 +35,8 @@ from exceptiondrive_records.submissions.submissions import (
     require_acceptable,
 )
 from exceptiondrive_records.submissions.views import view
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.teams.teams import require_approved
 from exceptiondrive_records.work.dispatch import mark_queued, wake_lanes
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.jobs import Lane
@@ -44,6 +47,7 @@ from exceptiondrive_server.submissions.facts_form import PREFIX, facts_of_form
 from exceptiondrive_server.web.auth import own_team, team_of
 from exceptiondrive_server.web.browser_session import FORM_TOKEN
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
+from exceptiondrive_server.web.problems import problem_of
 from exceptiondrive_server.web.services import Services
 
 _log = structlog.get_logger("exceptiondrive.uploads")
@@ -132,14 +136,25 @@ async def received_upload(
     """Read the form; its file lies in memory up to 1 MiB, then in a temporary file.
 
     Raises:
-        ApiProblem: Not a form, or it is encoded; or too many uploads are under way.
+        ApiProblem: Not a form, or it is encoded; the team is not approved; or too many uploads are
+            under way.
         RequestValidationError: A field is missing, unknown, repeated or wrong.
     """
     _require_form(request)
+    await run_in_threadpool(_require_sender, services, team_id)
     with services.upload_places.held_by(team_id):
         form = request.form(max_files=1, max_fields=MAX_FIELDS, max_part_size=MAX_FIELD_BYTES)
         async with form as received:
             yield _upload_of(received, has_form_token=has_form_token)
+
+
+def _require_sender(services: Services, team_id: int) -> None:
+    """Let no team take a place that nobody approved: strangers may register as many as they like."""
+    try:
+        with services.database.read() as session:
+            require_approved(session.get_one(Team, team_id))
+    except RecordsError as refused:
+        raise problem_of(refused) from None
 
 
 def _require_form(request: Request) -> None:
