@@ -3,10 +3,16 @@
 import itertools
 import json
 import threading
+import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
+import httpx
 import pytest
+from tests.support.serving import served
+
+from exceptiondrive_server.submissions import events
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api
@@ -54,6 +60,32 @@ def test_a_stream_ends_in_time_and_the_follower_connects_again(
     response = api.get(f"/submissions/{own}/events", "alpha")
     assert [event["status"] for event in events_of(response.text)] == ["received"]
     assert "retry: 2000" in response.text
+
+
+def test_however_many_follow_a_submission_it_is_looked_at_once(
+    make_api: Callable[..., "Api"], sqlite_url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two hundred streams of one team kept the API of all others waiting for half a minute."""
+    every_s, n_streams = 0.2, 24
+    api = make_api(sqlite_url, events_every_s=every_s, events_longest_s=3)
+    path = f"/api/v1/submissions/{api.submit('a').json()['id']}/events"
+    looks: list[float] = []
+
+    def counted(*arguments: Any) -> Any:
+        looks.append(time.monotonic())
+        return look(*arguments)
+
+    look = events._look
+    monkeypatch.setattr(events, "_look", counted)
+    bearer = {"Authorization": f"Bearer {api.tokens['alpha']}"}
+    with served(api.app) as address, ThreadPoolExecutor(n_streams) as followers:
+        asked = [
+            followers.submit(httpx.get, address + path, headers=bearer, timeout=60)
+            for _ in range(n_streams)
+        ]
+        told = [events_of(stream.result().text) for stream in asked]
+    assert [len(each) for each in told] == [1] * n_streams
+    assert len(looks) <= n_streams + (looks[-1] - looks[0]) / every_s + 1
 
 
 def test_head_on_a_stream_is_405(api: "Api") -> None:

@@ -3,6 +3,7 @@
 import asyncio
 import time
 from collections.abc import AsyncIterator
+from functools import partial
 
 from fastapi import APIRouter
 from fastapi.concurrency import run_in_threadpool
@@ -54,22 +55,26 @@ async def _events(
 ) -> AsyncIterator[bytes]:
     """Look again and again; no thread is held in between, and the stream ends in time."""
     settings = services.settings
+    followed = (now.id, own_team(principal))
     ends_at = time.monotonic() + settings.events_longest_s
     sent_at = time.monotonic()
-    yield _event(now)
-    while not now.status.is_terminal and time.monotonic() < ends_at:
-        await asyncio.sleep(settings.events_every_s)
-        seen = now
-        try:
-            now = await run_in_threadpool(_look, services, principal, now.id)
-        except SQLAlchemyError:
-            return  # the client connects again, and is told 503 as long as it lasts
-        if now != seen:
-            sent_at = time.monotonic()
-            yield _event(now)
-        elif time.monotonic() - sent_at > KEEP_ALIVE_S:
-            sent_at = time.monotonic()
-            yield format_sse_event(comment="still here")
+    with services.looks.following(followed, now):
+        yield _event(now)
+        while not now.status.is_terminal and time.monotonic() < ends_at:
+            await asyncio.sleep(settings.events_every_s)
+            seen = now
+            try:
+                now = await services.looks.now(
+                    followed, partial(_look, services, principal, now.id)
+                )
+            except SQLAlchemyError:
+                return  # the client connects again, and is told 503 as long as it lasts
+            if now != seen:
+                sent_at = time.monotonic()
+                yield _event(now)
+            elif time.monotonic() - sent_at > KEEP_ALIVE_S:
+                sent_at = time.monotonic()
+                yield format_sse_event(comment="still here")
 
 
 def _look(services: Services, principal: Principal, submission_id: str) -> SubmissionView:

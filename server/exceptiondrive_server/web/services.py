@@ -15,6 +15,7 @@ from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_schemas.site import SiteLinks
 from exceptiondrive_server.submissions.receipts import ReceiptSigner
 from exceptiondrive_server.web.kept_pages import KeptPages
+from exceptiondrive_server.web.looks import Looks
 from exceptiondrive_server.web.metrics import RequestMetrics
 from exceptiondrive_server.web.settings import ServerSettings
 from exceptiondrive_server.web.upload_places import UploadPlaces
@@ -62,6 +63,7 @@ class Services:
     settings: ServerSettings
     signer: ReceiptSigner
     upload_places: UploadPlaces
+    looks: Looks
     site_state: SiteState
     provider: "Provider | None" = None
     """Through whom people sign in, where the settings name somebody."""
@@ -83,6 +85,7 @@ class Services:
             settings=settings,
             signer=ReceiptSigner(settings.receipt_key_file, database),
             upload_places=places,
+            looks=Looks(settings.events_every_s),
             site_state=SiteState(database, settings.heartbeat_ttl_s),
             provider=_provider(settings),
             metrics=metrics,
