@@ -178,8 +178,10 @@ def test_the_repository_holds_no_split_but_the_sample() -> None:
     ]
 
 
-def test_git_ignores_a_real_split() -> None:
-    path = f"{FOLDER}/real/split.json.gz"
+@pytest.mark.parametrize(
+    "path", [f"{FOLDER}/real/split.json.gz", "secrets/postgres_password", ".env", "data/x"]
+)
+def test_git_ignores_a_real_split_secrets_and_records(path: str) -> None:
     done = subprocess.run(
         ["git", "check-ignore", path], cwd=ROOT, capture_output=True, text=True, check=False
     )

@@ -183,6 +183,15 @@ def test_who_takes_over_the_web_process_reads_no_region(
         assert (done.returncode == 0) is is_own, f"{path}: {done.stderr}"
 
 
+def test_nobody_else_on_the_machine_reads_records_or_logs(running: Running, tmp_path: Path) -> None:
+    """They hold the secrets of webhooks, notes, and scores that nobody published."""
+    running.wait_until(has_started)
+    data = tmp_path / "data"
+    files = [*data.glob("records.sqlite3*"), *(data / "logs").iterdir()]
+    assert len(files) > 1
+    assert {path.name for path in files if path.stat().st_mode & 0o077} == set()
+
+
 def test_started_as_one_user_it_says_what_that_means(running: Running) -> None:
     """The folders of pytest are closed to other users, so that root can give none to the server."""
     running.wait_until(has_started)
