@@ -87,7 +87,7 @@ def checked_name(kind: str, name: str) -> str:
         raise InvalidRecord(f"The {kind} must hold a letter or digit.")
     if not _UNSEEN.isdisjoint(name) or _PILE.search(_marks_of(name)) is not None:
         raise InvalidRecord(f"The {kind} holds characters that cannot be shown.")
-    if is_reserved(name) or skeleton(name) in map(skeleton, RESERVED_NAMES):
+    if is_reserved(name) or skeleton(name) in _RESERVED:
         raise InvalidRecord(f"The {kind} {name!r} is reserved for the reference rows of boards.")
     return name
 
@@ -146,6 +146,9 @@ def _prototype(letter: str) -> str:
         return letter
     back = [each["c"] for each in confusables_data.get(alike[0], ())]
     return min(letter, alike[0]) if back == [letter] else str(alike[0])
+
+
+_RESERVED = frozenset(map(skeleton, RESERVED_NAMES))
 
 
 def _marks_of(name: str) -> str:
