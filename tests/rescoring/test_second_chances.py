@@ -136,8 +136,10 @@ def members(answer: Any) -> dict[str, bytes]:
 
 
 def test_the_story_of_a_dispute_holds_all_that_happened(stage: Stage, api: Api) -> None:
-    first = stage.submitted[0]
+    first, other = stage.submitted[:2]
     here = f"/organizer/submissions/{first}"
+    elsewhere = f"/organizer/submissions/{other}/note"
+    another = api("POST", elsewhere, json={"words": "Of another."}).json()["id"]
     told = api("POST", f"{here}/note", json={"words": "We look into it.\n\nBack on Monday."})
     assert told.status_code == 201
     assert told.json()["what_changed"] == ["We look into it.", "Back on Monday."]
@@ -182,7 +184,7 @@ def test_the_story_of_a_dispute_holds_all_that_happened(stage: Stage, api: Api) 
     assert "1 equal bit for bit" in " ".join(words.split())
     assert "We look into it." not in json.dumps(story["audit"])
     inbox = api("GET", "/notifications", "alpha").json()
-    assert [notice["id"] for notice in inbox] == [told.json()["id"]]
+    assert [notice["id"] for notice in inbox] == [told.json()["id"], another]
 
 
 def test_an_archive_holds_each_file_that_matches_and_names_what_is_lost(

@@ -162,10 +162,19 @@ def notices_about(session: Session, submission_id: str) -> list[NotificationView
     query = (
         select(Notification)
         .join(Submission, Submission.team_id == Notification.team_id)
-        .where(Submission.id == submission_id, Notification.body.contains(submission_id))
+        .where(Submission.id == submission_id)
         .order_by(Notification.created_at.desc(), Notification.id)
     )
-    return [_view(row) for row in session.scalars(query)]
+    told = map(_view, session.scalars(query))
+    return [view for view in told if _names(view, submission_id)]
+
+
+def _names(view: NotificationView, submission_id: str) -> bool:
+    """Whether a message tells of a submission, leads to it, or has its id among its words."""
+    words = (view.title, *view.what_changed, view.comparison)
+    return any(submission_id in each for each in words) or any(
+        entry.submission_id == submission_id for entry in view.entries
+    )
 
 
 def send_to(session: Session, contact: ContactPoint, view: NotificationView) -> None:
