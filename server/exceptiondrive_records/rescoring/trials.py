@@ -6,10 +6,9 @@ Only workers open splits; what comes back is why it cannot be scored, and of how
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.splits.tables import SplitRow
-from exceptiondrive_records.work.lease import claim, finish, is_claimable, new_item
+from exceptiondrive_records.work.lease import claim_oldest, finish, new_item
 from exceptiondrive_records.work.tables import Trial
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.rescoring import SplitTrial
@@ -25,13 +24,7 @@ def ask_for_trial(session: Session, run: RescoringRun) -> None:
 
 def claim_trial(session: Session, lease_s: float) -> Trial | None:
     """Lease the split that is to be tried next; None: nothing is free."""
-    now = database_now(session)
-    first = (
-        select(Trial.id)
-        .where(is_claimable(Trial, now), Trial.attempts < MAX_ATTEMPTS)
-        .order_by(Trial.created_at, Trial.id)
-    )
-    return claim(session, Trial, first, lease_s)
+    return claim_oldest(session, Trial, lease_s, MAX_ATTEMPTS)
 
 
 def lock_protocols(session: Session, split_name: str) -> None:

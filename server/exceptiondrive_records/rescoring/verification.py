@@ -15,7 +15,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
-from exceptiondrive_records.work.lease import claim, finish, is_claimable, is_free, new_item
+from exceptiondrive_records.work.lease import claim_oldest, finish, is_free, new_item
 from exceptiondrive_records.work.tables import OPEN_STATES, Recheck, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.rescoring import (
@@ -82,13 +82,7 @@ def ask_for_rechecks(
 
 def claim_recheck(session: Session, lease_s: float) -> Recheck | None:
     """Lease the sheet that is to be recomputed next; None: nothing is free."""
-    now = database_now(session)
-    first = (
-        select(Recheck.id)
-        .where(is_claimable(Recheck, now), Recheck.attempts < MAX_ATTEMPTS)
-        .order_by(Recheck.created_at, Recheck.id)
-    )
-    return claim(session, Recheck, first, lease_s)
+    return claim_oldest(session, Recheck, lease_s, MAX_ATTEMPTS)
 
 
 def finish_recheck(

@@ -7,7 +7,7 @@ so that two that come at once take two items, and neither waits for the other.
 from datetime import datetime, timedelta
 from typing import Any, TypeVar, cast
 
-from sqlalchemy import ColumnElement, CursorResult, Select, and_, case, delete, or_, update
+from sqlalchemy import ColumnElement, CursorResult, Select, and_, case, delete, or_, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
@@ -95,6 +95,18 @@ def claim(session: Session, kind: type[Item], first: Select[str], lease_s: float
     return taken
 
 
+def claim_oldest(
+    session: Session, kind: type[Item], lease_s: float, max_attempts: int
+) -> Item | None:
+    """Lease the item of a kind that was asked for first, and tried fewer than so many times."""
+    first = (
+        select(kind.id)
+        .where(is_claimable(kind, database_now(session)), kind.attempts < max_attempts)
+        .order_by(kind.created_at, kind.id)
+    )
+    return claim(session, kind, first, lease_s)
+
+
 def finish(
     session: Session,
     item: WorkItem,
@@ -144,10 +156,13 @@ def try_later(session: Session, item: WorkItem, wait_s: float, *, note: str | No
 
 
 def _leave(session: Session, item: WorkItem, **values: object) -> bool:
-    held = (WorkItem.id == item.id, WorkItem.fence == item.fence, _is_leased())
     changed = session.execute(
         update(WorkItem)
-        .where(*held)
+        .where(
+            WorkItem.id == item.id,
+            WorkItem.fence == item.fence,
+            WorkItem.state == WorkState.LEASED,
+        )
         .values(lease_until=None, **values)
         .execution_options(synchronize_session=False)
     )
@@ -176,10 +191,6 @@ def take_lead(session: Session, name: str, holder: str, lease_s: float) -> bool:
 def give_up_lead(session: Session, name: str, holder: str) -> None:
     """Let another lead at once."""
     session.execute(delete(Leader).where(Leader.key == name, Leader.holder == holder))
-
-
-def _is_leased() -> ColumnElement[bool]:
-    return WorkItem.state == WorkState.LEASED
 
 
 def _new_values(
