@@ -47,6 +47,7 @@ from exceptiondrive_server.rescoring import organizer_api as organizer_rescoring
 from exceptiondrive_server.rescoring import organizer_pages as run_pages
 from exceptiondrive_server.rescoring import pages as update_pages
 from exceptiondrive_server.splits import api as splits
+from exceptiondrive_server.splits import organizer_api as organizer_splits
 from exceptiondrive_server.splits import pages as split_pages
 from exceptiondrive_server.submissions import api as submissions
 from exceptiondrive_server.submissions import edit_pages, events, receipts_api
@@ -80,6 +81,7 @@ for _part in (
     organizer_boards.router,
     organizer_teams.router,
     organizer_accounts.router,
+    organizer_splits.router,
     organizer_phases.router,
     organizer_protocols.router,
     organizer_rescoring.router,

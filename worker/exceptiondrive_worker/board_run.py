@@ -9,11 +9,10 @@ from sqlalchemy import ColumnElement, and_, select
 from exceptiondrive_records.boards.boards import current_board, latest_board, publish_board
 from exceptiondrive_records.boards.ranking import entries_for_board
 from exceptiondrive_records.phases.phases import find_phase
-from exceptiondrive_records.phases.policy import part_of
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.drawings import find_public_split
-from exceptiondrive_records.splits.splits import find_split
+from exceptiondrive_records.splits.splits import find_split, part_of
 from exceptiondrive_records.work.board_requests import claim_board, is_due
 from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.board import Board, BoardEntry

@@ -12,11 +12,11 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.splits.splits import part_revision
+from exceptiondrive_records.splits.splits import part_of, part_revision
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.phase_settings import PhaseNow, SplitPart
+from exceptiondrive_schemas.phase_settings import PhaseNow
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 
 _LETTERS = "23456789ABCDEFGHJKMNPQRSTUVWXYZ"
@@ -140,11 +140,6 @@ def phase_now(session: Session, phase: Phase) -> PhaseNow:
         is_anonymous=is_anonymous(phase),
         takes_late_entries=takes_late_entries(session, phase, now),
     )
-
-
-def part_of(split: SplitRow) -> SplitPart | None:
-    """Return which part of a split a revision is; None: all of it."""
-    return "public" if split.part == "public" else "private" if split.part == "private" else None
 
 
 def new_salt() -> str:

@@ -187,3 +187,8 @@ def manifest_of(session: Session, name: str, revision: str | None = None) -> Man
         NotFound: There is no such split.
     """
     return find_split(session, name, revision).manifest
+
+
+def part_of(split: SplitRow) -> SplitPart | None:
+    """Return which part of a split a revision is; None: all of it."""
+    return "public" if split.part == "public" else "private" if split.part == "private" else None

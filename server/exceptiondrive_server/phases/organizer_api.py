@@ -1,7 +1,6 @@
-"""Phases, and the splits that they may use, as organizers manage them."""
+"""Phases, as organizers manage them."""
 
 from collections.abc import Callable, Mapping
-from datetime import datetime
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Path, Request, Response
@@ -20,13 +19,10 @@ from exceptiondrive_records.phases.changes import (
     update_phase,
 )
 from exceptiondrive_records.phases.phases import create_phase, find_phase, phase_view
-from exceptiondrive_records.phases.policy import part_of
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.reveal import reveal_split
-from exceptiondrive_records.splits.splits import list_splits
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.datasheet import SplitWarning
-from exceptiondrive_schemas.phase_settings import NewPhase, PhaseChange, SplitPart
+from exceptiondrive_schemas.phase_settings import NewPhase, PhaseChange
 from exceptiondrive_schemas.submission import PhaseView
 from exceptiondrive_server.phases.export import export_phase
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
@@ -52,43 +48,6 @@ class LiveBoard(BaseModel):
     names: dict[str, tuple[str, str]]
     """Submission to team and method."""
     board: Board
-
-
-class SplitView(BaseModel):
-    """A registered split revision."""
-
-    name: str
-    revision: str
-    title: str
-    n_samples: int
-    is_public: bool
-    part: SplitPart | None = None
-    whole_revision: str | None = None
-    registered_at: datetime
-    words: str = ""
-    """What its makers say of it, where it is a later revision."""
-    warnings: tuple[SplitWarning, ...] = ()
-
-
-@router.get("/splits", operation_id="listSplits")
-def get_splits(services: ServicesOf) -> list[SplitView]:
-    """List the registered split revisions: what a phase may use."""
-    with services.database.read() as session:
-        return [
-            SplitView(
-                name=split.name,
-                revision=split.revision,
-                title=split.title,
-                n_samples=split.n_samples,
-                is_public=split.public_file_digest is not None,
-                part=part_of(split),
-                whole_revision=split.whole_revision,
-                registered_at=split.registered_at,
-                words="" if split.changes is None else split.changes.words,
-                warnings=split.warnings.found,
-            )
-            for split in list_splits(session)
-        ]
 
 
 @router.post("/phases", operation_id="createPhase", status_code=201)
