@@ -75,6 +75,20 @@ def test_no_module_imports_in_a_circle() -> None:
     ).prepare()
 
 
+def test_no_nouns_of_the_server_stand_on_each_other_in_a_circle() -> None:
+    """`web` is wired to two of them, and what starts or operates a server knows them all."""
+    server = ROOT / "server" / "exceptiondrive_server"
+    nouns = {path.parent.name for path in server.glob("*/__init__.py")} - {"web"}
+    stands_on: dict[str, set[str]] = {noun: set() for noun in nouns}
+    for noun in nouns:
+        for path in (server / noun).rglob("*.py"):
+            ours = [
+                name for name in imported_modules(path) if name.startswith("exceptiondrive_server.")
+            ]
+            stands_on[noun] |= {name.split(".")[1] for name in ours} & nouns - {noun}
+    TopologicalSorter(stands_on).prepare()
+
+
 def test_private_names_are_used_in_their_own_module_alone() -> None:
     used = []
     for root in ("schemas", "worker", "server", "client"):

@@ -38,8 +38,8 @@ from exceptiondrive_server.boards.headline import (
     headline,
 )
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, Average, BoardQuery
+from exceptiondrive_server.boards.scene_drawing import answers_to, scene_drawing
 from exceptiondrive_server.boards.table import BoardTable, board_table
-from exceptiondrive_server.protocols.scene_drawing import answers_to, scene_drawing
 from exceptiondrive_server.web.numbers import Digits, day, minute
 from exceptiondrive_server.web.templating import macro
 

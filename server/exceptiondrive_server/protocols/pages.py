@@ -16,7 +16,7 @@ from exceptiondrive_schemas.flags import FLAGS
 from exceptiondrive_schemas.protocol import NEWEST, ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.taxonomy import Strategy
 from exceptiondrive_server.boards.queries import featured_protocol
-from exceptiondrive_server.protocols.scene_drawing import scene_drawing
+from exceptiondrive_server.boards.scene_drawing import scene_drawing
 from exceptiondrive_server.web.auth import ServicesOf, sees_hidden
 from exceptiondrive_server.web.browser_session import principal_of_browser
 from exceptiondrive_server.web.responses import Reading, public_page

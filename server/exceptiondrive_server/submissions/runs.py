@@ -37,7 +37,7 @@ class ScoreCell:
 
 
 @dataclass(frozen=True)
-class RunLine:
+class OwnRun:
     """One submission in the list."""
 
     one: SubmissionView
@@ -59,7 +59,7 @@ def run_lines(
     *,
     ended: Collection[str] = (),
     can_decide: bool,
-) -> tuple[RunLine, ...]:
+) -> tuple[OwnRun, ...]:
     """Return a line for each submission, in the order given: newest first.
 
     Args:
@@ -68,7 +68,7 @@ def run_lines(
         ended: Submissions whose deadline has passed, the team's own where it has a later one.
         can_decide: Whether who looks may choose, publish or withdraw.
     """
-    lines: list[RunLine] = []
+    lines: list[OwnRun] = []
     runs: dict[tuple[str, str, str], list[SubmissionView]] = {}
     for one in reversed(seen):
         before = runs.setdefault((one.team, one.phase, one.method), [])
@@ -87,7 +87,7 @@ def _line(
     rule: PhaseRules,
     can_decide: bool,
     can_choose: bool,
-) -> RunLine:
+) -> OwnRun:
     digits = Digits.of(rule.protocol.publication)
     challenge = CHALLENGES[one.challenge]
     metrics = [challenge.metric(key.metric) for key in challenge.primary_order]
@@ -95,7 +95,7 @@ def _line(
     last = headline_of(before[-1], rule.protocol) if before else {}
     trail = [headline_of(run, rule.protocol).get(metrics[0].key) for run in [*before, one]]
     known = [value for value in trail if value is not None] if one.sheet else []
-    return RunLine(
+    return OwnRun(
         one=one,
         status=status_of(one),
         cells=tuple(
@@ -167,7 +167,7 @@ def _note(one: SubmissionView) -> str:
     return ""
 
 
-def _with_replaced(line: RunLine, n_replaced: int) -> RunLine:
+def _with_replaced(line: OwnRun, n_replaced: int) -> OwnRun:
     if n_replaced == 0 or line.note:
         return line
     return replace(line, note=f"Stands in place of {counted(n_replaced, 'other run')}.")

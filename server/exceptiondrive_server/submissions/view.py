@@ -43,7 +43,7 @@ class Status:
 
 
 @dataclass(frozen=True)
-class Step:
+class StatusStep:
     """A step on the way to a score; `state` is done, now or ahead."""
 
     word: str
@@ -73,17 +73,17 @@ def place_words(queue: QueuePlace) -> str:
     return f"{_ahead(queue.position)}, {_wait(queue.expected_wait_s)}"
 
 
-def steps_of(submission: SubmissionView) -> tuple[Step, ...]:
+def steps_of(submission: SubmissionView) -> tuple[StatusStep, ...]:
     """Return the way to the end: a file that was not scored ends with what happened to it."""
     status = submission.status
     if status in STEPS:
         now = STEPS.index(status)
         states = ["done" if at < now else "ahead" for at in range(len(STEPS))]
         states[now] = "done" if status.is_terminal else "now"
-        return tuple(Step(s.value, state) for s, state in zip(STEPS, states, strict=True))
+        return tuple(StatusStep(s.value, state) for s, state in zip(STEPS, states, strict=True))
     return (
-        Step(SubmissionStatus.RECEIVED.value, "done"),
-        Step(status_of(submission).word, "ended"),
+        StatusStep(SubmissionStatus.RECEIVED.value, "done"),
+        StatusStep(status_of(submission).word, "ended"),
     )
 
 

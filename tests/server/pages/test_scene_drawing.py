@@ -10,7 +10,7 @@ from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.splits.drawings import keep_protocol_drawing
 from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing, pictured_digest
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol_toml, parse_protocol
-from exceptiondrive_server.protocols.scene_drawing import scene_drawing
+from exceptiondrive_server.boards.scene_drawing import scene_drawing
 
 WIDER = packaged_protocol_toml().replace('version = "1.0"', 'version = "1.1"')
 WIDER = WIDER.replace("footprint_width_m = 1.85", "footprint_width_m = 2.40")
