@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.errors import InvalidArgumentError, extra_missing
 from exceptiondrive.inputs import (
     ManifestLike,
     ProtocolLike,
@@ -109,11 +109,7 @@ def parquet_bytes(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> b
         from pyarrow import BufferOutputStream, table
         from pyarrow.parquet import write_table
     except ModuleNotFoundError:
-        raise InvalidArgumentError(
-            "extra_missing",
-            "Parquet files need pyarrow.",
-            'Run: pip install "exceptiondrive[parquet]"',
-        ) from None
+        raise extra_missing("Parquet files need pyarrow.", "parquet") from None
     cells = list(zip(*rows, strict=True)) or [()] * len(columns)
     stream = BufferOutputStream()
     write_table(table(dict(zip(columns, map(list, cells), strict=True))), stream)

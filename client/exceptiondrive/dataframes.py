@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from exceptiondrive.async_client import AsyncSubmission
 from exceptiondrive.client import Submission
-from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.errors import InvalidArgumentError, extra_missing
 from exceptiondrive.evaluation import SampleResult
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.faults import CheckReport
@@ -44,9 +44,7 @@ def to_dataframe(
     try:
         import pandas as pd
     except ModuleNotFoundError:
-        raise InvalidArgumentError(
-            "extra_missing", "Tables need pandas.", 'Run: pip install "exceptiondrive[data]"'
-        ) from None
+        raise extra_missing("Tables need pandas.", "data") from None
     if isinstance(document, Board):
         make_rows = _family_rows if families else _entry_rows
         return _typed(pd.DataFrame([*make_rows(document.entries)]))

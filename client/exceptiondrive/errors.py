@@ -65,6 +65,12 @@ class InvalidArgumentError(ExceptionDriveError):
         return {**super().document(), "fields": self.fields}
 
 
+def extra_missing(sentence: str, extra: str, otherwise: str = "") -> InvalidArgumentError:
+    """Return what is said where a library is not installed that an extra of the client brings."""
+    advice = f'Run: pip install "exceptiondrive[{extra}]"{otherwise}'
+    return InvalidArgumentError("extra_missing", sentence, advice)
+
+
 SUBMIT_AGAIN = "Correct the faults in the list and submit again; nothing was counted."
 
 

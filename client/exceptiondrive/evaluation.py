@@ -10,7 +10,7 @@ from itertools import zip_longest
 from typing import TYPE_CHECKING, NamedTuple
 
 from exceptiondrive.checking import manifest_of
-from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
+from exceptiondrive.errors import InvalidArgumentError, InvalidFileError, extra_missing
 from exceptiondrive.inputs import (
     ProtocolLike,
     SplitLike,
@@ -243,8 +243,4 @@ def require_numpy() -> None:
     try:
         import numpy as np  # noqa: F401
     except ModuleNotFoundError:
-        raise InvalidArgumentError(
-            "extra_missing",
-            "Scoring on this machine needs numpy.",
-            'Run: pip install "exceptiondrive[evaluate]"',
-        ) from None
+        raise extra_missing("Scoring on this machine needs numpy.", "evaluate") from None

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from exceptiondrive.conversion import RawPair, Waypoints
-from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.errors import InvalidArgumentError, extra_missing
 from exceptiondrive.inputs import STDIN
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check.checker import CSV_COLUMNS
@@ -135,11 +135,7 @@ def read_arrays(path: Path, data: bytes, *names: str) -> tuple[list[Any], ...]:
     try:
         import numpy as np
     except ModuleNotFoundError:
-        raise InvalidArgumentError(
-            "extra_missing",
-            "NPZ files need numpy.",
-            'Run: pip install "exceptiondrive[evaluate]"',
-        ) from None
+        raise extra_missing("NPZ files need numpy.", "evaluate") from None
     try:
         arrays = np.load(io.BytesIO(data), allow_pickle=False)
         if isinstance(arrays, np.ndarray):
@@ -394,11 +390,7 @@ def _pairs_of_parquet(path: Path, data: bytes, mode: int | None) -> Iterator[Raw
         from pyarrow import ArrowException, BufferReader
         from pyarrow.parquet import read_table
     except ModuleNotFoundError:
-        raise InvalidArgumentError(
-            "extra_missing",
-            "Parquet files need pyarrow.",
-            'Run: pip install "exceptiondrive[parquet]"',
-        ) from None
+        raise extra_missing("Parquet files need pyarrow.", "parquet") from None
     try:
         # Without threads: one that is alive when the process ends aborts it.
         table = read_table(BufferReader(data), use_threads=False, pre_buffer=False)

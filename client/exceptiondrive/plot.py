@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
-from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.errors import InvalidArgumentError, extra_missing
 from exceptiondrive.evaluation import in_turn, sample_results, sound_file
 from exceptiondrive.inputs import (
     ProtocolLike,
@@ -252,9 +252,5 @@ def png_bytes(svg: str) -> bytes:
     try:
         from resvg_py import svg_to_bytes
     except ModuleNotFoundError:
-        raise InvalidArgumentError(
-            "extra_missing",
-            "Writing PNG needs resvg-py.",
-            'Run: pip install "exceptiondrive[plot]", or write an .svg',
-        ) from None
+        raise extra_missing("Writing PNG needs resvg-py.", "plot", ", or write an .svg") from None
     return bytes(svg_to_bytes(svg_string=svg, zoom=PNG_ZOOM, sans_serif_family="DejaVu Sans"))

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from exceptiondrive.cli import completion, options
+from exceptiondrive.cli import options
 from exceptiondrive.cli.output import can_ask, say, show_result
 from exceptiondrive.cli.progress import TransferBar
 from exceptiondrive.cli.session import open_client
@@ -16,14 +16,7 @@ from exceptiondrive_schemas.data_manifest import DataManifest
 
 
 def data(
-    phase: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[PHASE]",
-            autocompletion=completion.phases,
-            help="Id of the phase; else EXCEPTIONDRIVE_PHASE, else that of `config`.",
-        ),
-    ] = None,
+    phase: options.PhaseArgument = None,
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the files are written.")
     ] = Path("data"),

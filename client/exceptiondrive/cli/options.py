@@ -73,6 +73,14 @@ DefaultPhase = Annotated[
         help="Id of the phase; else EXCEPTIONDRIVE_PHASE, else that of `config`.",
     ),
 ]
+PhaseArgument = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="[PHASE]",
+        autocompletion=completion.phases,
+        help="Id of the phase; else EXCEPTIONDRIVE_PHASE, else that of `config`.",
+    ),
+]
 SubmissionId = Annotated[
     str,
     typer.Argument(

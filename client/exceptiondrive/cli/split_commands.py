@@ -19,14 +19,7 @@ Output = Annotated[
 
 
 def manifest(
-    phase: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[PHASE]",
-            autocompletion=completion.phases,
-            help="Id of the phase; else EXCEPTIONDRIVE_PHASE, else that of `config`.",
-        ),
-    ] = None,
+    phase: options.PhaseArgument = None,
     output: Output = None,
     server: options.Server = None,
     json: options.Json = False,
