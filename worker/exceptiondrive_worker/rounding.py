@@ -38,6 +38,7 @@ class Rounding:
         self._metre_decimals = publication.metre_decimals
         self._least_samples = publication.min_samples_per_cell
         self._metrics: dict[str, Metric] = {metric.key: metric for metric in challenge.metrics}
+        self._in_metres = {metric.key for metric in challenge.metrics if metric.unit == "metre"}
 
     def fraction(self, value: float | None) -> float | None:
         """Round a share; None stays None, and there is no negative zero."""
@@ -45,12 +46,10 @@ class Rounding:
 
     def metric(self, key: str, value: float | None) -> float | None:
         """Round a value of a metric; keys that are no metric hold shares."""
-        if value is None or self._is_share(key):
-            return self.fraction(value)
-        return _rounded(value, self._metre_decimals)
-
-    def _is_share(self, key: str) -> bool:
-        return key not in self._metrics or self._metrics[key].unit == "fraction"
+        if value is None:
+            return None
+        in_metres = key in self._in_metres
+        return _rounded(value, self._metre_decimals if in_metres else self._fraction_decimals)
 
     def row(self, metrics: MetricRow) -> MetricRow:
         """Round a row of metrics."""
@@ -67,7 +66,7 @@ class Rounding:
         """Round both ends of an interval of a metric."""
         if interval is None:
             return None
-        if not self.is_public and self._is_share(key):
+        if not self.is_public and key not in self._in_metres:
             return self.coarse_interval(interval)
         low, high = self.metric(key, interval[0]), self.metric(key, interval[1])
         return None if low is None or high is None else (low, high)
