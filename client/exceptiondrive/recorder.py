@@ -100,6 +100,10 @@ class Journal:
     def __len__(self) -> int:
         return len(self._predictions)
 
+    def __repr__(self) -> str:
+        left = f", {len(self.missing)} missing" if self._expected else ""
+        return f"<{type(self).__name__} of {self.path}: {len(self)} recorded{left}>"
+
     @property
     def missing(self) -> Set[str]:
         """Samples of the manifest that are not recorded yet; empty without a manifest."""
@@ -252,7 +256,11 @@ def _trajectory(value: Any, where: str) -> Optional[List[List[float]]]:
         if len(value) == WAYPOINTS + 1:
             hint = "; leave out the point at t = 0, the first is at 0.5 s"
         elif len(value) > WAYPOINTS:
-            hint = f"; cut it to the first {WAYPOINTS}"
+            hint = "; take those at 0.5, 1.0, ... 3.0 s: at 10 a second trajectory[4::5][:6]"
+        elif len(value) == 1:
+            hint = "; take the one trajectory out of its batch: trajectory[0]"
+        elif len(value) == 2 and hasattr(_plain(value[0]), "__len__") and len(value[0]) == WAYPOINTS:
+            hint = "; a row of x and one of y: trajectory.T"
         raise RecorderError(f"{where} needs exactly {WAYPOINTS} waypoints, got {len(value)}{hint}")
     return [_waypoint(point, f"{where}[{i}]") for i, point in enumerate(value)]
 

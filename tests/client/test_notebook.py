@@ -43,6 +43,19 @@ def test_no_output_is_committed(notebook: dict[str, Any]) -> None:
     assert [(cell["outputs"], cell["execution_count"]) for cell in code] == [([], None)] * len(code)
 
 
+def test_its_planner_is_another_than_that_of_the_quick_start(notebook: dict[str, Any]) -> None:
+    """Who comes from there sends other bytes: the same ones under another name would be refused."""
+    (slower,) = (
+        line
+        for cell in code_of(notebook)
+        for line in cell.splitlines()
+        if line.startswith("SLOWER = ")
+    )
+    quick_start = NOTEBOOK.parents[1] / "quickstart.md"
+    assert "\nSLOWER = " in quick_start.read_text("utf-8")
+    assert slower not in quick_start.read_text("utf-8")
+
+
 def test_it_runs_from_check_to_rank(
     notebook: dict[str, Any], working: Running, tmp_path: Path
 ) -> None:

@@ -51,7 +51,10 @@ def test_it_takes_arrays_tuples_and_numpy_scalars(tmp_path: Path) -> None:
     [
         (STRAIGHT[:5], "needs exactly 6 waypoints, got 5"),
         ([[0.0, 0.0], *STRAIGHT], "leave out the point at t = 0"),
-        (STRAIGHT + STRAIGHT, "cut it to the first 6"),
+        (STRAIGHT + STRAIGHT, r"take those at 0.5, 1.0, ... 3.0 s: at 10 a second"),
+        ([STRAIGHT], r"the one trajectory out of its batch: trajectory\[0\]"),
+        (np.zeros((2, 6)), r"a row of x and one of y: trajectory.T"),
+        ([[1.0, 2.0]] * 2, "needs exactly 6 waypoints, got 2$"),
         ([[1.0, 0.0, 0.1]] * 6, "leave out the heading"),
         ([[1.0]] * 6, r"must be \[x, y\]"),
         ([[math.nan, 0.0]] * 6, "record None where the planner failed"),
