@@ -330,7 +330,10 @@ WALK: dict[str, Row] = {
     "0.1 s apart": Row(
         lambda: paths(sampled(0.1)),
         {},
-        ["looks like waypoints 0.1 s apart (the last at 0.6 s", "no conversion can mend that"],
+        [
+            "looks like waypoints 0.1 s apart (the last at 0.6 s",
+            "no conversion can mend that: let the planner plan 3 s ahead",
+        ],
     ),
     "1 s apart": Row(
         lambda: paths(sampled(1.0)),
@@ -818,6 +821,66 @@ SECOND_WALK: dict[str, Row] = {
     ),
 }
 """Those of a second reader's walk that were not told well, and their like."""
+
+
+def edited_ones(change: Callable[[list[Path6]], Sequence[Any]]) -> bytes:
+    """Return the sound file with its edited trajectories, all together, changed."""
+    edited = change([each["edited"] for each in predictions()])
+    return outer(
+        predictions=[
+            {**each, "edited": own} for each, own in zip(predictions(), edited, strict=True)
+        ]
+    )
+
+
+def shuffled(paths: list[Path6]) -> list[Path6]:
+    return random.Random(5).sample(paths, len(paths))
+
+
+def zeros_for_some(paths: list[Path6]) -> list[Path6]:
+    return [path if n % 8 else [(0.0, 0.0)] * 6 for n, path in enumerate(paths)]
+
+
+def unturned() -> bytes:
+    """Return the sound file in the axes of a map: moved to the car, not turned with it."""
+    chance = random.Random(5)
+    found = predictions()
+    for each in found:
+        angle = chance.uniform(-math.pi, math.pi)
+        ahead, aside = math.cos(angle), math.sin(angle)
+        for side in ("source", "edited"):
+            each[side] = [(x * ahead - y * aside, x * aside + y * ahead) for x, y in each[side]]
+    return outer(predictions=found)
+
+
+THIRD_WALK: dict[str, Row] = {
+    "normalised": Row(
+        lambda: paths(lambda path: [(x / 50, y / 50) for x, y in path]),
+        {},
+        ["looks like positions 0.02", "times as far as the recorded ones", "write metres, "],
+    ),
+    "the edited ones x right and y forward": Row(
+        lambda: edited_ones(lambda edited: [rotated(path, 1) for path in edited]),
+        {},
+        ["looks like edited trajectories in another frame than the source ones", "y left"],
+    ),
+    "the edited ones shuffled": Row(
+        lambda: edited_ones(shuffled),
+        {},
+        ["looks like edited trajectories under the ids of other samples", "its own sample id"],
+    ),
+    "zeros for no answer": Row(
+        lambda: edited_ones(zeros_for_some),
+        {},
+        ["edited is all zeros for ", f" of {N} samples, though the car is too fast", "write null"],
+    ),
+    "the axes of a map": Row(
+        unturned,
+        {"wrong_frame": "1 fault"},
+        ["as in the axes of a map", "turn it by minus the heading of the car at t = 0"],
+    ),
+}
+"""Those of a third one."""
 OWN: dict[str, Row] = {
     "numpy's print": Row(
         lambda: paths(as_numpy),
@@ -915,7 +978,7 @@ OWN: dict[str, Row] = {
 """And what else code around a planner writes."""
 
 
-ALL_FILES = WALK | MORE | SECOND_WALK | OWN
+ALL_FILES = WALK | MORE | SECOND_WALK | THIRD_WALK | OWN
 
 
 def report_of(name: str) -> CheckReport:

@@ -161,7 +161,10 @@ def frame_verdict(angles_rad: Sequence[float], limit_rad: float) -> str:
 
 
 _RIGHT_FORWARD = f"looks like x right / y forward: swap to (y, -x), {CONVERT} --rotate -90`"
-SCATTERED = "motion scatters too much for driving: start each trajectory at (0, 0) with heading 0"
+SCATTERED = (
+    "motion scatters too much for driving, as in the axes of a map: start each trajectory at (0, 0) and "
+    "turn it by minus the heading of the car at t = 0"
+)
 FRAME_VERDICTS = (
     SCATTERED,
     f"{_RIGHT_FORWARD}; only where x points left, to (y, x), {CONVERT} --swap`",

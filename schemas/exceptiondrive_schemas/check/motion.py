@@ -24,7 +24,7 @@ def motion_flags(
     section, n_waypoints = protocol.plausibility, protocol.geometry.waypoints
     sources, edits, n_both = both_first(pairs)
     source, edited = Tracks.of(sources, n_waypoints), Tracks.of(edits, n_waypoints)
-    wrong = _wrong_first_steps(
+    wrong = wrong_first_steps(
         source.steps[0].length_m[:n_both], edited.steps[0].length_m[:n_both], protocol
     )
     impossible = _share(len(wrong | _undrivable(edited, protocol)), len(edits))
@@ -93,7 +93,7 @@ def _undrivable(edited: Tracks, protocol: ProtocolDocument) -> set[int]:
     return found
 
 
-def _wrong_first_steps(source_m: Column, edited_m: Column, protocol: ProtocolDocument) -> set[int]:
+def wrong_first_steps(source_m: Column, edited_m: Column, protocol: ProtocolDocument) -> set[int]:
     """In which pairs the source's own initial speed does not allow the first edited step."""
     time_s, section = protocol.geometry.time_step_s, protocol.plausibility
     most_mps2, found = section.max_acceleration_mps2, set[int]()

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 from exceptiondrive_schemas.check.answers import PlanningDocument, TrajectoryPair
 from exceptiondrive_schemas.check.fault_list import FaultList, Path, kind, shown
 from exceptiondrive_schemas.check.frame import FrameCheck
-from exceptiondrive_schemas.check.motion import motion_flags
+from exceptiondrive_schemas.check.motion import motion_flags, wrong_first_steps
 from exceptiondrive_schemas.check.source_fit import AT_ORIGIN_M, file_profile
 from exceptiondrive_schemas.check.trajectory_forms import (
     is_null_word,
@@ -137,7 +137,21 @@ class PlanningRules:
             for code, why in self._blind(profile)
             if code not in self._protocol.ranking.unranked_flags
         )
-        return *missing, *blind
+        return *missing, *self._zeros(n_predictions), *blind
+
+    def _zeros(self, n_predictions: int) -> Iterator[str]:
+        """Say where zeros may stand for no answer: the car was too fast to stand at once."""
+        sources_m = [
+            math.hypot(*pair.source[:2])
+            for pair in self._pairs
+            if pair.source and pair.edited and not any(pair.edited)
+        ]
+        n_zeros = len(wrong_first_steps(sources_m, [0.0] * len(sources_m), self._protocol))
+        if n_zeros:
+            yield (
+                f"edited is all zeros for {n_zeros:,} of {n_predictions:,} samples, though the car is "
+                "too fast there to stand at once: where the planner gave nothing, write null"
+            )
 
     def unranked_because(self, n_predictions: int, profile: FileProfile | None) -> str | None:
         """Say why a sound file would be scored but not ranked; None where nothing tells that."""

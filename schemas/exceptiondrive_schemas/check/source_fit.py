@@ -60,6 +60,8 @@ OF_NEIGHBOUR = 0.75
 """So large a share of the answers is nearer to the neighbour's where rows stand one off."""
 OF_OTHERS, IN_ORDER = 0.25, 0.12
 """So far off sample by sample, and so near in order of length, and drives have other samples' ids."""
+NO_PACE = 0.1
+"""No planner means to drive at less than this share of the recorded speed, or at as many times more."""
 ALL_ROWS = 0.8
 """A smaller share of rows mended by a transformation is a part of them: the others are spoilt by it."""
 MIN_COMPARED = 20
@@ -97,11 +99,13 @@ class Transformation:
         looks_like: What the file looks like, to stand after "looks like".
         option: What `exceptiondrive convert` needs to mend it; None where no conversion can.
         apply: Returns mended points and the recorded ones at the same times.
+        by_hand: What the planner's author does where no conversion can.
     """
 
     looks_like: str
     option: str | None
     apply: Callable[[Compared], tuple[Points, Points] | None]
+    by_hand: str | None = None
 
 
 def file_profile(
@@ -142,7 +146,8 @@ def file_profile(
         return FileProfile(mend=best)
     at_source, at_edit = Tracks.of(sources, n_wanted), Tracks.of(edited, n_wanted)
     start = _start_mend((at_source, at_edit), geometry, plausibility)
-    mend = start or best or _row_mend(whole, recorded) or _id_mend(compared)
+    of_rows = _row_mend(whole, recorded) or _id_mend(compared)
+    mend = start or best or of_rows or _edited_mend(whole, plausibility)
     driven = Tracks.of([_flat(each.recorded) for each in compared], n_wanted)
     distances_m = Tracks.of([each.flat_source for each in compared], n_wanted).gaps_m(driven)
     at_s = dict(zip(SECONDS_SHOWN, _means_at(distances_m, geometry), strict=True))
@@ -398,6 +403,7 @@ def _of_time(geometry: GeometrySection, n_given: int) -> Iterator[Transformation
             " ".join(looks_like),
             None if n_given < n_needed else f"--time-step-s {given_s:g}{cut}",
             partial(_with_step, given_s, geometry.time_step_s),
+            f"let the planner plan {geometry.horizon_s:g} s ahead" if n_given < n_needed else None,
         )
 
 
@@ -438,8 +444,10 @@ def _best_mend(
     offset = _offset_mend(compared) or _offset_of_moving(tried, error)
     if offset is not None:
         return offset
-    return _lead_mend(tried, error, geometry) or _sideways_mend(
-        moving, is_of_the_path=error <= FITS
+    return (
+        _scale_mend(tried, error)
+        or _lead_mend(tried, error, geometry)
+        or _sideways_mend(moving, is_of_the_path=error <= FITS)
     )
 
 
@@ -463,7 +471,7 @@ def _best_of(
         for each, pair in zip(tried, applied, strict=True)
         if pair is not None and len(each.source) == len(each.recorded)
     ]
-    return _whole_or_part(best.looks_like, best.option, error, mended_error, changes), mended_error
+    return _whole_or_part(best, error, mended_error, changes), mended_error
 
 
 def _off(points: Points, recorded: Points) -> float:
@@ -473,8 +481,7 @@ def _off(points: Points, recorded: Points) -> float:
 
 
 def _whole_or_part(
-    looks_like: str,
-    option: str | None,
+    best: Transformation,
     error: float,
     mended_error: float,
     changes: Sequence[tuple[float, float]],
@@ -482,8 +489,7 @@ def _whole_or_part(
     """Name a transformation; where it mends a part of the rows and spoils the others, say so.
 
     Args:
-        looks_like: As in `Transformation`.
-        option: As in `Transformation`.
+        best: What is named.
         error: Of the file as it is.
         mended_error: Of the file after it.
         changes: How far each row is off, before and after, as shares.
@@ -492,13 +498,17 @@ def _whole_or_part(
     share = sum(nearer) / len(nearer) if len(nearer) >= MIN_COMPARED else 1.0
     if share < ALL_ROWS:
         looks_like = (
-            f"{looks_like} in a part of its rows: of those that it changes, {share:.0%} come nearer "
+            f"{best.looks_like} in a part of its rows: of those that it changes, {share:.0%} come nearer "
             "to the recorded drives, and the others go away from them"
         )
         by_hand = "write all rows alike, where the planner writes them"
         return Mend(looks_like=looks_like, convert_option=None, by_hand=by_hand)
     return Mend(
-        looks_like=looks_like, convert_option=option, error=error, mended_error=mended_error
+        looks_like=best.looks_like,
+        convert_option=best.option,
+        error=error,
+        mended_error=mended_error,
+        by_hand=best.by_hand,
     )
 
 
@@ -547,7 +557,8 @@ def _sideways_mend(moving: Sequence[Compared], *, is_of_the_path: bool) -> Mend 
         mended = error_of(change)
         if mended <= MIRROR_FITS and error > times_better * mended:
             rows = changes(change) if change is mirrored else ()
-            return _whole_or_part(looks_like, option, error, mended, rows)
+            named = Transformation(looks_like, option, partial(_of_source, change))
+            return _whole_or_part(named, error, mended, rows)
     return None
 
 
@@ -619,6 +630,24 @@ def _offset_of_moving(tried: Sequence[Compared], error: float) -> Mend | None:
     )
 
 
+def _scale_mend(tried: Sequence[Compared], error: float) -> Mend | None:
+    """Name positions that are all the same number of times too short or too long: normalised ones."""
+    shares = [math.hypot(*each.source[-1]) / math.hypot(*each.recorded[-1]) for each in tried]
+    factor = statistics.median(shares)
+    if factor == 0 or NO_PACE <= factor <= 1 / NO_PACE:
+        return None
+    mended_error = _error([(scaled(each.source, 1 / factor), each.recorded) for each in tried])
+    if mended_error > min(FITS, error / FITS_BETTER):
+        return None
+    return Mend(
+        looks_like=f"positions {factor:.2g} times as far as the recorded ones, as normalised ones are",
+        convert_option=None,
+        error=error,
+        mended_error=mended_error,
+        by_hand=f"write metres, {1 / factor:.2g} times as much",
+    )
+
+
 def _lead_mend(tried: Sequence[Compared], error: float, geometry: GeometrySection) -> Mend | None:
     """Name waypoints that begin one time step late: a first step twice as long as the next."""
     steps = [
@@ -670,19 +699,11 @@ def _row_mend(whole: Mapping[str, Whole], recorded: Mapping[str, Points] | None)
 
 def _id_mend(compared: Sequence[Compared]) -> Mend | None:
     """Name drives under the ids of other samples: as long as the recorded ones, in another order."""
-    if len(compared) < MIN_COMPARED:
-        return None
     lengths_m = [(math.hypot(*it.source[-1]), math.hypot(*it.recorded[-1])) for it in compared]
-    scale_m = statistics.fmean(own for _, own in lengths_m)
-    in_order = zip(*map(sorted, zip(*lengths_m, strict=True)), strict=True)
-    by_sample, by_order = (
-        statistics.fmean(abs(length_m - own_m) for length_m, own_m in pairs) / scale_m
-        if scale_m
-        else 0.0
-        for pairs in (lengths_m, in_order)
-    )
-    if by_sample < OF_OTHERS or by_order > IN_ORDER or by_sample < FITS_BETTER * by_order:
+    found = _of_others(lengths_m)
+    if found is None:
         return None
+    by_sample, by_order = found
     return Mend(
         looks_like=(
             f"trajectories under the ids of other samples: sample by sample their lengths are "
@@ -691,6 +712,60 @@ def _id_mend(compared: Sequence[Compared]) -> Mend | None:
         convert_option=None,
         by_hand="write each trajectory with its own sample id",
     )
+
+
+def _edited_mend(whole: Mapping[str, Whole], plausibility: PlausibilitySection) -> Mend | None:
+    """Name edited trajectories of another frame, or of other samples, than their source ones.
+
+    Told by the first waypoint: no braking and no swerve moves it far.
+    """
+    firsts = [
+        (_points(edited)[0], _points(source)[0])
+        for source, edited in whole.values()
+        if source and edited
+    ]
+    moving = [(own, at) for own, at in firsts if math.hypot(*at) > plausibility.stationary_below_m]
+    if len(moving) < MIN_COMPARED:
+        return None
+    error, *turned = (
+        _error([(rotated([own], turns), [at]) for own, at in moving]) for turns in range(4)
+    )
+    if error > FITS and min(turned) <= min(FITS, error / FITS_BETTER):
+        return Mend(
+            looks_like="edited trajectories in another frame than the source ones",
+            convert_option=None,
+            by_hand="write both with x forward and y left",
+        )
+    found = _of_others([(math.hypot(*own), math.hypot(*at)) for own, at in firsts])
+    if found is None:
+        return None
+    return Mend(
+        looks_like=(
+            f"edited trajectories under the ids of other samples: sample by sample their first steps "
+            f"are {found[0]:.0%} off those of the source ones, and in order of length {found[1]:.0%}"
+        ),
+        convert_option=None,
+        by_hand="write each trajectory with its own sample id",
+    )
+
+
+def _of_others(lengths_m: Sequence[tuple[float, float]]) -> tuple[float, float] | None:
+    """Return how far lengths are off those beside them, and in order of length, where they are of others.
+
+    Args:
+        lengths_m: Pairs of a length and the one that it should be.
+    """
+    scale_m = math.fsum(own for _, own in lengths_m)
+    if len(lengths_m) < MIN_COMPARED or not scale_m:
+        return None
+    in_order = zip(*map(sorted, zip(*lengths_m, strict=True)), strict=True)
+    by_sample, by_order = (
+        math.fsum(abs(length_m - own_m) for length_m, own_m in pairs) / scale_m
+        for pairs in (lengths_m, in_order)
+    )
+    if by_sample < OF_OTHERS or by_order > IN_ORDER or by_sample < FITS_BETTER * by_order:
+        return None
+    return by_sample, by_order
 
 
 def _neighbour(
