@@ -145,6 +145,17 @@ class Quota(Document):
     closes_at: datetime | None = None
     """The later deadline that organizers granted to the team; None: that of the phase."""
 
+    @property
+    def left_in_all(self) -> int | None:
+        """How many more the phase ever takes; None without such a limit."""
+        return None if self.total is None else max(0, self.total - self.used_total)
+
+    @property
+    def is_bound_in_all(self) -> bool:
+        """Whether the limit of all leaves fewer than that of the day does: no new day resets it."""
+        left = self.left_in_all
+        return left is not None and left < self.per_day - self.used_today
+
 
 class PhaseView(PhaseSettings):
     """A dated stage of a challenge, with its own split, protocol and limits."""

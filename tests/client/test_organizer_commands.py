@@ -85,6 +85,8 @@ def test_a_phase_is_made_on_a_registered_split(running: "Running") -> None:
     assert note.startswith("note: This split holds no recorded drives")
     with Client(running.url) as client:
         assert client.phase("test").quota_per_day == 5
+    few = ("phases", "create", "few", "--title", "Few", "--split", "tiny", "--quota-total", "20")
+    assert " a day, 20 in all\n" in organize(running, *few).stdout
     unknown = organize(running, "phases", "create", "x", "--title", "X", "--split", "none")
     assert unknown.exit_code == 2
 

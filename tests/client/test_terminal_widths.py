@@ -16,9 +16,11 @@ from exceptiondrive.cli.board_commands import phases_table
 from exceptiondrive.cli.fitted_table import Column, FittedTable
 from exceptiondrive.cli.tables import (
     board_view,
+    left_words,
     quota_table,
     records_table,
     submission_view,
+    submissions_left,
     submissions_view,
 )
 from exceptiondrive_schemas.board import Board, BoardEntry, Links
@@ -258,3 +260,16 @@ if __name__ == "__main__":
         for width in WIDTHS:
             path = TEXTS / f"{name}.{width}.txt"
             path.write_text(text_of(parts, width), encoding="utf-8")
+
+
+def test_what_is_left_is_told_by_the_limit_that_binds() -> None:
+    """A phase with 20 in all has no 30 left because a day allows 30, and no midnight brings more."""
+    of_the_day = "2 of 3 submissions left today; the count resets at "
+    assert submissions_left(quota()).startswith(of_the_day)
+    assert not submissions_left(quota()).endswith("in all")
+    enough, little = quota(total=20), quota(per_day=30, used_total=18, remaining_today=2, total=20)
+    assert submissions_left(enough).startswith(of_the_day)
+    assert submissions_left(enough).endswith("; 19 of 20 left in all")
+    assert submissions_left(little) == "2 of 20 submissions left in all"
+    told = [left_words(each) for each in (quota(), enough, little)]
+    assert told == ["2 of 3 today", "2 of 3 today", "2 of 20 in all"]

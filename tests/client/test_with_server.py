@@ -170,6 +170,8 @@ def test_a_withdrawal_says_what_stands_again(working: "Running", planning_file: 
     told = run(working, "withdraw", second["id"]).stdout
     assert f"withdrawn: with the next board there stands again {first['id']} (HCC " in told
     assert "no other run takes its place" in run(working, "withdraw", first["id"]).stdout
+    again = run(working, "withdraw", second["id"]).stdout
+    assert again == f"{second['id']} withdrawn: it was so before, and nothing changed\n"
 
 
 def test_two_files_are_told_to_become_one(working: "Running", planning_file: MakeFile) -> None:

@@ -10,7 +10,7 @@ from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.fitted_table import Column, FittedTable
 from exceptiondrive.cli.output import show, show_json, show_result
 from exceptiondrive.cli.session import open_client
-from exceptiondrive.cli.tables import board_view
+from exceptiondrive.cli.tables import board_view, left_words
 from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive.settings import find_setting
 from exceptiondrive_schemas.challenges import CHALLENGES
@@ -164,9 +164,7 @@ def phases_table(views: tuple[PhaseView, ...]) -> FittedTable:
             f"{view.n_samples:,}",
             view.protocol,
             _window(view),
-            f"{view.quota_per_day} a day"
-            if quota is None
-            else f"{quota.remaining_today} of {quota.per_day} today",
+            f"{view.quota_per_day} a day" if quota is None else left_words(quota),
         )
     return table
 

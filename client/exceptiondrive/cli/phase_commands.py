@@ -106,6 +106,8 @@ def create(
         phase = organizer.create_phase(wanted)
     notes = (f"note: {words}" for words in phase.get("not_checked", ()))
     limits = f"protocol {phase['protocol']}, quota {phase['quota_per_day']} a day"
+    if phase.get("quota_total") is not None:
+        limits += f", {phase['quota_total']} in all"
     made = f"phase {phase['id']} made, {phase['n_samples']} samples, {limits}"
     show_result(phase, json, made, *notes)
 

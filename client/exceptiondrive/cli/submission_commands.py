@@ -25,15 +25,16 @@ from exceptiondrive.cli.tables import (
     outlook_view,
     quota_table,
     submission_view,
+    submissions_left,
     submissions_view,
 )
-from exceptiondrive.errors import InvalidArgumentError, utc_text
+from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive.facts import facts_of_pairs
 from exceptiondrive.outlook import Outlook
 from exceptiondrive.settings import default_phase
 from exceptiondrive_schemas.own_entries import entry_words
 from exceptiondrive_schemas.phase_settings import RunRule
-from exceptiondrive_schemas.submission import Quota, SubmissionStatus
+from exceptiondrive_schemas.submission import SubmissionStatus
 
 
 def submit(
@@ -122,7 +123,8 @@ def submit(
             show_document(submission.view)
             return
         show(*submission_view(submission.view, submission.page_url, with_file=False))
-        show(*_quota_left(client.phase(phase).quota))
+        left = client.phase(phase).quota
+        show(*(() if left is None else (submissions_left(left),)))
 
 
 def _require_consent(outlook: Outlook, *, replace: bool, allow_unranked: bool) -> None:
@@ -267,13 +269,16 @@ def withdraw(
     It stays in the team's own list; the run of the method that it had replaced stands again.
     """
     with open_client(server) as client:
-        own = client.submissions(phase=client.status(submission_id).phase)
+        asked = client.status(submission_id)
+        own = client.submissions(phase=asked.phase)
         view = client.withdraw(submission_id)
         before = next((each for each in own if each.replaced_by == view.id), None)
         again = None if before is None else client.status(before.id)
     words = "no other run takes its place on the board"
     if again is not None and again.replaced_by is None:
         words = f"with the next board there stands again {entry_words(again)}"
+    if asked.status is SubmissionStatus.WITHDRAWN:
+        words = "it was so before, and nothing changed"
     show_result(view, json, f"{view.id} {view.status}: {words}")
 
 
@@ -325,13 +330,6 @@ def _status(name: str | None) -> SubmissionStatus | None:
         raise InvalidArgumentError(
             "wrong_option", f"--status must be one of {', '.join(SubmissionStatus)}."
         ) from None
-
-
-def _quota_left(quota: Quota | None) -> tuple[str, ...]:
-    if quota is None:
-        return ()
-    text = f"{quota.remaining_today} of {quota.per_day} submissions left today"
-    return (f"{text}; the count resets at {utc_text(quota.resets_at)}",)
 
 
 def register(app: typer.Typer) -> None:

@@ -223,6 +223,22 @@ def notices_view(notices: Iterable[NotificationView]) -> Iterator[RenderableType
             yield Text(f"  {entry.method}: {before} -> {now}")
 
 
+def left_words(quota: Quota) -> str:
+    """Say what is left, by the limit that binds: of the day, or in all, which no new day resets."""
+    if quota.is_bound_in_all:
+        return f"{quota.left_in_all} of {quota.total} in all"
+    return f"{quota.remaining_today} of {quota.per_day} today"
+
+
+def submissions_left(quota: Quota) -> str:
+    """Say how many submissions are left, when the count of the day resets, and how many in all."""
+    if quota.is_bound_in_all:
+        return f"{quota.left_in_all} of {quota.total} submissions left in all"
+    text = f"{quota.remaining_today} of {quota.per_day} submissions left today"
+    in_all = "" if quota.total is None else f"; {quota.left_in_all} of {quota.total} left in all"
+    return f"{text}; the count resets at {utc_text(quota.resets_at)}{in_all}"
+
+
 def quota_table(quotas: Mapping[str, Quota]) -> FittedTable:
     """Return what a team may still submit in each phase."""
     table = FittedTable.of(
@@ -237,7 +253,7 @@ def quota_table(quotas: Mapping[str, Quota]) -> FittedTable:
         table.add_row(
             phase,
             f"{quota.remaining_today} of {quota.per_day}",
-            "" if quota.total is None else f"{quota.total - quota.used_total} of {quota.total}",
+            "" if quota.total is None else f"{quota.left_in_all} of {quota.total}",
             f"{quota.rejected_per_day - quota.rejected_today} of {quota.rejected_per_day}",
             ""
             if quota.concurrent is None

@@ -223,10 +223,15 @@ def is_spent(quota: Quota) -> bool:
 
 
 def left_words(quota: Quota) -> str:
-    """Say what is left: `3 of 5 left today, 12 of 20 in all; 20 wrong files left today`."""
+    """Say what is left: `3 of 5 left today, 12 of 20 in all; 20 wrong files left today`.
+
+    Where fewer are left in all than of the day, the day is not named.
+    """
     words = f"{quota.remaining_today} of {quota.per_day} left today"
-    if quota.total is not None:
-        words += f", {max(0, quota.total - quota.used_total)} of {quota.total} in all"
+    if quota.is_bound_in_all:
+        words = f"{quota.left_in_all} of {quota.total} left in all"
+    elif quota.total is not None:
+        words += f", {quota.left_in_all} of {quota.total} in all"
     if quota.rejected_today >= quota.rejected_per_day:
         return f"{words}; {quota.rejected_today} files rejected, which is the limit of a day"
     left = quota.rejected_per_day - quota.rejected_today
