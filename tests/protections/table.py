@@ -25,6 +25,12 @@ def _every_scope(principal_of: Any) -> Callable[..., Any]:
     return lambda *arguments: replace(principal_of(*arguments), scopes=frozenset(Scope))
 
 
+def _each_follower_looks(_: Any) -> Callable[..., Any]:
+    from fastapi.concurrency import run_in_threadpool
+
+    return lambda looks, followed, look: run_in_threadpool(look)
+
+
 def _unkeyed(_: Any) -> property:
     from exceptiondrive_schemas.base import content_digest
 
@@ -268,6 +274,24 @@ PROTECTIONS = (
         f"{SERVER}.web.upload_places:UploadPlaces.held_by",
         _any_number_of_places,
         "tests/server/test_overload.py::test_a_team_has_few_places_and_leaves_the_others_free",
+    ),
+    Protection(
+        "places-of-approved",
+        f"{SERVER}.submissions.upload:_require_sender",
+        _nothing,
+        "tests/server/test_registrations.py::test_an_upload_of_a_team_that_waits_for_approval_is_refused_at_its_head",
+    ),
+    Protection(
+        "looks-of-followers",
+        f"{SERVER}.web.looks:Looks.now",
+        _each_follower_looks,
+        "tests/server/test_events.py::test_however_many_follow_a_submission_it_is_looked_at_once",
+    ),
+    Protection(
+        "names-as-written",
+        "exceptiondrive_records.db.identifiers:_as_latin",
+        lambda _: lambda word: word[0],
+        "tests/records/test_names.py::test_capitals_of_other_scripts_are_read_as_the_latin_ones",
     ),
     Protection(
         "refused-before-stored",
