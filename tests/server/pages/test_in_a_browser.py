@@ -322,6 +322,27 @@ def test_head_and_names_stay_in_sight(visit: Visit, width: int) -> None:
     assert name["x"] >= page.locator(".scroll.b").bounding_box()["x"]  # type: ignore[index]
 
 
+def test_rank_and_name_stay_while_a_narrow_window_scrolls_to_the_last_column(visit: Visit) -> None:
+    page = visit.open("/?phase=long&rows=20&add=progress", width=640)
+    cells = page.locator("#e-s0000000kq > .rank, #e-s0000000kq > th")
+    before = [cells.nth(at).bounding_box() for at in range(2)]
+    moved = page.evaluate(
+        "(document.querySelector('.scroll.b').scrollLeft = 90, "
+        "document.querySelector('.scroll.b').scrollLeft)"
+    )
+    assert moved > 20
+    assert [cells.nth(at).bounding_box() for at in range(2)] == before
+
+
+def test_rows_without_a_rank_are_as_high_as_the_others_on_a_wide_screen(visit: Visit) -> None:
+    page = visit.open("/")
+    heights = page.eval_on_selector_all(
+        "#board-rows tr.listed", "rows => rows.map((row) => row.getBoundingClientRect().height)"
+    )
+    assert heights
+    assert set(heights) == {44}
+
+
 def test_seventeen_rows_print_on_one_page(visit: Visit) -> None:
     page = visit.open("/?phase=seventeen")
     assert page.locator("#board-rows tr[id^='e-']").count() == 17

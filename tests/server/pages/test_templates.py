@@ -17,6 +17,22 @@ TEMPLATES = sorted(
 BEGINS_A_LINE = re.compile(r"<(article|div|dd|dl|dt|form|li|ol|option|p|section|t[dhr]|ul)\b")
 
 
+STYLES = sorted(Path(exceptiondrive_server.__file__).parent.glob("web/static/*.css"))
+
+
+@pytest.mark.parametrize("path", STYLES, ids=lambda path: path.name)
+def test_every_brace_of_a_style_has_its_other(path: Path) -> None:
+    """A brace too many takes the rule behind it out, in whatever file that stands."""
+    depth = 0
+    for number, line in enumerate(
+        re.sub(r"/\*.*?\*/", "", path.read_text(), flags=re.DOTALL).splitlines(), 1
+    ):
+        for sign in re.findall(r"[{}]", line):
+            depth += 1 if sign == "{" else -1
+            assert depth >= 0, f"line {number} closes what nothing opened"
+    assert depth == 0
+
+
 def test_there_are_templates() -> None:
     assert len(TEMPLATES) > 50
 
