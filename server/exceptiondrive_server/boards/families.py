@@ -16,8 +16,8 @@ from exceptiondrive_server.web.numbers import Digits, Scale, nice_scale, px
 
 MAX_SHEETS = 100
 """Of so many ranked entries, the best first, the tasks are read."""
-DOT_WIDTH, DOT_LEFT = 400, 122.0
-"""One drawing for wide screens and for phones."""
+DOT_WIDTH, DOT_WIDE, DOT_LEFT = 400, 760, 128.0
+"""In a card beside another and on phones; in a card of its own on wide screens."""
 ROW_HEIGHT = 46.0
 DOT_GAP = 6.5
 TOP, FOOT = 8.0, 42.0
@@ -150,20 +150,23 @@ class DotPlot:
     description: str
 
 
-def dot_plot(board: Board, entries: Sequence[BoardEntry], digits: Digits) -> DotPlot | None:
+def dot_plot(
+    board: Board, entries: Sequence[BoardEntry], digits: Digits, width: int = DOT_WIDTH
+) -> DotPlot | None:
     """Draw some entries of a board by family, hardest first; None where none tells families.
 
     Args:
         board: Whose families they are.
         entries: At most six, in the order of their colours.
         digits: Of the protocol.
+        width: Of the drawing, in SVG units.
     """
     metric = challenge_of(board).metrics[0]
     entries = [entry for entry in entries if entry.families]
     families = [board.families[place] for place in order_of(board, hardest_families(board))]
     if not entries or not families:
         return None
-    left, right = DOT_LEFT, DOT_WIDTH - 14.0
+    left, right = DOT_LEFT, width - 14.0
     cells = [entry.families.get(head.id) for entry in entries for head in families]
     known = [v for cell in cells if cell and (v := cell.metrics.get(metric.key)) is not None]
     spans = [span for cell in cells if cell and (span := cell.intervals.get(metric.key))]
@@ -188,7 +191,7 @@ def dot_plot(board: Board, entries: Sequence[BoardEntry], digits: Digits) -> Dot
         f"{row.title}: {', '.join(dot.title for dot in row.dots) or 'none'}" for row in rows
     )
     return DotPlot(
-        width=DOT_WIDTH,
+        width=width,
         height=height,
         left=px(left),
         right=px(right),

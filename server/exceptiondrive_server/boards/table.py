@@ -262,7 +262,7 @@ class RowBuilder:
         n = cell.n if cell else None
         text = self.digits.text(metric, value)
         interval = cell.intervals.get(metric.key) if cell else None
-        n_text = "n not reported" if n is None else f"n = {grouped(n)}"
+        n_text = "n not told" if n is None else f"n = {grouped(n)}"
         return FamilyTile(
             n_text=n_text,
             text=text,
@@ -272,7 +272,7 @@ class RowBuilder:
             and value == self.best_by_family.get(family),
             is_small=n is not None and n < SMALL_FAMILY,
             interval=self.digits.interval(metric, interval) or None,
-            words=f"{title}: not reported" if text is None else f"{title} {text} %, {n_text}",
+            words=f"{title}: not told" if text is None else f"{title} {text} %, {n_text}",
         )
 
     def heat_step(self, metric: Metric, value: float) -> int:
@@ -326,11 +326,14 @@ def _best(
 
 
 def _heat_top(board: Board, key: str) -> float:
-    """A round maximum over every scored family cell."""
+    """A round maximum over the family cells of the ranked entries; of all that are scored where none is ranked.
+
+    A planner without a rank, such as one that only brakes, does not wash out the colours of the others.
+    """
+    scored = [entry for entry in board.entries if entry.source != "reference"]
     values = [
         value
-        for entry in board.entries
-        if entry.source != "reference"
+        for entry in [entry for entry in scored if entry.rank is not None] or scored
         for cell in entry.families.values()
         if (value := cell.metrics.get(key)) is not None
     ]
@@ -683,6 +686,13 @@ class BoardTable:
     def heat_rows(self) -> tuple[Row, ...]:
         """The rows of the heat map."""
         return self.rows[:HEAT_ROWS]
+
+    @property
+    def heat_overflows(self) -> bool:
+        """Whether a cell of the heat map lies above the end of its colours."""
+        key, top = self.builder.challenge.metrics[0].key, self.builder.heat_top
+        cells = [cell for row in self.heat_rows for cell in row.entry.families.values()]
+        return any((cell.metrics.get(key) or 0.0) > top for cell in cells)
 
     @cached_property
     def family_heads(self) -> list[tuple[str, str, str, int, float]]:

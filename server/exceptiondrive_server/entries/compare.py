@@ -22,7 +22,7 @@ from exceptiondrive_server.boards.entry_facts import (
     entry_labels,
     is_barred,
 )
-from exceptiondrive_server.boards.families import dot_plot
+from exceptiondrive_server.boards.families import DOT_WIDE, dot_plot
 from exceptiondrive_server.boards.query import AVERAGE_TITLES
 from exceptiondrive_server.boards.table import outcome_bar
 from exceptiondrive_server.entries.queries import ComparedEntries
@@ -61,6 +61,7 @@ def compare_page(reading: ComparedEntries) -> dict[str, Any]:
         "labels": entry_labels(board),
         "fit": [entry for entry in entries if not is_barred(entry)],
         "plot": dot_plot(board, entries, digits),
+        "wide_plot": dot_plot(board, entries, digits, DOT_WIDE),
         "bars": [outcome_bar(challenge, entry.metrics, digits) for entry in entries[:2]],
         "differences": difference_table(
             both, shown.protocol, (reading.sheets[0], reading.sheets[1])

@@ -9,7 +9,11 @@ from exceptiondrive_server.boards.entry_facts import challenge_of, primary_metri
 from exceptiondrive_server.web.numbers import Digits, fixed, unit_of
 
 CONFUSION, SENSITIVITY, REMINDER = "confusion_", "d_safe_x", "reminder"
-_FACTORS = {0.5: "half of d_safe", 1.0: "d_safe as it ranks", 2.0: "twice d_safe"}
+_FACTORS = {
+    0.5: "half the required clearance",
+    1.0: "the required clearance, as it ranks",
+    2.0: "twice the required clearance",
+}
 _REMINDER_LABELS = {
     "given": "samples with a reminder record",
     "presence_precision": "hazard presence, precision",

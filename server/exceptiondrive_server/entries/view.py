@@ -20,7 +20,7 @@ from exceptiondrive_server.boards.entry_facts import (
     entry_key,
     entry_url,
 )
-from exceptiondrive_server.boards.families import DotPlot, dot_plot
+from exceptiondrive_server.boards.families import DOT_WIDE, DOT_WIDTH, DotPlot, dot_plot
 from exceptiondrive_server.boards.query import AVERAGE_TITLES
 from exceptiondrive_server.boards.table import (
     SMALL_FAMILY,
@@ -87,6 +87,7 @@ def entry_page(reading: EntryData) -> dict[str, Any]:
         "metrics": [metric for metric in challenge.metrics if metric.shown != "details"],
         "details": _details(board, entry),
         "beside_others": None if shown else _beside_others(board, entry, digits),
+        "beside_wide": None if shown else _beside_others(board, entry, digits, DOT_WIDE),
         "board_query": urlencode(board_fields(board, reading.is_current)),
         "curve": curve_chart(curves, board.headline),
         "bars": clearance_bars(curve) if curve else (),
@@ -141,10 +142,12 @@ def _past_axis(reading: EntryData, metric: Metric) -> Scale:
     return nice_scale(known, (0.0, 100.0), n_ticks=4, floor=0.0, ceiling=1.0)
 
 
-def _beside_others(board: Board, entry: BoardEntry, digits: Digits) -> DotPlot | None:
+def _beside_others(
+    board: Board, entry: BoardEntry, digits: Digits, width: int = DOT_WIDTH
+) -> DotPlot | None:
     """An entry by family beside the best two others; where no scene of it can be drawn."""
     others = [other for other in best_entries(board) if other is not entry]
-    return dot_plot(board, [entry, *others[:2]], digits)
+    return dot_plot(board, [entry, *others[:2]], digits, width)
 
 
 def _picture_query(board: Board) -> str:

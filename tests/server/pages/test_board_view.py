@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from tests.server.pages.invented_board import BLIND, KEYS, STILL
 
-from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.board import Board, FamilyCell
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.families import Hardness, families_of
@@ -207,3 +207,23 @@ def test_a_reference_off_the_axis_is_not_drawn_at_its_end(
     rows = view(lively_board.model_copy(update={"entries": tuple(low)}), protocol).rows
     drawn = {row.entry.method: row.cells[0].whisker is not None for row in rows}
     assert drawn == {"nerve": True, "FREEZE": False}
+
+
+def test_a_planner_without_a_rank_does_not_wash_out_the_colours_of_the_others(
+    lively_board: Board, protocol: ProtocolDocument
+) -> None:
+    safest = lively_board.entries[0]
+    cells = {
+        name: FamilyCell.model_validate({"n": cell.n, "hcc": 0.99})
+        for name, cell in safest.families.items()
+    }
+    brake = safest.model_copy(update={"submission_id": "brake", "rank": None, "families": cells})
+    usual = view(lively_board, protocol)
+    entries = (*lively_board.entries, brake)
+    beside = view(lively_board.model_copy(update={"entries": entries}), protocol)
+    assert beside.builder.heat_top == usual.builder.heat_top < 0.99
+    assert beside.heat_overflows
+    assert {tile.step for row in beside.rows if row.key == "brake" for tile in row.tiles} == {9}
+    alone = view(lively_board.model_copy(update={"entries": (brake,)}), protocol)
+    assert alone.builder.heat_top == 1.0
+    assert not alone.heat_overflows

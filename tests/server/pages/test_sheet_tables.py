@@ -17,9 +17,9 @@ def test_sensitivity_stands_around_the_row_that_ranks_from_less_to_more_clearanc
     (table,) = sheet_tables(sheet, PROTOCOL, Digits())
     assert table.heads == ("HCC % over families", "HCC % over samples")
     assert table.lines == (
-        ("half of d_safe", ("", "40.00")),
-        ("d_safe as it ranks", ("33.33", "33.33")),
-        ("twice d_safe", ("25.00", "20.00")),
+        ("half the required clearance", ("", "40.00")),
+        ("the required clearance, as it ranks", ("33.33", "33.33")),
+        ("twice the required clearance", ("25.00", "20.00")),
     )
 
 
