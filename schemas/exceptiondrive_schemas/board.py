@@ -132,10 +132,13 @@ class EntryNews(Document):
     rank: int | None
     """On the newer of the two boards that it stands on."""
     before: float | None
-    """The metric that ranks first, on the board before; None of an entry that came in."""
+    """The metric that ranks first, on the board before; None of an entry that came in. Of a new run, that of
+    the run whose place it took."""
     after: float | None
     """The same on this board; None of an entry that left."""
     is_new: bool = False
+    is_new_run: bool = False
+    """It took the place of an earlier run of the same method, which is not told apart."""
     has_left: bool = False
 
 

@@ -297,7 +297,7 @@ def test_the_history_says_whose_scores_changed_and_by_how_much(world: World) -> 
     want(world)
     a, b, _ = first.entries
     better = a.model_copy(update={"metrics": {"hcc": 0.625}})
-    new = b.model_copy(update={"submission_id": "d", "rank": None})
+    new = b.model_copy(update={"submission_id": "d", "method": "Another", "rank": None})
     publish(world, first.model_copy(update={"entries": (better, b, new)}))
     with world.database.read() as session:
         lines = board_history(session, "dev")
@@ -309,6 +309,19 @@ def test_the_history_says_whose_scores_changed_and_by_how_much(world: World) -> 
         (3, 0.5, None, False, True),
     ]
     assert lines[1].news == BoardNews()
+
+
+def test_a_new_run_of_a_method_is_one_piece_of_news_and_not_two(world: World) -> None:
+    first = board(world, "a", "b")
+    publish(world, first)
+    want(world)
+    a, b = first.entries
+    again = b.model_copy(update={"submission_id": "c", "metrics": {"hcc": 0.25}})
+    publish(world, first.model_copy(update={"entries": (a, again)}))
+    with world.database.read() as session:
+        (told,) = board_history(session, "dev")[0].news.entries
+    assert (told.submission_id, told.before, told.after) == ("c", 0.5, 0.25)
+    assert (told.is_new_run, told.is_new, told.has_left) == (True, False, False)
 
 
 def test_of_many_changes_some_are_named_and_all_are_counted(world: World) -> None:

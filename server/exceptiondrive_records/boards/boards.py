@@ -114,10 +114,17 @@ def news_between(old: Board, board: Board) -> BoardNews:
     key = CHALLENGES[board.challenge].metrics[0].key
     was = {entry.submission_id: entry for entry in old.entries if entry.submission_id}
     now = {entry.submission_id: entry for entry in board.entries if entry.submission_id}
+    before_of = _runs_before(was, now)
+    replaced = set(before_of.values())
     found = []
     for name, either in {**was, **now}.items():
-        values = [on[name].metrics.get(key) if name in on else None for on in (was, now)]
-        if name not in was or name not in now or values[0] != values[1]:
+        earlier = before_of.get(name, name)
+        values = [
+            on[its].metrics.get(key) if its in on else None
+            for on, its in ((was, earlier), (now, name))
+        ]
+        is_same = earlier == name and name in was and name in now and values[0] == values[1]
+        if name not in replaced and not is_same:
             found.append(
                 EntryNews(
                     submission_id=name,
@@ -126,12 +133,23 @@ def news_between(old: Board, board: Board) -> BoardNews:
                     rank=either.rank,
                     before=values[0],
                     after=values[1],
-                    is_new=name not in was,
+                    is_new=earlier not in was,
+                    is_new_run=earlier != name,
                     has_left=name not in now,
                 )
             )
     found.sort(key=lambda each: (each.has_left, each.rank is None, each.rank or 0))
     return BoardNews(entries=tuple(found[:MAX_NEWS]), n_more=max(0, len(found) - MAX_NEWS))
+
+
+def _runs_before(was: Mapping[str, BoardEntry], now: Mapping[str, BoardEntry]) -> dict[str, str]:
+    """Return whose place each newcomer took: that of a run of the same method of its team, which left."""
+    left = {(entry.team, entry.method): name for name, entry in was.items() if name not in now}
+    return {
+        name: left[entry.team, entry.method]
+        for name, entry in now.items()
+        if name not in was and (entry.team, entry.method) in left
+    }
 
 
 def current_board(session: Session, phase_id: str) -> BoardRow | None:

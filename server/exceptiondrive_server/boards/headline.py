@@ -188,7 +188,7 @@ def moves_on(board: Board) -> list[str]:
     down = [entry for entry in ranked if _steps_up(entry) < 0]
     parts = []
     if new:
-        parts.append(f"{counted(len(new), 'new entry', 'new entries')}{_named(new)}")
+        parts.append(f"{len(new)} newly ranked{_named(new)}")
     if up:
         parts.append(f"{len(up)} moved up{_named(up)}")
     if down:

@@ -23,7 +23,7 @@ def with_ranks(board: Board, previous: dict[int, int | None]) -> Board:
 def test_entries_and_moves_are_counted_and_a_few_are_named(lively_board: Board) -> None:
     board = with_ranks(lively_board, {3: None, 1: 2, 2: 1})
     assert change_line(board, BEFORE).words == (
-        "Since board 6 of 20 Nov 2026: 1 new entry (brake-late to rank 3); "
+        "Since board 6 of 20 Nov 2026: 1 newly ranked (brake-late to rank 3); "
         "1 moved up (Kestrel-2 to rank 1); "
         "1 moved down (LaneKeeper XL (bypass head, 3 s) to rank 2)."
     )
@@ -31,7 +31,7 @@ def test_entries_and_moves_are_counted_and_a_few_are_named(lively_board: Board) 
 
 def test_many_are_counted_and_not_named(lively_board: Board) -> None:
     board = with_ranks(lively_board, dict.fromkeys(range(1, 5)))
-    assert change_line(board, BEFORE).words == "Since board 6 of 20 Nov 2026: 4 new entries."
+    assert change_line(board, BEFORE).words == "Since board 6 of 20 Nov 2026: 4 newly ranked."
 
 
 def test_a_protocol_update_comes_first_and_leads_to_its_page(lively_board: Board) -> None:
