@@ -1,7 +1,7 @@
 """The links that organizers set, on every page; and the public status."""
 
 import re
-from datetime import timedelta
+from datetime import date, timedelta
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -132,6 +132,19 @@ def test_the_status_tells_of_a_worker_that_fell_silent(api: "Api", browser: "Tea
     page = browser.get("/status")
     assert page.status_code == 200
     assert "Scoring is delayed" in page.text.split("<main")[1]
+
+
+def test_the_status_page_calls_a_phase_by_its_title_and_dates_as_other_pages_do(
+    api: "Api", browser: "TeamBrowser"
+) -> None:
+    named: Any = {"title": "The season"}
+    assert api.request("PATCH", "/organizer/phases/dev", "organizer", json=named).status_code == 200
+    api.score(api.submit("a").json()["id"])
+    api.publish()
+    text = " ".join(browser.get("/status").text.split())
+    assert "The season, board " in text
+    (day,) = re.findall(r'<time datetime="(\d{4}-\d\d-\d\d)">([^<]+)</time>', text)
+    assert day[1] == f"{date.fromisoformat(day[0]):%-d %b %Y}"
 
 
 def test_the_status_tells_how_long_the_oldest_waits(api: "Api", browser: "TeamBrowser") -> None:

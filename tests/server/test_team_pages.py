@@ -138,7 +138,7 @@ def test_the_form_says_what_a_later_run_replaces_and_the_page_by_what(
     api.score(first.removeprefix("/submissions/"))
     form = " ".join(alpha.get("/submit").text.split())
     assert "A later run of a method takes the place of the earlier one" in form
-    assert f'<a href="{first}">Planner</a> in <code>dev</code>' in form
+    assert f'<a href="{first}">Planner</a> in dev' in form
     assert (
         "one that answers fewer than 99% of the samples, you are asked before anything counts"
         in form

@@ -6,6 +6,7 @@ from fastapi.responses import Response
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.operations.site import site_links
 from exceptiondrive_records.operations.status import service_status
+from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.organizer_frame import duration_words
 from exceptiondrive_server.web.responses import page
@@ -18,7 +19,15 @@ def show_status(request: Request, services: ServicesOf) -> Response:
     """Show whether submissions are scored now, and how the last days went."""
     with services.database.read() as session:
         now = service_status(session, ttl_s=services.settings.heartbeat_ttl_s)
-    return page(request, "operations/status.html", "status", now=now, duration=duration_words)
+        last_title = find_phase(session, now.last_board.phase).title if now.last_board else ""
+    return page(
+        request,
+        "operations/status.html",
+        "status",
+        now=now,
+        last_title=last_title,
+        duration=duration_words,
+    )
 
 
 @router.get("/cite")
