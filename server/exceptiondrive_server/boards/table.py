@@ -687,13 +687,6 @@ class BoardTable:
         """The rows of the heat map."""
         return self.rows[:HEAT_ROWS]
 
-    @property
-    def heat_overflows(self) -> bool:
-        """Whether a cell of the heat map lies above the end of its colours."""
-        key, top = self.builder.challenge.metrics[0].key, self.builder.heat_top
-        cells = [cell for row in self.heat_rows for cell in row.entry.families.values()]
-        return any((cell.metrics.get(key) or 0.0) > top for cell in cells)
-
     @cached_property
     def family_heads(self) -> list[tuple[str, str, str, int, float]]:
         """Id, title, short title, samples and share of samples of each family."""
