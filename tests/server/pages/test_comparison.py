@@ -163,7 +163,7 @@ async def test_several_are_set_side_by_side_and_each_against_each(paired_site: A
     table = text[text.index('id="against"') :]
     assert table.index("surely better") < table.index("surely worse")
     assert text.count('name="more"') == 3
-    assert 'class="chart dots"' in text
+    assert all(f'class="chart dots {width}"' in text for width in ("wide", "nar"))
 
 
 async def test_anyone_on_the_board_is_found_by_typing_a_name(lively_site: Any) -> None:
