@@ -38,11 +38,14 @@ QUOTA = 2
 WITHDRAWN = "{} withdrawn: no other run takes its place on the board\n"
 
 
-def run(server: "Running", *arguments: object, token: str | None = None) -> Any:
+def run(
+    server: "Running", *arguments: object, token: str | None = None, typed: str | None = None
+) -> Any:
     """Run a command against the server, without a terminal."""
     return CliRunner().invoke(
         app,
         [str(argument) for argument in arguments],
+        input=typed,
         env={"EXCEPTIONDRIVE_SERVER": server.url, "EXCEPTIONDRIVE_TOKEN": token or server.token},
     )
 
@@ -103,7 +106,7 @@ def test_a_second_run_of_a_method_is_told_before_it_replaces_the_first(
     told = run(working, "status", first["id"]).stdout
     assert f"not on the board in phase dev: replaced by {second['id']}" in told
     assert f"replaced by {second['id']}" in run(working, "submissions").stdout
-    assert run(working, "withdraw", second["id"]).exit_code == 0
+    assert run(working, "withdraw", second["id"], "--yes").exit_code == 0
     assert json.loads(run(working, "status", first["id"], "--json").stdout)["replaced_by"] is None
 
 
@@ -163,11 +166,19 @@ def test_check_says_what_an_upload_will_do(working: "Running", planning_file: Ma
     assert "will be ranked" not in told
 
 
-def test_a_withdrawal_says_what_stands_again(working: "Running", planning_file: MakeFile) -> None:
+def test_a_withdrawal_asks_and_says_what_stands_again(
+    working: "Running", planning_file: MakeFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
     first = json.loads(submit(working, planning_file(), "--wait", "--json").stdout)
     done = submit(working, slower_file(planning_file), "--replace", "--wait", "--json")
     second = json.loads(done.stdout)
-    told = run(working, "withdraw", second["id"]).stdout
+    with monkeypatch.context() as on_terminal:
+        on_terminal.setattr("exceptiondrive.cli.submission_commands.can_ask", lambda: True)
+        asked = run(working, "withdraw", second["id"], typed="n\n")
+        assert f"Withdraw {second['id']} (HCC " in asked.stderr
+        assert "Nothing was withdrawn." in asked.stderr
+        assert asked.exit_code == 2
+        told = run(working, "withdraw", second["id"], "--yes").stdout
     assert f"withdrawn: with the next board there stands again {first['id']} (HCC " in told
     assert "no other run takes its place" in run(working, "withdraw", first["id"]).stdout
     again = run(working, "withdraw", second["id"]).stdout

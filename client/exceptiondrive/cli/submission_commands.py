@@ -261,15 +261,20 @@ def download(
 
 def withdraw(
     submission_id: options.SubmissionId,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
-    """Take a submission off the board.
+    """Take a submission off the board; on a terminal it asks first.
 
     It stays in the team's own list; the run of the method that it had replaced stands again.
     """
     with open_client(server) as client:
         asked = client.status(submission_id)
+        stands = asked.status is not SubmissionStatus.WITHDRAWN
+        question = f"Withdraw {entry_words(asked)}?"
+        if can_ask() and stands and not yes and not typer.confirm(question, err=True):
+            raise InvalidArgumentError("not_confirmed", "Nothing was withdrawn.")
         own = client.submissions(phase=asked.phase)
         view = client.withdraw(submission_id)
         before = next((each for each in own if each.replaced_by == view.id), None)
@@ -277,7 +282,7 @@ def withdraw(
     words = "no other run takes its place on the board"
     if again is not None and again.replaced_by is None:
         words = f"with the next board there stands again {entry_words(again)}"
-    if asked.status is SubmissionStatus.WITHDRAWN:
+    if not stands:
         words = "it was so before, and nothing changed"
     show_result(view, json, f"{view.id} {view.status}: {words}")
 
