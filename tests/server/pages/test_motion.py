@@ -144,7 +144,8 @@ async def test_a_phase_with_withheld_regions_borrows_scenes_and_says_whose(
     entry = (await drawn_site.get("/entries/h0000000kq?phase=final")).text
     assert 'src="/scenes.svg?phase=final"' in entry
     assert "none is of Final, and the planner in them is not this entry" in read(entry).text
-    assert read(entry).one("section", "two", **{"aria-label": "Beside others"}).all("g")
+    assert read(entry).one("section", "blk", **{"aria-labelledby": "hd"}).all("g")
+    assert 'data-scenes="/scenes?phase=final"' in entry
     for path in ("/?phase=sample", "/entries/s0000000kq"):
         own = (await drawn_site.get(path)).text
         assert "those of a development phase" not in own
