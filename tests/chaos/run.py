@@ -129,9 +129,11 @@ class Run:
 
     def require_scored(self, calls: list[Call]) -> None:
         """Fail unless each of these was taken and has its score."""
-        statuses = [self.status_of(call) for call in calls if call.is_accepted]
-        assert statuses, "nothing was submitted beside it"
-        assert set(statuses) == {SubmissionStatus.SCORED}, f"others came to harm: {statuses}"
+        accepted = [call for call in calls if call.is_accepted]
+        assert accepted, "nothing was submitted beside it"
+        harmed = [call for call in accepted if self.status_of(call) is not SubmissionStatus.SCORED]
+        told = [(self.status_of(call).value, self.failure_of(call)) for call in harmed]
+        assert not told, f"{len(told)} of {len(accepted)} came to harm: {told}"
 
     def require_no_rows(self, calls: list[Call]) -> None:
         """Fail if one of these, which was told that nothing was taken, was taken after all."""

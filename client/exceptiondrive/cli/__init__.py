@@ -50,7 +50,10 @@ COMMANDS = {
         "Change name, links, description or facts of a submission; without options, list its changes.",
     ),
     "download": (".submission_commands", "Get the team's own upload again, bit by bit."),
-    "withdraw": (".submission_commands", "Take a submission off the board."),
+    "withdraw": (
+        ".submission_commands",
+        "Take a submission off the board; on a terminal it asks first.",
+    ),
     "choose": (
         ".submission_commands",
         "Say which run stands, in a phase that lets teams choose.",
