@@ -11,7 +11,7 @@ from sqlalchemy import func, select, text
 from tests.chaos.history import Call
 from tests.chaos.processes import state_of
 from tests.chaos.run import OPEN, Run
-from tests.chaos.topology import HEARTBEAT_TTL_S, PATIENT, PHASE
+from tests.chaos.topology import HEARTBEAT_TTL_S, PHASE
 
 from exceptiondrive.receipts import verify_receipt
 from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, issue_token
@@ -159,7 +159,7 @@ def wrong_clock(run: Run) -> str:
         lambda: run.topology.readiness().get("live_workers", 0) >= 4, "two more"
     )
     lost, start_s = run.n_lost_leases(), run.history.now_s()
-    run.slowly(2.0)  # several passes of the reconciler, less than a lease
+    run.slowly(1.0)  # several passes of the reconciler, less than a lease
     run.clients.stream(8)
     run.wait_for_lease()
     run.clients.join()
@@ -179,7 +179,9 @@ def _clock(library: Path, shift: str) -> dict[str, str]:
         "LD_PRELOAD": str(library),
         "FAKETIME": shift,
         "FAKETIME_DONT_FAKE_MONOTONIC": "1",
-        **PATIENT,
+        "EXCEPTIONDRIVE_SOFT_TIME_LIMIT_S": "57",
+        "EXCEPTIONDRIVE_TIME_LIMIT_S": "58",
+        "EXCEPTIONDRIVE_LEASE_S": "60",  # an hour is longer, and a full machine does not end it
     }
 
 

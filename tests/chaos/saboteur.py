@@ -6,9 +6,9 @@ CHAOS_ORDERS names. Everything but the sabotaged call is the product's own code.
 
 import hashlib
 import os
+import select
 import signal
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -37,7 +37,9 @@ def _obey(order: str) -> None:
         case "allocate":
             bytearray(10 * 2**30)
         case _:
-            time.sleep(float(order))
+            select.select(
+                [], [], [], float(order)
+            )  # libfaketime lets `time.sleep` fail now and then
 
 
 def _once(name: str) -> bool:
