@@ -290,6 +290,11 @@ class PreviewView(Document):
     comparison: Comparison
 
 
+def page_of(comparison: str) -> str:
+    """Return the address of the page on which people read what the API tells at the address of a comparison."""
+    return comparison.removeprefix("/api/v1")
+
+
 class PublicRun(Document):
     """An applied run, as every reader may see it."""
 

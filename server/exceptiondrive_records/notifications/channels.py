@@ -19,7 +19,7 @@ from pydantic import Field, SecretStr
 from exceptiondrive_records.db.settings import RecordsSettings, Seconds
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.printable import one_line
-from exceptiondrive_schemas.rescoring import ChangedEntry, NotificationView
+from exceptiondrive_schemas.rescoring import ChangedEntry, NotificationView, page_of
 from exceptiondrive_schemas.standing_words import standing_words
 
 # Settings of what is sent outside; only the reconciler's process reads them.
@@ -274,7 +274,7 @@ def text_of(notice: NotificationView, site_url: str) -> str:
         "",
         f"The board: {site}/?phase={notice.phase}",
         f"Every board there was: {site}/history?phase={notice.phase}",
-        f"Every entry before and after: {site}{notice.comparison.removeprefix('/api/v1')}",
+        f"Every entry before and after: {site}{page_of(notice.comparison)}",
     ]
     return "\n".join(lines) + "\n"
 

@@ -19,6 +19,7 @@ from markupsafe import Markup, escape
 
 from exceptiondrive_schemas.formulas import over_families
 from exceptiondrive_schemas.printable import printable
+from exceptiondrive_schemas.rescoring import page_of
 from exceptiondrive_server.web import numbers
 from exceptiondrive_server.web.glossary import TERMS
 from exceptiondrive_server.web.markdown import first_paragraph, markdown
@@ -164,6 +165,7 @@ def environment() -> Environment:
         over_families=over_families,
         unbroken=unbroken,
         unit=numbers.unit_of,
+        page_of=page_of,
     )
     return made
 
