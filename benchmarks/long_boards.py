@@ -38,24 +38,24 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, SimilarityRow, Submission
 from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work.board_requests import want_board
+from exceptiondrive_schemas.api.phase_settings import NewPhase
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.base import bytes_digest, canonical_json
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol
-from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_scoring.bootstrap import GRID
 from exceptiondrive_server.app import create_app
 from exceptiondrive_server.web.settings import ServerSettings
-from exceptiondrive_worker import board_run
+from exceptiondrive_worker.boards import run as board_run
+from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.context import WorkerContext, open_context
-from exceptiondrive_worker.private_store import Shelf, content_key
 from exceptiondrive_worker.process import keep_memory
-from exceptiondrive_worker.rounding import Rounding
 from exceptiondrive_worker.sample.files import write_sample_split
 from exceptiondrive_worker.settings import WorkerSettings
-from exceptiondrive_worker.splits_admin import register_all_splits
+from exceptiondrive_worker.splits.admin import register_all_splits
+from exceptiondrive_worker.splits.private_store import Shelf, content_key
 from exceptiondrive_worker.stages import Target
 
 GROWTH = (100, 1_000, 10_000)

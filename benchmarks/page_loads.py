@@ -83,7 +83,7 @@ def plant(database_url: str) -> None:
     from exceptiondrive_records.phases.phases import create_phase
     from exceptiondrive_records.phases.tables import Phase
     from exceptiondrive_records.work.board_requests import want_board
-    from exceptiondrive_schemas.phase_settings import NewPhase
+    from exceptiondrive_schemas.api.phase_settings import NewPhase
     from exceptiondrive_schemas.protocol import packaged_protocol
     from exceptiondrive_schemas.split import SplitRef
 

@@ -20,7 +20,7 @@ from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
 from exceptiondrive_scoring.grade import grade
 from exceptiondrive_scoring.measure import Measurements, measure
 from exceptiondrive_scoring.sheet import Breakdown, aggregate
-from exceptiondrive_worker.private_store import PrivateStore, Shelf
+from exceptiondrive_worker.splits.private_store import PrivateStore, Shelf
 
 SUBMISSIONS = 1000
 AT_ONCE = 5

@@ -26,8 +26,8 @@ from exceptiondrive_records.accounts.tokens import issue_token
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.teams.teams import create_team
+from exceptiondrive_schemas.api.phase_settings import NewPhase
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.phase_settings import NewPhase
 
 N_SAMPLES = 3181
 N_UPLOADS = 10

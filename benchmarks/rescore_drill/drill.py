@@ -15,8 +15,8 @@ from benchmarks.rescore_drill.verdict import demand
 from benchmarks.rescore_drill.waits import ALLOWED_RATIO, Waits, ratio, waits_of
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol_toml, parse_protocol
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 N_FRESH = 24
 PAUSE_S = (0.25, 0.6)

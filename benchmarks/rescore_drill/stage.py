@@ -16,11 +16,11 @@ from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.teams.teams import create_team
+from exceptiondrive_schemas.api.phase_settings import NewPhase
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol
-from exceptiondrive_worker.split_store import SplitStore
-from exceptiondrive_worker.splits_admin import register_all_splits
+from exceptiondrive_worker.splits.admin import register_all_splits
+from exceptiondrive_worker.splits.store import SplitStore
 
 PHASE = "drill"
 _TEAM = "drill"

@@ -13,8 +13,8 @@ from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.operations.invariants import unfinished, violations
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.tables import Job
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 
 class NotProven(Exception):  # noqa: N818 - a verdict

@@ -15,8 +15,8 @@ from functools import partial, wraps
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from exceptiondrive.client import Client, OnChange, Submission
+from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_schemas.python310 import Self
-from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
 
 MAX_THREADS = 8
 """So many requests of one client run at once; the others wait for their turn."""

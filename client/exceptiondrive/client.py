@@ -36,18 +36,11 @@ from exceptiondrive.transport import (
     read_answer,
     require_text,
 )
-from exceptiondrive_schemas.base import Document, bytes_digest
-from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.faults import CheckReport
-from exceptiondrive_schemas.method_facts import SubmissionEditView
-from exceptiondrive_schemas.own_entries import question_of, replaced_entry
-from exceptiondrive_schemas.phase_report import PhaseReport
-from exceptiondrive_schemas.phase_settings import RunRule
-from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
-from exceptiondrive_schemas.receipt import Receipt, ReceiptKeys
-from exceptiondrive_schemas.rescoring import NotificationView
-from exceptiondrive_schemas.split import Manifest, Split
-from exceptiondrive_schemas.submission import (
+from exceptiondrive_schemas.api.own_entries import question_of, replaced_entry
+from exceptiondrive_schemas.api.phase_report import PhaseReport
+from exceptiondrive_schemas.api.phase_settings import RunRule
+from exceptiondrive_schemas.api.rescoring import NotificationView
+from exceptiondrive_schemas.api.submission import (
     Me,
     PhaseView,
     Quota,
@@ -55,6 +48,13 @@ from exceptiondrive_schemas.submission import (
     SubmissionStatus,
     SubmissionView,
 )
+from exceptiondrive_schemas.base import Document, bytes_digest
+from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.method_facts import SubmissionEditView
+from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
+from exceptiondrive_schemas.receipt import Receipt, ReceiptKeys
+from exceptiondrive_schemas.split import Manifest, Split
 
 FIRST_PAUSE_S = 0.2
 LONGEST_PAUSE_S = 5.0

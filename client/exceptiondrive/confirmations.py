@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive.settings import config_folder
-from exceptiondrive_schemas.confirmation import Confirmation, confirmed_bytes
+from exceptiondrive_schemas.api.confirmation import Confirmation, confirmed_bytes
 from exceptiondrive_schemas.split import SplitRef
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from exceptiondrive.errors import InvalidArgumentError, NetworkError
 from exceptiondrive.transport import LinkAnswer, Progress, is_here, open_link
-from exceptiondrive_schemas.data_manifest import PARTIAL, DataFile, DataManifest
+from exceptiondrive_schemas.api.data_manifest import PARTIAL, DataFile, DataManifest
 
 MAX_MANIFEST_BYTES = 32 * 1024 * 1024
 ATTEMPTS = 5

@@ -11,10 +11,10 @@ from exceptiondrive.async_client import AsyncSubmission
 from exceptiondrive.client import Submission
 from exceptiondrive.errors import InvalidArgumentError, extra_missing
 from exceptiondrive.evaluation import SampleResult
+from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.score_sheet import ScoreSheet
-from exceptiondrive_schemas.submission import SubmissionView
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -18,8 +18,8 @@ from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any, ClassVar
 
 if TYPE_CHECKING:
+    from exceptiondrive_schemas.api.submission import SubmissionView
     from exceptiondrive_schemas.faults import CheckReport
-    from exceptiondrive_schemas.submission import SubmissionView
 
 
 class ExceptionDriveError(Exception):

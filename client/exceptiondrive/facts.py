@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from exceptiondrive.errors import InvalidArgumentError
-from exceptiondrive_schemas.form_fields import FormField, fields_of
+from exceptiondrive_schemas.api.form_fields import FormField, fields_of
 from exceptiondrive_schemas.method_facts import MethodFacts
 
 Facts = MethodFacts | Mapping[str, Any] | str | os.PathLike[str]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from exceptiondrive_schemas.faults import CheckReport
 
 if TYPE_CHECKING:
-    from exceptiondrive_schemas.submission import SubmissionView
+    from exceptiondrive_schemas.api.submission import SubmissionView
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,6 @@ class Outlook:
         """What nobody may be surprised by, in a sentence; by the argument of `submit` that says yes."""
         if self.is_known:
             return {}
-        from exceptiondrive_schemas.own_entries import to_confirm
+        from exceptiondrive_schemas.api.own_entries import to_confirm
 
         return to_confirm(self.report.unranked_because, self.replaces)

@@ -31,7 +31,7 @@ from exceptiondrive.errors import (
     ServerError,
 )
 from exceptiondrive.version import __version__
-from exceptiondrive_schemas.problems import Problem, ProblemCode
+from exceptiondrive_schemas.api.problems import Problem, ProblemCode
 from exceptiondrive_schemas.python310 import UTC, Self
 
 Progress = Callable[[int, int], None]

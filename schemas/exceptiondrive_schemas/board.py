@@ -7,10 +7,10 @@ from typing import Literal
 
 from pydantic import Field
 
+from exceptiondrive_schemas.api.phase_settings import BoardView, SplitPart
 from exceptiondrive_schemas.base import Document, content_digest
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.flags import bars_leading
-from exceptiondrive_schemas.phase_settings import BoardView, SplitPart
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
     Flag,

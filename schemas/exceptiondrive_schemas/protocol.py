@@ -18,7 +18,7 @@ from pydantic import Field, ValidationError, ValidationInfo, field_validator, mo
 from exceptiondrive_schemas.base import FORGIVING, Document, content_digest
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, RankKey
 from exceptiondrive_schemas.flags import FLAGS
-from exceptiondrive_schemas.protocol_faults import faults_of, unkeepable
+from exceptiondrive_schemas.protocols.faults import faults_of, unkeepable
 from exceptiondrive_schemas.python310 import Self, tomllib
 from exceptiondrive_schemas.taxonomy import Family, Strategy, Task, Taxonomy
 

@@ -9,13 +9,13 @@ from fastapi import FastAPI
 from exceptiondrive_records.db.settings import load_settings
 from exceptiondrive_server.boards.reader import BoardReader
 from exceptiondrive_server.routes import ROUTES
-from exceptiondrive_server.web.body_limit import RequestLimits
 from exceptiondrive_server.web.browser_session import lead_to_sign_in
 from exceptiondrive_server.web.compression import PublicCompression
+from exceptiondrive_server.web.limits.body_limit import RequestLimits
+from exceptiondrive_server.web.limits.page_places import PagePlaces
 from exceptiondrive_server.web.logs import set_up_logs
 from exceptiondrive_server.web.middleware import HeadRequests, RequestContext
 from exceptiondrive_server.web.openapi import describe
-from exceptiondrive_server.web.page_places import PagePlaces
 from exceptiondrive_server.web.problems import install_problem_handlers
 from exceptiondrive_server.web.services import Services
 from exceptiondrive_server.web.settings import ServerSettings

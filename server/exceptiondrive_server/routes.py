@@ -2,7 +2,7 @@
 
 from fastapi import APIRouter, Depends
 
-from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_server.accounts import api as accounts
 from exceptiondrive_server.accounts import organizer_api as organizer_accounts
 from exceptiondrive_server.accounts import organizer_pages as people_pages

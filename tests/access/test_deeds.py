@@ -7,7 +7,7 @@ import pytest
 from tests.access.test_roles import organizer_routes
 from tests.server.test_organizer_pages import fail
 
-from exceptiondrive.cli.organizer_commands import GROUPS
+from exceptiondrive.cli.organizer.commands import GROUPS
 from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
 from exceptiondrive_records.audit.log import audit_page
 from exceptiondrive_records.news.questions import ask_question

@@ -11,7 +11,7 @@ from exceptiondrive_records.accounts.roles import OrganizerRole
 from exceptiondrive_records.accounts.sessions import find_session, open_person_session
 from exceptiondrive_records.accounts.tokens import SCOPES_OF_ROLE, Scope, issue_token
 from exceptiondrive_records.phases.phases import find_phase
-from exceptiondrive_schemas.form_fields import values_of
+from exceptiondrive_schemas.api.form_fields import values_of
 from exceptiondrive_server.operations.cli import app
 from exceptiondrive_server.phases.organizer_pages import SETTINGS
 from exceptiondrive_server.routes import ROUTES

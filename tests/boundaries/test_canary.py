@@ -30,11 +30,11 @@ from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work.dispatch import Dispatcher, wake_lanes
+from exceptiondrive_schemas.api.phase_settings import NewPhase
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.jobs import JobName
-from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 CANARY_M = 23.719413
 CANARY_SCENE = "scene-canary-8c1f"

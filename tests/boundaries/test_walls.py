@@ -15,7 +15,7 @@ import tomllib
 from tests.support.distributions import DISTRIBUTIONS, build, names_in
 
 from exceptiondrive import __version__
-from exceptiondrive_worker.private_store import PrivateStore, Shelf
+from exceptiondrive_worker.splits.private_store import PrivateStore, Shelf
 
 ROOT = Path(__file__).parents[2]
 FOLDER = "hidden_splits"
@@ -23,15 +23,15 @@ BY_NAME = re.compile(r"""["']exceptiondrive_worker["'.]""")
 NAMES_A_ROLE = {"roles.py": "the worker's role in the database is called like its package"}
 WITHOUT_SPLITS = ["server", "client", "schemas"]
 MAY_OPEN_SPLITS = {
-    "board_entries.py": "takes the manifest's counts",
-    "board_run.py": "asks for the split of a phase",
+    "boards/entries.py": "takes the manifest's counts",
+    "boards/references.py": "takes ids and recorded paths, which references are made of",
+    "boards/run.py": "asks for the split of a phase",
     "context.py": "opens the store",
     "exact_sheet.py": "takes loaded arrays",
     "jury.py": "scores planners that are known against a loaded split",
     "operator_cli.py": "checks and registers",
-    "references.py": "takes ids and recorded paths, which references are made of",
     "scoring_run.py": "asks for the split of a job",
-    "splits_admin.py": "registers and publishes",
+    "splits/admin.py": "registers and publishes",
     "stages.py": "takes loaded arrays",
 }
 
@@ -158,10 +158,11 @@ def test_nothing_outside_imports_the_worker_by_name_at_run_time(folder: str) -> 
 
 
 def test_few_modules_of_the_worker_touch_the_split_store() -> None:
+    worker = ROOT / "worker" / "exceptiondrive_worker"
     touching = {
-        path.name
-        for path in (ROOT / "worker" / "exceptiondrive_worker").glob("*.py")
-        if "exceptiondrive_worker.split_store" in imported_modules(path)
+        path.relative_to(worker).as_posix()
+        for path in worker.rglob("*.py")
+        if "exceptiondrive_worker.splits.store" in imported_modules(path)
     }
     assert touching <= MAY_OPEN_SPLITS.keys()
 
@@ -176,7 +177,7 @@ def test_only_the_split_store_and_the_sample_read_split_files() -> None:
     }
     server_side = {path for path in reading if path.startswith("server/")}
     assert server_side == set()
-    assert "worker/exceptiondrive_worker/split_store.py" in reading
+    assert "worker/exceptiondrive_worker/splits/store.py" in reading
 
 
 def test_the_repository_holds_no_split_but_the_sample() -> None:

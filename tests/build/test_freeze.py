@@ -23,7 +23,7 @@ from exceptiondrive_build.values import Corners, Inspected, Verified
 from exceptiondrive_build.workshop import RECORDS, Workshop
 from exceptiondrive_schemas.datasheet import Datasheet
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_worker.split_store import load_split, read_split
+from exceptiondrive_worker.splits.store import load_split, read_split
 
 Run = Callable[..., Result]
 WITHHELD = {"split.json.gz", "provenance.jsonl"}

@@ -23,7 +23,7 @@ from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.tables import Job
-from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 
 _LIMIT_BYTES = 2**26
 _MAY_COME_AGAIN = (SubmissionStatus.WITHDRAWN, SubmissionStatus.FAILED)

@@ -19,10 +19,10 @@ from exceptiondrive_records.db.errors import Conflict, Violation
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_schemas.api.phase_settings import PhasePolicy
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.board import Board, BoardEntry
-from exceptiondrive_schemas.phase_settings import PhasePolicy
 from exceptiondrive_schemas.protocol import ProtocolDocument, ProtocolError
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 
 def boards_now(session: Session) -> Iterator[Violation]:

@@ -27,7 +27,7 @@ from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_worker.rounding import Rounding
+from exceptiondrive_worker.boards.rounding import Rounding
 
 _TOLERANCE = 1e-9
 _LIMIT_BYTES = 2**26

@@ -11,7 +11,7 @@ from tests.chaos.history import BoardSeen, History
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.errors import Violation
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 
 _FINAL = {status.value for status in SubmissionStatus if status.is_terminal}
 _SCORED, _WITHDRAWN = SubmissionStatus.SCORED.value, SubmissionStatus.WITHDRAWN.value

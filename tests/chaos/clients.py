@@ -12,7 +12,7 @@ from tests.chaos.topology import PHASE, TEAMS, Topology
 from tests.support import documents
 from tests.support.documents import digest_of
 
-from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.api.problems import ProblemCode
 
 _TIMEOUT_S = 20.0
 _PAUSE_S = 0.5

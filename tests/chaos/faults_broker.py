@@ -12,8 +12,8 @@ from tests.chaos.run import Run, percentile, slowest_s
 
 from exceptiondrive_records.work.dispatch import KEY_PREFIX, Dispatcher
 from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_schemas.api.submission import SubmissionStatus as Status
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.submission import SubmissionStatus as Status
 
 _P99_UPLOAD_S = 3.0
 _FROZEN_S = 15.0

@@ -12,7 +12,7 @@ from pathlib import Path
 from tests.chaos.run import Run
 
 from exceptiondrive_records.work.tables import WorkState
-from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 
 
 def full_disk(run: Run) -> str:

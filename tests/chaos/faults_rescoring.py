@@ -10,9 +10,9 @@ from exceptiondrive_records.phases.scoring_keys import find_run
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.rescoring.flip import apply_run, comparison_of, rollback_run
 from exceptiondrive_records.rescoring.runs import create_run, start_run
+from exceptiondrive_schemas.api.rescoring import RunState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
-from exceptiondrive_schemas.rescoring import RunState
 
 _LONGEST_LIVE_WAIT_S = 30.0
 

@@ -11,7 +11,7 @@ from tests.chaos.topology import PHASE
 
 from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
-from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 
 _OLDER = "0"
 _REFUSAL = "upgrade this worker"

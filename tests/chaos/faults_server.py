@@ -19,8 +19,8 @@ from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.dispatch import KEY_PREFIX
 from exceptiondrive_records.work.heartbeats import live_workers
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 
 def kill_api_before_commit(run: Run) -> str:

@@ -26,9 +26,9 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_records.work.tables import Job, Leader, WorkerHeartbeat, WorkState
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import packaged_protocol
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 OPEN = (WorkState.QUEUED, WorkState.LEASED)
 _AFTER_THE_LEASE_S = 5.0

@@ -34,8 +34,8 @@ from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.splits.splits import manifest_of
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.teams.teams import create_team
+from exceptiondrive_schemas.api.phase_settings import NewPhase
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_server.launcher.broker import broker_command, find_broker_binary, socket_path
 from exceptiondrive_worker.sample.files import write_sample_split
 

@@ -217,7 +217,7 @@ def _fill_records(context: "WorkerContext") -> tuple[str, str]:
 
     from exceptiondrive_records.accounts.tokens import PARTICIPANT_SCOPES
     from exceptiondrive_schemas.protocol import packaged_protocol
-    from exceptiondrive_worker.splits_admin import publish_split_file, register_all_splits
+    from exceptiondrive_worker.splits.admin import publish_split_file, register_all_splits
 
     protocol = packaged_protocol()
     with context.database.write() as session:

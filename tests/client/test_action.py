@@ -15,7 +15,7 @@ import yaml
 from tests.client.conftest import Running
 from tests.support.distributions import bare_environment, build
 
-from exceptiondrive_schemas.submission import SubmissionView
+from exceptiondrive_schemas.api.submission import SubmissionView
 
 ROOT = Path(__file__).parents[2]
 ACTION: dict[str, Any] = yaml.safe_load((ROOT / "action.yml").read_text("utf-8"))

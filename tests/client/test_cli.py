@@ -490,7 +490,7 @@ def test_a_check_imports_nothing_of_submissions_drawings_or_progress(
     code = (
         "import sys; from exceptiondrive.cli import app; "
         f"app(['check', {str(planning_file())!r}], standalone_mode=False); "
-        "heavy = {'exceptiondrive_schemas.submission', 'exceptiondrive_schemas.rescoring', "
+        "heavy = {'exceptiondrive_schemas.api.submission', 'exceptiondrive_schemas.api.rescoring', "
         "'exceptiondrive_schemas.drawing', 'rich.progress'};"
         "print('heavy:', sorted(heavy & set(sys.modules)))"
     )

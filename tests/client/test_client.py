@@ -29,8 +29,8 @@ from exceptiondrive.client import TeamTokens
 from exceptiondrive.inputs import given_split
 from exceptiondrive.organizer import Organizer
 from exceptiondrive.transport import MAX_ANSWER_BYTES
+from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_schemas.protocol import packaged_protocol
-from exceptiondrive_schemas.submission import SubmissionView
 
 if TYPE_CHECKING:
     from tests.client.conftest import CannedServer

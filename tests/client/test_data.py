@@ -18,7 +18,7 @@ from exceptiondrive.cli import app
 from exceptiondrive.data import download_file, read_data_manifest
 from exceptiondrive.errors import InvalidArgumentError, NetworkError
 from exceptiondrive.transport import is_here, require_private_link
-from exceptiondrive_schemas.data_manifest import DataFile, DataManifest
+from exceptiondrive_schemas.api.data_manifest import DataFile, DataManifest
 
 if TYPE_CHECKING:
     from tests.client.conftest import Running

@@ -8,9 +8,9 @@ import pytest
 
 from exceptiondrive import Client, evaluate_file, to_dataframe
 from exceptiondrive.client import Submission
+from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.published import example_text
-from exceptiondrive_schemas.submission import SubmissionView
 
 MakeFile = Callable[..., Path]
 

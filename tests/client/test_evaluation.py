@@ -117,7 +117,7 @@ def test_client_and_worker_give_the_same_sheet(planning_file: MakeFile, split_fi
     pytest.importorskip("exceptiondrive_worker", reason="the client by itself")
     from exceptiondrive_schemas.challenges import PLANNING
     from exceptiondrive_scoring.challenge import SCORING, exact_sheet
-    from exceptiondrive_worker.split_store import load_split
+    from exceptiondrive_worker.splits.store import load_split
     from exceptiondrive_worker.upload_reader import read_upload
 
     protocol = packaged_protocol(NEWEST)

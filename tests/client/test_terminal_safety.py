@@ -15,12 +15,12 @@ from exceptiondrive.cli.tables import (
     submission_view,
     submissions_view,
 )
+from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_schemas.board import Board, BoardEntry, Links
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.python310 import UTC
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
-from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
 
 NOW = datetime(2026, 11, 22, tzinfo=UTC)
 ROW: dict[str, float | None] = dict.fromkeys(PLANNING.metric_keys, 0.5)

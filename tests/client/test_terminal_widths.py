@@ -23,6 +23,13 @@ from exceptiondrive.cli.tables import (
     submissions_left,
     submissions_view,
 )
+from exceptiondrive_schemas.api.submission import (
+    PhaseView,
+    QueuePlace,
+    Quota,
+    SubmissionStatus,
+    SubmissionView,
+)
 from exceptiondrive_schemas.board import Board, BoardEntry, Links
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.flags import FLAGS
@@ -30,13 +37,6 @@ from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.python310 import UTC
 from exceptiondrive_schemas.score_sheet import BreakdownRow, Flag, ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
-from exceptiondrive_schemas.submission import (
-    PhaseView,
-    QueuePlace,
-    Quota,
-    SubmissionStatus,
-    SubmissionView,
-)
 
 TEXTS = Path(__file__).with_name("terminal")
 WIDTHS = (80, 100, 160)

@@ -19,8 +19,8 @@ from exceptiondrive import (
     evaluate_samples,
     to_dataframe,
 )
+from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_schemas.published import example_text
-from exceptiondrive_schemas.submission import SubmissionView
 
 if TYPE_CHECKING:
     from tests.client.conftest import Running

@@ -19,7 +19,7 @@ from tests.support.processes import free_port
 
 from exceptiondrive import ServerError
 from exceptiondrive.transport import Transport
-from exceptiondrive_schemas.problems import PROBLEM_MEDIA_TYPE, Problem, ProblemCode
+from exceptiondrive_schemas.api.problems import PROBLEM_MEDIA_TYPE, Problem, ProblemCode
 from exceptiondrive_server.operations.bare_install import replaced
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 from exceptiondrive_server.web.problems import TOO_LARGE

@@ -20,7 +20,7 @@ from exceptiondrive_records.db.roles import RIGHTS, WORK_RIGHTS, Role, grant_to_
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.splits.splits import register_split
 from exceptiondrive_records.work.tables import WorkItem
-from exceptiondrive_schemas.phase_settings import SplitPart
+from exceptiondrive_schemas.api.phase_settings import SplitPart
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_worker.sample.files import write_sample_split
 

@@ -21,7 +21,7 @@ from tests.support.reference import held_to
 from tests.support.system import System, running_system
 
 from exceptiondrive import evaluate_file
-from exceptiondrive_worker.private_store import PrivateStore, Shelf
+from exceptiondrive_worker.splits.private_store import PrivateStore, Shelf
 
 pytestmark = [pytest.mark.slow]
 MADE = extract.make_extract()

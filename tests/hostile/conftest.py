@@ -21,7 +21,7 @@ from exceptiondrive_server.app import create_app
 from exceptiondrive_server.web.settings import ServerSettings
 from exceptiondrive_worker.context import WorkerContext, open_context
 from exceptiondrive_worker.settings import WorkerSettings
-from exceptiondrive_worker.splits_admin import register_all_splits
+from exceptiondrive_worker.splits.admin import register_all_splits
 
 PROTOCOL = packaged_protocol()
 N_SAMPLES = 2

@@ -66,7 +66,7 @@ def read_all(connection: socket.socket) -> bytes:
 def running_server(
     folder: Path, settings: dict[str, object], limits: dict[str, float]
 ) -> Iterator[ServerProcess]:
-    """Run a server with these settings and these limits (of `web.body_limit`)."""
+    """Run a server with these settings and these limits (of `web.limits.body_limit`)."""
     log = folder / "server.log"
     with closing(socket.create_server(("127.0.0.1", 0), backlog=512)) as listener:
         given = {"settings": settings, "limits": limits, "fd": listener.fileno()}

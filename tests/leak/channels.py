@@ -29,7 +29,7 @@ from exceptiondrive_scoring.challenge import SCORING, exact_sheet
 from exceptiondrive_scoring.grade import SampleScores
 from exceptiondrive_scoring.interval import percentile_intervals
 from exceptiondrive_scoring.rank import rank_intervals, told_rank_intervals
-from exceptiondrive_worker.rounding import Rounding
+from exceptiondrive_worker.boards.rounding import Rounding
 
 if TYPE_CHECKING:
     from tests.leak.conftest import Oracle

@@ -12,8 +12,8 @@ from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_scoring.challenge import SCORING, exact_sheet
-from exceptiondrive_worker.rounding import Rounding
-from exceptiondrive_worker.split_store import LoadedSplit, load_split, read_split
+from exceptiondrive_worker.boards.rounding import Rounding
+from exceptiondrive_worker.splits.store import LoadedSplit, load_split, read_split
 
 SAMPLE = Path(__file__).parents[2] / "hidden_splits" / "sample" / "split.json.gz"
 FloatArray = NDArray[np.float64]

@@ -18,7 +18,7 @@ from exceptiondrive_schemas.protocol import NEWEST_WITHHELD, packaged_protocol
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_scoring.drawing import tube_pieces_m
 from exceptiondrive_scoring.grade import clearance_compliance, proximity_response
-from exceptiondrive_worker.split_store import load_split, read_split
+from exceptiondrive_worker.splits.store import load_split, read_split
 
 if TYPE_CHECKING:
     from tests.leak.conftest import Oracle

@@ -15,7 +15,7 @@ from tests.leak.cells import BITS_OF_FLIP, least_width_m
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.score_sheet import MetricRow, ScoreSheet
 from exceptiondrive_scoring.challenge import SCORING
-from exceptiondrive_worker.rounding import Rounding
+from exceptiondrive_worker.boards.rounding import Rounding
 
 if TYPE_CHECKING:
     from tests.leak.conftest import Oracle

@@ -10,7 +10,7 @@ import pytest
 from tests.leak.channels import CHANNELS, Exact, Places, n_answers, published, tried
 
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
-from exceptiondrive_worker.split_store import LoadedSplit
+from exceptiondrive_worker.splits.store import LoadedSplit
 
 if TYPE_CHECKING:
     from tests.leak.conftest import Oracle

@@ -10,6 +10,7 @@ import pytest
 from pydantic import BaseModel
 from tests.leak.channels import CHANNELS
 
+from exceptiondrive_schemas.api.phase_report import PhaseReport, PlaceChange, ShakeUp
 from exceptiondrive_schemas.board import (
     Board,
     BoardEntry,
@@ -21,7 +22,6 @@ from exceptiondrive_schemas.board import (
 )
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.flags import FLAGS
-from exceptiondrive_schemas.phase_report import PhaseReport, PlaceChange, ShakeUp
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
     ClearanceCurve,

@@ -16,15 +16,15 @@ from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work.tables import Job
+from exceptiondrive_schemas.api.phase_settings import NewPhase
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol_toml
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_server.app import create_app
 from exceptiondrive_server.web.settings import ServerSettings
 from exceptiondrive_worker.context import WorkerContext, open_context
 from exceptiondrive_worker.settings import WorkerSettings
-from exceptiondrive_worker.splits_admin import register_all_splits
+from exceptiondrive_worker.splits.admin import register_all_splits
 
 if TYPE_CHECKING:
     from tests.leak.conftest import Oracle

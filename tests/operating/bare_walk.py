@@ -18,7 +18,7 @@ from tests.chaos.postgres import binaries
 
 from exceptiondrive import Client
 from exceptiondrive_worker.sample.files import write_sample_split
-from exceptiondrive_worker.split_store import read_split
+from exceptiondrive_worker.splits.store import read_split
 
 ROOT = Path(__file__).parents[2]
 SITE = "https://127.0.0.1"

@@ -16,7 +16,7 @@ from tests.operating.held_upload import HeldUpload
 
 from exceptiondrive import Client
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 
 pytestmark = [pytest.mark.slow]
 AT_ONCE = 2

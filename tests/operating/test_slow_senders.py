@@ -18,7 +18,7 @@ from tests.deploy.nginx import Names, Nginx, find_nginx
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.operations.dump import file_digests
 from exceptiondrive_records.phases.changes import update_phase
-from exceptiondrive_schemas.phase_settings import PhaseChange
+from exceptiondrive_schemas.api.phase_settings import PhaseChange
 
 pytestmark = [pytest.mark.slow]
 AT_ONCE, PER_TEAM = 6, 2

@@ -30,8 +30,8 @@ from exceptiondrive_server.app import create_app
 from exceptiondrive_server.web.settings import ServerSettings
 from exceptiondrive_worker.context import WorkerContext, open_context
 from exceptiondrive_worker.settings import WorkerSettings
-from exceptiondrive_worker.split_store import SplitStore
-from exceptiondrive_worker.splits_admin import register_all_splits
+from exceptiondrive_worker.splits.admin import register_all_splits
+from exceptiondrive_worker.splits.store import SplitStore
 from exceptiondrive_worker.trial_run import try_next_split
 
 TEAMS = {"alpha": "Alpha Institute", "beta": "Beta Labs", "gamma": "Gamma Works"}

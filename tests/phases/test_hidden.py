@@ -12,9 +12,9 @@ from tests.support.made_pictures import png
 from exceptiondrive_records.splits.splits import find_split, publish_split
 from exceptiondrive_records.splits.tables import SamplePictureRow
 from exceptiondrive_server.routes import ROUTES
-from exceptiondrive_worker.sample_pictures import publish_pictures
-from exceptiondrive_worker.split_store import SplitStore
-from exceptiondrive_worker.splits_admin import current_split
+from exceptiondrive_worker.splits.admin import current_split
+from exceptiondrive_worker.splits.pictures import publish_pictures
+from exceptiondrive_worker.splits.store import SplitStore
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -9,8 +9,13 @@ from typing import Any
 import pytest
 from tests.phases import toy_setting
 
-from exceptiondrive_schemas.form_fields import document_of, fields_of, values_of
-from exceptiondrive_schemas.phase_settings import NewPhase, PhaseChange, PhasePolicy, PhaseSettings
+from exceptiondrive_schemas.api.form_fields import document_of, fields_of, values_of
+from exceptiondrive_schemas.api.phase_settings import (
+    NewPhase,
+    PhaseChange,
+    PhasePolicy,
+    PhaseSettings,
+)
 
 REPOSITORY = Path(__file__).parents[2]
 

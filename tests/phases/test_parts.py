@@ -15,8 +15,8 @@ from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_worker.split_faults import SplitRefusedError
-from exceptiondrive_worker.split_store import load_split
+from exceptiondrive_worker.splits.faults import SplitRefusedError
+from exceptiondrive_worker.splits.store import load_split
 
 if TYPE_CHECKING:
     from tests.phases.conftest import Life

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from exceptiondrive_schemas.phase_settings import PhasePolicy
+from exceptiondrive_schemas.api.phase_settings import PhasePolicy
 
 if TYPE_CHECKING:
     from tests.phases.conftest import Life

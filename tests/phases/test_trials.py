@@ -17,9 +17,9 @@ from exceptiondrive_records.rescoring.trials import claim_trial, count_trial, tr
 from exceptiondrive_records.work.tables import Trial
 from exceptiondrive_schemas.protocol import packaged_protocol_toml, parse_protocol
 from exceptiondrive_schemas.split import SplitRef
-from exceptiondrive_worker.floors_held import hold_floors_alone
-from exceptiondrive_worker.split_floors import FloorHeldError
-from exceptiondrive_worker.splits_admin import publish_split_file
+from exceptiondrive_worker.splits.admin import publish_split_file
+from exceptiondrive_worker.splits.floors import FloorHeldError
+from exceptiondrive_worker.splits.floors_held import hold_floors_alone
 
 if TYPE_CHECKING:
     from tests.phases.conftest import Life

@@ -19,7 +19,7 @@ from exceptiondrive_records.work.heartbeats import beat
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_server.operations.doctor import Severity, examine
-from exceptiondrive_worker.split_store import SplitStore, SplitUnavailableError
+from exceptiondrive_worker.splits.store import SplitStore, SplitUnavailableError
 
 BOTH = (Lane.LIVE, Lane.RESCORE)
 

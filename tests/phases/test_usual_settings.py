@@ -10,8 +10,8 @@ from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import add_protocol, find_protocol
 from exceptiondrive_records.splits.splits import find_split, publish_split
+from exceptiondrive_schemas.api.phase_settings import NewPhase
 from exceptiondrive_schemas.challenges import ChallengeId
-from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import (
     NEWEST,
     NEWEST_WITHHELD,

@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-MODEL = "exceptiondrive_schemas.phase_settings"
+MODEL = "exceptiondrive_schemas.api.phase_settings"
 END_OF_POLICY = "\n\nclass PhaseSettings(Document)"
 FIELD = """    stickers_per_day: int = Field(
         default=5, ge=2, le=70, title="Stickers a day", description="Of a team, for its doors."

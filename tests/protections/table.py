@@ -14,7 +14,7 @@ from tests.protections.protection import same as _same
 from tests.protections.rescoring import RESCORING
 
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 
 
 def _every_scope(principal_of: Any) -> Callable[..., Any]:
@@ -93,7 +93,7 @@ INJECTION = "tests/server/test_injection.py::test_"
 PROTECTIONS = (
     Protection(
         "rounding",
-        "exceptiondrive_worker.rounding:_rounded",
+        "exceptiondrive_worker.boards.rounding:_rounded",
         _same,
         "tests/leak/test_over_http.py::test_the_api_publishes_what_the_oracle_says_and_not_a_digit_more",
     ),
@@ -112,13 +112,13 @@ PROTECTIONS = (
     ),
     Protection(
         "split-floors",
-        "exceptiondrive_worker.split_floors:breaches",
+        "exceptiondrive_worker.splits.floors:breaches",
         _always(()),
         "tests/worker/test_split_floors.py::test_the_same_protocol_reads_nothing_where_the_usual_floors_hold",
     ),
     Protection(
         "split-protocols",
-        "exceptiondrive_worker.floors_held:hold_floors_alone",
+        "exceptiondrive_worker.splits.floors_held:hold_floors_alone",
         _nothing,
         "tests/worker/test_split_floors.py::test_two_protocols_at_once_take_no_more_than_is_left",
     ),
@@ -174,7 +174,7 @@ PROTECTIONS = (
     ),
     Protection(
         "second-organizer",
-        "exceptiondrive_worker.split_floors:unconfirmed",
+        "exceptiondrive_worker.splits.floors:unconfirmed",
         _always(()),
         "tests/worker/test_second_organizer.py::test_nothing_is_scored_until_two_organizers_have_signed",
     ),
@@ -271,7 +271,7 @@ PROTECTIONS = (
     ),
     Protection(
         "upload-places",
-        f"{SERVER}.web.upload_places:UploadPlaces.held_by",
+        f"{SERVER}.web.limits.upload_places:UploadPlaces.held_by",
         _any_number_of_places,
         "tests/server/test_overload.py::test_a_team_has_few_places_and_leaves_the_others_free",
     ),
@@ -307,7 +307,7 @@ PROTECTIONS = (
     ),
     Protection(
         "body-limit",
-        f"{SERVER}.web.body_limit:_refusal",
+        f"{SERVER}.web.limits.body_limit:_refusal",
         _nothing,
         "tests/server/test_body_limit.py::test_a_large_content_length_is_refused_before_the_body",
     ),
@@ -399,7 +399,7 @@ PROTECTIONS = (
     ),
     Protection(
         "rank-intervals",
-        "exceptiondrive_worker.board_entries:told_rank_intervals",
+        "exceptiondrive_worker.boards.entries:told_rank_intervals",
         lambda _: lambda intervals, order: [(each, each) for each in range(1, len(intervals) + 1)],
         "tests/worker/test_board_run.py::test_of_a_withheld_split_rank_intervals_tell_no_more_than_the_intervals_that_are_told",
     ),
@@ -435,13 +435,13 @@ PROTECTIONS = (
     ),
     Protection(
         "page-places",
-        "exceptiondrive_server.web.page_places:PagePlaces",
+        "exceptiondrive_server.web.limits.page_places:PagePlaces",
         lambda _: lambda app: app,
         "tests/server/test_page_places.py::test_an_api_call_and_health_answer_while_more_pages_are_asked_for_than_there_are_threads",
     ),
     Protection(
         "page-places-of-an-address",
-        "exceptiondrive_server.web.page_places:WeakValueDictionary",
+        "exceptiondrive_server.web.limits.page_places:WeakValueDictionary",
         lambda _: type("Forgets", (), {"setdefault": lambda self, key, new: new}),
         "tests/server/test_page_places.py::test_who_asks_for_many_pages_waits_behind_none_but_its_own",
     ),

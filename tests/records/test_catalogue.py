@@ -16,7 +16,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols import protocols
 from exceptiondrive_records.splits import splits
 from exceptiondrive_records.teams import teams
-from exceptiondrive_schemas.phase_settings import NewPhase
+from exceptiondrive_schemas.api.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.split import Manifest
 

@@ -14,9 +14,9 @@ from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.jobs import Finish
 from exceptiondrive_records.work.tables import NEEDED, BoardRequest, Job, WorkItem, WorkState
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.faults import CheckReport, FaultCode, FaultGroup
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 REVISION = "sha256:" + "5" * 64
 

@@ -35,9 +35,9 @@ from exceptiondrive_records.work.dispatch import Dispatcher, wake_lanes
 from exceptiondrive_records.work.heartbeats import beat
 from exceptiondrive_records.work.jobs import Finish
 from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 MAX_ATTEMPTS = 2
 SLOTS = 2

@@ -11,8 +11,8 @@ from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.submissions.submissions import Accepted, accept, withdraw
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.teams.teams import create_team
+from exceptiondrive_schemas.api.phase_settings import NewPhase
 from exceptiondrive_schemas.challenges import ChallengeId
-from exceptiondrive_schemas.phase_settings import NewPhase
 
 PHASE = "reasoning"
 

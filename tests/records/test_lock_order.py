@@ -19,10 +19,10 @@ from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.board_requests import claim_board, is_due, want_board
 from exceptiondrive_records.work.jobs import Finish
 from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_schemas.api.phase_settings import NewPhase
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.phase_settings import NewPhase
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 
 def test_a_withdrawal_waits_for_the_scoring_run_that_ends(world: World) -> None:

@@ -43,7 +43,7 @@ from exceptiondrive_records.phases.terms import accept_terms, terms_version
 from exceptiondrive_records.submissions.submissions import find_submission, withdraw
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.teams.teams import create_team, find_team, list_teams
-from exceptiondrive_schemas.phase_settings import PhaseChange
+from exceptiondrive_schemas.api.phase_settings import PhaseChange
 
 WHO = "token:o"
 WHY: Any = {"reason": "two accounts of one lab", "actor": WHO}

@@ -7,7 +7,7 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.changes import update_phase
 from exceptiondrive_records.phases.policy import shown_sheet
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
-from exceptiondrive_schemas.phase_settings import PhaseChange, PhasePolicy
+from exceptiondrive_schemas.api.phase_settings import PhaseChange, PhasePolicy
 
 World = Any
 

@@ -22,8 +22,8 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.submissions import accept, withdraw
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work import jobs
+from exceptiondrive_schemas.api.submission import Quota, SubmissionStatus
 from exceptiondrive_schemas.faults import CheckReport
-from exceptiondrive_schemas.submission import Quota, SubmissionStatus
 
 World = Any
 N_AT_ONCE = 32

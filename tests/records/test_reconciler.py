@@ -17,8 +17,8 @@ from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_records.work.heartbeats import beat
 from exceptiondrive_records.work.lease import give_up_lead, take_lead
 from exceptiondrive_records.work.tables import Job, Leader, WorkState
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 World = Any
 Broker = Any

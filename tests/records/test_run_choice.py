@@ -9,7 +9,7 @@ from exceptiondrive_records.entries.selection import MAX_CHOICES_A_DAY, choose
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.submissions import find_submission, withdraw
 from exceptiondrive_records.submissions.views import view
-from exceptiondrive_schemas.phase_settings import RunRule
+from exceptiondrive_schemas.api.phase_settings import RunRule
 
 
 def scored_run(world: World, content: str, hcc: float) -> str:

@@ -21,8 +21,8 @@ from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.jobs import Finish
 from exceptiondrive_records.work.tables import BoardRequest, Job, WorkState
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.board import Links
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 REVISION = "sha256:" + "5" * 64
 

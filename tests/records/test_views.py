@@ -13,9 +13,9 @@ from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.heartbeats import beat, forget_worker, live_workers
 from exceptiondrive_records.work.tables import Job, WorkerHeartbeat, WorkState
+from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
 
 World = Any
 

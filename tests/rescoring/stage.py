@@ -26,13 +26,13 @@ from exceptiondrive_records.rescoring.views import preview_of, run_view
 from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.teams.teams import create_team, find_team, list_teams
 from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
+from exceptiondrive_schemas.api.rescoring import RunView
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
-from exceptiondrive_schemas.rescoring import RunView
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.context import WorkerContext, open_context
 from exceptiondrive_worker.settings import WorkerSettings
-from exceptiondrive_worker.split_store import SplitStore
-from exceptiondrive_worker.splits_admin import register_all_splits
+from exceptiondrive_worker.splits.admin import register_all_splits
+from exceptiondrive_worker.splits.store import SplitStore
 from exceptiondrive_worker.verify_run import verify_next
 
 STEP = {"reason": "because", "actor": "organizer"}

@@ -41,8 +41,8 @@ from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.tables import BoardRequest, Job
-from exceptiondrive_schemas.rescoring import RunState
-from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_schemas.api.rescoring import RunState
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 
 MAX_ATTEMPTS = 4
 STEPS = [

@@ -20,8 +20,8 @@ from exceptiondrive_records.rescoring.runs import verify_submission
 from exceptiondrive_records.rescoring.verification import rechecks_of
 from exceptiondrive_records.submissions.submissions import find_submission, withdraw
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.receipt import Receipt, altered_fields
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 Stage = Any
 Api = Callable[..., Any]

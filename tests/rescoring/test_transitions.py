@@ -8,7 +8,7 @@ import pytest
 
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.phases.scoring_keys import find_run
-from exceptiondrive_schemas.rescoring import (
+from exceptiondrive_schemas.api.rescoring import (
     TRANSITIONS,
     RunAction,
     RunState,

@@ -17,7 +17,7 @@ from exceptiondrive_records.rescoring.verification import (
     verification_view,
 )
 from exceptiondrive_records.work.tables import Recheck
-from exceptiondrive_schemas.rescoring import RunAction, RunKind, VerificationView, VerifyState
+from exceptiondrive_schemas.api.rescoring import RunAction, RunKind, VerificationView, VerifyState
 
 Stage = Any
 

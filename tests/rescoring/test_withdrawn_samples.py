@@ -33,9 +33,9 @@ from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.protocol import packaged_protocol, parse_protocol
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_worker.split_faults import SplitRefusedError
-from exceptiondrive_worker.split_store import SplitStore, load_split, read_split
-from exceptiondrive_worker.splits_admin import register_all_splits
+from exceptiondrive_worker.splits.admin import register_all_splits
+from exceptiondrive_worker.splits.faults import SplitRefusedError
+from exceptiondrive_worker.splits.store import SplitStore, load_split, read_split
 from exceptiondrive_worker.stages import Target
 from exceptiondrive_worker.upload_reader import read_upload
 

@@ -7,7 +7,7 @@ from exceptiondrive_schemas.protocol import (
     packaged_protocol_toml,
     parse_protocol,
 )
-from exceptiondrive_schemas.protocol_difference import (
+from exceptiondrive_schemas.protocols.difference import (
     Difference,
     Stage,
     protocol_difference,

@@ -7,7 +7,7 @@ from exceptiondrive_schemas.protocol import (
     packaged_protocol_toml,
     parse_protocol,
 )
-from exceptiondrive_schemas.protocol_sense import nonsense
+from exceptiondrive_schemas.protocols.sense import nonsense
 
 HCC_FIRST = """[[ranking.order.planning]]
 metric = "hcc"

@@ -9,10 +9,10 @@ import pytest
 from exceptiondrive_records.accounts.roles import OrganizerRole
 from exceptiondrive_records.accounts.tokens import SCOPES_OF_ROLE, issue_token
 from exceptiondrive_records.splits.splits import publish_split
+from exceptiondrive_schemas.api.submission import Me, PhaseView
 from exceptiondrive_schemas.protocol import packaged_protocol_toml, parse_protocol
 from exceptiondrive_schemas.published import DOCUMENT_NAMES
 from exceptiondrive_schemas.split import Manifest
-from exceptiondrive_schemas.submission import Me, PhaseView
 from exceptiondrive_schemas.taxonomy import Taxonomy
 
 if TYPE_CHECKING:

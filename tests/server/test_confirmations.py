@@ -11,7 +11,7 @@ import pytest
 from exceptiondrive.confirmations import confirm, make_key
 from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive_records.protocols.protocols import add_protocol
-from exceptiondrive_schemas.confirmation import Confirmation
+from exceptiondrive_schemas.api.confirmation import Confirmation
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.split import SplitRef
 

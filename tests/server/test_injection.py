@@ -23,9 +23,14 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import create_team
+from exceptiondrive_schemas.api.rescoring import (
+    ChangedEntry,
+    Comparison,
+    EntryChange,
+    NotificationView,
+)
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.rescoring import ChangedEntry, Comparison, EntryChange, NotificationView
 from exceptiondrive_server.rescoring.exports import comparison_csv
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ from exceptiondrive_records.notifications.tables import (
 )
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.teams.teams import register_team
-from exceptiondrive_schemas.rescoring import NotificationView
+from exceptiondrive_schemas.api.rescoring import NotificationView
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api, TeamBrowser

@@ -22,9 +22,9 @@ from schemathesis.specs.openapi.checks import (
 )
 
 from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, issue_token
+from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.guide.operations import METHODS
 from exceptiondrive_server.guide.operations import operations as by_tag
 

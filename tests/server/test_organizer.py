@@ -7,8 +7,8 @@ import pytest
 from sqlalchemy import text, update
 
 from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_schemas.api.submission import PhaseView
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
-from exceptiondrive_schemas.submission import PhaseView
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api

@@ -5,9 +5,9 @@ from contextlib import AbstractContextManager, ExitStack
 
 import pytest
 
-from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.api.problems import ProblemCode
+from exceptiondrive_server.web.limits.upload_places import UploadPlaces
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
-from exceptiondrive_server.web.upload_places import UploadPlaces
 
 ALPHA, BETA, GAMMA = 1, 2, 3
 

@@ -10,7 +10,7 @@ import pytest
 from tests.support.serving import served
 
 from exceptiondrive_server.boards.queries import read_board
-from exceptiondrive_server.web.page_places import PAGES_AT_ONCE, PAGES_OF_AN_ADDRESS
+from exceptiondrive_server.web.limits.page_places import PAGES_AT_ONCE, PAGES_OF_AN_ADDRESS
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api

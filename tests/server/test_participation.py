@@ -26,9 +26,9 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team
+from exceptiondrive_schemas.api.phase_settings import PhaseChange
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.board import BoardNews
-from exceptiondrive_schemas.phase_settings import PhaseChange
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api, TeamBrowser

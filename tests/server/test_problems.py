@@ -8,8 +8,8 @@ import pytest
 from fastapi import Request
 
 from exceptiondrive_records.db.errors import RecordsError
-from exceptiondrive_schemas.problems import Problem as ProblemDocument
-from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.api.problems import Problem as ProblemDocument
+from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 
 if TYPE_CHECKING:

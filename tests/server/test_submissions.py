@@ -8,7 +8,7 @@ import pytest
 
 from exceptiondrive_records.submissions.submissions import KEYS_ARE_KEPT
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_schemas.submission import SubmissionPage, SubmissionView
+from exceptiondrive_schemas.api.submission import SubmissionPage, SubmissionView
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api

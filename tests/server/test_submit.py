@@ -19,8 +19,8 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.tables import Job
+from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_schemas.faults import CheckReport
-from exceptiondrive_schemas.submission import SubmissionView
 from exceptiondrive_server.submissions import upload
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.splits.splits import register_split
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_schemas.phase_settings import NewPhase
+from exceptiondrive_schemas.api.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import Manifest

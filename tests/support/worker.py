@@ -3,7 +3,7 @@
 from tests.support.work import claim_board_of
 
 from exceptiondrive_records.work.tables import Job
-from exceptiondrive_worker.board_run import build_board
+from exceptiondrive_worker.boards.run import build_board
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.scoring_run import score_next
 

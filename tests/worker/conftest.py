@@ -38,8 +38,8 @@ from exceptiondrive_schemas.protocol import (
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.context import WorkerContext, open_context
 from exceptiondrive_worker.settings import WorkerSettings
-from exceptiondrive_worker.split_store import SplitStore
-from exceptiondrive_worker.splits_admin import register_all_splits
+from exceptiondrive_worker.splits.admin import register_all_splits
+from exceptiondrive_worker.splits.store import SplitStore
 
 
 @pytest.fixture(scope="session")

@@ -9,9 +9,9 @@ from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.heartbeats import live_workers
 from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 World = Any
 QUICK = {

@@ -19,9 +19,9 @@ from exceptiondrive_records.submissions.submissions import LONGEST_CONFIRMATION,
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.work.jobs import CONFIRM_WITHIN, jobs_of
-from exceptiondrive_schemas.phase_settings import PhasePolicy
+from exceptiondrive_schemas.api.phase_settings import PhasePolicy
+from exceptiondrive_schemas.api.submission import Quota, SubmissionStatus, SubmissionView
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_schemas.submission import Quota, SubmissionStatus, SubmissionView
 from exceptiondrive_worker.scoring_run import score_next
 
 World = Any

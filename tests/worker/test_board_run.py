@@ -14,7 +14,7 @@ from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_worker.private_store import Shelf
+from exceptiondrive_worker.splits.private_store import Shelf
 
 World = Any
 MakeFile = Callable[..., bytes]

@@ -14,8 +14,8 @@ from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol_
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_schemas.taxonomy import Strategy
 from exceptiondrive_scoring.challenge import SCORING
-from exceptiondrive_worker.private_store import PrivateStore
-from exceptiondrive_worker.split_store import load_split
+from exceptiondrive_worker.splits.private_store import PrivateStore
+from exceptiondrive_worker.splits.store import load_split
 from exceptiondrive_worker.stages import Stages, Target
 from exceptiondrive_worker.upload_reader import read_upload
 

@@ -33,7 +33,7 @@ from exceptiondrive_schemas.split import Manifest, Split
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_worker.sample.planners import PLANNERS, predictions
 from exceptiondrive_worker.sample.scenes import SEED, sample_scenes, sample_split
-from exceptiondrive_worker.split_store import LoadedSplit, load_split, read_split
+from exceptiondrive_worker.splits.store import LoadedSplit, load_split, read_split
 
 VERSIONS = ("1.0", "1.1")
 COPY = "copy of another team"

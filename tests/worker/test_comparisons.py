@@ -19,9 +19,9 @@ from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol
 from exceptiondrive_schemas.published import example_text
 from exceptiondrive_schemas.score_sheet import BreakdownRow, ScoreSheet
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_worker.comparisons import published_comparison
-from exceptiondrive_worker.private_store import Shelf
-from exceptiondrive_worker.rounding import Rounding
+from exceptiondrive_worker.boards.comparisons import published_comparison
+from exceptiondrive_worker.boards.rounding import Rounding
+from exceptiondrive_worker.splits.private_store import Shelf
 
 World = Any
 MakeFile = Callable[..., bytes]

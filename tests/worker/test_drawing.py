@@ -34,7 +34,7 @@ from exceptiondrive_scoring.drawing import protocol_drawing as draw_made_up
 from exceptiondrive_scoring.footprint import footprints_m
 from exceptiondrive_scoring.region import prepare_regions
 from exceptiondrive_worker.drawing import WithheldSplitError, drawings_of, packaged_drawing_text
-from exceptiondrive_worker.splits_admin import publish_split_file
+from exceptiondrive_worker.splits.admin import publish_split_file
 from exceptiondrive_worker.stages import Target
 
 World = Any
@@ -339,7 +339,7 @@ def test_what_is_left_over_is_drawn_with_the_next_board(
     protocol: ProtocolDocument,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("exceptiondrive_worker.board_run.DRAWN_AT_ONCE", 1)
+    monkeypatch.setattr("exceptiondrive_worker.boards.run.DRAWN_AT_ONCE", 1)
     world.add_phase(tiny)
     publish(world, protocol)
     for speed in (1.0, 2.0, 3.0):

@@ -8,8 +8,8 @@ from tests.support import realdata, reference
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_worker.private_store import PrivateStore
-from exceptiondrive_worker.split_store import load_split
+from exceptiondrive_worker.splits.private_store import PrivateStore
+from exceptiondrive_worker.splits.store import load_split
 from exceptiondrive_worker.stages import Stages, Target
 from exceptiondrive_worker.upload_reader import read_upload
 

@@ -13,7 +13,7 @@ from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.jury import Verdict, files_of_jury, jury
 from exceptiondrive_worker.sample.files import write_planners
 from exceptiondrive_worker.sample.scenes import sample_split
-from exceptiondrive_worker.split_store import load_split, read_split
+from exceptiondrive_worker.splits.store import load_split, read_split
 
 
 def judged(

@@ -16,7 +16,7 @@ from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_schemas.datasheet import Datasheet
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker import operator_cli
-from exceptiondrive_worker.split_store import read_split
+from exceptiondrive_worker.splits.store import read_split
 
 MakeSplit = Callable[..., Split]
 

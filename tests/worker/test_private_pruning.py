@@ -9,7 +9,13 @@ from typing import Any
 import pytest
 
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_worker.private_store import KeptFile, PrivateStore, Shelf, files_to_prune, prune
+from exceptiondrive_worker.splits.private_store import (
+    KeptFile,
+    PrivateStore,
+    Shelf,
+    files_to_prune,
+    prune,
+)
 
 DAY_S = 86_400
 World = Any

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from exceptiondrive_worker.private_store import (
+from exceptiondrive_worker.splits.private_store import (
     PrivateStore,
     Shelf,
     array_digest,

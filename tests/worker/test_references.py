@@ -15,7 +15,7 @@ from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.references import REFERENCES
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_worker.private_store import Shelf
+from exceptiondrive_worker.splits.private_store import Shelf
 
 World = Any
 IDENTITY = {"source", "rank", "rank_interval", "unranked_because", "submission_id", "submitted_at"}

@@ -22,9 +22,9 @@ from exceptiondrive_schemas.score_sheet import MetricRow
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring import compare as compare_module
 from exceptiondrive_scoring.interval import draws_cut_off
-from exceptiondrive_worker import reminder_effects as reminder_effects_module
-from exceptiondrive_worker.private_store import Shelf
-from exceptiondrive_worker.rounding import Rounding
+from exceptiondrive_worker.boards import reminder_effects as reminder_effects_module
+from exceptiondrive_worker.boards.rounding import Rounding
+from exceptiondrive_worker.splits.private_store import Shelf
 
 World = Any
 N_SCENES, N_SAMPLES = 30, 120

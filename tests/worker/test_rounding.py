@@ -14,7 +14,7 @@ from exceptiondrive_schemas.score_sheet import (
     ScoreSheet,
 )
 from exceptiondrive_schemas.split import SplitRef
-from exceptiondrive_worker.rounding import Rounding
+from exceptiondrive_worker.boards.rounding import Rounding
 
 EXACT = {
     "hcc": 0.123456,

@@ -13,7 +13,7 @@ from exceptiondrive_scoring.challenge import SCORING, exact_sheet
 from exceptiondrive_worker.sample.agents import AGENTS, Agent, agent_predictions
 from exceptiondrive_worker.sample.files import write_planners
 from exceptiondrive_worker.sample.scenes import SEED, sample_scenes, sample_split
-from exceptiondrive_worker.split_store import LoadedSplit, load_split
+from exceptiondrive_worker.splits.store import LoadedSplit, load_split
 from exceptiondrive_worker.upload_reader import read_upload
 
 

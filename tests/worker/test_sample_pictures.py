@@ -15,7 +15,7 @@ from sqlalchemy import select
 from sqlalchemy.exc import IntegrityError
 from tests.support.made_pictures import png
 
-from exceptiondrive_build.small_jpeg import PictureUnreadableError, small_jpeg
+from exceptiondrive_build.freezing.small_jpeg import PictureUnreadableError, small_jpeg
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import InvalidRecord
@@ -28,13 +28,13 @@ from exceptiondrive_records.splits.tables import SamplePictureRow
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.split import Split, SplitRef
-from exceptiondrive_worker.sample_pictures import (
+from exceptiondrive_worker.splits.admin import current_split, register_all_splits
+from exceptiondrive_worker.splits.pictures import (
     PicturesRefusedError,
     publish_pictures,
     remove_pictures,
 )
-from exceptiondrive_worker.split_store import SplitStore
-from exceptiondrive_worker.splits_admin import current_split, register_all_splits
+from exceptiondrive_worker.splits.store import SplitStore
 
 LICENCE = "Made up by a test, CC0 1.0"
 

@@ -14,15 +14,15 @@ from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_records.work.jobs import new_job
 from exceptiondrive_records.work.tables import BoardRequest, Job, WorkState
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol_toml
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.failures import FailureCode
-from exceptiondrive_worker.private_store import Shelf
 from exceptiondrive_worker.scoring_run import score_next
-from exceptiondrive_worker.splits_admin import publish_split_file
+from exceptiondrive_worker.splits.admin import publish_split_file
+from exceptiondrive_worker.splits.private_store import Shelf
 
 World = Any
 MakeFile = Callable[..., bytes]

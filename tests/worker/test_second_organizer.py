@@ -20,11 +20,11 @@ from exceptiondrive_records.splits.confirmations import (
     withdraw_confirmation,
 )
 from exceptiondrive_records.splits.tables import ConfirmationRow
-from exceptiondrive_schemas.confirmation import Confirmation
+from exceptiondrive_schemas.api.confirmation import Confirmation
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
 from exceptiondrive_schemas.split import Split, SplitRef
 from exceptiondrive_worker.failures import FailureCode
-from exceptiondrive_worker.splits_admin import SplitsRefusedError
+from exceptiondrive_worker.splits.admin import SplitsRefusedError
 
 World = Any
 PROTOCOL = packaged_protocol("1.1")

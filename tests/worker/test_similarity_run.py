@@ -16,11 +16,11 @@ from exceptiondrive_records.submissions.similarity import similarity_report
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import SimilarityRow
 from exceptiondrive_records.work.board_requests import want_board
-from exceptiondrive_schemas.similarity import AlikeKind, SimilarityReport
+from exceptiondrive_schemas.api.similarity import AlikeKind, SimilarityReport
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring import similarity
 from exceptiondrive_worker import similarity_run
-from exceptiondrive_worker.private_store import Shelf
+from exceptiondrive_worker.splits.private_store import Shelf
 
 World = Any
 N_SAMPLES = 120

@@ -26,6 +26,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.submissions.sheets import protocols_of_split, scored_within_a_day
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.protocol import (
     GeometrySection,
@@ -38,15 +39,14 @@ from exceptiondrive_schemas.protocol import (
     parse_protocol,
 )
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_schemas.taxonomy import Family, Task
 from exceptiondrive_worker.failures import FailureCode
-from exceptiondrive_worker.split_floors import (
+from exceptiondrive_worker.splits.admin import SplitsRefusedError, publish_split_file
+from exceptiondrive_worker.splits.floors import (
     SplitFloors,
     breaches,
 )
-from exceptiondrive_worker.split_store import read_split
-from exceptiondrive_worker.splits_admin import SplitsRefusedError, publish_split_file
+from exceptiondrive_worker.splits.store import read_split
 from exceptiondrive_worker.stages import Target
 
 World = Any

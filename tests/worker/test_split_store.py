@@ -9,8 +9,8 @@ import pytest
 
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_worker.split_faults import SplitRefusedError
-from exceptiondrive_worker.split_store import (
+from exceptiondrive_worker.splits.faults import SplitRefusedError
+from exceptiondrive_worker.splits.store import (
     SplitStore,
     SplitUnavailableError,
     SplitUnreadableError,

@@ -9,8 +9,8 @@ from tests.support.extract import make_extract
 
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_worker.split_store import read_split
-from exceptiondrive_worker.split_warnings import split_warnings
+from exceptiondrive_worker.splits.store import read_split
+from exceptiondrive_worker.splits.warnings import split_warnings
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,8 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring.challenge import SCORING
-from exceptiondrive_worker.private_store import PrivateStore, Shelf
-from exceptiondrive_worker.split_store import load_split
+from exceptiondrive_worker.splits.private_store import PrivateStore, Shelf
+from exceptiondrive_worker.splits.store import load_split
 from exceptiondrive_worker.stages import RejectedUpload, Stages, Target
 from exceptiondrive_worker.upload_reader import read_upload
 

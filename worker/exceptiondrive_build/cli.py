@@ -32,12 +32,12 @@ COMMANDS = {
         "Serve the review page on this machine.",
     ),
     "lint": (
-        "exceptiondrive_build.freeze_commands",
+        "exceptiondrive_build.freezing.commands",
         "Warn of what makes the split a bad benchmark.",
     ),
-    "freeze": ("exceptiondrive_build.freeze_commands", "Write the split and its datasheet."),
+    "freeze": ("exceptiondrive_build.freezing.commands", "Write the split and its datasheet."),
     "withdraw": (
-        "exceptiondrive_build.freeze_commands",
+        "exceptiondrive_build.freezing.commands",
         "Count samples no more from a revision on.",
     ),
 }

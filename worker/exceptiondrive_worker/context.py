@@ -12,9 +12,9 @@ from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_scoring.aliases import Columns
-from exceptiondrive_worker.private_store import PrivateStore
 from exceptiondrive_worker.settings import WorkerSettings
-from exceptiondrive_worker.split_store import SplitStore
+from exceptiondrive_worker.splits.private_store import PrivateStore
+from exceptiondrive_worker.splits.store import SplitStore
 from exceptiondrive_worker.stages import Stages
 from exceptiondrive_worker.upload_reader import read_upload
 

@@ -16,8 +16,8 @@ from billiard.exceptions import SoftTimeLimitExceeded
 
 from exceptiondrive_records.db.errors import NotFound, StoreError
 from exceptiondrive_records.submissions.file_store import FileDamaged
-from exceptiondrive_worker.split_faults import SplitRefusedError
-from exceptiondrive_worker.split_floors import FloorHeldError, SplitDayFullError
+from exceptiondrive_worker.splits.faults import SplitRefusedError
+from exceptiondrive_worker.splits.floors import FloorHeldError, SplitDayFullError
 
 _log = structlog.get_logger("exceptiondrive.worker")
 

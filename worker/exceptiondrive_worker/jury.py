@@ -14,8 +14,8 @@ from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.references import FREEZE, REFERENCES, SOURCE_AS_EDITED
 from exceptiondrive_scoring.references import reference_answers
-from exceptiondrive_worker.private_store import PrivateStore
-from exceptiondrive_worker.split_store import LoadedSplit
+from exceptiondrive_worker.splits.private_store import PrivateStore
+from exceptiondrive_worker.splits.store import LoadedSplit
 from exceptiondrive_worker.stages import RejectedUpload, Stages, Target
 from exceptiondrive_worker.upload_reader import read_upload
 

@@ -23,24 +23,8 @@ from exceptiondrive_schemas.protocol import (
 from exceptiondrive_worker.process import configure_logging, run_worker, youngest_heartbeat_age_s
 from exceptiondrive_worker.sample.files import write_planners, write_sample_split
 from exceptiondrive_worker.sample.scenes import SPLIT_NAME
-from exceptiondrive_worker.sample_pictures import (
-    PicturesRefusedError,
-    publish_pictures,
-    remove_pictures,
-)
 from exceptiondrive_worker.settings import WorkerSettings
-from exceptiondrive_worker.split_faults import SplitRefusedError
-from exceptiondrive_worker.split_floors import FloorsUnreadableError
-from exceptiondrive_worker.split_store import (
-    SplitStore,
-    SplitUnavailableError,
-    SplitUnreadableError,
-    close_to_others,
-    load_split,
-    read_split,
-)
-from exceptiondrive_worker.split_warnings import check_report, split_warnings, warning_lines
-from exceptiondrive_worker.splits_admin import (
+from exceptiondrive_worker.splits.admin import (
     RegisteredSplit,
     SplitsRefusedError,
     add_split_file,
@@ -50,6 +34,22 @@ from exceptiondrive_worker.splits_admin import (
     register_all_splits,
     with_drives,
 )
+from exceptiondrive_worker.splits.faults import SplitRefusedError
+from exceptiondrive_worker.splits.floors import FloorsUnreadableError
+from exceptiondrive_worker.splits.pictures import (
+    PicturesRefusedError,
+    publish_pictures,
+    remove_pictures,
+)
+from exceptiondrive_worker.splits.store import (
+    SplitStore,
+    SplitUnavailableError,
+    SplitUnreadableError,
+    close_to_others,
+    load_split,
+    read_split,
+)
+from exceptiondrive_worker.splits.warnings import check_report, split_warnings, warning_lines
 from exceptiondrive_worker.work import OlderScorerError, refuse_if_older
 
 app = typer.Typer(

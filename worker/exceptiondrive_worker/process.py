@@ -30,8 +30,8 @@ from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.app import create_app
 from exceptiondrive_worker.context import WorkerContext, open_context
 from exceptiondrive_worker.failures import job_boundary
-from exceptiondrive_worker.private_store import prune
 from exceptiondrive_worker.settings import WorkerSettings
+from exceptiondrive_worker.splits.private_store import prune
 from exceptiondrive_worker.work import work
 
 FAREWELL_TENTHS_S = 10

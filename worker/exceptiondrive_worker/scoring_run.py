@@ -22,24 +22,24 @@ from exceptiondrive_records.work.jobs import (
     finish_scored,
 )
 from exceptiondrive_records.work.tables import Job
+from exceptiondrive_schemas.api.own_entries import replaced_entry, to_confirm
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.own_entries import replaced_entry, to_confirm
 from exceptiondrive_schemas.split import SplitRef
-from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_scoring import SCORER_VERSION
+from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.failures import Failure, job_boundary, places
-from exceptiondrive_worker.floors_held import (
+from exceptiondrive_worker.sound_report import sound_report
+from exceptiondrive_worker.splits.faults import SplitRefusedError
+from exceptiondrive_worker.splits.floors import FloorsUnreadableError
+from exceptiondrive_worker.splits.floors_held import (
     held_floors_are_told,
     hold_floors,
     hold_floors_alone,
 )
-from exceptiondrive_worker.rounding import Rounding
-from exceptiondrive_worker.sound_report import sound_report
-from exceptiondrive_worker.split_faults import SplitRefusedError
-from exceptiondrive_worker.split_floors import FloorsUnreadableError
-from exceptiondrive_worker.split_store import SplitUnavailableError
+from exceptiondrive_worker.splits.store import SplitUnavailableError
 from exceptiondrive_worker.stages import RejectedUpload, Target
 
 _CANNOT_LOAD = (ArithmeticError, LookupError, MemoryError, OSError, TypeError, ValueError)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from exceptiondrive_records.submissions.similarity import ScoredFile, keep_alike, scored_files
 from exceptiondrive_records.work.fair_share import is_live_job_waiting
-from exceptiondrive_schemas.similarity import AlikeSubmission
+from exceptiondrive_schemas.api.similarity import AlikeSubmission
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_scoring.similarity import (
@@ -25,7 +25,7 @@ from exceptiondrive_scoring.similarity import (
     fingerprinted_samples,
 )
 from exceptiondrive_worker.context import WorkerContext
-from exceptiondrive_worker.private_store import Shelf, content_key
+from exceptiondrive_worker.splits.private_store import Shelf, content_key
 from exceptiondrive_worker.stages import RejectedUpload, Target
 
 COMPARED_AT_ONCE = 200

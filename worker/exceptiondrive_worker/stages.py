@@ -25,8 +25,13 @@ from exceptiondrive_scoring.aliases import Columns, IntArray
 from exceptiondrive_scoring.bootstrap import SceneSums, scene_sums
 from exceptiondrive_scoring.challenge import SCORING, ChallengeScoring, exact_sheet
 from exceptiondrive_scoring.grade import SampleScores
-from exceptiondrive_worker.private_store import PrivateStore, Shelf, content_key, pack_columns
-from exceptiondrive_worker.split_store import LoadedSplit
+from exceptiondrive_worker.splits.private_store import (
+    PrivateStore,
+    Shelf,
+    content_key,
+    pack_columns,
+)
+from exceptiondrive_worker.splits.store import LoadedSplit
 
 LoadUpload = Callable[[str], bytes]
 """File digest -> the bytes, proven to be those."""

@@ -11,13 +11,13 @@ from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.trials import claim_trial, count_trial, finish_trial
 from exceptiondrive_records.splits.drawings import find_public_split
 from exceptiondrive_records.work.tables import Trial
-from exceptiondrive_schemas.rescoring import SplitTrial, TrialFinding
+from exceptiondrive_schemas.api.rescoring import SplitTrial, TrialFinding
 from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.failures import Failure, job_boundary
-from exceptiondrive_worker.floors_held import held_floors_are_told, hold_floors_alone
-from exceptiondrive_worker.split_faults import SplitFault, SplitRefusedError
-from exceptiondrive_worker.split_floors import FloorHeldError
+from exceptiondrive_worker.splits.faults import SplitFault, SplitRefusedError
+from exceptiondrive_worker.splits.floors import FloorHeldError
+from exceptiondrive_worker.splits.floors_held import held_floors_are_told, hold_floors_alone
 
 
 def try_next_split(context: WorkerContext) -> bool:

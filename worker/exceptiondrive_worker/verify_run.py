@@ -14,13 +14,13 @@ from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.verification import claim_recheck, finish_recheck
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.tables import Recheck
+from exceptiondrive_schemas.api.rescoring import VerifyState
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_schemas.rescoring import VerifyState
 from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.context import WorkerContext, stages_over
 from exceptiondrive_worker.failures import Failure, job_boundary
-from exceptiondrive_worker.private_store import VERIFY_PREFIX, PrivateStore
-from exceptiondrive_worker.rounding import Rounding
+from exceptiondrive_worker.splits.private_store import VERIFY_PREFIX, PrivateStore
 from exceptiondrive_worker.stages import RejectedUpload, Target
 
 _log = structlog.get_logger("exceptiondrive.worker")

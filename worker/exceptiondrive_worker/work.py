@@ -16,7 +16,7 @@ from exceptiondrive_records.work.fair_share import is_live_work_open
 from exceptiondrive_records.work.heartbeats import newer_scorer
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_scoring import SCORER_VERSION
-from exceptiondrive_worker.board_run import build_next_board
+from exceptiondrive_worker.boards.run import build_next_board
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.scoring_run import score_next
 from exceptiondrive_worker.trial_run import try_next_split

@@ -94,7 +94,7 @@ COMMANDS = {
     "data": (".data_command", "Show and download what the phase's data link offers."),
     "split": (".split_commands", "Development splits, whose regions are public."),
     "receipt": (".receipt_commands", "Signed receipts of scored submissions."),
-    "organizer": (".organizer_commands", "For organizers, with an organizer's token."),
+    "organizer": (".organizer.commands", "For organizers, with an organizer's token."),
 }
 """Where each command lives and what `--help` says of it; a test holds the words to the command."""
 

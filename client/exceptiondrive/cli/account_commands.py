@@ -14,7 +14,7 @@ from exceptiondrive.cli.tables import records_table
 from exceptiondrive.client import Client, TeamTokens
 from exceptiondrive.credentials import find_server, forget_token, is_sent_in_clear, keep_token
 from exceptiondrive.errors import NotSignedInError, utc_text
-from exceptiondrive_schemas.submission import Me
+from exceptiondrive_schemas.api.submission import Me
 
 TokenId = Annotated[str, typer.Argument(metavar="ID", help="Id of the token: see `tokens list`.")]
 COLUMNS = ("id", "name", "scopes", "created_at", "expires_at", "revoked_at", "last_used_at")

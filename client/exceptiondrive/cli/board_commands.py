@@ -13,11 +13,11 @@ from exceptiondrive.cli.session import open_client
 from exceptiondrive.cli.tables import board_view, left_words
 from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive.settings import find_setting
+from exceptiondrive_schemas.api.phase_report import PhaseReport
+from exceptiondrive_schemas.api.submission import PhaseView
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_schemas.phase_report import PhaseReport
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.score_sheet import metric_text
-from exceptiondrive_schemas.submission import PhaseView
 
 
 def leaderboard(

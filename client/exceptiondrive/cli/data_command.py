@@ -12,7 +12,7 @@ from exceptiondrive.cli.session import open_client
 from exceptiondrive.data import download_file, read_data_manifest
 from exceptiondrive.errors import InvalidArgumentError, NotFoundError
 from exceptiondrive.settings import default_phase
-from exceptiondrive_schemas.data_manifest import DataManifest
+from exceptiondrive_schemas.api.data_manifest import DataManifest
 
 
 def data(

@@ -11,7 +11,7 @@ from exceptiondrive.cli.output import show, show_json, show_result
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.cli.tables import notices_view, records_table
 from exceptiondrive.errors import InvalidArgumentError
-from exceptiondrive_schemas.rescoring import WISHES
+from exceptiondrive_schemas.api.rescoring import WISHES
 
 if TYPE_CHECKING:
     from exceptiondrive.client import Client

@@ -20,7 +20,7 @@ from exceptiondrive.cli.output import console, has_terminal
 from exceptiondrive_schemas.python310 import Self
 
 if TYPE_CHECKING:
-    from exceptiondrive_schemas.submission import SubmissionView
+    from exceptiondrive_schemas.api.submission import SubmissionView
 
 
 class TransferBar:

@@ -32,9 +32,9 @@ from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive.facts import facts_of_pairs
 from exceptiondrive.outlook import Outlook
 from exceptiondrive.settings import default_phase
-from exceptiondrive_schemas.own_entries import entry_words
-from exceptiondrive_schemas.phase_settings import RunRule
-from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_schemas.api.own_entries import entry_words
+from exceptiondrive_schemas.api.phase_settings import RunRule
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 
 
 def submit(

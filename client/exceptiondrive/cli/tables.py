@@ -20,14 +20,19 @@ from exceptiondrive.cli.fitted_table import ByWidth, Column, FittedTable
 from exceptiondrive.errors import utc_text
 from exceptiondrive.outlook import Outlook
 from exceptiondrive.words import challenge_of
+from exceptiondrive_schemas.api.own_entries import entry_words, question_of
+from exceptiondrive_schemas.api.rescoring import NotificationView
+from exceptiondrive_schemas.api.standing_words import standing_words
+from exceptiondrive_schemas.api.submission import (
+    QueuePlace,
+    Quota,
+    SubmissionStatus,
+    SubmissionView,
+)
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.method_facts import SubmissionEditView, Told
-from exceptiondrive_schemas.own_entries import entry_words, question_of
-from exceptiondrive_schemas.rescoring import NotificationView
 from exceptiondrive_schemas.score_sheet import HEADLINE, metric_text
-from exceptiondrive_schemas.standing_words import standing_words
-from exceptiondrive_schemas.submission import QueuePlace, Quota, SubmissionStatus, SubmissionView
 
 STYLES = {
     SubmissionStatus.SCORED: "green",

@@ -4,12 +4,13 @@ from collections.abc import Callable, Mapping
 from datetime import datetime
 from types import MappingProxyType
 
+from exceptiondrive_schemas.api.problems import Problem, ProblemCode
+from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.board import Board, BoardEntry, FamilyCell, FamilyHead, Links
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import check_bytes
 from exceptiondrive_schemas.faults import CheckReport, FaultCode
-from exceptiondrive_schemas.problems import Problem, ProblemCode
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.publish.broken_files import file_bytes, report_of
 from exceptiondrive_schemas.publish.example_split import (
@@ -29,7 +30,6 @@ from exceptiondrive_schemas.score_sheet import (
     ScoreSheet,
 )
 from exceptiondrive_schemas.split import SplitRef
-from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
 
 RECEIVED_AT = datetime(2026, 3, 2, 9, 30, tzinfo=UTC)
 SCORED_AT = datetime(2026, 3, 2, 9, 30, 2, tzinfo=UTC)

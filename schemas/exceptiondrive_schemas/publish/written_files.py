@@ -5,18 +5,18 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, Literal
 
+from exceptiondrive_schemas.api.form_fields import FormField, fields_of
+from exceptiondrive_schemas.api.phase_settings import PhaseSettings
+from exceptiondrive_schemas.api.problems import Problem
+from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.faults import CheckReport
-from exceptiondrive_schemas.form_fields import FormField, fields_of
-from exceptiondrive_schemas.phase_settings import PhaseSettings
-from exceptiondrive_schemas.problems import Problem
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.publish.broken_files import errors_page
 from exceptiondrive_schemas.publish.examples import EXAMPLES, example_json
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.split import Manifest, Split
-from exceptiondrive_schemas.submission import SubmissionView
 from exceptiondrive_schemas.submission_files import PlanningSubmission, StrategySubmission
 
 MODELS: Mapping[str, type[Document]] = MappingProxyType(

@@ -20,6 +20,8 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.board_requests import finish_board
 from exceptiondrive_records.work.tables import BoardRequest
+from exceptiondrive_schemas.api.phase_settings import BoardView
+from exceptiondrive_schemas.api.rescoring import EntryChange
 from exceptiondrive_schemas.base import bytes_digest, canonical_json
 from exceptiondrive_schemas.board import (
     Board,
@@ -30,8 +32,6 @@ from exceptiondrive_schemas.board import (
     Links,
 )
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_schemas.phase_settings import BoardView
-from exceptiondrive_schemas.rescoring import EntryChange
 
 _Named = TypeVar("_Named", BoardEntry, BoardLeader, EntryNews, EntryChange)
 MAX_NEWS = 20

@@ -21,10 +21,10 @@ from exceptiondrive_records.phases.policy import (
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_schemas.api.phase_settings import BoardView
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.board import Links
-from exceptiondrive_schemas.phase_settings import BoardView
 from exceptiondrive_schemas.score_sheet import ScoreSheet
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 _NEVER = datetime(1, 1, 1, tzinfo=UTC)
 

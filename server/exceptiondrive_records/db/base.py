@@ -7,8 +7,8 @@ from sqlalchemy import JSON, String
 from sqlalchemy.orm import DeclarativeBase
 
 from exceptiondrive_records.db.columns import UtcDateTime, enum_text
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 
 class Base(DeclarativeBase):

@@ -20,8 +20,8 @@ from exceptiondrive_records.phases.policy import (
 )
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_schemas.phase_settings import RunRule
-from exceptiondrive_schemas.submission import SubmissionStatus
+from exceptiondrive_schemas.api.phase_settings import RunRule
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 
 MAX_CHOICES_A_DAY = 50
 """Of a team, publications too."""

@@ -17,10 +17,10 @@ import stamina
 from pydantic import Field, SecretStr
 
 from exceptiondrive_records.db.settings import RecordsSettings, Seconds
+from exceptiondrive_schemas.api.rescoring import ChangedEntry, NotificationView, page_of
+from exceptiondrive_schemas.api.standing_words import standing_words
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.printable import one_line
-from exceptiondrive_schemas.rescoring import ChangedEntry, NotificationView, page_of
-from exceptiondrive_schemas.standing_words import standing_words
 
 # Settings of what is sent outside; only the reconciler's process reads them.
 

@@ -24,7 +24,7 @@ from exceptiondrive_records.notifications.tables import (
 )
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import require_approved
-from exceptiondrive_schemas.rescoring import NotificationView, Wish
+from exceptiondrive_schemas.api.rescoring import NotificationView, Wish
 
 MAX_CONTACTS = 5
 MAX_ADDED_A_DAY = 20

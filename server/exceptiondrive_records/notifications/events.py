@@ -24,12 +24,12 @@ from exceptiondrive_records.submissions.submissions import ids_of_team
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_schemas.api.own_entries import question_of
+from exceptiondrive_schemas.api.rescoring import NotificationView, Wish
+from exceptiondrive_schemas.api.standing_words import ranked_words
+from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_schemas.own_entries import question_of
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_schemas.rescoring import NotificationView, Wish
-from exceptiondrive_schemas.standing_words import ranked_words
-from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
 
 LOOK_EVERY_S = 15.0
 _TOLD_WITHIN = timedelta(days=1)

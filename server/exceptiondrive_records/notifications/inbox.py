@@ -13,8 +13,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.lease import new_item
-from exceptiondrive_schemas.base import canonical_json
-from exceptiondrive_schemas.rescoring import (
+from exceptiondrive_schemas.api.rescoring import (
     ChangedEntry,
     Comparison,
     EntryChange,
@@ -22,6 +21,7 @@ from exceptiondrive_schemas.rescoring import (
     NotificationView,
     Wish,
 )
+from exceptiondrive_schemas.base import canonical_json
 
 _VERBS: dict[NotificationKind, str] = {
     "protocol_applied": "now stands under",

@@ -18,9 +18,9 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.heartbeats import HEARTBEAT_TTL_S
 from exceptiondrive_records.work.tables import Job, WorkerHeartbeat, WorkState
+from exceptiondrive_schemas.api.rescoring import RunKind
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.rescoring import RunKind
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 NEWEST = 5
 SLOW_S = 300.0

@@ -39,11 +39,11 @@ from exceptiondrive_records.submissions.file_store import FileDamaged, FileStore
 from exceptiondrive_records.submissions.submissions import keeps_its_file
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
+from exceptiondrive_schemas.api.submission import SubmissionStatus as Status
 from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.protocol import ProtocolError
 from exceptiondrive_schemas.score_sheet import MetricRow
-from exceptiondrive_schemas.submission import SubmissionStatus as Status
 
 # What must hold of every board: a pure function of score sheets under one protocol.
 

@@ -10,8 +10,8 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_records.db.identifiers import checked_link, checked_text
 from exceptiondrive_records.teams.tables import SiteSetting
-from exceptiondrive_schemas.form_fields import fields_of
-from exceptiondrive_schemas.site import SiteLinks
+from exceptiondrive_schemas.api.form_fields import fields_of
+from exceptiondrive_schemas.api.site import SiteLinks
 
 _NAME = "links"
 _E_MAIL = re.compile(r"[^\s@<>\"'?&:/]+@[^\s@<>\"'?&:/]+\.[^\s@<>\"'?&:/]+")

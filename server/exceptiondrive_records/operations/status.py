@@ -14,10 +14,10 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import recent_scoring_s
 from exceptiondrive_records.work.heartbeats import HEARTBEAT_TTL_S, live_workers
 from exceptiondrive_records.work.tables import Job, WorkerHeartbeat
+from exceptiondrive_schemas.api.site import LastBoard, ScoringDay, ServiceStatus
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_schemas.site import LastBoard, ScoringDay, ServiceStatus
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 DAYS_TOLD = 7
 _AT_MOST = 20_000

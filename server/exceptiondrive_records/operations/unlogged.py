@@ -21,8 +21,8 @@ from exceptiondrive_records.phases.phases import deciding_settings
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.board import Board, BoardNews
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 
 def unlogged_forgetting(session: Session) -> Iterator[Violation]:

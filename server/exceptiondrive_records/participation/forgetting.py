@@ -29,8 +29,8 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_records.work.tables import OPEN_STATES, WorkState
+from exceptiondrive_schemas.api.rescoring import NotificationView
 from exceptiondrive_schemas.base import canonical_json
-from exceptiondrive_schemas.rescoring import NotificationView
 
 _LETTERS = "23456789abcdefghjkmnpqrstuvwxyz"
 

@@ -35,8 +35,8 @@ from exceptiondrive_records.phases.policy import (
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.splits.splits import live_revision
 from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_schemas.api.phase_settings import PhaseChange, PhasePolicy, PhaseSettings
 from exceptiondrive_schemas.base import Document
-from exceptiondrive_schemas.phase_settings import PhaseChange, PhasePolicy, PhaseSettings
 
 _PROMISED = {
     "live_part": "which samples the live board counts",

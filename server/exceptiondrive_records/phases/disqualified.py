@@ -15,7 +15,7 @@ from exceptiondrive_records.phases.policy import (
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
-from exceptiondrive_schemas.participation import DisqualificationNote
+from exceptiondrive_schemas.api.participation import DisqualificationNote
 
 
 def is_disqualified() -> ColumnElement[bool]:

@@ -20,16 +20,16 @@ from exceptiondrive_records.protocols.protocols import find_protocol, usual_prot
 from exceptiondrive_records.splits.splits import find_split, live_revision, whole_split
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.work.board_requests import want_board
-from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.form_fields import fields_of
-from exceptiondrive_schemas.phase_settings import (
+from exceptiondrive_schemas.api.form_fields import fields_of
+from exceptiondrive_schemas.api.phase_settings import (
     WITHHELD_DEFAULTS,
     NewPhase,
     PhaseChange,
     PhasePage,
     PhaseSettings,
 )
-from exceptiondrive_schemas.submission import PhaseView
+from exceptiondrive_schemas.api.submission import PhaseView
+from exceptiondrive_schemas.challenges import PLANNING
 
 # Which settings of a phase fit together.
 

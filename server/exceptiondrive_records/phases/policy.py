@@ -15,8 +15,8 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.splits.splits import part_of, part_revision
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_schemas.api.phase_settings import PhaseNow
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.phase_settings import PhaseNow
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 
 _LETTERS = "23456789ABCDEFGHJKMNPQRSTUVWXYZ"

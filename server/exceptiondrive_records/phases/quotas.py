@@ -13,7 +13,7 @@ from exceptiondrive_records.participation.tables import Allowance
 from exceptiondrive_records.phases.allowances import allowance_of
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_schemas.submission import Quota, SubmissionStatus
+from exceptiondrive_schemas.api.submission import Quota, SubmissionStatus
 
 COSTS_NOTHING = (SubmissionStatus.REJECTED, SubmissionStatus.FAILED)
 """A wrong file costs no quota, nor does our own failure. A withdrawn submission does, unless another

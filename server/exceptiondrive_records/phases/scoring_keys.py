@@ -10,8 +10,8 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
+from exceptiondrive_schemas.api.rescoring import RunKind, RunState
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_schemas.rescoring import RunKind, RunState
 
 UNFINISHED = (RunState.SCORING, RunState.PAUSED, RunState.READY)
 """Runs whose target every fresh submission is scored under besides."""

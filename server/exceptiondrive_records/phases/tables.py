@@ -7,8 +7,8 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText
+from exceptiondrive_schemas.api.phase_settings import PhasePage, PhasePolicy, Visibility
 from exceptiondrive_schemas.challenges import ChallengeId
-from exceptiondrive_schemas.phase_settings import PhasePage, PhasePolicy, Visibility
 
 
 class Phase(Base):

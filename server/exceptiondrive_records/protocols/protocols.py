@@ -22,7 +22,7 @@ from exceptiondrive_schemas.protocol import (
     packaged_protocol_toml,
     parse_protocol,
 )
-from exceptiondrive_schemas.protocol_sense import nonsense
+from exceptiondrive_schemas.protocols.sense import nonsense
 
 
 def add_protocol(session: Session, toml: str, actor: str) -> ProtocolDocument:

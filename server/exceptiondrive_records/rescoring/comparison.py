@@ -14,17 +14,17 @@ from exceptiondrive_records.rescoring.pairs import count_pairs
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.splits.splits import find_split, list_splits, whole_split
 from exceptiondrive_records.splits.tables import SplitRow
+from exceptiondrive_schemas.api.rescoring import Change, Comparison, EntryChange, Standing
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.datasheet import SplitChange
-from exceptiondrive_schemas.protocol_difference import Change as Change_of_differences
-from exceptiondrive_schemas.protocol_difference import (
+from exceptiondrive_schemas.protocols.difference import Change as Change_of_differences
+from exceptiondrive_schemas.protocols.difference import (
     Difference,
     Stage,
     protocol_difference,
     split_changes,
 )
-from exceptiondrive_schemas.rescoring import Change, Comparison, EntryChange, Standing
 from exceptiondrive_schemas.score_sheet import MetricRow
 
 _DECIMALS = 6

@@ -23,8 +23,8 @@ from exceptiondrive_records.rescoring.verification import end_verification
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.jobs import new_job
 from exceptiondrive_records.work.tables import WAITING_STATES, Job, WorkState
+from exceptiondrive_schemas.api.rescoring import RunKind, RunState
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.rescoring import RunKind, RunState
 
 BATCH = 200
 """At most so many jobs of a run wait at a time: a run never floods the queue."""

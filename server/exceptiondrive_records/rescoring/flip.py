@@ -39,8 +39,8 @@ from exceptiondrive_records.rescoring.trials import trial_of
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.tables import WAITING_STATES, Job
+from exceptiondrive_schemas.api.rescoring import Comparison, NotificationKind, RunAction, RunState
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.rescoring import Comparison, NotificationKind, RunAction, RunState
 
 # Which sheets of a run could not be made, why as far as workers said, and what to do.
 

@@ -19,10 +19,10 @@ from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.board_requests import is_board_wanted, want_board
 from exceptiondrive_records.work.tables import OPEN_STATES, Job
+from exceptiondrive_schemas.api.rescoring import Progress, RunState
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
-from exceptiondrive_schemas.rescoring import Progress, RunState
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 _RATE_WINDOW = timedelta(seconds=30)
 _LEAST_S = 1.0

@@ -21,8 +21,8 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.jobs import jobs_of, new_job, queue_again
 from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 
 def retry_submission(

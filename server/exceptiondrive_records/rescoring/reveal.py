@@ -12,8 +12,8 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.runs import create_run, start_run
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.splits.splits import find_split, part_revision
-from exceptiondrive_schemas.phase_settings import SplitPart
-from exceptiondrive_schemas.rescoring import RunState
+from exceptiondrive_schemas.api.phase_settings import SplitPart
+from exceptiondrive_schemas.api.rescoring import RunState
 
 
 def reveal_split(session: Session, phase_id: str, *, reason: str, actor: str) -> Phase:

@@ -37,7 +37,7 @@ from exceptiondrive_records.rescoring.verification import ask_for_rechecks, canc
 from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_records.submissions.submissions import find_submission
 from exceptiondrive_records.work.tables import Job, WorkState
-from exceptiondrive_schemas.rescoring import RETRIES, RunAction, RunKind, RunState, next_states
+from exceptiondrive_schemas.api.rescoring import RETRIES, RunAction, RunKind, RunState, next_states
 
 CURE_OF_SPLIT = (
     "Cancel the run; then change the protocol, or register a revision of the split that moves or "

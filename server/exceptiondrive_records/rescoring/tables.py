@@ -7,7 +7,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText, enum_text
-from exceptiondrive_schemas.rescoring import Comparison, RunKind, RunState
+from exceptiondrive_schemas.api.rescoring import Comparison, RunKind, RunState
 
 
 class RescoringRun(Base):

@@ -10,8 +10,8 @@ from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.work.lease import claim_oldest, finish, new_item
 from exceptiondrive_records.work.tables import Trial
+from exceptiondrive_schemas.api.rescoring import SplitTrial
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.rescoring import SplitTrial
 from exceptiondrive_schemas.split import SplitRef
 
 MAX_ATTEMPTS = 4

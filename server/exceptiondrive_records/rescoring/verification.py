@@ -17,17 +17,17 @@ from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.lease import claim_oldest, finish, is_free, new_item
 from exceptiondrive_records.work.tables import OPEN_STATES, Recheck, WorkState
-from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.rescoring import (
+from exceptiondrive_schemas.api.rescoring import (
     RunKind,
     RunState,
     VerificationView,
     VerifyItemView,
     VerifyState,
 )
+from exceptiondrive_schemas.api.submission import SubmissionStatus
+from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 MAX_ATTEMPTS = 4
 _UNANSWERED = "recomputing did not finish in any of its attempts"

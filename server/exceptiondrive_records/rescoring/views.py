@@ -29,9 +29,7 @@ from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.trials import trial_of
 from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
-from exceptiondrive_schemas.board import BoardNews
-from exceptiondrive_schemas.protocol_difference import Difference, protocol_difference
-from exceptiondrive_schemas.rescoring import (
+from exceptiondrive_schemas.api.rescoring import (
     BoardHistoryLine,
     FlipDirection,
     PreviewView,
@@ -41,6 +39,8 @@ from exceptiondrive_schemas.rescoring import (
     RunView,
     actions_of,
 )
+from exceptiondrive_schemas.board import BoardNews
+from exceptiondrive_schemas.protocols.difference import Difference, protocol_difference
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
 

@@ -13,7 +13,7 @@ from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_records.splits.tables import ConfirmationRow
-from exceptiondrive_schemas.confirmation import Confirmation, confirmed_bytes
+from exceptiondrive_schemas.api.confirmation import Confirmation, confirmed_bytes
 from exceptiondrive_schemas.split import SplitRef
 
 

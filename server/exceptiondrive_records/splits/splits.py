@@ -9,8 +9,8 @@ from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.splits.tables import SplitRow
+from exceptiondrive_schemas.api.phase_settings import LivePart, SplitPart
 from exceptiondrive_schemas.datasheet import Datasheet, SplitChange, SplitWarnings
-from exceptiondrive_schemas.phase_settings import LivePart, SplitPart
 from exceptiondrive_schemas.split import Manifest
 
 NO_WARNINGS = SplitWarnings()

@@ -7,7 +7,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText
-from exceptiondrive_schemas.confirmation import Confirmation
+from exceptiondrive_schemas.api.confirmation import Confirmation
 from exceptiondrive_schemas.datasheet import (
     NO_RECORDED_DRIVE,
     Datasheet,

@@ -10,7 +10,7 @@ from exceptiondrive_records.audit.log import PROBING_SUSPECTED, audit_once
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, SimilarityRow, Submission
 from exceptiondrive_records.teams.tables import Team
-from exceptiondrive_schemas.similarity import (
+from exceptiondrive_schemas.api.similarity import (
     ALIKE_SUBMISSIONS,
     AlikeKind,
     AlikePair,

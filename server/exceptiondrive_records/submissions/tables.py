@@ -8,11 +8,11 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText
+from exceptiondrive_schemas.api.phase_settings import RunRule
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.method_facts import EditChanges, MethodFacts
-from exceptiondrive_schemas.phase_settings import RunRule
 from exceptiondrive_schemas.score_sheet import ScoreSheet
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 
 class Submission(Base):

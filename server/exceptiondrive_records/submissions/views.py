@@ -29,11 +29,16 @@ from exceptiondrive_records.work.board_requests import is_board_wanted
 from exceptiondrive_records.work.fair_share import jobs_ahead
 from exceptiondrive_records.work.heartbeats import LiveWorkers, live_workers
 from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_schemas.api.submission import (
+    Failure,
+    QueuePlace,
+    SubmissionStatus,
+    SubmissionView,
+)
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.method_facts import MethodFacts
 from exceptiondrive_schemas.score_sheet import ScoreSheet
-from exceptiondrive_schemas.submission import Failure, QueuePlace, SubmissionStatus, SubmissionView
 
 _RECENT = 20
 

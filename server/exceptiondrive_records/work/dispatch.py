@@ -27,8 +27,8 @@ from exceptiondrive_records.work.board_requests import is_due
 from exceptiondrive_records.work.heartbeats import live_workers
 from exceptiondrive_records.work.lease import is_claimable
 from exceptiondrive_records.work.tables import BoardRequest, WorkItem
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.jobs import JobName, Lane
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 _log = structlog.get_logger("exceptiondrive.dispatch")
 

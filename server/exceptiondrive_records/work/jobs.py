@@ -15,10 +15,10 @@ from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.fair_share import fair_order, waits
 from exceptiondrive_records.work.lease import claim, finish, new_item, try_later
 from exceptiondrive_records.work.tables import OPEN_STATES, Job, WorkState
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.score_sheet import ScoreSheet
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 _ACTOR = "worker"
 _OPEN = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED, SubmissionStatus.SCORING)

@@ -8,8 +8,8 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText, enum_text
+from exceptiondrive_schemas.api.rescoring import SplitTrial
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.rescoring import SplitTrial
 
 
 class WorkState(StrEnum):

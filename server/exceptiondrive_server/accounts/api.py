@@ -15,9 +15,9 @@ from exceptiondrive_records.accounts.tokens import (
     rotate_team_token,
     team_tokens,
 )
+from exceptiondrive_schemas.api.problems import ProblemCode
+from exceptiondrive_schemas.api.submission import Me
 from exceptiondrive_schemas.datetimes import Time
-from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_schemas.submission import Me
 from exceptiondrive_server.accounts.queries import IssuedToken, TokenView, token_view
 from exceptiondrive_server.web.auth import MaybePrincipal, ServicesOf, TokenKeeper, team_of
 from exceptiondrive_server.web.forms import Form

@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.people import find_person, list_people, set_organizer
 from exceptiondrive_records.accounts.roles import OrganizerRole
-from exceptiondrive_schemas.form_fields import FormField
+from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.organizer_frame import (
     OrganizerBrowser,

@@ -24,7 +24,7 @@ from exceptiondrive_records.accounts.sign_in import (
 )
 from exceptiondrive_records.accounts.tokens import note_use, verify_token
 from exceptiondrive_records.db.errors import InvalidRecord
-from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_server.accounts.sign_in_provider import CALLBACK, ProviderAway, SignInRefused
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import (

@@ -18,9 +18,9 @@ from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.submissions.edits import newest_edit_at
+from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.method_facts import PhaseFacts
-from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_server.boards.exports import EXPORTS
 from exceptiondrive_server.boards.queries import chosen_board, facts_on
 from exceptiondrive_server.boards.query import AskedBoard, BoardQuery, documented

@@ -16,8 +16,8 @@ from exceptiondrive_records.boards.reported import (
 from exceptiondrive_records.boards.reported_files import MAX_CITE
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_schemas.form_fields import FormField
 from exceptiondrive_server.boards.reported import reported_of
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.forms import REASON

@@ -13,12 +13,12 @@ from urllib.parse import urlencode
 from markupsafe import Markup
 
 from exceptiondrive_records.db.memory import Memory
+from exceptiondrive_schemas.api.participation import DisqualificationNote
+from exceptiondrive_schemas.api.phase_settings import PhaseNow, Visibility
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing
 from exceptiondrive_schemas.method_facts import NO_FACTS, FactsOfBoard
-from exceptiondrive_schemas.participation import DisqualificationNote
-from exceptiondrive_schemas.phase_settings import PhaseNow, Visibility
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.charts import (
     Curves,

@@ -21,11 +21,11 @@ from pydantic import (
 )
 
 from exceptiondrive_records.db.errors import InvalidRecord, NotFound, RecordsError
+from exceptiondrive_schemas.api.phase_settings import BoardView
 from exceptiondrive_schemas.board import EntrySource
 from exceptiondrive_schemas.challenges import CHALLENGES, KnownChallenge
 from exceptiondrive_schemas.datetimes import Moment
 from exceptiondrive_schemas.method_facts import LABELS
-from exceptiondrive_schemas.phase_settings import BoardView
 
 Average = Literal["macro_family", "micro"]
 SOURCES: tuple[EntrySource, ...] = ("scored", "reference", "reported")

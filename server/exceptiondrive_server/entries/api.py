@@ -4,7 +4,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path
 
-from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_server.entries.queries import EntryView, published_entry
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.problems import problem_responses

@@ -26,13 +26,13 @@ from exceptiondrive_records.splits.tables import SamplePictureRow, SplitRow
 from exceptiondrive_records.submissions.edits import facts_of_entries
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.submissions.views import published_sheet
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.method_facts import EntryFacts, MethodFacts
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
-from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_server.boards.comparison import MAX_COMPARED, default_pair
 from exceptiondrive_server.boards.entry_facts import find_entry, find_named
 from exceptiondrive_server.boards.page import BoardPage

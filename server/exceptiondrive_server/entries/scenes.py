@@ -12,9 +12,9 @@ from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.splits.drawings import drawn_submissions, entry_drawings
 from exceptiondrive_records.splits.pictures import outline_of_pictures, pictures_of
 from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.drawing import EntryDrawings, SampleDrawing
-from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_server.boards.entry_facts import board_fields, entry_key, entry_url
 from exceptiondrive_server.boards.page import BoardPage
 from exceptiondrive_server.boards.queries import read_board

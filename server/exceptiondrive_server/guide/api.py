@@ -6,7 +6,7 @@ from fastapi import APIRouter, Path
 from fastapi.responses import Response
 
 from exceptiondrive_records.db.errors import NotFound
-from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.published import DOCUMENT_NAMES, example_text, schema_text
 from exceptiondrive_server.web.problems import problem_responses
 

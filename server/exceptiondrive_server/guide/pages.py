@@ -9,8 +9,8 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.phases.policy import is_open
+from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.faults import MESSAGES, FaultCode, FaultGroup
-from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.publish.broken_files import report_of
 from exceptiondrive_server.guide.operations import operations
 from exceptiondrive_server.web.auth import ServicesOf

@@ -13,8 +13,8 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_schemas.api.phase_settings import NewPhase
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.launcher.layout import Layout, find_command, worker_environment
 from exceptiondrive_server.launcher.steps import Say, run_step

@@ -21,11 +21,11 @@ from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import create_team, find_team
+from exceptiondrive_schemas.api.phase_settings import NewPhase
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, ChallengeId
-from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import NEWEST, packaged_protocol_toml
-from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_server.launcher.child import LaunchError
 from exceptiondrive_server.launcher.layout import Layout, find_command, worker_environment
 from exceptiondrive_server.launcher.steps import Say, run_step

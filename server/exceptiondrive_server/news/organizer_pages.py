@@ -11,7 +11,7 @@ from exceptiondrive_records.news.news import all_news, publish_news, withdraw_ne
 from exceptiondrive_records.news.questions import all_questions, answer_question
 from exceptiondrive_records.participation.messages import MAX_TEXT, MAX_TITLE
 from exceptiondrive_records.phases.phases import list_phases
-from exceptiondrive_schemas.form_fields import FormField
+from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_server.news.queries import asked_question, news_view
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.forms import REASON

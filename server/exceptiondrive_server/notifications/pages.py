@@ -19,9 +19,9 @@ from exceptiondrive_records.notifications.contacts import (
 )
 from exceptiondrive_records.notifications.inbox import list_notifications, mark_read
 from exceptiondrive_records.notifications.tables import Channel
+from exceptiondrive_schemas.api.rescoring import WISHES, NotificationView, Standing, Wish
+from exceptiondrive_schemas.api.standing_words import standing_words
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_schemas.rescoring import WISHES, NotificationView, Standing, Wish
-from exceptiondrive_schemas.standing_words import standing_words
 from exceptiondrive_server.web.auth import ServicesOf, team_of
 from exceptiondrive_server.web.browser_session import (
     Browser,

@@ -4,7 +4,7 @@ from fastapi import APIRouter
 
 from exceptiondrive_records.operations.site import site_links
 from exceptiondrive_records.operations.status import service_status
-from exceptiondrive_schemas.site import ServiceStatus, SiteLinks
+from exceptiondrive_schemas.api.site import ServiceStatus, SiteLinks
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.problems import problem_responses
 

@@ -3,7 +3,7 @@
 from fastapi import APIRouter
 
 from exceptiondrive_records.operations.site import set_site_links
-from exceptiondrive_schemas.site import SiteLinks
+from exceptiondrive_schemas.api.site import SiteLinks
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
 
 router = APIRouter()

@@ -14,10 +14,10 @@ from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.rescoring.views import run_view
 from exceptiondrive_records.submissions.file_store import LOW_ON_ROOM_BYTES
 from exceptiondrive_records.teams.teams import list_teams
-from exceptiondrive_schemas.form_fields import fields_of, values_of
+from exceptiondrive_schemas.api.form_fields import fields_of, values_of
+from exceptiondrive_schemas.api.site import SiteLinks
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_schemas.site import SiteLinks
 from exceptiondrive_server.rescoring.steps import RunLine, run_line
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import PostedForm, SignedIn

@@ -9,8 +9,8 @@ from pydantic import BaseModel, Field
 from exceptiondrive_records.phases.disqualified import disqualification_notes
 from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_records.phases.terms import accept_terms
-from exceptiondrive_schemas.participation import DisqualificationNote
-from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.api.participation import DisqualificationNote
+from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_server.web.auth import (
     TOKEN_IS_OPTIONAL,
     MaybePrincipal,

@@ -33,7 +33,7 @@ from exceptiondrive_records.phases.phases import find_phase, list_phases
 from exceptiondrive_records.submissions.submissions import find_submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team, list_teams
-from exceptiondrive_schemas.form_fields import FormField
+from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import PostedForm

@@ -6,11 +6,11 @@ from fastapi import APIRouter, Path, Response
 
 from exceptiondrive_records.phases.phases import list_phases, phase_view, shown_phase
 from exceptiondrive_records.splits.splits import manifest_of
+from exceptiondrive_schemas.api.phase_report import PhaseReport
+from exceptiondrive_schemas.api.problems import ProblemCode
+from exceptiondrive_schemas.api.submission import PhaseView
 from exceptiondrive_schemas.challenges import KnownChallenge
-from exceptiondrive_schemas.phase_report import PhaseReport
-from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.split import Manifest
-from exceptiondrive_schemas.submission import PhaseView
 from exceptiondrive_server.phases.report import report_of
 from exceptiondrive_server.web.auth import (
     TOKEN_IS_OPTIONAL,

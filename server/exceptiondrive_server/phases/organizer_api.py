@@ -21,9 +21,9 @@ from exceptiondrive_records.phases.changes import (
 from exceptiondrive_records.phases.phases import create_phase, find_phase, phase_view
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.reveal import reveal_split
+from exceptiondrive_schemas.api.phase_settings import NewPhase, PhaseChange
+from exceptiondrive_schemas.api.submission import PhaseView
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.phase_settings import NewPhase, PhaseChange
-from exceptiondrive_schemas.submission import PhaseView
 from exceptiondrive_server.phases.export import export_phase
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
 from exceptiondrive_server.web.forms import Deed

@@ -30,17 +30,17 @@ from exceptiondrive_records.protocols.protocols import find_protocol, list_proto
 from exceptiondrive_records.rescoring.reveal import reveal_split
 from exceptiondrive_records.splits.splits import list_splits
 from exceptiondrive_records.submissions.submissions import counts_by_phase
-from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_schemas.form_fields import FormField, fields_of, values_of
-from exceptiondrive_schemas.phase_settings import (
+from exceptiondrive_schemas.api.form_fields import FormField, fields_of, values_of
+from exceptiondrive_schemas.api.phase_settings import (
     WITHHELD_DEFAULTS,
     NewPhase,
     PhaseChange,
     PhaseNow,
     PhaseSettings,
 )
+from exceptiondrive_schemas.api.submission import PhaseView
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.protocol import NEWEST_WITHHELD
-from exceptiondrive_schemas.submission import PhaseView
 from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.phases.export import export_phase
 from exceptiondrive_server.web.auth import ServicesOf

@@ -13,8 +13,8 @@ from exceptiondrive_records.participation.tables import Allowance
 from exceptiondrive_records.phases.policy import frozen_since, has_closed, is_split_revealed
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.splits.splits import part_revision
+from exceptiondrive_schemas.api.phase_report import PhaseReport, PlaceChange, ShakeUp
 from exceptiondrive_schemas.board import Board, BoardEntry
-from exceptiondrive_schemas.phase_report import PhaseReport, PlaceChange, ShakeUp
 from exceptiondrive_server.boards.entry_facts import is_listed
 from exceptiondrive_server.boards.queries import protocol_versions
 

@@ -8,7 +8,7 @@ from pydantic import BaseModel
 
 from exceptiondrive_records.protocols.protocols import find_protocol_row
 from exceptiondrive_records.protocols.shown import shown_protocol, shown_protocols
-from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.taxonomy import Taxonomy
 from exceptiondrive_server.boards.queries import featured_protocol

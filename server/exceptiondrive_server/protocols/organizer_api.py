@@ -21,8 +21,8 @@ from exceptiondrive_records.splits.confirmations import (
     withdraw_confirmation,
 )
 from exceptiondrive_records.splits.tables import ConfirmationRow
-from exceptiondrive_schemas.confirmation import Confirmation
-from exceptiondrive_schemas.protocol_difference import Difference
+from exceptiondrive_schemas.api.confirmation import Confirmation
+from exceptiondrive_schemas.protocols.difference import Difference
 from exceptiondrive_server.protocols.api import TOML, ProtocolHead, protocol_head
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
 from exceptiondrive_server.web.forms import Deed

@@ -29,9 +29,9 @@ from exceptiondrive_records.splits.confirmations import (
     list_confirmations,
     withdraw_confirmation,
 )
-from exceptiondrive_schemas.confirmation import Confirmation
-from exceptiondrive_schemas.form_fields import FormField
-from exceptiondrive_schemas.protocol_difference import Difference
+from exceptiondrive_schemas.api.confirmation import Confirmation
+from exceptiondrive_schemas.api.form_fields import FormField
+from exceptiondrive_schemas.protocols.difference import Difference
 from exceptiondrive_server.protocols.api import TOML
 from exceptiondrive_server.protocols.organizer_api import MAX_PROTOCOL_CHARACTERS
 from exceptiondrive_server.web.auth import ServicesOf

@@ -6,8 +6,8 @@ from fastapi import APIRouter, Path, Query
 
 from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_records.rescoring.views import board_history, public_run
-from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_schemas.rescoring import BoardHistoryLine, PublicRun
+from exceptiondrive_schemas.api.problems import ProblemCode
+from exceptiondrive_schemas.api.rescoring import BoardHistoryLine, PublicRun
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.problems import problem_responses
 

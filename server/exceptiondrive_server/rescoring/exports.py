@@ -3,9 +3,9 @@
 import csv
 import io
 
+from exceptiondrive_schemas.api.rescoring import Comparison, EntryChange, FlipDirection, Standing
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.printable import spreadsheet_text
-from exceptiondrive_schemas.rescoring import Comparison, EntryChange, FlipDirection, Standing
 from exceptiondrive_schemas.score_sheet import MetricRow
 
 _REMINDER = "reminder_effect"

@@ -11,7 +11,7 @@ from exceptiondrive_records.phases.scoring_keys import find_run
 from exceptiondrive_records.rescoring import flip, runs, verification
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.views import preview_of, run_view, run_views
-from exceptiondrive_schemas.rescoring import PreviewView, RunView, VerificationView
+from exceptiondrive_schemas.api.rescoring import PreviewView, RunView, VerificationView
 from exceptiondrive_server.rescoring.exports import comparison_csv
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
 from exceptiondrive_server.web.forms import Deed

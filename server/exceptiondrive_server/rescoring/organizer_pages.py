@@ -17,8 +17,8 @@ from exceptiondrive_records.rescoring.verification import list_verifications, ve
 from exceptiondrive_records.rescoring.views import preview_of, run_view, run_views
 from exceptiondrive_records.splits.splits import list_splits, words_of_revision
 from exceptiondrive_records.splits.tables import SplitRow
-from exceptiondrive_schemas.form_fields import FormField
-from exceptiondrive_schemas.rescoring import RunKind
+from exceptiondrive_schemas.api.form_fields import FormField
+from exceptiondrive_schemas.api.rescoring import RunKind
 from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.rescoring.exports import comparison_csv
 from exceptiondrive_server.rescoring.preview import compared

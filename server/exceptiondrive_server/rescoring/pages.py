@@ -9,8 +9,8 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.views import public_run
+from exceptiondrive_schemas.api.rescoring import PublicRun
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_schemas.rescoring import PublicRun
 from exceptiondrive_server.rescoring.preview import compared
 from exceptiondrive_server.rescoring.steps import change_words
 from exceptiondrive_server.web.auth import sees_hidden

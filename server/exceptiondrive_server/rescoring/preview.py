@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from exceptiondrive_schemas.api.rescoring import Comparison, EntryChange, Standing
 from exceptiondrive_schemas.challenges import CHALLENGES, Metric
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_schemas.rescoring import Comparison, EntryChange, Standing
 from exceptiondrive_server.web.numbers import Digits, px, unit_of
 
 SHOWN = 40

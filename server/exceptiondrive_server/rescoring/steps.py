@@ -7,8 +7,7 @@ from types import MappingProxyType
 
 from exceptiondrive_records.rescoring import flip, runs
 from exceptiondrive_records.rescoring.tables import RescoringRun
-from exceptiondrive_schemas.printable import counted
-from exceptiondrive_schemas.rescoring import (
+from exceptiondrive_schemas.api.rescoring import (
     Comparison,
     Progress,
     PublicRun,
@@ -16,6 +15,7 @@ from exceptiondrive_schemas.rescoring import (
     RunState,
     RunView,
 )
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.web.forms import REASON
 from exceptiondrive_server.web.numbers import grouped
 from exceptiondrive_server.web.organizer_frame import Step, duration_words

@@ -8,8 +8,8 @@ from fastapi.responses import Response
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.splits.shown import is_kept_back, shown_revision
 from exceptiondrive_records.splits.splits import find_split
+from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.datasheet import Datasheet
-from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.etag import conditional

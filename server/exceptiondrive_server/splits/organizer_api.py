@@ -6,8 +6,8 @@ from fastapi import APIRouter
 from pydantic import BaseModel
 
 from exceptiondrive_records.splits.splits import list_splits, part_of
+from exceptiondrive_schemas.api.phase_settings import SplitPart
 from exceptiondrive_schemas.datasheet import SplitWarning
-from exceptiondrive_schemas.phase_settings import SplitPart
 from exceptiondrive_server.web.auth import ServicesOf
 
 router = APIRouter()

@@ -25,10 +25,10 @@ from exceptiondrive_records.submissions.submissions import (
 )
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import view, views
+from exceptiondrive_schemas.api.phase_settings import RunRule
+from exceptiondrive_schemas.api.problems import ProblemCode
+from exceptiondrive_schemas.api.submission import SubmissionPage, SubmissionStatus, SubmissionView
 from exceptiondrive_schemas.method_facts import SubmissionChange, SubmissionEditView
-from exceptiondrive_schemas.phase_settings import RunRule
-from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_schemas.submission import SubmissionPage, SubmissionStatus, SubmissionView
 from exceptiondrive_server.submissions.download import own_upload
 from exceptiondrive_server.submissions.upload import (
     confirmed_upload,

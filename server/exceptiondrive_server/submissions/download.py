@@ -18,7 +18,7 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team
-from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
+from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_server.web.auth import team_of
 from exceptiondrive_server.web.responses import SECURITY_HEADERS
 from exceptiondrive_server.web.services import Services

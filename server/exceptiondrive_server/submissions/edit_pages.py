@@ -12,7 +12,7 @@ from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.submissions.edits import edit_submission, edits_of
 from exceptiondrive_records.submissions.submissions import find_submission
 from exceptiondrive_records.submissions.views import view
-from exceptiondrive_schemas.form_fields import FormField
+from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_schemas.method_facts import LABELS, MethodFacts, SubmissionChange, Told
 from exceptiondrive_server.submissions.api import SubmissionId
 from exceptiondrive_server.submissions.download import own_upload

@@ -14,8 +14,8 @@ from sqlalchemy.exc import SQLAlchemyError
 from exceptiondrive_records.accounts.tokens import Principal
 from exceptiondrive_records.submissions.submissions import find_submission
 from exceptiondrive_records.submissions.views import view
-from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_schemas.submission import SubmissionView
+from exceptiondrive_schemas.api.problems import ProblemCode
+from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_server.submissions.api import SubmissionId
 from exceptiondrive_server.web.auth import Reader, ServicesOf, own_team
 from exceptiondrive_server.web.problems import problem_responses

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from starlette.datastructures import FormData
 
-from exceptiondrive_schemas.form_fields import fields_of, values_of
+from exceptiondrive_schemas.api.form_fields import fields_of, values_of
 from exceptiondrive_schemas.method_facts import MethodFacts
 from exceptiondrive_server.web.forms import made, read, text_of
 

@@ -16,10 +16,10 @@ from exceptiondrive_records.submissions.similarity import similarity_report
 from exceptiondrive_records.submissions.submissions import find_submission, list_submissions
 from exceptiondrive_records.submissions.views import views
 from exceptiondrive_records.teams.teams import find_team, list_teams
+from exceptiondrive_schemas.api.form_fields import FormField
+from exceptiondrive_schemas.api.similarity import ALIKE_WORDS
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_schemas.form_fields import FormField
-from exceptiondrive_schemas.similarity import ALIKE_WORDS
-from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.submissions.download import any_upload, archive
 from exceptiondrive_server.submissions.queries import phase_rules, score_tables

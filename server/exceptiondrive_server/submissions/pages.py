@@ -29,10 +29,10 @@ from exceptiondrive_records.submissions.submissions import (
     withdraw,
 )
 from exceptiondrive_records.submissions.views import view, views
+from exceptiondrive_schemas.api.phase_settings import RunRule
+from exceptiondrive_schemas.api.submission import PhaseView, SubmissionStatus, SubmissionView
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_schemas.phase_settings import RunRule
 from exceptiondrive_schemas.published import DOCUMENT_NAMES, example_text
-from exceptiondrive_schemas.submission import PhaseView, SubmissionStatus, SubmissionView
 from exceptiondrive_server.boards.page import PhaseLink
 from exceptiondrive_server.boards.queries import featured_protocol, phase_link
 from exceptiondrive_server.guide.client_files import client_wheel

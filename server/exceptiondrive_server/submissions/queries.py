@@ -9,8 +9,8 @@ from exceptiondrive_records.boards.boards import entries_on
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_schemas.challenges import CHALLENGES, Metric
-from exceptiondrive_schemas.submission import SubmissionView
 from exceptiondrive_server.boards.query import AVERAGE_TITLES
 from exceptiondrive_server.submissions.runs import PhaseRules
 from exceptiondrive_server.submissions.view import FamilyLine, ScoreLine, families_of, scores_of

@@ -12,8 +12,8 @@ from exceptiondrive_records.submissions.submissions import find_submission
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.submissions.views import published_sheet
 from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.base import content_digest
-from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.receipt import Receipt, ReceiptKeys, ReceiptStatement
 from exceptiondrive_server.entries.queries import published_entry
 from exceptiondrive_server.web.auth import Reader, ServicesOf, own_team

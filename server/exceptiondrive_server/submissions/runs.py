@@ -3,13 +3,13 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from exceptiondrive_schemas.api.own_entries import question_of
+from exceptiondrive_schemas.api.phase_settings import PhasePolicy
+from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_schemas.challenges import CHALLENGES, Metric
-from exceptiondrive_schemas.own_entries import question_of
-from exceptiondrive_schemas.phase_settings import PhasePolicy
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow
-from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_server.submissions.view import Status, actions_of, standing, status_of
 from exceptiondrive_server.web.numbers import Digits
 

@@ -21,13 +21,13 @@ from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.jobs import jobs_of
 from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_schemas.api.rescoring import NotificationView, VerifyItemView
+from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.method_facts import SubmissionEditView
 from exceptiondrive_schemas.receipt import Receipt, ReceiptStatement
-from exceptiondrive_schemas.rescoring import NotificationView, VerifyItemView
 from exceptiondrive_schemas.score_sheet import metric_text
-from exceptiondrive_schemas.submission import SubmissionView
 from exceptiondrive_server.audit.queries import AuditLineView, line_view
 from exceptiondrive_server.submissions.download import (
     read_upload,

@@ -38,11 +38,11 @@ from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import require_approved
 from exceptiondrive_records.work.dispatch import mark_queued, wake_lanes
+from exceptiondrive_schemas.api.problems import ProblemCode
+from exceptiondrive_schemas.api.submission import Quota, SubmissionView
 from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.method_facts import MethodFacts
-from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_schemas.submission import Quota, SubmissionView
 from exceptiondrive_server.submissions.facts_form import PREFIX, facts_of_form
 from exceptiondrive_server.web.auth import own_team, team_of
 from exceptiondrive_server.web.browser_session import FORM_TOKEN

@@ -5,14 +5,19 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from exceptiondrive_schemas.api.own_entries import question_of
+from exceptiondrive_schemas.api.phase_settings import PhasePolicy, RunRule
+from exceptiondrive_schemas.api.submission import (
+    QueuePlace,
+    Quota,
+    SubmissionStatus,
+    SubmissionView,
+)
 from exceptiondrive_schemas.board import BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
-from exceptiondrive_schemas.own_entries import question_of
-from exceptiondrive_schemas.phase_settings import PhasePolicy, RunRule
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
-from exceptiondrive_schemas.submission import QueuePlace, Quota, SubmissionStatus, SubmissionView
 from exceptiondrive_server.web.numbers import Digits, minute, unit_of
 
 _MEANING = {

@@ -7,7 +7,7 @@ from pydantic import BaseModel, Field
 
 from exceptiondrive_records.accounts.sign_in import count_attempt, registration_keys_of
 from exceptiondrive_records.teams.teams import register_team, self_registration_is_on
-from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.forms import Form
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem

@@ -31,7 +31,7 @@ from exceptiondrive_records.teams.teams import (
     list_teams,
     refuse_team,
 )
-from exceptiondrive_schemas.form_fields import FormField
+from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.participation.queries import participation_of, standings_of_teams
 from exceptiondrive_server.web.auth import ServicesOf

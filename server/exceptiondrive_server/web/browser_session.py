@@ -19,7 +19,7 @@ from starlette.datastructures import FormData
 
 from exceptiondrive_records.accounts.sessions import LIFETIME, find_session
 from exceptiondrive_records.accounts.tokens import Principal, Scope
-from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.services import services_of

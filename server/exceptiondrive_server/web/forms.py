@@ -10,8 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.datastructures import FormData
 
 from exceptiondrive_records.db.errors import InvalidRecord
+from exceptiondrive_schemas.api.form_fields import FormField, Kind, document_of
 from exceptiondrive_schemas.datetimes import in_utc
-from exceptiondrive_schemas.form_fields import FormField, Kind, document_of
 
 MAX_DIGITS = 9
 Model = TypeVar("Model", bound=BaseModel)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from fastapi.concurrency import run_in_threadpool
 
-from exceptiondrive_schemas.submission import SubmissionView
+from exceptiondrive_schemas.api.submission import SubmissionView
 
 Followed = tuple[str, int | None]
 """A submission, and the team that is confined to its own; None: an organizer."""

@@ -6,7 +6,7 @@ from typing import Any
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
-from exceptiondrive_schemas.problems import PROBLEM_MEDIA_TYPE, Problem
+from exceptiondrive_schemas.api.problems import PROBLEM_MEDIA_TYPE, Problem
 from exceptiondrive_schemas.published import example_text
 
 TAGS = {

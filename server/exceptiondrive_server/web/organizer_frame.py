@@ -11,7 +11,7 @@ from starlette.datastructures import FormData
 
 from exceptiondrive_records.accounts.tokens import Principal
 from exceptiondrive_records.db.errors import NotFound, RecordsError
-from exceptiondrive_schemas.form_fields import FormField
+from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import Browser, PhaseNeeded, PostedForm, SignedIn

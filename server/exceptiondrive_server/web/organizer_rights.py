@@ -16,8 +16,8 @@ from exceptiondrive_records.accounts.tokens import Principal, Scope
 from exceptiondrive_records.db.errors import NotAllowed
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_schemas.phase_settings import PhaseChange
-from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.api.phase_settings import PhaseChange
+from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_server.web.middleware import route_of
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.services import Services

@@ -5,7 +5,7 @@ from datetime import datetime
 from types import MappingProxyType
 from typing import NamedTuple
 
-from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.api.problems import ProblemCode
 
 
 class ProblemKind(NamedTuple):

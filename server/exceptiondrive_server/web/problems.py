@@ -25,8 +25,8 @@ from exceptiondrive_records.db.errors import (
     RejectedCapExceeded,
     TooManyAttempts,
 )
-from exceptiondrive_schemas.problems import PROBLEM_MEDIA_TYPE, Problem, ProblemCode
-from exceptiondrive_schemas.submission import Quota
+from exceptiondrive_schemas.api.problems import PROBLEM_MEDIA_TYPE, Problem, ProblemCode
+from exceptiondrive_schemas.api.submission import Quota
 from exceptiondrive_server.web.middleware import HEADERS, is_stream
 from exceptiondrive_server.web.problem_vocabulary import CODE_OF_STATUS, PROBLEMS, ApiProblem
 from exceptiondrive_server.web.responses import problem_page

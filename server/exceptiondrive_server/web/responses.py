@@ -8,8 +8,8 @@ from fastapi import APIRouter, Form, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 from sqlalchemy.orm import Session
 
-from exceptiondrive_schemas.problems import ProblemCode
-from exceptiondrive_schemas.site import SiteLinks
+from exceptiondrive_schemas.api.problems import ProblemCode
+from exceptiondrive_schemas.api.site import SiteLinks
 from exceptiondrive_server.web.browser_session import Holder, holder_of
 from exceptiondrive_server.web.compression import takes_gzip
 from exceptiondrive_server.web.etag import PROXY_KEEPS, conditional

@@ -12,13 +12,13 @@ from exceptiondrive_records.operations.site import preparing, site_links
 from exceptiondrive_records.operations.status import scoring_delay
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.work.dispatch import Dispatcher
-from exceptiondrive_schemas.site import SiteLinks
+from exceptiondrive_schemas.api.site import SiteLinks
 from exceptiondrive_server.submissions.receipts import ReceiptSigner
 from exceptiondrive_server.web.kept_pages import KeptPages
+from exceptiondrive_server.web.limits.upload_places import UploadPlaces
 from exceptiondrive_server.web.looks import Looks
 from exceptiondrive_server.web.metrics import RequestMetrics
 from exceptiondrive_server.web.settings import ServerSettings
-from exceptiondrive_server.web.upload_places import UploadPlaces
 
 if TYPE_CHECKING:
     from exceptiondrive_server.accounts.oidc import Provider

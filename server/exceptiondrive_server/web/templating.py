@@ -17,9 +17,9 @@ from jinja2 import Environment, FileSystemLoader, PrefixLoader, StrictUndefined
 from jinja2.ext import Extension
 from markupsafe import Markup, escape
 
+from exceptiondrive_schemas.api.rescoring import page_of
 from exceptiondrive_schemas.formulas import over_families
 from exceptiondrive_schemas.printable import printable
-from exceptiondrive_schemas.rescoring import page_of
 from exceptiondrive_server.web import numbers
 from exceptiondrive_server.web.glossary import TERMS
 from exceptiondrive_server.web.markdown import first_paragraph, markdown

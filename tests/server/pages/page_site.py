@@ -29,13 +29,14 @@ from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.board_requests import want_board
+from exceptiondrive_schemas.api.phase_settings import NewPhase
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.board import (
     Board,
     BoardEntry,
 )
 from exceptiondrive_schemas.challenges import PLANNING, ChallengeId
 from exceptiondrive_schemas.drawing import EntryDrawings
-from exceptiondrive_schemas.phase_settings import NewPhase
 from exceptiondrive_schemas.protocol import (
     packaged_protocol_toml,
     parse_protocol,
@@ -49,7 +50,6 @@ from exceptiondrive_schemas.score_sheet import (
     ScoreSheet,
 )
 from exceptiondrive_schemas.split import Manifest
-from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_scoring.arrays import split_arrays
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_server.boards import api as boards

@@ -7,10 +7,10 @@ import pytest
 
 from exceptiondrive_records.boards.boards import latest_board
 from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.drawing import EntryDrawings
-from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_server.web.numbers import Digits
 
 ENTRY = "/entries/s0000000kq"

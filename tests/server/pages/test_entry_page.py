@@ -9,9 +9,9 @@ from tests.server.pages.invented_board import PROTOCOL
 from tests.server.pages.page_site import publish_late_view
 
 from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.board import Board, Links
 from exceptiondrive_schemas.score_sheet import Flag, Plausibility
-from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_server.boards.exports import entry_bibtex
 from exceptiondrive_server.entries.view import plausibility_lines
 

@@ -10,10 +10,10 @@ import pytest
 
 from exceptiondrive import check_file, recorder
 from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.flags import FLAGS
-from exceptiondrive_schemas.problems import ProblemCode
 from exceptiondrive_schemas.protocol import (
     NEWEST,
     ProtocolDocument,

@@ -10,9 +10,9 @@ from tests.server.pages.page_site import real_drawings
 from tests.server.pages.reading import read
 
 from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.drawing import EntryDrawings, SampleDrawing
-from exceptiondrive_schemas.submission import SubmissionStatus
 from exceptiondrive_scoring.clearance import clearance_m
 from exceptiondrive_scoring.region import prepare_regions
 from exceptiondrive_server.entries.motion import motion

@@ -17,7 +17,7 @@ from exceptiondrive_schemas.taxonomy import Family, Task
 from exceptiondrive_worker.sample.agents import AGENTS, Agent, agent_predictions
 from exceptiondrive_worker.sample.planners import PLANNERS, Planner, predictions
 from exceptiondrive_worker.sample.scenes import SEED, SPLIT_NAME, sample_scenes, sample_split
-from exceptiondrive_worker.split_warnings import split_warnings
+from exceptiondrive_worker.splits.warnings import split_warnings
 
 _Written = tuple[Planner | Agent, PlanningSubmission | StrategySubmission]
 _OPTIONAL = ("part", "d_safe_m", "acceptable", "reminder")

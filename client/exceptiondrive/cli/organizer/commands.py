@@ -6,27 +6,19 @@ from typing import Annotated, Any
 
 import typer
 
-from exceptiondrive.cli import (
-    completion,
-    news_commands,
-    options,
-    participation_commands,
-    people_commands,
-    phase_commands,
-    rescore_commands,
-    site_commands,
-)
+from exceptiondrive.cli import completion, news_commands, options
 from exceptiondrive.cli.groups import Group
+from exceptiondrive.cli.organizer import participation, people, phases, rescoring, site
 from exceptiondrive.cli.output import say, show_result, show_saved, upload_name
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.confirmations import confirm, default_key_path, make_key
 from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, utc_text
 from exceptiondrive.inputs import given_bytes, given_protocol
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.protocol import ProtocolDocument, ProtocolError
-from exceptiondrive_schemas.protocol_sense import nonsense
+from exceptiondrive_schemas.protocols.sense import nonsense
 from exceptiondrive_schemas.split import SplitRef
-from exceptiondrive_schemas.submission import SubmissionStatus
 
 SubmissionId = Annotated[
     str,
@@ -178,7 +170,7 @@ def approve_team(
 
 def refuse_team(
     team_id: TeamId,
-    reason: phase_commands.ReasonOption,
+    reason: phases.ReasonOption,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -190,7 +182,7 @@ def refuse_team(
 
 def retry_submission(
     submission_id: SubmissionId,
-    reason: phase_commands.ReasonOption,
+    reason: phases.ReasonOption,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -227,19 +219,19 @@ def show_story(
 
 def verify_submission(
     submission_id: SubmissionId,
-    reason: phase_commands.ReasonOption,
+    reason: phases.ReasonOption,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
     """Recompute its score from the upload and demand every bit again; exit code 1 if it differs."""
     with open_organizer(server) as organizer:
         found = organizer.verify_submission(submission_id, reason)
-        rescore_commands.follow_verification(organizer.rescoring, found, json)
+        rescoring.follow_verification(organizer.rescoring, found, json)
 
 
 def restore_submission(
     submission_id: SubmissionId,
-    reason: phase_commands.ReasonOption,
+    reason: phases.ReasonOption,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -438,7 +430,7 @@ def list_confirmations(server: options.Server = None, json: options.Json = False
 
 def withdraw_confirmation(
     confirmation_id: Annotated[str, typer.Argument(metavar="ID", help="`confirmations` shows it.")],
-    reason: phase_commands.ReasonOption,
+    reason: phases.ReasonOption,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -450,7 +442,7 @@ def withdraw_confirmation(
 
 def delete_protocol(
     version: Annotated[str, typer.Argument(metavar="VERSION", help="Version or digest.")],
-    reason: phase_commands.ReasonOption,
+    reason: phases.ReasonOption,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -566,12 +558,12 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "tokens": list_tokens,
             "issue-token": issue_token,
             "revoke-token": revoke_token,
-            **participation_commands.TEAM_COMMANDS,
+            **participation.TEAM_COMMANDS,
         },
     ),
     "phases": (
         "Phases; everyone lists them with `exceptiondrive phases`.",
-        phase_commands.COMMANDS,
+        phases.COMMANDS,
     ),
     "protocols": (
         "Protocol documents.",
@@ -589,7 +581,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
     ),
     "rescore": (
         "Protocol updates: score in the background, compare, apply.",
-        rescore_commands.COMMANDS,
+        rescoring.COMMANDS,
     ),
     "submissions": (
         "Submissions of all teams; `exceptiondrive submissions` lists them with their scores.",
@@ -602,13 +594,13 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "download": download_upload,
             "folder": download_story,
             "archive": download_archive,
-            "disqualify": participation_commands.disqualify_submission,
+            "disqualify": participation.disqualify_submission,
         },
     ),
     "news": ("News of phases: page, feed and inboxes.", news_commands.NEWS),
-    "people": ("People and their organizers' roles.", people_commands.PEOPLE),
+    "people": ("People and their organizers' roles.", people.PEOPLE),
     "questions": ("Questions of teams, and answers.", news_commands.QUESTIONS),
-    "site": ("Links in header and footer of every page.", site_commands.COMMANDS),
+    "site": ("Links in header and footer of every page.", site.COMMANDS),
     "splits": ("Registered splits.", {"list": list_splits}),
     "audit": ("The append-only, hash-chained log.", {"list": read_audit, "verify": verify_audit}),
 }
@@ -628,5 +620,5 @@ def register(app: typer.Typer) -> None:
             group.command(command_name)(command)
         organizer.add_typer(group, name=name)
     organizer.command("similar")(similar)
-    organizer.command("message")(participation_commands.send_message)
+    organizer.command("message")(participation.send_message)
     app.add_typer(organizer, name="organizer")

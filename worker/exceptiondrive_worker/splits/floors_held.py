@@ -15,7 +15,7 @@ from exceptiondrive_records.splits.splits import find_split, part_revision
 from exceptiondrive_records.submissions.sheets import protocols_of_split, scored_within_a_day
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import SplitRef
-from exceptiondrive_worker.split_floors import (
+from exceptiondrive_worker.splits.floors import (
     FloorHeldError,
     SplitDayFullError,
     SplitFloors,

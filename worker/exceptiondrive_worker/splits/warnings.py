@@ -14,7 +14,7 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring.arrays import split_arrays
 from exceptiondrive_scoring.split_lint import LintedSplit, LintWarning, lint
-from exceptiondrive_worker.split_faults import SplitFault
+from exceptiondrive_worker.splits.faults import SplitFault
 
 _SHOWN = 5
 

@@ -2,10 +2,10 @@
 
 from datetime import datetime
 
+from exceptiondrive_schemas.api.phase_settings import SplitPart
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.board import BoardEntry
 from exceptiondrive_schemas.challenges import ChallengeId
-from exceptiondrive_schemas.phase_settings import SplitPart
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
 

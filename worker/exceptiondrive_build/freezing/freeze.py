@@ -13,12 +13,12 @@ from dataclasses import asdict, dataclass
 
 from exceptiondrive_build.agreement import agreement, outcome
 from exceptiondrive_build.candidates import Candidate
-from exceptiondrive_build.croissant import croissant
-from exceptiondrive_build.datasheet_text import html_of, markdown_of
 from exceptiondrive_build.errors import BuildError
+from exceptiondrive_build.freezing.croissant import croissant
+from exceptiondrive_build.freezing.datasheet_text import html_of, markdown_of
+from exceptiondrive_build.freezing.small_jpeg import LONGEST_SIDE_PX, PICTURES, small_jpeg
 from exceptiondrive_build.numbers import audit, cells, deciders, stages
 from exceptiondrive_build.records import Kind, Record
-from exceptiondrive_build.small_jpeg import LONGEST_SIDE_PX, PICTURES, small_jpeg
 from exceptiondrive_build.values import Corners, Edited
 from exceptiondrive_build.workshop import Workshop
 from exceptiondrive_schemas.base import canonical_json
@@ -32,8 +32,8 @@ from exceptiondrive_schemas.datasheet import (
     Words,
 )
 from exceptiondrive_schemas.split import Manifest, Split, SplitSample
-from exceptiondrive_worker.split_faults import split_faults
-from exceptiondrive_worker.split_warnings import split_warnings
+from exceptiondrive_worker.splits.faults import split_faults
+from exceptiondrive_worker.splits.warnings import split_warnings
 
 EXAMPLE_WIDTH_PX = 640
 _NAMED = 10

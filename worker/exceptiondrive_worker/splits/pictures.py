@@ -11,7 +11,7 @@ from pathlib import Path
 
 from sqlalchemy.orm import Session
 
-from exceptiondrive_build.small_jpeg import (
+from exceptiondrive_build.freezing.small_jpeg import (
     LONGEST_SIDE_PX,
     MAX_FILE_BYTES,
     PICTURES,
@@ -24,7 +24,7 @@ from exceptiondrive_records.splits.pictures import show_pictures
 from exceptiondrive_records.splits.tables import SamplePictureRow
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_schemas.split import SplitRef
-from exceptiondrive_worker.splits_admin import ACTOR
+from exceptiondrive_worker.splits.admin import ACTOR
 
 MAX_STORED_BYTES = 2 * 2**30
 """Of all pictures of a split together."""

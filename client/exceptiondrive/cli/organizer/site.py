@@ -4,11 +4,11 @@ from collections.abc import Callable
 from typing import Any
 
 from exceptiondrive.cli import options
+from exceptiondrive.cli.organizer.phases import setting_document, with_settings
 from exceptiondrive.cli.output import show_result
-from exceptiondrive.cli.phase_commands import setting_document, with_settings
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.errors import InvalidArgumentError
-from exceptiondrive_schemas.site import SiteLinks
+from exceptiondrive_schemas.api.site import SiteLinks
 
 
 def show_site(server: options.Server = None, json: options.Json = False) -> None:

@@ -18,9 +18,9 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest, Split, SplitRef
 from exceptiondrive_schemas.submission_files import PlanningSubmission
 from exceptiondrive_scoring.split_lint import LintWarning
-from exceptiondrive_worker.split_faults import SplitRefusedError
-from exceptiondrive_worker.split_floors import FloorsUnreadableError
-from exceptiondrive_worker.split_store import (
+from exceptiondrive_worker.splits.faults import SplitRefusedError
+from exceptiondrive_worker.splits.floors import FloorsUnreadableError
+from exceptiondrive_worker.splits.store import (
     MAX_SPLIT_BYTES,
     SplitStore,
     SplitUnavailableError,
@@ -30,7 +30,7 @@ from exceptiondrive_worker.split_store import (
     parts_of,
     read_split,
 )
-from exceptiondrive_worker.split_warnings import split_warnings
+from exceptiondrive_worker.splits.warnings import split_warnings
 
 ACTOR = "operator"
 _REFUSALS = (

@@ -24,8 +24,8 @@ from exceptiondrive_schemas.score_sheet import MetricRow, ScoreSheet
 from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_scoring.bootstrap import Uncertainty, bootstrap
 from exceptiondrive_scoring.compare import NOT_SEPARABLE, Comparison, Difference, compare
-from exceptiondrive_worker.private_store import PrivateStore, Shelf, content_key
-from exceptiondrive_worker.rounding import Rounding
+from exceptiondrive_worker.boards.rounding import Rounding
+from exceptiondrive_worker.splits.private_store import PrivateStore, Shelf, content_key
 from exceptiondrive_worker.stages import Stages, Target
 
 Standing = tuple[Target, EntryRecord]

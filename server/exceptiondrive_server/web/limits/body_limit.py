@@ -14,7 +14,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from exceptiondrive_schemas.problems import ProblemCode
+from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.problems import TOO_LARGE, problem_response
 

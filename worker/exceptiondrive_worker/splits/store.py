@@ -21,15 +21,15 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
+from exceptiondrive_schemas.api.phase_settings import SplitPart
 from exceptiondrive_schemas.base import content_digest
-from exceptiondrive_schemas.phase_settings import SplitPart
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest, Split
 from exceptiondrive_scoring.aliases import FloatArray, IntArray
 from exceptiondrive_scoring.arrays import SplitArrays, recorded_m, split_arrays
-from exceptiondrive_worker.private_store import array_digest
-from exceptiondrive_worker.split_faults import SplitRefusedError, split_faults
-from exceptiondrive_worker.split_floors import SplitFloors, read_floors
+from exceptiondrive_worker.splits.faults import SplitRefusedError, split_faults
+from exceptiondrive_worker.splits.floors import SplitFloors, read_floors
+from exceptiondrive_worker.splits.private_store import array_digest
 
 MAX_SPLIT_BYTES = 256 * 2**20
 NOT_FOUND_FOR_S = 60.0

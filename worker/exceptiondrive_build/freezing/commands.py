@@ -13,16 +13,16 @@ import typer
 from exceptiondrive_build.candidates import walk
 from exceptiondrive_build.cli import Json, WorkshopFolder
 from exceptiondrive_build.errors import BuildError
-from exceptiondrive_build.freeze import auxiliary, freeze, gzipped, pictures
+from exceptiondrive_build.freezing.freeze import auxiliary, freeze, gzipped, pictures
 from exceptiondrive_build.records import Author, Kind, Record
 from exceptiondrive_build.values import Withdrawn
 from exceptiondrive_build.workshop import Workshop
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.jury import Verdict, files_of_jury, jury
-from exceptiondrive_worker.split_faults import SplitRefusedError, split_faults
-from exceptiondrive_worker.split_store import SplitUnreadableError, load_split, read_split
-from exceptiondrive_worker.split_warnings import check_report, split_warnings, warning_lines
+from exceptiondrive_worker.splits.faults import SplitRefusedError, split_faults
+from exceptiondrive_worker.splits.store import SplitUnreadableError, load_split, read_split
+from exceptiondrive_worker.splits.warnings import check_report, split_warnings, warning_lines
 
 Here = Path(".")
 Previous = Annotated[

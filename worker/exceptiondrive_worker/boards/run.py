@@ -15,26 +15,26 @@ from exceptiondrive_records.splits.drawings import find_public_split
 from exceptiondrive_records.splits.splits import find_split, part_of
 from exceptiondrive_records.work.board_requests import claim_board, is_due
 from exceptiondrive_records.work.tables import BoardRequest
+from exceptiondrive_schemas.api.phase_settings import BoardView
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.phase_settings import BoardView
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.reported import reported_entries
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
-from exceptiondrive_worker.board_entries import ScoredEntry, board_entries, family_heads
-from exceptiondrive_worker.comparisons import Standing, comparisons, entry_uncertainties
+from exceptiondrive_worker.boards.comparisons import Standing, comparisons, entry_uncertainties
+from exceptiondrive_worker.boards.entries import ScoredEntry, board_entries, family_heads
+from exceptiondrive_worker.boards.references import scored_references
+from exceptiondrive_worker.boards.reminder_effects import reminder_effects
+from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.drawing import DRAWN_AT_ONCE, draw_entries, draw_protocol
 from exceptiondrive_worker.failures import job_boundary
-from exceptiondrive_worker.floors_held import held_floors_are_told, hold_floors
-from exceptiondrive_worker.references import scored_references
-from exceptiondrive_worker.reminder_effects import reminder_effects
-from exceptiondrive_worker.rounding import Rounding
 from exceptiondrive_worker.similarity_run import compare_submissions
-from exceptiondrive_worker.split_floors import FloorHeldError
-from exceptiondrive_worker.split_store import LoadedSplit, SplitUnavailableError
+from exceptiondrive_worker.splits.floors import FloorHeldError
+from exceptiondrive_worker.splits.floors_held import held_floors_are_told, hold_floors
+from exceptiondrive_worker.splits.store import LoadedSplit, SplitUnavailableError
 from exceptiondrive_worker.stages import Target
 
 _log = structlog.get_logger("exceptiondrive.worker")

@@ -16,8 +16,8 @@ from exceptiondrive_schemas.score_sheet import Interval, MetricRow, ScoreSheet
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.bootstrap import Uncertainty
 from exceptiondrive_scoring.rank import rank_intervals, ranks, told_rank_intervals
-from exceptiondrive_worker.rounding import Rounding
-from exceptiondrive_worker.split_store import LoadedSplit
+from exceptiondrive_worker.boards.rounding import Rounding
+from exceptiondrive_worker.splits.store import LoadedSplit
 
 _A_REFERENCE = "a reference, for comparison"
 

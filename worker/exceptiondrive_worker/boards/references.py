@@ -11,12 +11,12 @@ from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.references import REFERENCES
 from exceptiondrive_scoring.references import reference_answers
-from exceptiondrive_worker.board_entries import ScoredReference
-from exceptiondrive_worker.comparisons import entry_uncertainties
+from exceptiondrive_worker.boards.comparisons import entry_uncertainties
+from exceptiondrive_worker.boards.entries import ScoredReference
+from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.context import WorkerContext
-from exceptiondrive_worker.private_store import pack_columns
-from exceptiondrive_worker.rounding import Rounding
-from exceptiondrive_worker.split_store import LoadedSplit
+from exceptiondrive_worker.splits.private_store import pack_columns
+from exceptiondrive_worker.splits.store import LoadedSplit
 from exceptiondrive_worker.stages import Target
 
 

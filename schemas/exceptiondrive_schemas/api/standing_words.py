@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator, Mapping
 
+from exceptiondrive_schemas.api.rescoring import Standing
 from exceptiondrive_schemas.board import ReminderEffect
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.printable import one_line
-from exceptiondrive_schemas.rescoring import Standing
 from exceptiondrive_schemas.score_sheet import Interval
 
 _UNITS = {"fraction": (100.0, " %"), "metre": (1.0, " m")}

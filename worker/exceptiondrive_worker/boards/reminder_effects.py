@@ -15,9 +15,9 @@ from exceptiondrive_schemas.board import PairedDifference, ReminderEffect
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.score_sheet import MetricRow
 from exceptiondrive_scoring.compare import Comparison, Difference, compare
-from exceptiondrive_worker.comparisons import headline_of, rounded_difference
-from exceptiondrive_worker.private_store import PrivateStore, Shelf, content_key
-from exceptiondrive_worker.rounding import Rounding
+from exceptiondrive_worker.boards.comparisons import headline_of, rounded_difference
+from exceptiondrive_worker.boards.rounding import Rounding
+from exceptiondrive_worker.splits.private_store import PrivateStore, Shelf, content_key
 from exceptiondrive_worker.stages import Stages, Target
 
 _VERDICTS = {

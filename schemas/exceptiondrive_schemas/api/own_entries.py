@@ -2,11 +2,11 @@
 
 from collections.abc import Iterable, Mapping
 
+from exceptiondrive_schemas.api.phase_settings import PhasePolicy
+from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_schemas.phase_settings import PhasePolicy
 from exceptiondrive_schemas.python310 import UTC
 from exceptiondrive_schemas.score_sheet import HEADLINE, metric_text
-from exceptiondrive_schemas.submission import SubmissionStatus, SubmissionView
 
 
 def replaced_entry(

@@ -18,10 +18,10 @@ from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive.inputs import given_bytes
+from exceptiondrive_schemas.api.form_fields import FormField, document_of, fields_of, values_of
+from exceptiondrive_schemas.api.phase_settings import PhaseChange, PhaseSettings
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_schemas.form_fields import FormField, document_of, fields_of, values_of
-from exceptiondrive_schemas.phase_settings import PhaseChange, PhaseSettings
 
 PhaseArgument = Annotated[
     str, typer.Argument(metavar="ID", autocompletion=completion.phases, help="Id of the phase.")

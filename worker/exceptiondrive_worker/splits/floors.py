@@ -14,8 +14,8 @@ from typing import Annotated, Literal, Self
 import tomllib
 from pydantic import Field, ValidationError, model_validator
 
+from exceptiondrive_schemas.api.confirmation import PublicKey
 from exceptiondrive_schemas.base import Document
-from exceptiondrive_schemas.confirmation import PublicKey
 from exceptiondrive_schemas.protocol import ProtocolDocument
 
 FLOORS_FILE = "floors.toml"

@@ -1,0 +1,1 @@
+"""Boards as the worker makes them: rows, comparisons, references, what may be told of them."""
