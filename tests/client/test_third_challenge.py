@@ -29,16 +29,16 @@ from exceptiondrive_schemas.challenges import (
 from exceptiondrive_schemas.check import CheckedDocument
 from exceptiondrive_schemas.check.fault_list import FaultList
 from exceptiondrive_schemas.check.fault_list import Path as Place
-from exceptiondrive_schemas.check.rules import RULES
+from exceptiondrive_schemas.check.rules import RULES, SCORED_BY
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.file_profile import FileProfile
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.score_sheet import ClearanceCurve, MetricRow, Plausibility
 from exceptiondrive_schemas.split import Manifest
-from exceptiondrive_scoring import challenge as scoring
 from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_scoring.arrays import SplitArrays
+from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_scoring.grade import SampleScores, sample_scores
 from exceptiondrive_scoring.plausibility import OfControls
 from exceptiondrive_scoring.similarity import AlikeRule
@@ -178,10 +178,9 @@ def read_fast(
 @pytest.fixture(params=["precise", "fast"])
 def gaps(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Challenge:
     """Register the challenge, for the time of a test; some challenges have a fast reader too."""
-    for registry in (CHALLENGES, RULES, scoring.SCORING):
+    for registry in (CHALLENGES, RULES, SCORED_BY):
         monkeypatch.setattr(registry, "_registered", dict(registry))
-    check.register(GAPS, GapRules)
-    scoring.register(GapScoring())
+    check.register(GAPS, GapRules, f"{__name__}:GapScoring")
     if request.param == "fast":
         monkeypatch.setitem(upload_reader.FAST_READERS, GAPS.id, read_fast)
     return GAPS
@@ -302,15 +301,13 @@ def test_a_fault_of_its_own_is_told(phase: "Running", tmp_path: Path) -> None:
 @pytest.mark.usefixtures("gaps")
 def test_a_second_of_the_same_name_is_refused() -> None:
     with pytest.raises(ValueError, match="registered already"):
-        check.register(GAPS, GapRules)
-    with pytest.raises(ValueError, match="registered already"):
-        scoring.register(GapScoring())
+        check.register(GAPS, GapRules, f"{__name__}:GapScoring")
 
 
 def test_an_unknown_challenge_is_named_and_the_known_ones_too() -> None:
-    for registry in (CHALLENGES, RULES, scoring.SCORING):
+    for registry in (CHALLENGES, RULES, SCORING):
         with pytest.raises(UnknownChallengeError, match=r"'gaps' here; known: planning, strategy"):
-            registry["gaps"]
+            registry[ChallengeId("gaps")]
     assert packaged_protocol().digest.startswith("sha256:a8e2d761")
 
 

@@ -11,11 +11,15 @@ from tests.support.strategies import answers_alone
 from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, STRATEGY, ChallengeId
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_scoring.arrays import SplitArrays
-from exceptiondrive_scoring.challenge import SCORING
+from exceptiondrive_scoring.challenge import SCORING, ChallengeScoring
+from exceptiondrive_scoring.planning import PlanningScoring
 from exceptiondrive_scoring.sheet import aggregate
+from exceptiondrive_scoring.strategy import StrategyScoring
 
 MakeSplit = Callable[..., SplitArrays]
 N = 6
+CLASSES: tuple[type[ChallengeScoring], ...] = (PlanningScoring, StrategyScoring)
+"""mypy holds them to the interface: they are registered by their names."""
 
 
 def _answers(challenge_id: ChallengeId) -> dict[str, NDArray[Any]]:
@@ -32,6 +36,10 @@ def _answers(challenge_id: ChallengeId) -> dict[str, NDArray[Any]]:
 def split(make_split: MakeSplit) -> SplitArrays:
     corners = np.array([[9.0, -1.0], [10.0, -1.0], [10.0, 1.0], [9.0, 1.0]])
     return make_split(np.tile(corners, (N, 1, 1)), tasks=[0, 4, 8, 12, 15, 18])
+
+
+def test_every_challenge_is_scored_by_a_class_of_its_own() -> None:
+    assert [type(SCORING[challenge_id]) for challenge_id in CHALLENGES] == list(CLASSES)
 
 
 @pytest.mark.parametrize("challenge_id", list(CHALLENGES))

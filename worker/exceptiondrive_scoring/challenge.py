@@ -5,13 +5,15 @@ what a store keeps, and what every function here takes.
 """
 
 import typing
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from pkgutil import resolve_name
 from typing import Any
 
 from numpy.typing import NDArray
 
-from exceptiondrive_schemas.challenges import Challenge, Registry
+from exceptiondrive_schemas.challenges import Challenge, ChallengeId
 from exceptiondrive_schemas.check import CheckedDocument
+from exceptiondrive_schemas.check.rules import SCORED_BY
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 from exceptiondrive_schemas.score_sheet import (
@@ -28,11 +30,9 @@ from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.grade import SampleScores
-from exceptiondrive_scoring.planning import PlanningScoring
 from exceptiondrive_scoring.plausibility import OfControls
 from exceptiondrive_scoring.sheet import Row, aggregate
 from exceptiondrive_scoring.similarity import AlikeRule
-from exceptiondrive_scoring.strategy import StrategyScoring
 
 
 class ChallengeScoring(typing.Protocol):
@@ -93,20 +93,21 @@ class ChallengeScoring(typing.Protocol):
         """Pictures of some samples, regions and all; None where there is nothing to draw."""
 
 
-SCORING: Registry[ChallengeScoring] = Registry()
+class _Scoring(Mapping[ChallengeId, ChallengeScoring]):
+    """How each registered challenge is scored; imported when it is asked for."""
+
+    def __getitem__(self, challenge_id: str) -> ChallengeScoring:
+        scoring: ChallengeScoring = resolve_name(SCORED_BY[challenge_id])()
+        return scoring
+
+    def __iter__(self) -> Iterator[ChallengeId]:
+        return iter(SCORED_BY)
+
+    def __len__(self) -> int:
+        return len(SCORED_BY)
 
 
-def register(scoring: ChallengeScoring) -> None:
-    """Make known how a challenge is measured and graded.
-
-    Raises:
-        ValueError: That of this challenge is known.
-    """
-    SCORING.register(scoring.challenge.id, scoring)
-
-
-register(PlanningScoring())
-register(StrategyScoring())
+SCORING: Mapping[ChallengeId, ChallengeScoring] = _Scoring()
 
 
 def document_columns(

@@ -1,4 +1,4 @@
-"""The table of rules: what a prediction is, for each challenge."""
+"""The table of challenges: what a prediction of each is, and who scores it."""
 
 from collections.abc import Mapping
 from typing import Any, ClassVar, Protocol
@@ -48,20 +48,28 @@ class PredictionRules(Protocol):
 
 
 RULES: Registry[type[PredictionRules]] = Registry()
+SCORED_BY: Registry[str] = Registry()
+"""Names, not classes: what scores needs numpy, and who only checks a file has none."""
 
 
-def register(challenge: Challenge, rules: type[PredictionRules]) -> None:
-    """Make a challenge known: its metrics and words, and how the predictions of its file are checked.
+def register(challenge: Challenge, rules: type[PredictionRules], scored_by: str) -> None:
+    """Make a challenge known, to everyone and here alone.
+
+    Args:
+        challenge: Its metrics and words.
+        rules: How the predictions of its file are checked.
+        scored_by: `module:class` of its `exceptiondrive_scoring.challenge.ChallengeScoring`.
 
     Raises:
         ValueError: There is one of this name.
     """
     CHALLENGES.register(challenge.id, challenge)
     RULES.register(challenge.id, rules)
+    SCORED_BY.register(challenge.id, scored_by)
 
 
-register(PLANNING, PlanningRules)
-register(STRATEGY, StrategyRules)
+register(PLANNING, PlanningRules, "exceptiondrive_scoring.planning:PlanningScoring")
+register(STRATEGY, StrategyRules, "exceptiondrive_scoring.strategy:StrategyScoring")
 
 
 def challenge_by_key(key: str) -> ChallengeId | None:
