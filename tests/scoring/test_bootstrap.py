@@ -12,7 +12,7 @@ from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.bootstrap import GRID, SceneSums, Uncertainty, bootstrap, scene_sums
 from exceptiondrive_scoring.grade import SampleScores
-from exceptiondrive_scoring.rank import rank_intervals
+from exceptiondrive_scoring.rank import long_rank_intervals, rank_intervals
 
 MakeSplit = Callable[..., SplitArrays]
 NAN = float("nan")
@@ -220,6 +220,30 @@ def test_rank_intervals_of_many_are_those_of_every_pair(
     better, worse = np.count_nonzero(sure, axis=0), np.count_nonzero(sure, axis=1)
     np.testing.assert_array_equal(found, np.column_stack([1 + better, 90 - worse]))
     assert better.max() > 40
+
+
+def test_beyond_the_first_entries_of_a_long_board_intervals_say_who_is_surely_better() -> None:
+    rng = np.random.default_rng(7)
+    draws = np.sort(rng.uniform(0.0, 1.0, 40))[::-1, None] + rng.normal(0.0, 0.05, (40, 60))
+    entries = _entries(draws.tolist(), cut=2)
+    intervals = np.sort(draws, axis=1)[:, [2, -3]]
+    found = long_rank_intervals(entries, intervals, "descending", n_paired=15)
+    paired = rank_intervals(entries[:15], "descending")
+    low, high = intervals.T
+    for i in range(40):
+        others = slice(15, None) if i < 15 else slice(None)
+        better = np.count_nonzero(low[others] > high[i])
+        worse = np.count_nonzero(high[others] < low[i])
+        best, worst = paired[i] if i < 15 else (1, 15)
+        assert found[i].tolist() == [best + better, worst + 25 - worse], i
+    every = long_rank_intervals(entries, intervals, "descending", n_paired=40)
+    np.testing.assert_array_equal(every, rank_intervals(entries, "descending"))
+    assert (found[:, 0] <= every[:, 0]).all()
+    assert (found[:, 1] >= every[:, 1]).all()
+    mirrored = long_rank_intervals(
+        _entries((-draws).tolist(), cut=2), -intervals[:, ::-1], "ascending", n_paired=15
+    )
+    np.testing.assert_array_equal(mirrored, found)
 
 
 def _simulated_boards(

@@ -12,6 +12,8 @@ from exceptiondrive_scoring.bootstrap import Uncertainty
 
 CODED_AT_ONCE = 2**18
 """Values: what a processor's cache holds."""
+PAIRED = 1_000
+"""So many of the first entries are compared draw by draw, each with each: work of the square of it."""
 
 
 def ranks(
@@ -99,6 +101,35 @@ def rank_intervals(
     return np.stack([best, worst], axis=1)[np.argsort(by_high)]
 
 
+def long_rank_intervals(
+    entries: Sequence[Uncertainty],
+    intervals: FloatArray,
+    order: Literal["descending", "ascending"],
+    n_paired: int = PAIRED,
+) -> IntArray:
+    """Rank intervals of a board of any length: `rank_intervals` among the first `n_paired`.
+
+    Of two that are not both among them, the one is surely better whose interval lies wholly above
+    the other's, as in `told_rank_intervals`. That is n log n, and wider.
+
+    Args:
+        entries: The K entries that rank, the first ones first.
+        intervals: (K, 2) of the metric that ranks first; of an entry that has none, all numbers.
+        order: Whether more of it is better (`descending`) or less.
+        n_paired: How many are compared with each other draw by draw.
+
+    Returns:
+        (K, 2).
+    """
+    found = told_rank_intervals(intervals, order)
+    low, high = _signed(intervals, order)
+    better, worse = _apart(low[:n_paired], high[:n_paired], low[n_paired:], high[n_paired:])
+    n_others = max(len(entries) - n_paired, 0)
+    among = rank_intervals(entries[:n_paired], order)
+    found[:n_paired] = among + np.stack([better, n_others - worse], axis=1)
+    return found
+
+
 def told_rank_intervals(
     intervals: FloatArray, order: Literal["descending", "ascending"]
 ) -> IntArray:
@@ -115,10 +146,25 @@ def told_rank_intervals(
     Returns:
         (K, 2).
     """
+    low, high = _signed(intervals, order)
+    better, worse = _apart(low, high, low, high)
+    return np.stack([1 + better, len(low) - worse], axis=1)
+
+
+def _signed(
+    intervals: FloatArray, order: Literal["descending", "ascending"]
+) -> tuple[FloatArray, FloatArray]:
+    """Return lower and upper ends, more being better."""
     low, high = intervals.T if order == "descending" else -intervals[:, ::-1].T
-    best = 1 + len(low) - np.searchsorted(np.sort(low), high, side="right")
-    worst = len(low) - np.searchsorted(np.sort(high), low, side="left")
-    return np.stack([best, worst], axis=1)
+    return low, high
+
+
+def _apart(
+    low: FloatArray, high: FloatArray, others_low: FloatArray, others_high: FloatArray
+) -> tuple[IntArray, IntArray]:
+    """Count the others whose interval lies wholly above that of each, and wholly below."""
+    above = len(others_low) - np.searchsorted(np.sort(others_low), high, side="right")
+    return above, np.searchsorted(np.sort(others_high), low, side="left")
 
 
 def _spans(draws: FloatArray, n_outside: int) -> tuple[FloatArray, FloatArray]:

@@ -15,7 +15,7 @@ from exceptiondrive_schemas.references import REFERENCES, TEAM, Reference
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow, ScoreSheet
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.bootstrap import Uncertainty
-from exceptiondrive_scoring.rank import rank_intervals, ranks, told_rank_intervals
+from exceptiondrive_scoring.rank import long_rank_intervals, ranks, told_rank_intervals
 from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.splits.store import LoadedSplit
 
@@ -58,7 +58,8 @@ def board_entries(
     is_listed = [bool(unranked_flags(entry.record.sheet, protocol)) for entry in of_teams]
     places = rows.ranks(of_teams, [not listed for listed in is_listed])
     would_be = rows.ranks(of_teams, [True] * len(of_teams))
-    ranked = [entry for entry, rank in zip(of_teams, places, strict=True) if rank is not None]
+    by_rank = sorted((rank, number) for number, rank in enumerate(places) if rank is not None)
+    ranked = [of_teams[number] for _, number in by_rank]
     spread = dict(
         zip([entry.record.submission_id for entry in ranked], rows.spread(ranked), strict=True)
     )
@@ -109,25 +110,27 @@ class _Rows:
         return ranks(values, takes_part, self._order)
 
     def spread(self, ranked: Sequence[ScoredEntry]) -> list[tuple[int, int] | None]:
-        """Best and worst rank that are left open; None where scenes are too few to say.
+        """Best and worst rank that are left open, of entries in the order of their ranks.
 
-        By the draws where the split is public, else by what is told of the intervals: exact draws
-        compare two entries by one sample, as finely as an attacker likes.
+        None where scenes are too few to say. By the draws where the split is public, else by what
+        is told of the intervals: exact draws compare two entries by one sample, as finely as an
+        attacker likes.
         """
         first = self._order[0]
         index = self._keys_of_intervals.index(first.metric)
         ends = [self._overall(entry.uncertainty)[index] for entry in ranked]
-        if self._rounding.is_public:
-            found = rank_intervals([entry.uncertainty for entry in ranked], first.order)
-        else:
-            told = [
-                None
-                if np.isnan(each).any()
-                else self._rounding.interval(first.metric, (float(each[0]), float(each[1])))
-                for each in ends
-            ]
-            known = np.array([each or (-np.inf, np.inf) for each in told]).reshape(-1, 2)
-            found = told_rank_intervals(known, first.order)
+        told = [
+            None
+            if np.isnan(each).any()
+            else self._rounding.interval(first.metric, (float(each[0]), float(each[1])))
+            for each in ends
+        ]
+        known = np.array([each or (-np.inf, np.inf) for each in told]).reshape(-1, 2)
+        found = (
+            long_rank_intervals([entry.uncertainty for entry in ranked], known, first.order)
+            if self._rounding.is_public
+            else told_rank_intervals(known, first.order)
+        )
         return [
             None if np.isnan(interval).any() else (int(best), int(worst))
             for interval, (best, worst) in zip(ends, found, strict=True)
