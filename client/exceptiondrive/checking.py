@@ -41,7 +41,7 @@ def check_file(
             of the file is checked.
         protocol: Waypoints and bounds: a document, the path of its TOML file, or a version; without
             it the one that ships with the client.
-        challenge: The challenge that the file must be for; any, if None.
+        challenge: The challenge that the file must be for, where the manifest names none; any, if None.
         max_upload_bytes: Most bytes of the file itself.
 
     Returns:

@@ -1,7 +1,7 @@
 """Read pairs of trajectories in the forms that people write.
 
 JSON: a submission file, a bare list of its predictions, an object by sample id, or columns; any of
-these under one further key. JSON lines: one prediction a line; a recorder's journal is such a file.
+these under further keys. JSON lines: one prediction a line; a recorder's journal is such a file.
 CSV with commas, semicolons or tabs: one waypoint a row, with the header
 `sample_id,trajectory,step,x_m,y_m` and perhaps `heading_rad`; `trajectory` is `source` or `edited`.
 Parquet: those columns, or a prediction a row, its lists in `source` and `edited`. NPZ: `sample_id`
@@ -27,7 +27,7 @@ from exceptiondrive.conversion import RawPair, Waypoints
 from exceptiondrive.errors import InvalidArgumentError, extra_missing
 from exceptiondrive.inputs import STDIN
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.check.checker import CSV_COLUMNS
+from exceptiondrive_schemas.check.checker import CSV_COLUMNS, FROM_YAML, is_yaml
 from exceptiondrive_schemas.check.inflate import CONVERTIBLE, other_file_kind, wide_encoding
 from exceptiondrive_schemas.check.trajectory_forms import (
     is_null_word,
@@ -38,6 +38,8 @@ from exceptiondrive_schemas.check.trajectory_forms import (
 )
 
 SIDES = ("source", "edited")
+KEYS_DEEP = 3
+"""Under so many keys that are none of ours predictions are looked for."""
 OUR_SCHEMAS = "exceptiondrive."
 CSV_DELIMITERS = ",;\t"
 NPZ_MAGIC, NPY_MAGIC = b"PK\x03\x04", b"\x93NUMPY"
@@ -237,6 +239,8 @@ def _pairs_of(path: Path, splits: set[str], mode: int | None, on_form: OnForm) -
     if wide_encoding(data) or data.startswith(codecs.BOM_UTF8):
         on_form("text with a byte order mark, or in another encoding than UTF-8")
     text = read_text(path, data)
+    if is_yaml(text.encode()):
+        raise fault(path, f"looks like YAML: {FROM_YAML}.")
     if not text.lstrip().startswith(("{", "[", '"{', '"[')):
         on_form("CSV")
         yield from _pairs_of_csv(path, text)
@@ -294,26 +298,31 @@ def _predictions(path: Path, text: str, splits: set[str], on_form: OnForm) -> It
 
 
 def _unwrapped(value: Any) -> Any:
-    """Return what a submission is under, where it stands under one key that is none of ours."""
+    """Return what a submission is under, where it stands under keys that are none of ours."""
     if not isinstance(value, dict) or {"sample_id", "predictions", *SIDES} & value.keys():
         return value
     inner = {
         key: each
         for key, each in value.items()
-        if isinstance(each, list) or (isinstance(each, dict) and _holds_predictions(each))
+        if (isinstance(each, list) and all(isinstance(first, dict | list) for first in each[:1]))
+        or (isinstance(each, dict) and _holds_predictions(each))
     }
     if len(inner) != 1:
         return value
     (found,) = inner.values()
+    found = _unwrapped(found)
     named = {own: value[own] for own in ("schema", "split") if own in value}
-    if named or not isinstance(found, dict):
-        return {**named, "predictions": found}
-    return _unwrapped(found)
+    if isinstance(found, dict) and (not named or "predictions" in found):
+        return {**named, **found}
+    return {**named, "predictions": found}
 
 
-def _holds_predictions(value: dict[str, Any]) -> bool:
+def _holds_predictions(value: dict[str, Any], deeper: int = KEYS_DEEP - 1) -> bool:
+    firsts = (each[0] if isinstance(each, list) and each else each for each in value.values())
     return "predictions" in value or any(
-        isinstance(each, dict) and not each.keys().isdisjoint(SIDES) for each in value.values()
+        isinstance(each, dict)
+        and (not each.keys().isdisjoint(SIDES) or (deeper and _holds_predictions(each, deeper - 1)))
+        for each in firsts
     )
 
 

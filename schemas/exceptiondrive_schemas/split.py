@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from exceptiondrive_schemas.base import Document, content_digest
+from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.protocol import GeometrySection
 from exceptiondrive_schemas.python310 import Self
 from exceptiondrive_schemas.submission_files import SampleId, Trajectory, Waypoint
@@ -107,6 +108,8 @@ class Manifest(Document):
         default=None, exclude_if=lambda it: it is None
     )
     """Sample id to the path that was really driven; left out where that is not public."""
+    challenge: ChallengeId | None = Field(default=None, exclude_if=lambda it: it is None)
+    """Of the phase that it was asked of: what a file for these samples must be."""
 
     @classmethod
     def of(cls, split: Split, geometry: GeometrySection, revision: str | None = None) -> Self:

@@ -1,10 +1,15 @@
 """Further rows of a score sheet, as `evaluate` prints them."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 from rich.console import Console
 
 from exceptiondrive.cli.file_tables import sheet_view
 from exceptiondrive_schemas.challenges import STRATEGY
+from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.score_sheet import (
+    BreakdownRow,
     Coverage,
     MetricRow,
     Plausibility,
@@ -16,7 +21,11 @@ from exceptiondrive_schemas.split import SplitRef
 ROW: MetricRow = {"accuracy": 0.5, "under_warning": 0.25, "over_warning": 0.25, "missing": 0.0}
 
 
-def printed(extra: dict[str, MetricRow]) -> list[str]:
+def printed(
+    extra: dict[str, MetricRow],
+    families: Mapping[str, BreakdownRow] = MappingProxyType({}),
+    protocol: ProtocolDocument | None = None,
+) -> list[str]:
     sheet = ScoreSheet(
         challenge=STRATEGY.id,
         protocol=ProtocolRef(version="1.0", digest="sha256:0"),
@@ -26,14 +35,14 @@ def printed(extra: dict[str, MetricRow]) -> list[str]:
         coverage=Coverage(edited=1.0),
         micro=ROW,
         macro_family=ROW,
-        families={},
+        families=dict(families),
         tasks={},
         plausibility=Plausibility(shares={}),
         extra=extra,
     )
     console = Console(width=160)
     with console.capture() as capture:
-        for part in sheet_view(sheet):
+        for part in sheet_view(sheet, protocol):
             console.print(part)
     return [" ".join(line.split()) for line in capture.get().splitlines()]
 
@@ -53,3 +62,18 @@ def test_confusion_is_printed_as_counts_and_reminder_scores_as_shares() -> None:
 
 def test_answers_without_a_source_are_not_called_edited() -> None:
     assert "answers given: 100.00%" in printed({})
+
+
+def test_a_family_that_is_not_told_is_explained() -> None:
+    withheld = BreakdownRow.of(48, dict.fromkeys(ROW))
+    families = {"large": BreakdownRow.of(400, ROW), "small": withheld}
+    lines = printed({}, families)
+    assert lines.index("small 48 - - - -") < lines.index(
+        "-: families or tasks of too few samples are not told, but for their number"
+    )
+    rules = packaged_protocol("1.1-withheld")
+    told = "-: families or tasks of fewer than 100 samples are not told, but for their number"
+    assert told in printed({}, families, rules)
+    assert not [line for line in printed({}, {"large": families["large"]}, rules) if "told" in line]
+    none_there = {"empty": BreakdownRow.of(0, dict.fromkeys(ROW))}
+    assert not [line for line in printed({}, none_there, rules) if "told" in line]

@@ -2,13 +2,14 @@
 
 import copy
 import gzip
+import json
 import math
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.challenges import PLANNING, ChallengeId
 from exceptiondrive_schemas.check import PlanningDocument, StrategyDocument, check, check_bytes
 from exceptiondrive_schemas.faults import FaultCode, FaultGroup
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -126,6 +127,20 @@ def test_a_file_of_the_other_challenge_is_refused(
     assert report.faults[0].examples[0].hint == (
         "this is a strategy file, and a planning file is wanted"
     )
+
+
+@pytest.mark.parametrize(("given", "wanted"), [("strategy", "planning"), ("planning", "strategy")])
+def test_the_manifest_of_a_phase_says_which_challenge_its_files_are_for(
+    given: str, wanted: str, manifest: Manifest, protocol: ProtocolDocument, request: Any
+) -> None:
+    """Without a server, and whatever else the caller would take."""
+    data = json.dumps(request.getfixturevalue(given)).encode()
+    of_phase = manifest.model_copy(update={"challenge": wanted})
+    assert check_bytes(data, protocol=protocol, manifest=manifest).is_valid
+    for asked in (None, ChallengeId(given)):
+        report = check_bytes(data, protocol=protocol, manifest=of_phase, challenge=asked)
+        hints = [each.hint for group in report.faults for each in group.examples]
+        assert hints == [f"this is a {given} file, and a {wanted} file is wanted"]
 
 
 def test_all_faults_are_found_in_one_pass(

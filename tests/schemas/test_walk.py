@@ -21,7 +21,9 @@ from typing import Any
 import pytest
 from tests.support.extract import Path6, make_extract
 
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import check_bytes
+from exceptiondrive_schemas.check.checker import FROM_YAML
 from exceptiondrive_schemas.check.source_fit import (
     at_times,
     mirrored,
@@ -47,6 +49,7 @@ MANIFEST = Manifest(
     time_step_s=0.5,
     sample_ids=tuple(DRIVES),
     recorded={sample_id: tuple(drive) for sample_id, drive in DRIVES.items()},
+    challenge=PLANNING.id,
 )
 
 
@@ -472,6 +475,12 @@ def by_side() -> bytes:
     )
 
 
+def as_yaml(document: Document) -> bytes:
+    """The same document as YAML, a prediction a line."""
+    head = f"schema: {document['schema']}\nsplit: {document['split']}\npredictions:\n"
+    return (head + "".join(f"- {json.dumps(each)}\n" for each in document["predictions"])).encode()
+
+
 def in_columns() -> bytes:
     columns = ("sample_id", "source", "edited")
     return as_bytes({key: [each[key] for each in predictions()] for key in columns})
@@ -494,6 +503,24 @@ MORE: dict[str, Row] = {
         ),
         {"wrong_type": "1 value"},
         ['everything under the key "results"', WITH_SPLIT],
+    ),
+    "all under two keys": Row(
+        lambda: as_bytes({"run": {"results": sound()}}),
+        {"wrong_type": "1 value"},
+        ['everything under the key "run"', WITH_SPLIT],
+    ),
+    "a list under two keys": Row(
+        lambda: as_bytes({"run": {"seed": [1], "results": predictions()}, "config": {"lr": 0.1}}),
+        {"wrong_type": "1 value"},
+        ['everything under the key "run"', WITH_SPLIT],
+    ),
+    "predictions under two keys": Row(
+        lambda: as_bytes(
+            {key: sound()[key] for key in ("schema", "split")}
+            | {"run": {"results": {"predictions": predictions()}}}
+        ),
+        {"unknown_key": "1 key", "missing_key": "1 key"},
+        ['are they under "run"?', f"{CONVERT}` renames it"],
     ),
     "predictions by another name": Row(
         lambda: as_bytes(
@@ -934,9 +961,14 @@ OWN: dict[str, Row] = {
         ["take the ids from the split's manifest", f'did you mean "{next(iter(DRIVES))}"?'],
     ),
     "YAML": Row(
-        lambda: b"schema: exceptiondrive.planning/1\nsplit: extract\npredictions:\n",
+        lambda: as_yaml(sound()),
         {"not_json": "1 fault"},
-        ["looks like YAML: write it with json.dump"],
+        [f"looks like YAML: {FROM_YAML}", "json.dump(yaml.safe_load(open(FILE))"],
+    ),
+    "a list as YAML": Row(
+        lambda: b"---\n# of my planner\n- sample_id: a\n  source: null\n  edited: null\n",
+        {"not_json": "1 fault"},
+        [f"looks like YAML: {FROM_YAML}"],
     ),
     "CSV without its header": Row(
         lambda: b"\n".join(as_csv().splitlines()[1:]),
@@ -982,13 +1014,7 @@ ALL_FILES = WALK | MORE | SECOND_WALK | THIRD_WALK | OWN
 
 
 def report_of(name: str) -> CheckReport:
-    challenge = "planning" if name == "another challenge" else None
-    return check_bytes(
-        ALL_FILES[name].make(),
-        protocol=packaged_protocol(),
-        manifest=MANIFEST,
-        challenge=challenge,  # type: ignore[arg-type]
-    )
+    return check_bytes(ALL_FILES[name].make(), protocol=packaged_protocol(), manifest=MANIFEST)
 
 
 def test_there_are_45_files() -> None:

@@ -59,8 +59,9 @@ def test_the_manifest_holds_ids_and_nothing_withheld(api: "Api") -> None:
     response = api.get("/phases/dev/manifest")
     manifest = Manifest.model_validate_json(response.content)
     assert manifest.sample_ids == ("s1", "s2", "s3")
+    assert manifest.challenge == api.get("/phases/dev").json()["challenge"] == "planning"
     assert set(response.json()) == {
-        "schema", "name", "title", "revision", "waypoints", "time_step_s", "sample_ids"
+        "schema", "name", "title", "revision", "waypoints", "time_step_s", "sample_ids", "challenge"
     }  # fmt: skip
 
 

@@ -259,6 +259,17 @@ def test_what_may_still_be_submitted_stands_in_the_headers_of_every_answer_of_a_
         answer = api.get(path, "alpha")
         assert {name: answer.headers[name] for name in told} == told, path
         assert int(answer.headers["ratelimit-reset"]) <= 86_400
+    taken = [
+        ("/submissions", "post", "200"),
+        ("/submissions", "post", "202"),
+        ("/submissions", "get", "200"),
+        ("/submissions/{submission_id}", "get", "200"),
+        ("/phases/{phase_id}", "get", "200"),
+    ]
+    paths = api.app.openapi()["paths"]
+    for path, method, status in taken:
+        declared = paths[f"/api/v1{path}"][method]["responses"][status]["headers"]
+        assert {name.lower() for name in declared} == {*told, "ratelimit-reset"}, path
     assert "ratelimit-limit" not in api.get("/phases/dev").headers
     assert "ratelimit-limit" not in api.get("/submissions?phase=nowhere", "alpha").headers
 

@@ -135,6 +135,7 @@ def sheet_view(
     answered = f"{edited:.2%}" if source is None else f"{edited:.2%} edited, {source:.2%} source"
     yield Text(f"answers given: {answered}", style="dim")
     yield _sheet_table(sheet, protocol, with_tasks)
+    yield from _untold(sheet, protocol, with_tasks)
     yield from _sensitivity(sheet, protocol)
     yield from _plausibility(sheet)
     yield from _extra(sheet)
@@ -166,6 +167,19 @@ def _sheet_table(
         table.add_gap()
         _add_rows(table, challenge, sheet.tasks, tasks, protocol)
     return table
+
+
+def _untold(
+    sheet: ScoreSheet, protocol: ProtocolDocument | None, with_tasks: bool
+) -> Iterator[Text]:
+    """Say why rows show no more than how many samples they count, where any does."""
+    rows = [*sheet.families.values(), *(sheet.tasks.values() if with_tasks else ())]
+    numbers = [row.n for row in rows if row.n and set(row.metrics.values()) == {None}]
+    if numbers:
+        least = protocol.publication.min_samples_per_cell if protocol else 0
+        few = f"fewer than {least}" if max(numbers) < least else "too few"
+        which = "families or tasks" if with_tasks else "families"
+        yield Text(f"-: {which} of {few} samples are not told, but for their number", style="dim")
 
 
 def metric_columns(challenge: Challenge) -> Iterator[Column]:

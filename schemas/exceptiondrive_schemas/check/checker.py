@@ -182,6 +182,14 @@ OTHER_NAMES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "strategy": ("answer", "action", "decision"),
     }
 )
+YAML = re.compile(
+    rb"(?:---[^\n]*\n|[ \t]*(?:#[^\n]*)?\n)*(?:- +)?(?:schema|split|predictions|sample_id) *:"
+)
+"""How our documents begin as YAML, perhaps behind `---`, comments and empty lines."""
+FROM_YAML = (
+    "only JSON is taken; where PyYAML is, write json.dump(yaml.safe_load(open(FILE)), "
+    'open("planner.json", "w"))'
+)
 ROOT_OF_JSON = re.compile(rb"^[ \t]*\{\s*\"(?:schema|split|predictions)\"", re.MULTILINE)
 
 
@@ -189,6 +197,11 @@ def convert_advice(manifest: Manifest | None) -> str:
     """Say how a file that names no split becomes a submission."""
     name = manifest.name if manifest else "NAME"
     return f"{CONVERT} --split {name}` makes a submission of it"
+
+
+def is_yaml(data: bytes) -> bool:
+    """Whether a file is one of our documents, or a list of predictions, as YAML."""
+    return YAML.match(data[:MAX_HEADER_BYTES]) is not None
 
 
 def meant_key(written: str, absent: Collection[str]) -> str | None:
@@ -199,6 +212,13 @@ def meant_key(written: str, absent: Collection[str]) -> str | None:
             return key
     near = difflib.get_close_matches(word[:MAX_SHOWN_CHARACTERS], sorted(absent), n=1)
     return near[0] if near else None
+
+
+def _is_of_predictions(value: object) -> bool:
+    """Whether it is a prediction, or has them under their own key."""
+    return isinstance(value, Mapping) and (
+        "predictions" in value or any(map(challenge_by_key, value))
+    )
 
 
 class _TooManyFaultsError(Exception):
@@ -229,7 +249,7 @@ class SubmissionReader:
         self._stream = JsonStream(data)
         self._protocol = protocol
         self._manifest = manifest
-        self._wanted = challenge
+        self._wanted = (manifest and manifest.challenge) or challenge
         self._ids = SampleIds(manifest, faults)
         self._rules: PredictionRules | None = None
         self._answers: dict[str, Any] = {}
@@ -376,16 +396,18 @@ class SubmissionReader:
             skip(self._stream, lambda at, value: self._report_repeated(value, (key, at)))
             self._wrapped_in.append(key)
             return
-        is_wrapper, is_looked_at = False, False
+        is_looked_at = False
+        firsts: list[Any] = []
         for inner in members(self._stream):
+            if inner == "predictions":
+                firsts.append({inner: None})
             if inner == "predictions" or is_looked_at or self._stream.peek() != "{":
-                is_wrapper |= inner == "predictions"
-                skip(self._stream)
+                skip(self._stream, lambda at, value: firsts.append(value) if at == 0 else None)
                 continue
             value, is_looked_at = self._stream.value(), True
             self._report_repeated(value, (key, inner))
-            is_wrapper |= any(map(challenge_by_key, value))
-        if is_wrapper:
+            firsts.append(value)
+        if any(map(_is_of_predictions, firsts)):
             self._wrapped_in.append(key)
 
     def _read_name(self, key: str) -> None:
@@ -514,9 +536,9 @@ class SubmissionReader:
             return "it stops before its end; was the copy cut off?" if is_cut else None
         if self._data.startswith((b'"{', b'"[')):
             return f"JSON within a JSON text; {self._convert}"
+        if is_yaml(self._data):
+            return f"looks like YAML: {FROM_YAML}"
         first_line = self._data[:MAX_HEADER_BYTES].splitlines()[0]
-        if first_line.partition(b":")[0] in map(str.encode, ROOT_KEYS):
-            return "looks like YAML: write it with json.dump"
         for delimiter, name in CSV_DELIMITERS.items():
             if first_line.count(delimiter) < MIN_CSV_DELIMITERS:
                 continue
@@ -577,7 +599,7 @@ def check(
         data: The file, plain JSON or gzip.
         protocol: Gives waypoints, bounds, tasks and the frame check.
         manifest: Sample ids of the split; without it ids are only checked for duplicates.
-        challenge: The challenge that the file must be for; any, if None.
+        challenge: The challenge that the file must be for, where the manifest names none; any, if None.
         max_upload_bytes: Most bytes of the file itself.
         max_inflated_bytes: Most bytes of JSON in it.
     """

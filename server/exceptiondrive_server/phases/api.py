@@ -18,7 +18,7 @@ from exceptiondrive_server.web.auth import (
     ServicesOf,
     sees_hidden,
 )
-from exceptiondrive_server.web.problems import problem_responses, quota_headers
+from exceptiondrive_server.web.problems import QUOTA_HEADERS, problem_responses, quota_headers
 
 router = APIRouter(prefix="/phases", tags=["phases"])
 PhaseId = Annotated[str, Path(max_length=64, description="id of a phase")]
@@ -50,7 +50,10 @@ def get_phases(
     "/{phase_id}",
     operation_id="showPhase",
     openapi_extra=TOKEN_IS_OPTIONAL,
-    responses=problem_responses(ProblemCode.NOT_FOUND, ProblemCode.NOT_SIGNED_IN),
+    responses={
+        200: QUOTA_HEADERS,
+        **problem_responses(ProblemCode.NOT_FOUND, ProblemCode.NOT_SIGNED_IN),
+    },
 )
 def get_phase(
     response: Response, services: ServicesOf, principal: MaybePrincipal, phase_id: PhaseId
@@ -78,7 +81,8 @@ def get_manifest(services: ServicesOf, principal: MaybePrincipal, phase_id: Phas
     """Give the sample ids that a submission file must hold: no task, region or scene."""
     with services.database.read() as session:
         phase = shown_phase(session, phase_id, with_hidden=sees_hidden(principal))
-        return manifest_of(session, phase.split_name, phase.split_revision)
+        manifest = manifest_of(session, phase.split_name, phase.split_revision)
+        return manifest.model_copy(update={"challenge": phase.challenge})
 
 
 @router.get(

@@ -37,7 +37,7 @@ from exceptiondrive_server.submissions.upload import (
     upload_body,
 )
 from exceptiondrive_server.web.auth import Reader, ServicesOf, Submitter, own_team, team_of
-from exceptiondrive_server.web.problems import problem_responses, quota_headers
+from exceptiondrive_server.web.problems import QUOTA_HEADERS, problem_responses, quota_headers
 from exceptiondrive_server.web.services import Services
 
 router = APIRouter(prefix="/submissions", tags=["submissions"])
@@ -60,7 +60,9 @@ _SIGNED_IN = (ProblemCode.NOT_SIGNED_IN, ProblemCode.NOT_ALLOWED)
     status_code=202,
     openapi_extra=upload_body(),
     responses={
-        200: {"model": SubmissionView, "description": "The same bytes were there before."},
+        200: {"model": SubmissionView, "description": "The same bytes were there before."}
+        | QUOTA_HEADERS,
+        202: QUOTA_HEADERS,
         **problem_responses(
             *_SIGNED_IN,
             ProblemCode.PHASE_CLOSED,
@@ -104,7 +106,11 @@ async def submit(
     return taken
 
 
-@router.get("", operation_id="listSubmissions", responses=problem_responses(*_SIGNED_IN))
+@router.get(
+    "",
+    operation_id="listSubmissions",
+    responses={200: QUOTA_HEADERS, **problem_responses(*_SIGNED_IN)},
+)
 def get_submissions(
     response: Response,
     services: ServicesOf,
@@ -138,7 +144,7 @@ def get_submissions(
 @router.get(
     "/{submission_id}",
     operation_id="showSubmission",
-    responses=problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND),
+    responses={200: QUOTA_HEADERS, **problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND)},
 )
 def get_submission(
     response: Response, services: ServicesOf, principal: Reader, submission_id: SubmissionId

@@ -45,7 +45,7 @@ def quick_start(
     )
     submit = (
         f"exceptiondrive submit {code.file} --phase {phase_id} \\\n"
-        f'    --method "{code.method}" --wait\n'
+        f'    --method "{code.method}" --wait --allow-unranked\n'
     )
     return QuickStart(
         install=f"python3 -m venv {ENVIRONMENT}\n. {ENVIRONMENT}/bin/activate\n{install}",

@@ -38,6 +38,19 @@ TOO_LARGE = "The request is larger than the server takes; gzip the file, or see 
 RETRY_AFTER_S = 5
 
 
+QUOTA_HEADERS = {
+    "headers": {
+        f"RateLimit-{name}": {"description": words, "schema": {"type": "integer", "minimum": 0}}
+        for name, words in (
+            ("Limit", "Submissions that the team may hand in to the phase each day."),
+            ("Remaining", "How many of them are left."),
+            ("Reset", "Seconds until the count of the day begins anew."),
+        )
+    }
+}
+"""In OpenAPI, of an answer about one phase to a team; nobody else has a quota."""
+
+
 def problem_responses(*codes: ProblemCode) -> dict[int | str, dict[str, Any]]:
     """Describe in OpenAPI which problems a route may answer with."""
     by_status: dict[int | str, list[ProblemCode]] = {}
