@@ -112,6 +112,7 @@ WEIGHED: dict[type[BaseModel], dict[str, str]] = {
         **dict.fromkeys(("schema_", "name", "title", "revision"), RECORDS),
         **dict.fromkeys(("waypoints", "time_step_s", "sample_ids"), RECORDS),
         "recorded": "recorded paths, where the split says that they are public",
+        "challenge": RECORDS,
     },
 }
 
