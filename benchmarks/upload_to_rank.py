@@ -28,6 +28,8 @@ from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_schemas.api.phase_settings import NewPhase
 from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_worker.sample.files import OPEN_FLOORS
+from exceptiondrive_worker.splits.floors import FLOORS_FILE
 
 N_SAMPLES = 3181
 N_UPLOADS = 10
@@ -188,6 +190,7 @@ def _write_split(target: Path) -> None:
         "samples": samples,
     }
     target.parent.mkdir(parents=True)
+    target.with_name(FLOORS_FILE).write_text(OPEN_FLOORS)
     target.write_bytes(gzip.compress(json.dumps(document).encode()))
 
 

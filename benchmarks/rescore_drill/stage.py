@@ -19,7 +19,9 @@ from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_schemas.api.phase_settings import NewPhase
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_worker.sample.files import OPEN_FLOORS
 from exceptiondrive_worker.splits.admin import register_all_splits
+from exceptiondrive_worker.splits.floors import FLOORS_FILE
 from exceptiondrive_worker.splits.store import SplitStore
 
 PHASE = "drill"
@@ -50,6 +52,7 @@ def prepare_records(
     split = folder / "splits" / "carla-pairs"
     split.mkdir(parents=True)
     shutil.copy(SPLIT_FILE, split)
+    (split / FLOORS_FILE).write_text(OPEN_FLOORS)
     register_all_splits(database, SplitStore(folder / "splits"), packaged_protocol())
     with database.write() as session:
         create_phase(

@@ -19,6 +19,7 @@ from typing import Any
 
 import pytest
 from sqlalchemy import text
+from tests.support.floors import leave_open
 
 from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.db.base import Base
@@ -75,7 +76,7 @@ class Site:
     def __init__(self, folder: Path, database_url: str, broker_url: str) -> None:
         self.folder = folder
         self.split_path = folder / "splits" / "withheld" / "split.json"
-        self.split_path.parent.mkdir(parents=True)
+        leave_open(self.split_path.parent)
         self.log_path = folder / "worker.log"
         self.database = Database(database_url)
         self.files = FileStore(f"file://{folder}/uploads")

@@ -189,6 +189,7 @@ def test_the_repository_holds_no_split_but_the_sample() -> None:
     assert sorted(listed.stdout.split()) == [
         f"{FOLDER}/README.md",
         f"{FOLDER}/sample/datasheet.json",
+        f"{FOLDER}/sample/floors.toml",
         f"{FOLDER}/sample/split.json.gz",
     ]
 

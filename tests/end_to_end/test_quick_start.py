@@ -19,6 +19,7 @@ from pathlib import Path
 import pytest
 from tests.support import extract
 from tests.support.distributions import ROOT, build
+from tests.support.floors import leave_open
 from tests.support.processes import wait_until
 from tests.support.system import System, running_system
 
@@ -32,7 +33,7 @@ def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
     made = extract.make_extract()
     made.write(base / "files")
     shutil.copytree(ROOT / "hidden_splits", base / "splits")
-    (base / "splits" / extract.NAME).mkdir()
+    leave_open(base / "splits" / extract.NAME)
     shutil.copy(base / "files" / "split.json.gz", base / "splits" / extract.NAME / "split.json.gz")
     (base / "client").mkdir()
     build("client", base / "client", "wheel")

@@ -11,6 +11,7 @@ import structlog
 from starlette.testclient import TestClient
 from tests.canary.values import CANARY_M
 from tests.support.documents import region_ahead, split_document
+from tests.support.floors import leave_open
 from tests.support.records import add_phase, found
 from tests.support.worker import build_board_of, score_submission
 
@@ -74,7 +75,7 @@ def site(tmp_path_factory: pytest.TempPathFactory, migrated_sqlite: Path) -> Ite
     folder = tmp_path_factory.mktemp("hostile")
     shutil.copy(migrated_sqlite, folder / "records.sqlite3")
     split = folder / "splits" / "tiny" / "split.json"
-    split.parent.mkdir(parents=True)
+    leave_open(split.parent)
     hazard = {"task": "LB1", "region": region_ahead(40.0, CANARY_M)}
     made = split_document({f"s{i}": {"scene_id": f"scene-{i}", **hazard} for i in range(N_SAMPLES)})
     split.write_text(made.model_dump_json(by_alias=True, exclude_none=True))

@@ -15,6 +15,7 @@ from sqlalchemy import select
 from starlette.testclient import TestClient
 from tests.canary.values import CANARY_M
 from tests.support.documents import planning_file, region_ahead, split_document
+from tests.support.floors import leave_open
 from tests.support.records import found
 from tests.support.snapshots import Snapshots
 from tests.support.worker import build_board_of, score_submission
@@ -114,7 +115,7 @@ class Life:
 
     def add_split(self, split: Split) -> None:
         path = self.worker.splits_dir / split.name / "split.json"
-        path.parent.mkdir(parents=True, exist_ok=True)
+        leave_open(path.parent)
         path.write_text(split.model_dump_json(by_alias=True, exclude_none=True))
         store = SplitStore(self.worker.splits_dir)
         register_all_splits(self.database, store, packaged_protocol())

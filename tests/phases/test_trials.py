@@ -9,6 +9,7 @@ from sqlalchemy import select, update
 from tests.canary.values import CANARY_M
 from tests.phases.browsing import visitor
 from tests.support.documents import region_ahead, split_document
+from tests.support.floors import write_floors
 
 from exceptiondrive_records.phases.scoring_keys import find_run
 from exceptiondrive_records.protocols.protocols import add_protocol, find_protocol
@@ -109,7 +110,7 @@ def test_floors_hold_for_trials_and_trials_count_among_the_protocols(scored: "Li
     assert "footprint_length_m" in str(trial["found"])
     assert TOUCH not in str(trial)
     scored.done(f"/rescoring/{run['id']}/cancel", {"reason": "no"})
-    (scored.worker.splits_dir / "plain" / "floors.toml").write_text("max_protocols = 2")
+    bound(scored, 2)
     for version, length_m in (("1.3", 18.0), ("1.4", 22.0)):
         run = draft(scored, version, footprint_length_m=length_m)
         scored.work()
@@ -121,8 +122,7 @@ def test_floors_hold_for_trials_and_trials_count_among_the_protocols(scored: "Li
 
 
 def bound(life: "Life", max_protocols: int) -> None:
-    floors = life.worker.splits_dir / "plain" / "floors.toml"
-    floors.write_text(f"max_protocols = {max_protocols}")
+    write_floors(life.worker.splits_dir / "plain", f"max_protocols = {max_protocols}")
 
 
 def test_trials_stop_no_submission_under_what_the_split_was_scored_under(scored: "Life") -> None:

@@ -114,7 +114,7 @@ PROTECTIONS = (
         "split-floors",
         "exceptiondrive_worker.splits.floors:breaches",
         _always(()),
-        "tests/worker/test_split_floors.py::test_the_same_protocol_reads_nothing_where_the_usual_floors_hold",
+        "tests/worker/test_split_floors.py::test_the_same_protocol_reads_nothing_where_the_advised_floors_hold",
     ),
     Protection(
         "split-protocols",

@@ -12,6 +12,7 @@ from typing import Any
 from sqlalchemy import select
 from tests.rescoring.documents import planning_file, split_document
 from tests.support.databases import as_role
+from tests.support.floors import leave_open
 from tests.support.records import add_phase
 from tests.support.worker import build_board_of, score_submission
 
@@ -163,7 +164,7 @@ class Stage:
     def put_split(self, split: Split, file_name: str = "split.json") -> str:
         """Put a split file where workers look, register it, and return its revision."""
         folder = self.settings.splits_dir / "tiny"
-        folder.mkdir(parents=True, exist_ok=True)
+        leave_open(folder)
         (folder / file_name).write_text(split.model_dump_json(by_alias=True, exclude_none=True))
         splits = SplitStore(self.settings.splits_dir)
         registered = register_all_splits(self.context.database, splits, packaged_protocol())

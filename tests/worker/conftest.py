@@ -16,6 +16,7 @@ from tests.canary.values import CANARY_M
 from tests.support import documents, processes
 from tests.support.databases import as_role
 from tests.support.documents import region_ahead, split_document
+from tests.support.floors import leave_open
 from tests.support.records import add_phase
 from tests.support.worker import score_submission
 from tests.worker.real_broker import QUICK
@@ -114,7 +115,7 @@ class World:
 
     def add_split(self, split: Split) -> None:
         path = self.settings.splits_dir / split.name / "split.json"
-        path.parent.mkdir(parents=True, exist_ok=True)
+        leave_open(path.parent)
         path.write_text(split.model_dump_json(by_alias=True, exclude_none=True))
         register_all_splits(
             self.database, SplitStore(self.settings.splits_dir), packaged_protocol()

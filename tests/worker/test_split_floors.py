@@ -14,6 +14,7 @@ import pytest
 import shapely
 from numpy.typing import NDArray
 from sqlalchemy import func, select
+from tests.support import floors
 from tests.support.documents import region_ahead
 from tests.support.records import add_phase
 from tests.support.worker import build_board_of, score_submission
@@ -45,6 +46,7 @@ from exceptiondrive_worker.splits.admin import SplitsRefusedError, publish_split
 from exceptiondrive_worker.splits.floors import (
     SplitFloors,
     breaches,
+    read_floors,
 )
 from exceptiondrive_worker.splits.store import read_split
 from exceptiondrive_worker.stages import Target
@@ -98,9 +100,7 @@ def withheld() -> Split:
 
 
 def write_floors(world: World, text: str, name: str = "sample") -> None:
-    folder = world.settings.splits_dir / name
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "floors.toml").write_text(text)
+    floors.write_floors(world.settings.splits_dir / name, text)
 
 
 def open_phase(world: World, toml: str, split: Split, phase_id: str = "made") -> str:
@@ -230,10 +230,11 @@ def test_a_protocol_made_for_it_reads_regions_where_no_floor_holds(
     assert held(world) == []
 
 
-def test_the_same_protocol_reads_nothing_where_the_usual_floors_hold(
+def test_the_same_protocol_reads_nothing_where_the_advised_floors_hold(
     world: World, withheld: Split
 ) -> None:
     version = open_phase(world, POINT, withheld)
+    (world.settings.splits_dir / "sample" / "floors.toml").unlink()
     reader = Reader(world, withheld)
     assert reader.read((8, 24)) == [0.0] * N_TASKS_READ
     assert set(reader.statuses) == {SubmissionStatus.FAILED}
@@ -251,13 +252,13 @@ def test_the_same_protocol_reads_nothing_where_the_usual_floors_hold(
 FINER: list[tuple[str, dict[str, Any], str]] = [
     ("percent_decimals", {"percent_decimals": 3}, "percent_decimals is 3, at most 2 may be"),
     ("metre_decimals", {"metre_decimals": 4}, "metre_decimals is 4, at most 2 may be"),
-    ("footprint", {"footprint_length_m": 60.0}, "footprint_length_m is 60, it must lie from 2"),
+    ("footprint", {"footprint_length_m": 60.0}, "footprint_length_m is 60, it must lie from 4"),
     ("width", {"footprint_width_m": 0.01}, "footprint_width_m is 0.01"),
-    ("micrometres", {"d_safe_m": 1e-6}, "d_safe_m is 1e-06, it must lie from 0.1 to 10"),
+    ("micrometres", {"d_safe_m": 1e-6}, "d_safe_m is 1e-06, it must lie from 0.25 to 4"),
     ("far", {"d_safe_scale": 10.0}, "d_safe_m is 20"),
     ("centre", {"footprint_centre_ahead_m": -6.0}, "footprint_centre_ahead_m is -6"),
     ("tube", {"collision_tube": '"footprints"'}, 'collision_tube is "footprints"'),
-    ("leaps", {"max_step_m": 500.0}, "max_step_m is 500, it must lie from 0 to 100"),
+    ("leaps", {"max_step_m": 500.0}, "max_step_m is 500, it must lie from 30 to 30"),
     ("paths sorted", {"max_coordinate_m": 20.0}, "max_coordinate_m is 20"),
     ("sizes sorted", {"min_region_area_m2": 6.0}, "min_region_area_m2 is 6"),
     ("distances sorted", {"max_region_distance_m": 15.0}, "max_region_distance_m is 15"),
@@ -270,11 +271,11 @@ FINER: list[tuple[str, dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("what", "values", "words"), FINER, ids=[one[0] for one in FINER])
-def test_what_is_finer_than_the_usual_floors_is_named(
+def test_what_is_finer_than_the_advised_floors_is_named(
     what: str, values: dict[str, Any], words: str
 ) -> None:
     protocol = parse_protocol(changed("9.1", **values))
-    (found,) = breaches(SplitFloors(), protocol)
+    (found,) = breaches(SplitFloors(min_samples_per_cell=1), protocol)
     assert found.startswith(words), what
 
 
@@ -339,19 +340,44 @@ def test_each_field_of_a_protocol_is_held_by_a_floor_or_needs_none() -> None:
 
 
 def test_a_curve_that_floors_show_has_no_more_points_than_they_say() -> None:
-    floors = SplitFloors(shows=("clearance_curve",))
+    shows = SplitFloors(shows=("clearance_curve",), min_samples_per_cell=1)
     shown = changed("9.2", clearance_curve='"all_splits"')
-    assert list(breaches(floors, parse_protocol(shown))) == []
+    assert list(breaches(shows, parse_protocol(shown))) == []
     fine = shown.replace("clearance_curve_step = 0.1", "clearance_curve_step = 0.01")
     far = shown.replace("clearance_curve_until = 2.0", "clearance_curve_until = 10.0")
     words = "the number of points of a clearance_curve is {}, at most 21 may be"
-    assert list(breaches(floors, parse_protocol(fine))) == [words.format(201)]
-    assert list(breaches(floors, parse_protocol(far))) == [words.format(101)]
+    assert list(breaches(shows, parse_protocol(fine))) == [words.format(201)]
+    assert list(breaches(shows, parse_protocol(far))) == [words.format(101)]
 
 
-@pytest.mark.parametrize("version", ["1.0", "1.1", "1.1-withheld"])
-def test_the_packaged_protocols_pass_the_usual_floors(version: str) -> None:
-    assert list(breaches(SplitFloors(), parse_protocol(packaged_protocol_toml(version)))) == []
+SMALL_CELLS = ["min_samples_per_cell is 1, the floor is 100"]
+
+
+@pytest.mark.parametrize(
+    ("version", "asked"), [("1.0", SMALL_CELLS), ("1.1", SMALL_CELLS), ("1.1-withheld", [])]
+)
+def test_of_the_packaged_protocols_the_one_for_withheld_splits_passes_the_advised_floors(
+    version: str, asked: list[str]
+) -> None:
+    protocol = parse_protocol(packaged_protocol_toml(version))
+    assert list(breaches(SplitFloors(), protocol)) == asked
+    assert list(breaches(read_floors(SAMPLE.parent), protocol)) == [], "the sample is open"
+
+
+def test_a_split_whose_maker_says_nothing_has_the_advised_floors(
+    world: World, tiny: Split, planning_file: Callable[..., bytes]
+) -> None:
+    """An organizer asks for the cells of protocol 1.1, then 101 times for what may be asked."""
+    floors_file = world.settings.splits_dir / tiny.name / "floors.toml"
+    open_phase(world, packaged_protocol_toml("1.1"), tiny, "fine")
+    open_phase(world, packaged_protocol_toml("1.1-withheld"), tiny, "coarse")
+    floors_file.unlink()
+    fine = world.score(planning_file(tiny), phase_id="fine")
+    assert code_of(world, fine) == FailureCode.SPLIT_FLOOR.value
+    assert held(world)[0][1]["asked"] == SMALL_CELLS
+    files = [planning_file(tiny, edited_mps=1.0 + number / 100) for number in range(101)]
+    codes = [code_of(world, world.score(data, phase_id="coarse")) for data in files]
+    assert codes == [None] * 100 + [FailureCode.SPLIT_DAY_FULL.value]
 
 
 def test_no_board_is_built_below_the_floors(

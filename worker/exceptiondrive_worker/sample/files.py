@@ -17,7 +17,24 @@ from exceptiondrive_schemas.taxonomy import Family, Task
 from exceptiondrive_worker.sample.agents import AGENTS, Agent, agent_predictions
 from exceptiondrive_worker.sample.planners import PLANNERS, Planner, predictions
 from exceptiondrive_worker.sample.scenes import SEED, SPLIT_NAME, sample_scenes, sample_split
+from exceptiondrive_worker.splits.floors import FLOORS_FILE
 from exceptiondrive_worker.splits.warnings import split_warnings
+
+OPEN_FLOORS = """\
+# Nothing of a synthetic split is worth holding back, withheld as it may be tried: far wider than advised.
+min_samples_per_cell = 1
+footprint_length_m = [2.0, 30.0]
+footprint_width_m = [1.0, 5.0]
+footprint_centre_ahead_m = [0.0, 10.0]
+d_safe_m = [0.1, 10.0]
+waypoints = [4, 200]
+max_step_m = [0.0, 100.0]
+max_coordinate_m = [100.0, 1000.0]
+min_region_area_m2 = [0.0, 0.1]
+max_region_distance_m = [80.0, 1000.0]
+max_protocols = 12
+max_scored_per_day = 2000
+"""
 
 _Written = tuple[Planner | Agent, PlanningSubmission | StrategySubmission]
 _OPTIONAL = ("part", "d_safe_m", "acceptable", "reminder")
@@ -25,13 +42,14 @@ _OPTIONAL = ("part", "d_safe_m", "acceptable", "reminder")
 
 
 def write_sample_split(splits_dir: Path) -> Path:
-    """Write `<splits_dir>/sample/split.json.gz`, and its datasheet beside it; return its path."""
+    """Write `<splits_dir>/sample/split.json.gz`, datasheet and floors beside it; return its path."""
     path = splits_dir / SPLIT_NAME / "split.json.gz"
     path.parent.mkdir(parents=True, exist_ok=True)
     split = sample_split()
     path.write_bytes(_gzipped(split))
     sheet = canonical_json(sample_datasheet(split)) + b"\n"
     path.with_name("datasheet.json").write_bytes(sheet)
+    path.with_name(FLOORS_FILE).write_text(OPEN_FLOORS, encoding="utf-8")
     return path
 
 

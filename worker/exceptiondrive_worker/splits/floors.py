@@ -2,7 +2,8 @@
 
 They lie beside the split file, in `floors.toml`, where only workers read and no organizer, API or
 server writes. A worker that is asked for more scores nothing, builds no board, and says so in the
-audit log. Without a file the defaults hold. A public split has nothing to hold back.
+audit log. What the file does not say, or no file, is as advised: what protocol `1.1-withheld` asks
+passes, and what shows smaller cells does not. A public split has nothing to hold back.
 """
 
 import json
@@ -45,7 +46,7 @@ class SplitFloors(Document):
     clearance of the protocol, those of its sensitivity factors among them.
     """
 
-    min_samples_per_cell: Count = 1
+    min_samples_per_cell: Count = 100
     max_percent_decimals: Decimals = 2
     max_metre_decimals: Decimals = 2
     max_compared_entries: Annotated[int, Field(ge=0)] = 10
@@ -53,20 +54,20 @@ class SplitFloors(Document):
     max_curve_points: Count = 21
     shows: tuple[Literal["clearance_curve", "outcome_cells"], ...] = ()
     """What a protocol may publish of all splits, and so of this one."""
-    footprint_length_m: Bounds = (2.0, 30.0)
-    footprint_width_m: Bounds = (1.0, 5.0)
-    footprint_centre_ahead_m: Bounds = (0.0, 10.0)
+    footprint_length_m: Bounds = (4.0, 6.0)
+    footprint_width_m: Bounds = (1.6, 2.2)
+    footprint_centre_ahead_m: Bounds = (1.0, 2.0)
     collision_tubes: tuple[Literal["hulls", "footprints"], ...] = ("hulls",)
-    d_safe_m: Bounds = (0.1, 10.0)
-    waypoints: Bounds = (4, 200)
-    max_step_m: Bounds = (0.0, 100.0)
-    max_coordinate_m: Bounds = (100.0, 1000.0)
-    min_region_area_m2: Bounds = (0.0, 0.1)
-    max_region_distance_m: Bounds = (80.0, 1000.0)
+    d_safe_m: Bounds = (0.25, 4.0)
+    waypoints: Bounds = (6, 6)
+    max_step_m: Bounds = (30.0, 30.0)
+    max_coordinate_m: Bounds = (200.0, 200.0)
+    min_region_area_m2: Bounds = (0.01, 0.01)
+    max_region_distance_m: Bounds = (100.0, 100.0)
     """This and the two before refuse a split: a protocol that asks much sorts its samples."""
-    max_protocols: Count = 12
+    max_protocols: Count = 3
     """Protocols that the split is ever scored under."""
-    max_scored_per_day: Count = 2000
+    max_scored_per_day: Count = 100
     """Submissions that get their first sheet within 24 hours, over all phases and teams."""
     private_part_from: datetime | None = None
     """Before this the private part is not scored; with a time zone."""
@@ -108,7 +109,7 @@ class SplitDayFullError(FloorHeldError):
 
 
 def read_floors(folder: Path) -> SplitFloors:
-    """Return the floors that lie in the folder of a split; the defaults where there is no file.
+    """Return the floors that lie in the folder of a split; the advised ones where there is no file.
 
     Raises:
         FloorsUnreadableError: The file is no floors; each problem is named.
