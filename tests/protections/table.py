@@ -276,6 +276,12 @@ PROTECTIONS = (
         "tests/server/test_overload.py::test_a_team_has_few_places_and_leaves_the_others_free",
     ),
     Protection(
+        "upload-places-short",
+        f"{SERVER}.web.limits.upload_places:UploadPlaces.taken",
+        lambda _: property(lambda places: 0),
+        "tests/server/test_overload.py::test_eight_teams_together_leave_places_for_others",
+    ),
+    Protection(
         "places-of-approved",
         f"{SERVER}.submissions.upload:_require_sender",
         _nothing,

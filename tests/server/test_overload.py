@@ -1,7 +1,7 @@
 """Overload: uploads beyond what one process takes at once are sent away before they are read."""
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager, ExitStack, suppress
 
 import pytest
 
@@ -30,6 +30,20 @@ def test_a_team_has_few_places_and_leaves_the_others_free() -> None:
             pass
     with places.held_by(ALPHA), places.held_by(ALPHA):
         pass
+
+
+def test_eight_teams_together_leave_places_for_others() -> None:
+    """Four of them have four places each; then half are taken, and every further team has one."""
+    places = UploadPlaces(at_once=32, per_team=4)
+    with ExitStack() as stack:
+        for team in range(8):
+            for _ in range(4):
+                with suppress(ApiProblem):
+                    stack.enter_context(places.held_by(team))
+        assert places.taken == 4 * 4 + 4
+        for team in range(8, 20):
+            stack.enter_context(places.held_by(team))
+        assert refusal(lambda: places.held_by(20)).code is ProblemCode.STORE_UNAVAILABLE
 
 
 def test_an_upload_that_breaks_off_leaves_its_place() -> None:

@@ -40,7 +40,8 @@ class ServerSettings(RecordsSettings):
     uploads_at_once: Annotated[int, Field(ge=1, le=10_000)] = 32
     """Uploads that one process takes at a time; more are told to come again (503)."""
     uploads_at_once_per_team: Annotated[int, Field(ge=1, le=10_000)] = 4
-    """Of these, uploads of one team; more are told to come again (429), before a byte is read."""
+    """Of these, uploads of one team, and one once half of all are taken; more are told to come again
+    (429), before a byte is read."""
     receipt_key_file: Path = Path("data/receipt-key.pem")
     """Private key that signs receipts; made (0600) when it is needed and not there."""
     client_dir: Path | None = None

@@ -1,7 +1,8 @@
 """How many uploads one process takes at a time: of all teams together, and of one team.
 
 A place is taken when the sender is known and before the first byte of the body is read. So whoever
-has no token takes none, and a team that sends slowly leaves the places of others free.
+has no token takes none, and a team that sends slowly leaves the places of others free. Once half of
+all are taken a team has one at most: a few teams together do not hold them all.
 """
 
 from collections import Counter
@@ -35,13 +36,15 @@ class UploadPlaces:
             ApiProblem: There is none left, for this team (429) or for anybody (503). Nothing was
                 read, so nothing is lost.
         """
-        if self._taken[team_id] >= self._per_team:
+        n_held, is_short = self._taken[team_id], 2 * self.taken >= self._at_once
+        if n_held >= (1 if is_short else self._per_team):
             detail = (
-                f"{self._per_team} files of your team arrive right now, which is the most at a "
-                "time. Nothing was taken; send it again when one of them is through."
+                f"As many files of your team arrive right now ({n_held}) as may at a time"
+                f"{' while many others do' if is_short else ''}. Nothing was taken; send it again "
+                "when one of them is through."
             )
             raise ApiProblem(ProblemCode.TOO_MANY_REQUESTS, detail, retry_after_s=RETRY_AFTER_S)
-        if self._taken.total() >= self._at_once:
+        if self.taken >= self._at_once:
             detail = "Many files arrive right now. Nothing was taken; send it again shortly."
             raise ApiProblem(ProblemCode.STORE_UNAVAILABLE, detail, retry_after_s=RETRY_AFTER_S)
         self._taken[team_id] += 1
