@@ -1,8 +1,9 @@
-"""Two entries of one board side by side: a plain verdict, families as dumbbells, differences."""
+"""Two entries of one board side by side: a plain verdict, their families, differences."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 from exceptiondrive_schemas.board import (
     Board,
@@ -17,54 +18,19 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_server.boards.entry_facts import challenge_of, entry_key, flags_of, is_barred
 from exceptiondrive_server.boards.table import short_title
-from exceptiondrive_server.web.numbers import Digits, Scale, listed, nice_scale, unit_of
+from exceptiondrive_server.web.numbers import Digits, listed, unit_of
 from exceptiondrive_server.web.templating import template_filter
 
-LINE_HEIGHT = 40
-WIDTH, LEFT, RIGHT, TOP = 480, 128, 462, 16
-NARROW = 310
 MAX_COMPARED = 6
 Sheets = tuple[ScoreSheet | None, ScoreSheet | None]
 
 
-@dataclass(frozen=True)
-class Dumbbell:
-    """One family: two values and their places; the difference stands right or left of them."""
+class FamilyPair(NamedTuple):
+    """One family: what each of the two reaches in it."""
 
     head: FamilyHead
-    y: float
     a: float | None
     b: float | None
-    a_x: float | None
-    b_x: float | None
-    label_x: float
-    is_label_right: bool
-
-    @property
-    def label(self) -> str:
-        """The family's title for a narrow column."""
-        return short_title(self.head.title)
-
-
-@dataclass(frozen=True)
-class DumbbellChart:
-    """All families on one axis, in SVG units."""
-
-    width: int
-    left: float
-    right: float
-    scale: Scale
-    lines: tuple[Dumbbell, ...]
-
-    @property
-    def bottom(self) -> int:
-        """Where the axis stands."""
-        return TOP + LINE_HEIGHT * len(self.lines)
-
-    @property
-    def height(self) -> int:
-        """With the numbers and the title of the axis."""
-        return self.bottom + 46
 
 
 @dataclass(frozen=True)
@@ -101,15 +67,13 @@ class Comparison:
         """The comparison sample by sample, where the board carries one."""
         return find_pair(self.board, self.a_key, self.b_key)
 
-    @cached_property
-    def chart(self) -> DumbbellChart | None:
-        """The families as dumbbells; None where neither has any."""
-        return _chart(self, WIDTH)
-
-    @cached_property
-    def narrow(self) -> DumbbellChart | None:
-        """The same for a phone."""
-        return _chart(self, NARROW)
+    @property
+    def families(self) -> tuple[FamilyPair, ...]:
+        """What each reaches in each family, in the order of the protocol."""
+        return tuple(
+            FamilyPair(head, *(family_value(one, head.id, self.first) for one in (self.a, self.b)))
+            for head in self.board.families
+        )
 
     def better(self, metric: Metric) -> str:
         """Return `a` or `b`, whichever has the better value; nothing where none has."""
@@ -246,27 +210,6 @@ def _certainty(ahead: BoardEntry, behind: BoardEntry, metric: Metric) -> str:
     if one[0] > two[1] or two[0] > one[1]:
         return "Their intervals do not overlap."
     return "Their intervals overlap: this split does not settle which is better."
-
-
-def _chart(both: Comparison, width: int) -> DumbbellChart | None:
-    metric, heads = both.first, both.board.families
-    pairs = [
-        tuple(family_value(entry, head.id, metric) for entry in (both.a, both.b)) for head in heads
-    ]
-    known = [value * 100 for pair in pairs for value in pair if value is not None]
-    if not known:
-        return None
-    left, right = (LEFT, width - 18) if width > 400 else (102, width - 10)
-    scale = nice_scale(known, (left + 22, right - 30), n_ticks=5, floor=0, ceiling=100)
-    lines = []
-    for index, (head, (a, b)) in enumerate(zip(heads, pairs, strict=True)):
-        a_x, b_x = (None if value is None else scale.at(value * 100) for value in (a, b))
-        places = [x for x in (a_x, b_x) if x is not None] or [scale.extent[0] - 12]
-        is_right = max(places) + 62 <= scale.extent[1] + 30
-        label_x = max(places) + 12 if is_right else min(places) - 12
-        y = TOP + LINE_HEIGHT * (index + 0.5)
-        lines.append(Dumbbell(head, y, a, b, a_x, b_x, label_x, is_right))
-    return DumbbellChart(width, left, right, scale, tuple(lines))
 
 
 @dataclass(frozen=True)

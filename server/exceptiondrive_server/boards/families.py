@@ -151,7 +151,11 @@ class DotPlot:
 
 
 def dot_plot(
-    board: Board, entries: Sequence[BoardEntry], digits: Digits, width: int = DOT_WIDTH
+    board: Board,
+    entries: Sequence[BoardEntry],
+    digits: Digits,
+    width: int = DOT_WIDTH,
+    order: Sequence[int] | None = None,
 ) -> DotPlot | None:
     """Draw some entries of a board by family, hardest first; None where none tells families.
 
@@ -160,10 +164,12 @@ def dot_plot(
         entries: At most six, in the order of their colours.
         digits: Of the protocol.
         width: Of the drawing, in SVG units.
+        order: Of the families, as `families_of` has it, where that is known.
     """
     metric = challenge_of(board).metrics[0]
     entries = [entry for entry in entries if entry.families]
-    families = [board.families[place] for place in order_of(board, hardest_families(board))]
+    order = families_of(board).order if order is None else order
+    families = [board.families[place] for place in order]
     if not entries or not families:
         return None
     left, right = DOT_LEFT, width - 14.0

@@ -113,6 +113,7 @@ def _shown(
     digits, average = table.builder.digits, table.builder.average
     set_row, pair = macro("boards/table.html", "board_row"), default_pair(board)
     narrow, low = NARROW_PX
+    families = families_of(board)
     charts = macro("boards/charts.html", "board_charts")(
         table=table,
         chart=scatter_chart(board, average),
@@ -121,6 +122,7 @@ def _shown(
         narrow_curves=curve_chart(curves, average, width=narrow, height=low),
         effects=effect_lines(board, digits),
         both=Comparison(board, *pair, digits) if pair else None,
+        pair_plot=dot_plot(board, pair, digits, order=families.order) if pair else None,
         compared_fields=board_fields(board, is_current),
     )
     return ShownBoard(
@@ -135,8 +137,8 @@ def _shown(
         charts=charts,
         families=macro("boards/families.html", "families_section")(
             table=table,
-            shown=families_of(board),
-            plot=dot_plot(board, best_entries(board, query.chosen), digits),
+            shown=families,
+            plot=dot_plot(board, best_entries(board, query.chosen), digits, order=families.order),
             tasks=same_tasks.value,
             protocol=protocol,
         ),

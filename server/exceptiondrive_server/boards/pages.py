@@ -32,6 +32,7 @@ from exceptiondrive_server.boards.queries import (
 from exceptiondrive_server.boards.query import AskedBoard, BoardQuery, asked_board, without_unknown
 from exceptiondrive_server.boards.reported import reported_of
 from exceptiondrive_server.boards.selection import selected_board
+from exceptiondrive_server.guide.client_files import client_wheel
 from exceptiondrive_server.web.auth import ServicesOf, sees_hidden
 from exceptiondrive_server.web.browser_session import Holder, holder_of, principal_of_browser
 from exceptiondrive_server.web.numbers import Digits
@@ -67,8 +68,8 @@ def show_board(request: Request) -> Response:
 
 
 def _public_board(session: Session, request: Request) -> Reading:
-    board = read_board(session, asked_board(request))
-    return board.outline, lambda: {"page": board, "own": None}
+    board, wheel = read_board(session, asked_board(request)), client_wheel(services_of(request))
+    return (board.outline, wheel), lambda: {"page": board, "own": None, "wheel": wheel}
 
 
 def _signed_in_board(request: Request) -> Response:
@@ -78,7 +79,8 @@ def _signed_in_board(request: Request) -> Response:
         board = read_board(session, query, with_hidden=who is not None and who.is_organizer)
         ids = _own_submissions(session, who, board.phase)
     own = own_entries(board.board, ids, query) if board.board and ids else None
-    return page(request, "boards/board.html", "board", page=board, own=own)
+    wheel = client_wheel(services_of(request))
+    return page(request, "boards/board.html", "board", page=board, own=own, wheel=wheel)
 
 
 def _is_sent_by_form(request: Request) -> bool:

@@ -55,13 +55,15 @@ def compare_page(reading: ComparedEntries) -> dict[str, Any]:
     both = Comparison(board, entries[0], entries[1], digits)
     fields = board_fields(board, shown.is_current)
     told = zip(entries, reading.sheets, strict=True)
+    is_many = len(entries) > 2
     curves = tuple((e, s.clearance_curve) for e, s in told if s and s.clearance_curve)
     return page | {
         "both": both,
         "labels": entry_labels(board),
         "fit": [entry for entry in entries if not is_barred(entry)],
-        "plot": dot_plot(board, entries, digits),
-        "wide_plot": dot_plot(board, entries, digits, DOT_WIDE),
+        "pair_plot": dot_plot(board, entries[:2], digits),
+        "plot": dot_plot(board, entries, digits) if is_many else None,
+        "wide_plot": dot_plot(board, entries, digits, DOT_WIDE) if is_many else None,
         "bars": [outcome_bar(challenge, entry.metrics, digits) for entry in entries[:2]],
         "differences": difference_table(
             both, shown.protocol, (reading.sheets[0], reading.sheets[1])
@@ -70,7 +72,7 @@ def compare_page(reading: ComparedEntries) -> dict[str, Any]:
         "narrow_curves": curve_chart(curves, board.headline, width=350, height=300),
         "average": AVERAGE_TITLES[board.headline],
         "against": [[against(board, one, other, digits) for other in entries] for one in entries],
-        "verdict": verdict(board, entries, digits) if len(entries) > 2 else both.verdict,
+        "verdict": verdict(board, entries, digits) if is_many else both.verdict,
         "address": compare_address(board_fields(board), keys),
         "swap_url": compare_address(fields, (keys[1], keys[0], *keys[2:])),
     }

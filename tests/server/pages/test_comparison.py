@@ -1,5 +1,6 @@
 """Two entries side by side."""
 
+import re
 from typing import Any
 
 import pytest
@@ -78,8 +79,7 @@ def test_differences_are_first_minus_second(paper_board: Board) -> None:
     printed = ("+1.39", "\u22120.81", "\u22120.28", "\u22120.63", "\u22120.31", "\u22120.46")
     by_key = dict(zip(KEYS, printed, strict=True))
     assert differences == [by_key.get(key, "") for key in both.challenge.metric_keys]
-    assert both.chart is not None
-    lines = both.chart.lines[:2]
+    lines = both.families[:2]
     families = [Digits().difference(both.first, line.a, line.b) for line in lines]
     assert families == ["+0.39", "\u22120.42"]
 
@@ -164,6 +164,9 @@ async def test_several_are_set_side_by_side_and_each_against_each(paired_site: A
     assert table.index("surely better") < table.index("surely worse")
     assert text.count('name="more"') == 3
     assert all(f'class="chart dots {width}"' in text for width in ("wide", "nar"))
+    assert set(re.findall(r'class="chart (\w+)', text[: text.index("Sample by sample")])) == {
+        "dots"
+    }
 
 
 async def test_anyone_on_the_board_is_found_by_typing_a_name(lively_site: Any) -> None:

@@ -3,10 +3,12 @@
 import re
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.server.pages.reading import read
 
 from exceptiondrive import check_file, recorder
 from exceptiondrive_records.protocols.protocols import add_protocol
@@ -159,3 +161,18 @@ async def test_a_page_of_a_problem_tells_a_reader_what_to_do_without_a_client(si
     text = (await site.get("/?phase=unknown")).text
     assert "Check the address." in text
     assert "exceptiondrive " not in text
+
+
+async def test_the_board_says_how_to_install_the_client_that_this_server_holds(
+    lively_site: Any, tmp_path: Path
+) -> None:
+    assert "pip install" not in (await lively_site.get("/?sort=ur")).text  # it holds none
+    services = lively_site.app.state.services
+    services.settings = services.settings.model_copy(update={"client_dir": tmp_path})
+    with zipfile.ZipFile(tmp_path / "exceptiondrive-9.9-py3-none-any.whl", "w") as archive:
+        archive.writestr("exceptiondrive-9.9.dist-info/METADATA", "Requires-Python: >=3.10\n")
+    text = read((await lively_site.get("/")).text).one("pre", "term").text
+    found = re.search(r'pip install "exceptiondrive @ http://site.test(/client/[^"#]+)#', text)
+    assert found is not None
+    assert (await lively_site.get(found[1])).status_code == 200
+    assert "exceptiondrive login --server http://site.test" in text

@@ -547,6 +547,47 @@ def test_a_tablet_shows_every_number_of_the_board_without_scrolling(
     assert max(edges) <= card["x"] + card["width"] + 0.5
 
 
+ABOVE_ITS_NUMBERS = """rows => rows.map((row) => {
+  const box = row.getBoundingClientRect(), name = row.querySelector(".pn");
+  const words = [...row.querySelectorAll("td:is(.pm, .dg)")].map((cell) => {
+    const text = document.createRange();
+    text.selectNodeContents(cell);
+    return text.getBoundingClientRect();
+  });
+  return {
+    height: box.height,
+    isWhole: name.scrollWidth <= name.clientWidth,
+    isClear: words.every((one) => one.top >= name.getBoundingClientRect().bottom - 2),
+    isInside: words.every((one) => one.bottom <= box.bottom),
+  };
+})"""
+
+
+def test_on_a_tablet_names_run_over_their_numbers_in_rows_of_one_height(visit: Visit) -> None:
+    page = visit.open("/", width=820)
+    rows = page.eval_on_selector_all("#board-rows tr[id^='e-']", ABOVE_ITS_NUMBERS)
+    assert len({row["height"] for row in rows}) == 1
+    assert rows[0]["height"] <= 50
+    assert all(row["isWhole"] and row["isClear"] and row["isInside"] for row in rows)
+
+
+def test_a_long_name_stays_in_its_column_of_each_against_each(visit: Visit) -> None:
+    page = visit.open("/compare?more=s0000000kq&more=s0000001kq&more=s0000002kq")
+    name = page.locator(".vsall tbody th").first
+    name.evaluate("it => { it.textContent = 'A name of many words, as papers have, '.repeat(4); }")
+    assert name.evaluate("it => it.scrollWidth <= it.clientWidth")
+
+
+def test_the_phases_can_be_read_on_a_phone_without_scrolling_sideways(visit: Visit) -> None:
+    page = visit.open("/submit", width=390)
+    edges = page.evaluate(RIGHT_EDGES, ".phs tbody tr:nth-child(2)")
+    assert len(edges) == 7
+    assert max(edges) <= 390
+    heads = page.locator(".phs thead th").all_text_contents()[1:]
+    told = page.locator(".phs tbody tr").first.locator("td")
+    assert [told.nth(at).get_attribute("data-k") for at in range(6)] == heads
+
+
 @pytest.mark.parametrize("width", [320, 820])
 def test_the_menu_of_columns_stays_on_the_screen(visit: Visit, width: int) -> None:
     page = visit.open("/", width=width)
