@@ -188,6 +188,14 @@ def test_every_line_of_the_docs_is_tried() -> None:
     assert sorted(names) == sorted(pickles())
 
 
+@pytest.mark.parametrize("name", FORMS)
+def test_every_reader_cites_the_code_that_writes_its_files(name: str) -> None:
+    """Repository, commit and lines; of Waymo the line of the format."""
+    words = " ".join((FORMS[name].read.__doc__ or "").split())
+    assert re.search(r"[\w.-]+(/[\w.-]+| of Waymo) @ [0-9a-f]{7}", words)
+    assert re.search(r"\.(py|md|proto),? lines? \d+", words)
+
+
 def test_every_form_is_tried() -> None:
     assert {name for name, _, _ in RUNS.values()} == set(FORMS)
 

@@ -22,10 +22,15 @@ app(sys.argv[1:])
 
 def evaluated(after_s: float, *arguments: str | Path) -> str:
     """What a terminal shows on stderr while a file is evaluated."""
+    return shown_by(CODE.format(after_s=after_s), "evaluate", *arguments)
+
+
+def shown_by(code: str, *arguments: str | Path) -> str:
+    """What a terminal shows on stderr of a program."""
     import pty
 
     main_end, terminal = pty.openpty()
-    command = [sys.executable, "-c", CODE.format(after_s=after_s), "evaluate", *arguments]
+    command = [sys.executable, "-c", code, *arguments]
     done = subprocess.run(
         command,
         stdout=subprocess.PIPE,
@@ -58,6 +63,25 @@ def test_a_terminal_is_told_what_goes_on(planning_file: MakeFile, split_file: Pa
     assert re.search(r"\d:\d\d:\d\d", shown), "how long it has taken"
     assert evaluated(0, file, "--split", split_file, "--json") == ""
     assert evaluated(600, file, "--split", split_file) == "", "what is quick says nothing"
+
+
+UPLOAD = """
+import time
+from exceptiondrive.cli.progress import TransferBar
+with TransferBar("uploading", "planner.json") as bar:
+    for done in range(10):
+        bar(done * 1_000_000, 9_000_000)
+        time.sleep(0.05)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are a POSIX matter")
+def test_a_bar_tells_rate_and_time_left() -> None:
+    shown = shown_by(UPLOAD)
+    assert "uploading planner.json" in shown
+    assert re.search(r"[\d.]+/9\.0 MB", shown)
+    assert re.search(r"[\d.]+ [kM]B/s", shown), "the rate"
+    assert re.search(r"0:00:\d\d", shown), "the time left"
 
 
 def test_a_pipe_is_told_nothing(planning_file: MakeFile, split_file: Path) -> None:

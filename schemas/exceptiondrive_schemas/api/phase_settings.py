@@ -140,6 +140,16 @@ class PhasePolicy(Document):
         "after a change of them, once more.",
     )
 
+    @property
+    def run_rule(self) -> str:
+        """Say, before anything is handed in, which run stands on the board."""
+        if self.entries_shown == "chosen":
+            return "Of each team one entry stands: the one that it chose, else its newest."
+        newest = "Of each method the newest run stands, also where it is worse"
+        if self.run_choice == "team":
+            return f"{newest}, unless the team says before the deadline: the best, or one that it names."
+        return f"{newest}; withdraw it, and the earlier one stands again."
+
 
 class PhaseSettings(Document):
     """What organizers settle of a phase, when they make it or later."""

@@ -209,6 +209,8 @@ class PhaseLink:
     """Whether its page says where scenes and pictures are had."""
     not_checked: tuple[str, ...]
     """What nobody checks of a file for it, in sentences."""
+    run_rule: str
+    """Which run of a method stands, in a sentence."""
     url: str
 
     @property

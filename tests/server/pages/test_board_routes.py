@@ -13,6 +13,7 @@ import pytest
 from tests.server.pages.invented_board import LONG_AGO
 from tests.server.pages.reading import read
 
+from exceptiondrive_schemas.api.phase_settings import PhasePolicy
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_server.boards import query as board_query
 from exceptiondrive_server.boards.charts import best_entries
@@ -319,6 +320,21 @@ async def test_a_phase_says_whether_it_takes_submissions(
 async def test_a_phase_without_a_board_leaves_the_others_in_reach(lively_site: Any) -> None:
     lively_site.create_phase("unpublished")
     assert 'href="/?phase=sample#board"' in (await lively_site.get("/?phase=unpublished")).text
+
+
+@pytest.mark.parametrize(
+    ("policy", "words"),
+    [
+        ({}, "the newest run stands, also where it is worse; withdraw it, and the earlier one"),
+        ({"run_choice": "team"}, "unless the team says before the deadline: the best, or one that"),
+        ({"entries_shown": "chosen"}, "Of each team one entry stands: the one that it chose, else"),
+    ],
+)
+async def test_the_quick_start_says_which_run_of_a_method_stands(
+    site: Any, policy: dict[str, Any], words: str
+) -> None:
+    site.create_phase("sample", policy=PhasePolicy(**policy))
+    assert words in " ".join((await site.get("/submit?phase=sample")).text.split())
 
 
 async def test_the_quick_start_says_so_where_a_phase_takes_nothing(lively_site: Any) -> None:
