@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from sqlalchemy import select
 from tests.server.test_organizer_team_pages import last_line
+from tests.support.work import claim_this
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotAllowed
@@ -24,7 +25,11 @@ from exceptiondrive_records.notifications.tables import (
 )
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.teams.teams import register_team
+from exceptiondrive_records.work.jobs import finish_failed, finish_rejected
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.api.rescoring import NotificationView
+from exceptiondrive_schemas.check import check_bytes
+from exceptiondrive_schemas.protocol import packaged_protocol
 
 if TYPE_CHECKING:
     from tests.server.conftest import Api, TeamBrowser
@@ -138,6 +143,32 @@ def test_a_score_is_told_once_with_what_the_page_says(
     )
     assert notice.comparison == f"/submissions/{one}"
     assert [each["kind"] for each in api.get("/notifications", "alpha").json()] == ["scored"]
+
+
+def test_what_failed_or_was_refused_is_told_once_to_who_wishes_that(
+    api: "Api", browse: Browse
+) -> None:
+    confirmed(api, browse, "failed")
+    confirmed(api, browse, "scored", who="beta")
+    failed, wrong = api.submit("a").json()["id"], api.submit("b").json()["id"]
+    other = api.submit("c", "beta").json()["id"]
+    report = check_bytes(b"[]", protocol=packaged_protocol())
+    for one in (failed, wrong, other):
+        with api.database.write() as session:
+            job = claim_this(
+                session, session.query(Job).filter_by(submission_id=one).one().id, 120, 4
+            )
+            assert job is not None
+            if one == wrong:
+                finish_rejected(session, job, report)
+            else:
+                finish_failed(session, job, "internal_error", "We could not score it.", retry=False)
+    assert tell_teams(api.database) == 2, "beta wishes to hear of scores alone"
+    assert tell_teams(api.database) == 0, "nothing is told twice"
+    told = {notice.title: notice.what_changed for who, notice in mails(api) if notice.title}
+    assert told["Planner could not be scored"] == ("We could not score it.",)
+    assert told["Planner was rejected"] == ("1 fault in the file.",)
+    assert {who for who, notice in mails(api) if notice.kind == "failed"} == {"alpha@example.org"}
 
 
 def test_a_lost_rank_is_told_once_an_hour(

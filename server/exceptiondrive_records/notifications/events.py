@@ -40,6 +40,11 @@ _OUTCOMES: dict[SubmissionStatus, Wish] = {
     SubmissionStatus.REJECTED: "failed",
     SubmissionStatus.FAILED: "failed",
 }
+_OUTCOME_WORDS: dict[SubmissionStatus, str] = {
+    SubmissionStatus.SCORED: "was scored",
+    SubmissionStatus.REJECTED: "was rejected",
+    SubmissionStatus.FAILED: "could not be scored",
+}
 
 
 class _Event(NamedTuple):
@@ -112,7 +117,7 @@ def _outcomes(
         seen = view(session, submission)
         if seen.awaits_board:
             continue
-        outcome = "waits for your word" if seen.is_asked else f"was {seen.status.value}"
+        outcome = "waits for your word" if seen.is_asked else _OUTCOME_WORDS[seen.status]
         title = f"{seen.method} {outcome}"
         sentences = tuple(_sentences(session, seen))
         page = f"/submissions/{seen.id}"
