@@ -20,6 +20,7 @@ from exceptiondrive.errors import (
     NotAllowedError,
     NotFoundError,
     NotSignedInError,
+    QuotaError,
     ScoringFailedError,
     ServerError,
     WaitTimeoutError,
@@ -215,6 +216,17 @@ class Submission:
             f"It is safe and will be scored; look with: exceptiondrive status {self.id}",
             self.view,
         )
+
+
+def _require_quota(quota: Quota) -> None:
+    """Refuse what the server would, before anything is asked of who submits."""
+    if quota.remaining_today > 0:
+        return
+    if quota.is_bound_in_all:
+        sentence = f"Your team has used all {quota.total} submissions of this phase."
+        raise QuotaError("quota_exceeded", sentence, None)
+    sentence = f"Your team has used all {quota.per_day} submissions of today."
+    raise QuotaError("quota_exceeded", sentence, quota.resets_at)
 
 
 RUN_RULES: Mapping[RunRule, str] = MappingProxyType(
@@ -458,6 +470,8 @@ class Client(Connection):
         outlook = self._outlook(given, view, method)
         if not outlook.report.is_valid:
             raise InvalidFileError(outlook.report, advice=SUBMIT_AGAIN)
+        if outlook.first is None and view.is_open and view.quota is not None:
+            _require_quota(view.quota)
         if before_upload is not None:
             before_upload(outlook)
         else:
