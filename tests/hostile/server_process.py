@@ -13,7 +13,7 @@ from pathlib import Path
 PROGRAM = """
 import json, sys, uvicorn
 from exceptiondrive_server.app import create_app
-from exceptiondrive_server.web import body_limit
+from exceptiondrive_server.web.limits import body_limit
 from exceptiondrive_server.web.settings import ServerSettings
 given = json.loads(sys.argv[1])
 vars(body_limit).update(given["limits"])

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from tests.phases.browsing import visitor
 
 from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
 from exceptiondrive_records.teams.teams import create_team
@@ -26,6 +27,9 @@ def watched(life: "Life") -> "Life":
         team = create_team(session, "freeze", "References", is_reference=True, actor="test")
         life.tokens["freeze"] = issue_token(session, team.id, "t", TEAM_SCOPES, actor="test")[0]
     return life
+
+
+SENT_BY = {"stands_still": "alpha", "blind_to_the_edit": "beta"}
 
 
 def enter(life: "Life", split: str) -> dict[str, str]:
@@ -101,6 +105,9 @@ def test_every_board_of_planners_shows_references_and_flags(watched: "Life", kin
         assert label in page
         assert code in in_file[ids[code]]["flags"]
         assert label in watched.get(f"/entries/{ids[code]}").text
+        (detail,) = [flag["detail"] for flag in row["flags"] if flag["code"] == code]
+        own = visitor(watched, SENT_BY[code]).get(f"/submissions/{ids[code]}").text
+        assert f'<p class="flagline"><b>{label}.</b> {detail}</p>' in own
     assert [flag["code"] for flag in rows[ids["honest"]]["flags"]] == []
     assert in_file[ids["reference"]]["source"] == "reference"
 
