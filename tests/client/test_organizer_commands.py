@@ -214,7 +214,18 @@ def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path:
     assert "would reach 1 team\n" in organize(running, *to[:-2], "--preview").stdout
     assert "sent to 2 teams" in organize(running, *to).stdout
     assert organize(running, *to).exit_code == 4
-    merged = organize(running, "teams", "merge", "alef", "--into", "bet", *why)
+    merge = ("teams", "merge", "alef", "--into", "bet", *why)
+    with pytest.MonkeyPatch.context() as on_terminal:
+        on_terminal.setattr("exceptiondrive.cli.organizer.participation.can_ask", lambda: True)
+        for deed in (merge, ("teams", "forget", "alef", *why)):
+            asked = organize(running, *deed)
+            assert (asked.exit_code, "alef" in asked.stderr, "for good?" in asked.stderr) == (
+                1,
+                True,
+                True,
+            )
+        assert standings(running)["alef"] == ""
+        merged = organize(running, *merge, "--yes")
     assert merged.stdout == "team bet has 0 submissions of alef\n"
     shown = organize(running, "teams", "show", "bet").stdout
     assert "quota total" in shown

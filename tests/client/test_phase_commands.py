@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from tests.support.records import add_sample_split
 from typer.testing import CliRunner
 
 from exceptiondrive import Client, NotAllowedError, NotFoundError
 from exceptiondrive.cli import app
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_records.splits.splits import manifest_of
 from exceptiondrive_schemas.board import BoardEntry
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
@@ -219,6 +221,19 @@ def test_texts_come_from_files_and_a_phase_is_made_like_another(
     assert (made["title"], made["quota_per_day"], made["closes_at"]) == ("Next", 4, None)
     missing = organize(running, "update", "next", "--terms", f"@{tmp_path / 'none.md'}")
     assert missing.exit_code == 2
+
+
+def test_a_phase_made_like_another_has_its_split_revision(running: "Running") -> None:
+    make_phase(running)
+    with running.context.database.write() as session:  # a later one, that no phase stands on
+        later = {"revision": f"sha256:{'9' * 64}"}
+        add_sample_split(session, manifest_of(session, "tiny").model_copy(update=later))
+    words = ("create", "next", "--title", "Next", "--split", "tiny")
+    assert organize(running, *words, "--like", "test").exit_code == 0
+    made = json.loads(organize(running, "show", "next", "--json").stdout)
+    assert made["split_revision"] == shown(running)["split_revision"]
+    made = json.loads(organize(running, "create", "last", *words[2:], "--json").stdout)
+    assert made["split_revision"] == later["revision"]
 
 
 def test_a_new_phase_takes_no_draft_unless_it_is_named(running: "Running", tmp_path: Path) -> None:

@@ -74,7 +74,7 @@ class Walk:
             env=self.environment,
             stdout=subprocess.PIPE,
             text=True,
-            timeout=200,
+            timeout=600,
             check=True,
         )
         return done.stdout
@@ -103,7 +103,7 @@ class Walk:
         return started
 
     def until(self, question: str) -> None:
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 300
         command = ["bash", "-c", question]
         while subprocess.run(command, env=self.environment, check=False).returncode != 0:
             if time.monotonic() > deadline:
@@ -132,7 +132,7 @@ def submit(walk: Walk, token: str, ids: list[str], speed_mps: float) -> None:
     file = walk.folder / "planner.json"
     file.write_bytes(planning_file(ids, speed_mps))
     with Client(SITE, token) as client:
-        view = client.submit(file, phase="test", method=f"at {speed_mps}").wait(timeout_s=90)
+        view = client.submit(file, phase="test", method=f"at {speed_mps}").wait(timeout_s=300)
     assert view.rank is not None, view
 
 

@@ -16,7 +16,7 @@ _NET = ["unshare", "--net"]
 
 @pytest.mark.slow
 @pytest.mark.postgres
-@pytest.mark.timeout(1200)
+@pytest.mark.timeout(3000)
 def test_the_page_is_walked_as_written() -> None:
     """Install, first entry, walls, one server stopped, upgrade, roll back, back up, restore."""
     find_nginx()

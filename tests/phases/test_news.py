@@ -17,6 +17,12 @@ def inbox(life: "Life", team: str) -> list[str]:
     return [notice["title"] for notice in life.json("/api/v1/notifications", team)]
 
 
+def told(life: "Life", team: str) -> list[str]:
+    """Return the sentences of the newest notice of a team."""
+    sentences: list[str] = life.json("/api/v1/notifications", team)[0]["what_changed"]
+    return sentences
+
+
 def last_line(life: "Life") -> tuple[str, str]:
     line = life.json("/api/v1/organizer/audit?limit=1", "organizer")[0]
     return line["action"], line["subject"]
@@ -39,24 +45,26 @@ def test_news_stand_on_the_page_in_the_feed_and_in_every_inbox_until_withdrawn(
         assert send(organizer, page, {"phase": "test", **NEWS}, page=page).status_code == 303
     else:
         life.done("/phases/test/news", NEWS)
-    (told,) = life.json("/api/v1/phases/test/news")
-    assert last_line(life) == ("news published", told["id"])
+    (published,) = life.json("/api/v1/phases/test/news")
+    assert last_line(life) == ("news published", published["id"])
     assert "It is on <strong>Friday</strong> now." in life.get("/phases/test").text
     assert "The workshop moves" in life.get("/feed.atom?phase=test").text
-    assert all("The workshop moves" in inbox(life, team)[0] for team in ("alpha", "beta"))
+    for team in ("alpha", "beta"):
+        assert "The workshop moves" in inbox(life, team)[0]
+        assert told(life, team) == ["It is on Friday now."]
     assert "very message" in life.refused("/phases/test/news", NEWS, 409)
     assert len(life.json("/api/v1/phases/test/news")) == 1
     if by == "page":
-        page = f"/organize/news/{told['id']}/withdraw"
+        page = f"/organize/news/{published['id']}/withdraw"
         assert page in organizer.get("/organize/news").text
         assert send(organizer, page, {"reason": "wrong"}, page=page).status_code == 303
     else:
-        life.done(f"/news/{told['id']}/withdraw", {"reason": "wrong"})
-    assert last_line(life) == ("news withdrawn", told["id"])
+        life.done(f"/news/{published['id']}/withdraw", {"reason": "wrong"})
+    assert last_line(life) == ("news withdrawn", published["id"])
     assert life.json("/api/v1/phases/test/news") == []
     assert "The workshop" not in life.get("/phases/test").text
     assert "The workshop" not in life.get("/feed.atom?phase=test").text
-    assert "already" in life.refused(f"/news/{told['id']}/withdraw", {"reason": "again"}, 409)
+    assert "already" in life.refused(f"/news/{published['id']}/withdraw", {"reason": "again"}, 409)
 
 
 def asked(life: "Life", by: str) -> Any:
@@ -87,7 +95,8 @@ def test_a_question_is_answered_to_the_team_alone(open_phase: "Life", by: str) -
     assert last_line(life) == ("question answered", question["id"])
     (seen,) = life.json("/api/v1/phases/test/questions", "alpha")
     assert (seen["answer"], seen["is_public"]) == (ANSWER, False)
-    assert ANSWER in visitor(life, "alpha").get("/my/questions/test").text
+    assert "Yes, <em>offline</em> ones." in visitor(life, "alpha").get("/my/questions/test").text
+    assert told(life, "alpha")[-1] == "Yes, offline ones."
     assert inbox(life, "alpha") == ["A question, answered"]
     assert inbox(life, "beta") == []
     assert life.json("/api/v1/phases/test/questions", "beta") == []
@@ -105,7 +114,9 @@ def test_an_answer_to_all_does_not_say_who_asked(open_phase: "Life") -> None:
     assert "<b>maps" not in text
     assert "<em>offline</em>" in text
     assert "alpha" not in life.get("/api/v1/phases/test/news").text.lower()
-    assert all("A question, answered" in inbox(life, team)[0] for team in ("alpha", "beta"))
+    for team in ("alpha", "beta"):
+        assert "A question, answered" in inbox(life, team)[0]
+        assert told(life, team)[-1] == "Yes, offline ones."
 
 
 def test_a_question_changes_no_link_of_its_answer(open_phase: "Life") -> None:

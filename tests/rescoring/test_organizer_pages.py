@@ -12,6 +12,7 @@ from tests.support.databases import as_role
 from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, issue_token
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.roles import Role
+from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_server.app import create_app
@@ -224,6 +225,28 @@ def test_a_protocol_form_from_elsewhere_is_refused(
     assert "1.1" not in re.findall(
         r"/protocols/(1\.\d)\"", organizer.get("/organize/protocols").text
     )
+
+
+def test_a_phase_made_like_another_has_the_split_revision_that_stands(
+    stage: Stage, visit: Callable[[str], Visitor], make_split: Callable[..., Any]
+) -> None:
+    organizer = visit("organizer")
+    later = stage.put_split(make_split(7.0))
+    stage.put_split(make_split(), "split-old.json")
+    form = organizer.get("/organize/phases/new?like=dev").text
+    with stage.database.read() as session:
+        stands = session.get_one(Phase, "dev").split_revision
+    assert re.findall(r'<option value="(sha256:\w+)" selected>', form) == [stands]
+    assert f'<option value="{later}">' in form
+    texts = re.findall(r'<input name="(\w+)"[^>]*value="([^"]*)"', form)
+    choices = re.findall(r'<select name="(\w+)"[^>]*>(?:(?!</select>).)*"([^"]*)" selected', form)
+    numbers = {"quota_per_day": "3", "rejected_per_day": "9"}
+    made = {**dict(texts), **dict(choices), **numbers, "id": "next"}
+    page = "/organize/phases/new"
+    answer = organizer.post(page, made, page=page)
+    assert answer.status_code == 303, answer.text
+    with stage.database.read() as session:
+        assert session.get_one(Phase, "next").split_revision == stands
 
 
 def test_sheets_are_verified_from_a_page(stage: Stage, visit: Callable[[str], Visitor]) -> None:

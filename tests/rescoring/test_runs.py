@@ -247,6 +247,24 @@ def test_what_is_scored_later_is_none_of_the_work_of_a_run_that_ended(
     assert (progress.done, progress.total) == (3, 3)
 
 
+def test_what_is_withdrawn_later_changes_no_count_of_a_run_that_ended(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    rolled_back = stage.ready(make_protocol("1.1", *D_SAFE))
+    stage.apply(rolled_back)
+    stage.rollback(rolled_back)
+    stage.add_protocol(make_protocol("1.2", *WIDER))
+    cancelled = stage.draft(protocol="1.2")
+    stage.step("start", cancelled)
+    stage.work(most=1)
+    stage.step("cancel", cancelled)
+    before = [stage.view(run_id).progress for run_id in (rolled_back, cancelled)]
+    assert [(one.done, one.total, one.failed) for one in before] == [(3, 3, 0), (1, 3, 0)]
+    with stage.database.write() as session:
+        withdraw(session, stage.submitted[0], actor="test")
+    assert [stage.view(run_id).progress for run_id in (rolled_back, cancelled)] == before
+
+
 def test_one_run_of_a_phase_is_open_at_a_time(
     stage: Stage, make_protocol: Callable[..., str]
 ) -> None:

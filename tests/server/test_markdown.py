@@ -5,7 +5,7 @@ from tests.server.nasty_strings import ALL
 from tests.server.test_injection import assert_inert
 
 from exceptiondrive_schemas.printable import printable
-from exceptiondrive_server.web.markdown import first_paragraph, markdown
+from exceptiondrive_server.web.markdown import first_paragraph, markdown, plain_text
 
 HOSTILE = {
     "script": "<script>alert(1)</script>",
@@ -85,3 +85,19 @@ def test_the_first_paragraph_stands_alone() -> None:
     text = "# Title\n\nFirst *words*\nof it.\n\nSecond."
     assert str(first_paragraph(text)) == "<p>First <em>words</em>\nof it.</p>\n"
     assert str(first_paragraph("# Title")) == ""
+
+
+@pytest.mark.parametrize(
+    ("written", "plain"),
+    [
+        ("It is on **Friday** now.", "It is on Friday now."),
+        ("# Head\n\nA *b* `c`\nd", "Head\n\nA b c\nd"),
+        ("- one\n- [two](https://a.example/x)", "one\n\ntwo (https://a.example/x)"),
+        ("See <https://a.example/> or <a@b.example>", "See https://a.example/ or a@b.example"),
+        ("|a|b|\n|-|-|\n|1|2|", "|a|b|\n|-|-|\n|1|2|"),
+        ("```\nx = 1\n```\n\n1 \\* 2 &amp; 3", "x = 1\n\n1 * 2 & 3"),
+        ("---", ""),
+    ],
+)
+def test_an_inbox_has_the_words_without_their_marks(written: str, plain: str) -> None:
+    assert plain_text(written) == plain

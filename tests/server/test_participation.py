@@ -217,6 +217,20 @@ def test_names_limits_and_addresses_stand_on_the_page_of_a_team(
     assert api.get("/phases/dev", "alpha").json()["quota"]["per_day"] == 5
 
 
+def test_the_history_of_a_team_is_in_words(api_on_both: "Api", organizer: "TeamBrowser") -> None:
+    api = api_on_both
+    api.request("PATCH", "/organizer/phases/dev", "organizer", json={"title": "The <season>"})
+    own = {"quota_per_day": 33, **WHY}
+    api.request("PUT", "/organizer/teams/alpha/allowances/dev", "organizer", json=own)
+    renamed = {"name": "Alef", **WHY}
+    api.request("PATCH", "/organizer/teams/alpha", "organizer", json=renamed)
+    limits = "phase: The &lt;season&gt; (dev); was: nothing; is: submissions a day are 33"
+    words = (limits, "name: Alpha → Alef", "is reference: no")
+    for page in ("/organize/teams/alpha", "/organize/audit?subject=alpha"):
+        seen = organizer.get(page).text
+        assert [each for each in words if each not in seen] == []
+
+
 def test_a_name_that_another_takes_at_the_same_moment_is_a_conflict_and_no_outage(
     api_on_both: "Api", monkeypatch: pytest.MonkeyPatch, as_problem: Callable[..., Any]
 ) -> None:
@@ -231,7 +245,12 @@ def test_two_teams_are_merged_by_page(api_on_both: "Api", organizer: "TeamBrowse
     api = api_on_both
     own = api.submit("a").json()["id"]
     page = "/organize/teams/alpha/merge"
-    done = organizer.post(page, {"into": "beta", **WHY}, page=page)
+    asked = {"into": "beta", **WHY}
+    for again in ("", "beta"):
+        refused = organizer.post(page, {**asked, "again": again}, page=page)
+        assert (refused.status_code, "Type alpha" in refused.text) == (400, True)
+    assert api.get("/me", "alpha").status_code == 200
+    done = organizer.post(page, {**asked, "again": "alpha"}, page=page)
     assert done.headers["location"] == "/organize/teams/beta?done=teams_merged"
     assert api.get(f"/submissions/{own}", "beta").json()["team"] == "Beta"
     assert api.get("/me", "alpha").status_code == 401

@@ -24,7 +24,7 @@ def publish_news(
     text: str,
     *,
     actor: str,
-    plain: str | None = None,
+    plain: str,
     to_its_teams: bool = False,
 ) -> News:
     """Announce something of a phase, and tell every team; the same words go out once.
@@ -35,7 +35,7 @@ def publish_news(
         title: One line.
         text: Markdown.
         actor: Who.
-        plain: What inboxes are told, which know no Markdown; None: the text as it is written.
+        plain: What inboxes are told, which know no Markdown; empty: the text as it is written.
         to_its_teams: Tell those alone that submitted to the phase.
 
     Raises:

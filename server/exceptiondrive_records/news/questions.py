@@ -68,9 +68,17 @@ def ask_question(
 
 
 def answer_question(
-    session: Session, question_id: str, text: str, *, to_all: bool, actor: str
+    session: Session, question_id: str, text: str, *, plain: str, to_all: bool, actor: str
 ) -> Question:
     """Answer a question, once: the team is told, or everybody, who do not learn who asked.
+
+    Args:
+        session: Of a write transaction.
+        question_id: Which.
+        text: Markdown.
+        plain: The same for inboxes, which know no Markdown; empty: the text as it is written.
+        to_all: Whether question and answer become news.
+        actor: Who.
 
     Raises:
         NotFound: There is none.
@@ -88,14 +96,14 @@ def answer_question(
     limit = MAX_TEXT - max(len(quoted), len(marked)) - MAX_TITLE
     row.answer = checked_text("answer", text, max_length=limit, may_have_lines=True)
     row.answered_at = database_now(session)
-    plain = f"{marked}\n\nThe organizers answer:\n\n{row.answer}"
+    inbox = f"{marked}\n\nThe organizers answer:\n\n{plain or row.answer}"
     if to_all:
         told = f"{quoted}\n\n{row.answer}"
-        news = publish_news(session, row.phase_id, _TITLE, told, actor=actor, plain=plain)
+        news = publish_news(session, row.phase_id, _TITLE, told, actor=actor, plain=inbox)
         row.news_id = news.id
     else:
         slug = session.get_one(Team, row.team_id).slug
-        send_message(session, _TITLE, plain, actor=actor, slugs=[slug])
+        send_message(session, _TITLE, inbox, actor=actor, slugs=[slug])
     detail = {"phase": row.phase_id, "to_all": to_all}
     audit(session, actor, "question answered", row.id, detail)
     return row

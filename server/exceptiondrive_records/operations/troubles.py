@@ -87,7 +87,7 @@ def _phases(session: Session) -> Iterator[Trouble]:
             yield Trouble(
                 "no_recorded_drives",
                 phase.id,
-                f"Split {phase.split_name} of phase {phase.id} holds no recorded drives: nothing "
+                f"Split {phase.split_name} of phase {phase.title} ({phase.id}) holds no recorded drives: nothing "
                 "compares source trajectories with them, and a file at a wrong time step may lead.",
                 "add them (exceptiondrive-worker add-drives, then add-split), and rescore: "
                 "docs/organizing.md",
@@ -96,7 +96,7 @@ def _phases(session: Session) -> Iterator[Trouble]:
             yield Trouble(
                 "reported_beside_other_split",
                 phase.id,
-                f"Phase {phase.id} leads to the paper's results, which are of the paper's samples, "
+                f"Phase {phase.title} ({phase.id}) leads to the paper's results, which are of the paper's samples, "
                 f"not of split {phase.split_name}.",
                 f"exceptiondrive organizer phases update {phase.id} --no-shows-reported",
             )

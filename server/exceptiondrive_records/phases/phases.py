@@ -159,6 +159,11 @@ def find_phase(session: Session, phase_id: str) -> Phase:
     return phase
 
 
+def titles_of_phases(session: Session) -> dict[str, str]:
+    """Return what each phase is called, by id."""
+    return {one.id: one.title for one in list_phases(session, with_hidden=True)}
+
+
 def lock_phase(session: Session, phase_id: str) -> Phase:
     """Return a phase whose row is locked.
 

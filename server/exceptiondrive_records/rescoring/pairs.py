@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from sqlalchemy import ColumnElement, Select, and_, exists, func, not_, select, true
+from sqlalchemy import ColumnElement, Select, and_, exists, func, not_, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.boards import entry_ids, latest_board
@@ -43,23 +43,13 @@ class Counts:
         return self.total - self.done
 
 
-def count_pairs(
-    session: Session, phase_id: str, key: ScoringKey, *, until: datetime | None = None
-) -> Counts:
-    """Count the scored submissions of a phase, those with a sheet, and those that failed.
-
-    Args:
-        session: To read with.
-        phase_id: The phase.
-        key: What the sheets are of.
-        until: Only what was scored by then; None: all.
-    """
-    by_then = true() if until is None else Submission.status_at <= until
-    scored = _scored(phase_id).where(by_then)
+def count_pairs(session: Session, phase_id: str, key: ScoringKey) -> Counts:
+    """Count the scored submissions of a phase, those with a sheet of a key, and those that failed."""
+    scored = _scored(phase_id)
     total = session.scalar(select(func.count()).select_from(scored.subquery())) or 0
     done_query = scored.where(_has_sheet(key)).subquery()
     done = session.scalar(select(func.count()).select_from(done_query)) or 0
-    failed_query = failed_pairs(phase_id, key).where(by_then).subquery()
+    failed_query = failed_pairs(phase_id, key).subquery()
     failed = session.scalar(select(func.count()).select_from(failed_query)) or 0
     return Counts(total, done, failed)
 
@@ -107,11 +97,10 @@ def open_jobs(session: Session, phase_id: str, key: ScoringKey) -> int:
 
 
 def progress_of(session: Session, run: RescoringRun, key: ScoringKey) -> Progress:
-    """Return done, total and failed, and while scoring the measured rate and remaining time.
-
-    Of a run that has ended, what was scored later is none of its work.
-    """
-    counts = count_pairs(session, run.phase_id, key, until=run.ended_at)
+    """Return done, total and failed, and while scoring the measured rate and remaining time."""
+    if run.ended_with is not None:
+        return run.ended_with
+    counts = count_pairs(session, run.phase_id, key)
     rate = _rate(session, run, key) if run.state is RunState.SCORING else None
     waiting = counts.missing - counts.failed
     return Progress(

@@ -30,7 +30,12 @@ from exceptiondrive_records.rescoring.fan_out import (
     release_jobs,
     score_waiting_under,
 )
-from exceptiondrive_records.rescoring.pairs import count_pairs, failed_pairs, require_readable
+from exceptiondrive_records.rescoring.pairs import (
+    count_pairs,
+    failed_pairs,
+    progress_of,
+    require_readable,
+)
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.trials import ask_for_trial, trial_of
 from exceptiondrive_records.rescoring.verification import ask_for_rechecks, cancel_rechecks
@@ -252,6 +257,7 @@ def move_run(
     run.state_at = database_now(session)
     if run.state.is_final:
         run.ended_at = run.state_at
+        run.ended_with = progress_of(session, run, shadow_key(run))
     detail: dict[str, Any] = {"phase": run.phase_id, "reason": reason, "was": was.value}
     if no_longer_ranked:
         detail["no_longer_ranked"] = dict(no_longer_ranked)

@@ -7,7 +7,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText, enum_text
-from exceptiondrive_schemas.api.rescoring import Comparison, RunKind, RunState
+from exceptiondrive_schemas.api.rescoring import Comparison, Progress, RunKind, RunState
 
 
 class RescoringRun(Base):
@@ -35,6 +35,8 @@ class RescoringRun(Base):
     """When scoring last began or went on: the rate counts from here."""
     applied_at: Mapped[datetime | None]
     ended_at: Mapped[datetime | None]
+    ended_with: Mapped[Progress | None] = mapped_column(DocumentText(Progress))
+    """How far an update had come when it ended: what is withdrawn or scored later is none of its work."""
     apply_flip_id: Mapped[int | None] = mapped_column(ForeignKey("board_flips.id"))
     rollback_flip_id: Mapped[int | None] = mapped_column(ForeignKey("board_flips.id"))
     comparison: Mapped[Comparison | None] = mapped_column(DocumentText(Comparison), deferred=True)

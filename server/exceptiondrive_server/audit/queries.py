@@ -1,6 +1,6 @@
 """The audit log as pages read it: lines with names and words, of one subject or of all."""
 
-import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
@@ -15,6 +15,9 @@ from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_server.web.numbers import short_digest
+
+_BEFORE_AND_AFTER = ("phase changed", "team changed", "site links changed")
+"""Kinds of lines that hold of each thing how it was and how it is."""
 
 
 class AuditLineView(BaseModel):
@@ -80,7 +83,8 @@ def history(
         until=until,
         action=action or None,
     )
-    subjects = _subjects(session, {line.subject for line in lines})
+    phases = {line.detail["phase"] for line in lines if isinstance(line.detail.get("phase"), str)}
+    subjects = _subjects(session, {line.subject for line in lines} | phases)
     names = names_of_actors(session, (line.actor for line in lines))
     return [
         HistoryLine(
@@ -89,11 +93,7 @@ def history(
             subject_name=subjects.get(line.subject, (line.subject, ""))[0],
             page=subjects.get(line.subject, (line.subject, ""))[1],
             reason=str(line.detail.get("reason") or ""),
-            detail=", ".join(
-                f"{key.replace('_', ' ')} {_words(value)}"
-                for key, value in line.detail.items()
-                if key != "reason"
-            ),
+            detail="; ".join(_detail(line, subjects)),
         )
         for line in lines
     ]
@@ -107,8 +107,33 @@ def _subjects(session: Session, ids: set[str]) -> dict[str, tuple[str, str]]:
     return found | {key: (name, f"/organize/phases/{key}") for key, name in session.execute(titles)}
 
 
+def _detail(line: AuditLine, subjects: dict[str, tuple[str, str]]) -> Iterator[str]:
+    """Yield what a line holds besides its reason, phases by their titles."""
+    for key, value in line.detail.items():
+        if key == "reason":
+            continue
+        if key == "phase" and value in subjects:
+            words = f"{subjects[value][0]} ({value})"
+        elif line.action in _BEFORE_AND_AFTER and isinstance(value, list):
+            words = " → ".join(_words(one) for one in value)
+        else:
+            words = _words(value)
+        yield f"{key.replace('_', ' ')}: {words}"
+
+
 def _words(value: object) -> str:
-    text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    if value is None or value == "" or value == [] or value == {}:
+        return "nothing"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list):
+        text = ", ".join(map(_words, value))
+    elif isinstance(value, dict):
+        text = ", ".join(
+            f"{str(key).replace('_', ' ')} {_words(one)}" for key, one in value.items()
+        )
+    else:
+        text = str(value)
     if text.startswith("sha256:"):
         return short_digest(text)
     return text if len(text) <= 80 else f"{text[:79]}…"

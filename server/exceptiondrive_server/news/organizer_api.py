@@ -18,6 +18,7 @@ from exceptiondrive_server.news.queries import (
 )
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
 from exceptiondrive_server.web.forms import Deed, Form
+from exceptiondrive_server.web.markdown import plain_text
 
 router = APIRouter()
 Id = Annotated[str, Path(max_length=64)]
@@ -58,6 +59,7 @@ def post_news(services: ServicesOf, organizer: Organizer, phase_id: Id, news: Ne
             news.title,
             news.text,
             actor=organizer.actor,
+            plain=plain_text(news.text),
             to_its_teams=not organizer.is_organizer,
         )
         return news_view(row)
@@ -87,6 +89,11 @@ def post_answer(
     """Answer a question, once: to the team alone, or to all."""
     with services.database.write() as session:
         answered = answer_question(
-            session, question_id, answer.text, to_all=answer.to_all, actor=organizer.actor
+            session,
+            question_id,
+            answer.text,
+            plain=plain_text(answer.text),
+            to_all=answer.to_all,
+            actor=organizer.actor,
         )
         return question_view(answered)

@@ -15,6 +15,7 @@ from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_server.news.queries import asked_question, news_view
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.forms import REASON
+from exceptiondrive_server.web.markdown import plain_text
 from exceptiondrive_server.web.organizer_frame import (
     OrganizerBrowser,
     Step,
@@ -53,7 +54,9 @@ def publication(services: ServicesOf) -> Step:
         ),
         command=f'{_COMMAND} publish --phase ID --title "…" --text "…"',
         is_grave=True,
-        take=lambda session, phase, **given: publish_news(session, phase, **given),
+        take=lambda session, phase, text, **given: publish_news(
+            session, phase, text=text, plain=plain_text(text), **given
+        ),
         done="news_published",
     )
 
@@ -93,13 +96,15 @@ def answer(services: ServicesOf, question_id: Id) -> Step:
         "news of the phase, without the team's name.",
         button="Answer",
         fields=(
-            FormField("text", "Answer", "lines", is_required=True, max_length=MAX_TEXT),
+            FormField("text", "Answer", "lines", "Markdown", is_required=True, max_length=MAX_TEXT),
             FormField("to_all", "Tell everybody", "yes", "without the team's name"),
         ),
         facts=(("Team", team), ("Phase", row.phase_id), ("Question", row.text)),
         command=f'exceptiondrive organizer questions answer {question_id} --text "…" [--to-all]',
         blockers=() if row.answered_at is None else ("The question is answered already.",),
-        take=partial(answer_question, question_id=question_id),
+        take=lambda session, text, **given: answer_question(
+            session, question_id, text, plain=plain_text(text), **given
+        ),
         done="question_answered",
     )
 

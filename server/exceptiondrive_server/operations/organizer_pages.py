@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.operations.dashboard import SLOW_S, Dashboard, dashboard
 from exceptiondrive_records.operations.site import set_site_links, site_links
-from exceptiondrive_records.phases.phases import list_phases
+from exceptiondrive_records.phases.phases import list_phases, titles_of_phases
 from exceptiondrive_records.rescoring.views import run_view
 from exceptiondrive_records.submissions.file_store import LOW_ON_ROOM_BYTES
 from exceptiondrive_records.teams.teams import list_teams
@@ -53,6 +53,7 @@ def show_overview(request: Request, services: ServicesOf, browser: OrganizerBrow
         team_names = {team.id: team.name for team in teams}
         is_new = all(team.is_reference or team.is_gone for team in teams)
         first = list(_first_steps(session)) if is_new else []
+        titles = titles_of_phases(session)
     return organizer_page(
         request,
         browser,
@@ -60,8 +61,9 @@ def show_overview(request: Request, services: ServicesOf, browser: OrganizerBrow
         "overview",
         found=found,
         alive=[worker for worker in found.workers if worker.is_alive],
-        tasks=[*_tasks(found, runs, services.files.free_bytes()), *first],
+        tasks=[*_tasks(found, runs, titles, services.files.free_bytes()), *first],
         runs=runs,
+        titles=titles,
         team_names=team_names,
         lane_titles=LANE_TITLES,
         slow_s=SLOW_S,
@@ -122,7 +124,9 @@ def _first_steps(session: Session) -> Iterator[Task]:
             yield words, f"/organize/phases/{quote(phase.id)}", "Describe it", "warn"
 
 
-def _tasks(found: Dashboard, runs: Sequence[RunLine], free_bytes: int | None) -> Iterator[Task]:
+def _tasks(
+    found: Dashboard, runs: Sequence[RunLine], titles: Mapping[str, str], free_bytes: int | None
+) -> Iterator[Task]:
     """Yield what to do, worst first."""
     if free_bytes is not None and free_bytes < LOW_ON_ROOM_BYTES:
         words = f"The disk of the uploads is nearly full: {free_bytes >> 20} MiB are free."
@@ -136,10 +140,11 @@ def _tasks(found: Dashboard, runs: Sequence[RunLine], free_bytes: int | None) ->
         yield words, "/organize/submissions?status=failed", "Look and retry", "bad"
     for held in found.floors_held:
         asked, phase = "; ".join(held.detail["asked"]), held.detail["phase"]
+        phase = titles.get(phase, phase)
         words = f"The floors of split {held.subject} refused what phase {phase} asks: {asked}."
         yield words, f"/organize/audit?subject={quote(held.subject)}", "See the audit log", "bad"
     for phase in dict.fromkeys(line.subject for line in found.probing):
-        words = f"Phase {phase} has submissions that change a few samples at a time: probing?"
+        words = f"Phase {titles.get(phase, phase)} has submissions that change a few samples at a time: probing?"
         yield words, f"/organize/similar/{phase}", "See which", "warn"
     if found.pending:
         verb = "waits" if len(found.pending) == 1 else "wait"
@@ -154,5 +159,5 @@ def _tasks(found: Dashboard, runs: Sequence[RunLine], free_bytes: int | None) ->
             words = f"A fresh submission has waited for {duration_words(queue.oldest_s or 0)}."
             yield words, "#queue", "See the queue", "warn"
     for line in runs:
-        words = f"Rescoring of {line.run.phase}: {line.next_words}"
+        words = f"Rescoring of {titles[line.run.phase]}: {line.next_words}"
         yield words, f"/organize/rescoring/{line.run.id}", "See the run", "warn"

@@ -1,6 +1,6 @@
 """What organizers do with teams, each deed a step of its own, and messages with a preview."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Annotated, Any
@@ -169,10 +169,10 @@ def merge(services: ServicesOf, team_id: Slug) -> Step:
         meaning="Its submissions, people and addresses become the other team's, its tokens are "
         "revoked, and both quotas count together. This cannot be taken back.",
         button="Merge",
-        fields=(into, REASON),
+        fields=(into, _again(team), REASON),
         command=f'exceptiondrive organizer teams merge {team.slug} --into TEAM --reason "…"',
         is_grave=True,
-        take=partial(merge_teams, slug=team_id),
+        take=_once_typed(team, merge_teams),
         done="teams_merged",
         onward=lambda merged: _address(merged[0]),
     )
@@ -180,13 +180,7 @@ def merge(services: ServicesOf, team_id: Slug) -> Step:
 
 @step_at(router, "/teams/{team_id}/forget")
 def forget(services: ServicesOf, team_id: Slug) -> Step:
-    """Forget a team whose id was typed once more."""
-
-    def take(session: Session, *, again: str, **given: str) -> Team:
-        if again != team_id:
-            raise InvalidRecord("Type the id of the team once more: this cannot be taken back.")
-        return forget_team(session, team_id, **given)
-
+    """Forget a team."""
     with services.database.read() as session:
         team = find_team(session, team_id)
     return _step(
@@ -196,13 +190,29 @@ def forget(services: ServicesOf, team_id: Slug) -> Step:
         "records, its tokens end, and an alias stands on every board, old ones too; scores and the "
         "digests of boards stay. Name nobody in the reason. This cannot be taken back.",
         button="Forget",
-        fields=(FormField("again", f"Type {team.slug}", is_required=True, max_length=64), REASON),
+        fields=(_again(team), REASON),
         command=f'exceptiondrive organizer teams forget {team.slug} --reason "…"',
         is_grave=True,
-        take=take,
+        take=_once_typed(team, forget_team),
         done="team_forgotten",
         onward=_address,
     )
+
+
+def _again(team: Team) -> FormField:
+    """What is typed before a deed that cannot be taken back."""
+    return FormField("again", f"Type {team.slug}", is_required=True, max_length=64)
+
+
+def _once_typed(team: Team, deed: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a deed on a team that is done only if its id was typed once more."""
+
+    def take(session: Session, *, again: str, **given: str) -> Any:
+        if again != team.slug:
+            raise InvalidRecord("Type the id of the team once more: this cannot be taken back.")
+        return deed(session, team.slug, **given)
+
+    return take
 
 
 @step_at(router, "/teams/{team_id}/limits/{phase_id}")

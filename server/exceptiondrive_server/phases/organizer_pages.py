@@ -28,7 +28,7 @@ from exceptiondrive_records.phases.scoring_keys import list_runs
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol, list_protocols
 from exceptiondrive_records.rescoring.reveal import reveal_split
-from exceptiondrive_records.splits.splits import list_splits
+from exceptiondrive_records.splits.splits import list_splits, whole_split, words_of_revision
 from exceptiondrive_records.submissions.submissions import counts_by_phase
 from exceptiondrive_schemas.api.form_fields import FormField, fields_of, values_of
 from exceptiondrive_schemas.api.phase_settings import (
@@ -203,7 +203,9 @@ def show_new(
         phase = find_phase(session, like)
         texts = {name: text_of(value) for name, value in values_of(SETTINGS, phase).items()}
         protocol = find_protocol(session, phase.protocol_digest).version
-    made_of = {"challenge": phase.challenge, "split": phase.split_name, "protocol": protocol}
+        whole = whole_split(session, phase.split_name, phase.split_revision)
+    made_of = {"challenge": phase.challenge, "split": whole.name, "split_revision": whole.revision}
+    made_of["protocol"] = protocol
     dates = dict.fromkeys((f.name for f in SETTINGS if f.kind == "moment"), "")
     return _new(request, services, browser, {**texts, **made_of, **dates, "position": ""})
 
@@ -299,7 +301,9 @@ def step_of(services: ServicesOf, phase_id: PhaseId, step: StepKey) -> Step:
 def _made_of(session: Session) -> tuple[FormField, ...]:
     """What a phase is made of, and keeps."""
     challenges = tuple((key, one.title) for key, one in CHALLENGES.items())
-    splits = {one.name: one.title for one in list_splits(session)}
+    wholes = [one for one in list_splits(session) if one.part is None]
+    splits = {one.name: one.title for one in wholes}
+    revisions = tuple((one.revision, f"{one.name} of {words_of_revision(one)}") for one in wholes)
     versions = tuple((one.version, one.version) for one in reversed(list_protocols(session)))
     return (
         FormField("id", "Id", hint="stands in addresses; never changes", is_required=True,
@@ -307,6 +311,8 @@ def _made_of(session: Session) -> tuple[FormField, ...]:
         FormField("challenge", "Challenge", "choice", is_required=True, options=challenges),
         FormField("split", "Split", "choice", is_required=True,
               options=tuple((name, f"{name}: {title}") for name, title in splits.items())),
+        FormField("split_revision", "Its revision", "choice", "one of this split",
+              options=revisions, empty="the one registered last"),
         FormField("protocol", "Protocol", "choice",
               f"the usual one: of a withheld split {NEWEST_WITHHELD}, of a public one the newest that "
               "a phase has", options=versions, empty="the usual one"),

@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tokens import names_of_actors
 from exceptiondrive_records.db.errors import NotFound
-from exceptiondrive_records.phases.phases import list_phases
+from exceptiondrive_records.phases.phases import list_phases, titles_of_phases
 from exceptiondrive_records.phases.scoring_keys import find_run
 from exceptiondrive_records.protocols.protocols import find_protocol, list_protocols
 from exceptiondrive_records.rescoring import flip, runs
@@ -58,6 +58,7 @@ def show_runs(request: Request, services: ServicesOf, browser: OrganizerBrowser)
     with services.database.read() as session:
         lines = [run_line(run) for run in run_views(session)]
         verifications = list_verifications(session)
+        titles = titles_of_phases(session)
     return organizer_page(
         request,
         browser,
@@ -65,6 +66,7 @@ def show_runs(request: Request, services: ServicesOf, browser: OrganizerBrowser)
         "rescoring",
         lines=lines,
         verifications=verifications,
+        titles=titles,
     )
 
 

@@ -26,6 +26,7 @@ def _parser() -> MarkdownIt:
 
 
 _MARKDOWN = _parser()
+_WITHOUT_TABLES = MarkdownIt("commonmark", {"html": False})
 
 
 @lru_cache(maxsize=256)
@@ -58,6 +59,25 @@ def _of_this_site_or_https(tag: str, attribute: str, value: str) -> str | None:
 def first_paragraph(text: str) -> Markup:
     """Return the first paragraph of a text in Markdown, for a place that has no room for all of it."""
     return markdown(_first(_MARKDOWN.parse(text), text))
+
+
+def plain_text(text: str) -> str:
+    """Return a text in Markdown as plain paragraphs, for inboxes and mails; tables stay as they are written."""
+    tokens = _WITHOUT_TABLES.parse(text)
+    blocks = (_plain(one.children) if one.children else one.content.strip() for one in tokens)
+    return "\n\n".join(filter(None, blocks))
+
+
+def _plain(tokens: list[Token]) -> str:
+    """Return words; the address of a link follows those that it stands behind."""
+    words, address, start = "", "", 0
+    for token in tokens:
+        if token.type == "link_open":
+            address, start = str(token.attrs["href"]), len(words)
+        elif token.type == "link_close" and words[start:] not in address:
+            words += f" ({address})"
+        words += "\n" if token.type in ("softbreak", "hardbreak") else token.content
+    return words
 
 
 def _first(tokens: list[Token], text: str) -> str:

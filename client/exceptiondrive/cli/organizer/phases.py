@@ -60,7 +60,11 @@ def create(
     ],
     split_revision: Annotated[
         str | None,
-        typer.Option("--split-revision", metavar="REVISION", help="Else the one registered last."),
+        typer.Option(
+            "--split-revision",
+            metavar="REVISION",
+            help="Else that of --like, or the one registered last.",
+        ),
     ] = None,
     challenge: Annotated[
         str,
@@ -94,7 +98,7 @@ def create(
         model = None if like is None else organizer.phase(like)
         taken_over = {} if model is None else _undated(model)
         if model is not None and model["split"] == split:
-            taken_over["protocol"] = model["protocol"]
+            taken_over |= {key: model[key] for key in ("protocol", "split_revision")}
         wanted = {
             "id": phase_id,
             "split": split,

@@ -548,6 +548,7 @@ def create_rescoring() -> None:
         sa.Column("resumed_at", TIME),
         sa.Column("applied_at", TIME),
         sa.Column("ended_at", TIME),
+        sa.Column("ended_with", sa.Text()),
         sa.Column("apply_flip_id", sa.Integer(), sa.ForeignKey("board_flips.id")),
         sa.Column("rollback_flip_id", sa.Integer(), sa.ForeignKey("board_flips.id")),
         sa.Column("comparison", sa.Text()),
