@@ -84,7 +84,7 @@ def _entry(number: int, n_entries: int, protocol: ProtocolDocument) -> BoardEntr
 def _page(board: Board, protocol: ProtocolDocument) -> bytes:
     page = BoardPage(BoardQuery.parse([]), (), None, board, protocol, ("1.0",), "1.0")
     site = Site("auto", "/", "board")
-    return render("boards/board.html", site=site, page=page, own=None).encode()
+    return render("boards/board.html", site=site, page=page, own=None, wheel=None).encode()
 
 
 def calls_in(work: Callable[[], object]) -> Counter[str]:

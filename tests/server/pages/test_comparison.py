@@ -18,6 +18,7 @@ from exceptiondrive_server.boards.comparison import (
     find_pair,
     is_sure,
 )
+from exceptiondrive_server.boards.families import dot_plot
 from exceptiondrive_server.web.numbers import Digits
 from exceptiondrive_server.web.templating import macro
 
@@ -266,3 +267,19 @@ async def test_the_page_shows_tasks_with_and_without_intervals(paired_site: Any)
     tasks = other[other.index('id="tasks"') :]
     assert "Stalled vehicle" in tasks
     assert "Verdict" not in tasks
+
+
+def test_a_family_that_none_of_them_tells_is_not_left_blank_in_the_drawing(
+    lively_board: Board,
+) -> None:
+    untold = lively_board.families[0].id
+    pair = [
+        each.model_copy(
+            update={"families": {k: cell for k, cell in each.families.items() if k != untold}}
+        )
+        for each in lively_board.entries[:2]
+    ]
+    plot = dot_plot(lively_board, pair, Digits())
+    assert plot is not None
+    drawn = str(macro("boards/families.html", "dots")(plot, "d"))
+    assert drawn.count(">not told</text>") == 1
