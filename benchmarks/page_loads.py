@@ -100,13 +100,12 @@ def plant(database_url: str) -> None:
             create_phase(session, new, actor="benchmark")
             phase = session.get_one(Phase, phase_id)
             split = SplitRef(name="sample", revision=phase.split_revision)
+            want_board(session, phase_id, phase.protocol_digest)
+            claim = claim_board_of(session, phase_id, phase.protocol_digest)  # before any worker
+        assert claim is not None
         board = big_board(packaged_protocol(), n_entries)
         board = board.model_copy(update={"phase": phase_id, "split": split})
         with database.write() as session:
-            want_board(session, phase_id, phase.protocol_digest)
-        with database.write() as session:
-            claim = claim_board_of(session, phase_id, phase.protocol_digest)
-            assert claim is not None
             publish_board(session, claim, board)
     database.dispose()
 

@@ -588,6 +588,18 @@ def test_the_phases_can_be_read_on_a_phone_without_scrolling_sideways(visit: Vis
     assert [told.nth(at).get_attribute("data-k") for at in range(6)] == heads
 
 
+@pytest.mark.parametrize("path", ["/", "/submit", "/api", "/entries/s0000000kq", "/phases/sample"])
+def test_every_block_of_commands_can_be_copied(visit: Visit, path: str) -> None:
+    page = visit.open(path)
+    blocks = page.locator("pre")
+    assert blocks.count()
+    page.wait_for_selector(".copy", state="attached")
+    without = blocks.evaluate_all(
+        "all => all.filter((one) => !one.querySelector('.copy')).map((one) => one.innerText)"
+    )
+    assert without == []
+
+
 @pytest.mark.parametrize("width", [320, 820])
 def test_the_menu_of_columns_stays_on_the_screen(visit: Visit, width: int) -> None:
     page = visit.open("/", width=width)
