@@ -58,8 +58,9 @@ def check(
     """Check a file, list every fault, and say what it looks like.
 
     The checker is the server's own. Sample ids are checked against --split, --manifest or the
-    phase; without any of them only the form is. With a phase it is said what an upload would do:
-    whether it would rank, and with --method which entry of the team it takes the place of.
+    phase, the last two say of which challenge the file must be, too; without any of them only the
+    form is checked. With a phase it is said what an upload would do: whether it would rank, and
+    with --method which entry of the team it takes the place of.
     """
     given = options.given(file, context)
     if split is None and manifest is None:
