@@ -13,7 +13,9 @@ _UNSAFE = re.compile(
     "\u2028\u2029\ufff9-\ufffb\ud800-\udfff]"  # line separators, annotations, lone surrogates
 )
 _FORMULA = "=+-@\uff1d\uff0b\uff0d\uff20"  # and their full-width forms
-_STARTS = (*_FORMULA, REPLACEMENT)
+_CELL_START = rf"(^|;\s*)(?=[{re.escape(_FORMULA)}{REPLACEMENT}])"
+"""Where a formula would begin: a spreadsheet of many a country parts cells at `;`, quoted or not."""
+_QUOTED_START = _CELL_START.replace("(?=", "'(?=")
 
 
 def printable(text: str) -> str:
@@ -28,13 +30,12 @@ def one_line(text: str) -> str:
 
 def spreadsheet_text(text: str) -> str:
     """Return a cell that no spreadsheet runs as a formula."""
-    text = one_line(text)
-    return f"'{text}" if text.startswith(_STARTS) else text
+    return re.sub(_CELL_START, r"\1'", one_line(text))
 
 
 def from_spreadsheet(text: str) -> str:
     """Return the text of which `spreadsheet_text` made a cell."""
-    return text[1:] if text.startswith("'") and text[1:].startswith(_STARTS) else text
+    return re.sub(_QUOTED_START, r"\1", text)
 
 
 def counted(count: int, noun: str, plural: str | None = None) -> str:

@@ -271,6 +271,14 @@ def test_no_role_makes_temporary_tables(records_url: str, ask: Ask, tmp_path: Pa
             ask(role, "CREATE TEMPORARY TABLE mine (id int)")
 
 
+def test_no_role_makes_large_objects(ask: Ask) -> None:
+    """They stand in no table: whoever took a service over would fill the disk with them."""
+    for role in Role:
+        for maker in ("lo_create(0)", "lo_creat(-1)", "lo_from_bytea(0, 'x')"):
+            with pytest.raises(errors.InsufficientPrivilege):
+                ask(role, f"SELECT {maker}")
+
+
 @pytest.mark.parametrize("user", ["postgres", "somebody", None])
 def test_the_owner_and_strangers_are_no_roles(
     records_url: str, tmp_path: Path, user: str | None

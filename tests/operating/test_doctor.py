@@ -15,9 +15,13 @@ from sqlalchemy.exc import DBAPIError
 from tests.operating.conftest import Lived
 from tests.support.processes import plain_environment, wait_until
 
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import is_forbidden, sentence_of
+from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.db.settings import RecordsSettings
+from exceptiondrive_records.participation.changes import change_team
 from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.heartbeats import beat
 from exceptiondrive_records.work.lease import take_lead
 from exceptiondrive_schemas.jobs import Lane
@@ -62,6 +66,21 @@ def test_an_older_scorer_beside_a_newer_one_is_named(
     with lived.database.write() as session:
         beat(session, "another", scorer_version="2")
     assert whats(healthy) == "workers run scorer 1 beside 2: the older ones score nothing"
+
+
+def test_names_that_were_taken_before_they_looked_alike_are_named_and_stay(
+    healthy: RecordsSettings, lived: Lived
+) -> None:
+    with lived.database.write() as session:
+        for slug, name in (("bob", "Bob"), ("other", "\u0412ob")):  # a Cyrillic capital
+            made = {"is_reference": False, "created_at": database_now(session)}
+            session.add(Team(slug=slug, name=name, name_skeleton=slug, **made))
+            session.flush()
+    assert whats(healthy) == "teams have names that look alike: Bob, \u0412ob"
+    with lived.database.write() as session:
+        change_team(session, "other", name="\u0412ob", reason="why", actor="test")
+    with lived.database.write() as session, pytest.raises(Conflict):
+        change_team(session, "other", name="B\u043eb", reason="why", actor="test")
 
 
 def test_every_trouble_says_what_to_do(tmp_path: Path) -> None:

@@ -276,6 +276,12 @@ PROTECTIONS = (
         "tests/server/test_overload.py::test_a_team_has_few_places_and_leaves_the_others_free",
     ),
     Protection(
+        "large-objects",
+        "exceptiondrive_records.db.roles:_NO_LARGE_OBJECTS",
+        lambda _: "SELECT 1",
+        "tests/deploy/test_roles.py::test_no_role_makes_large_objects",
+    ),
+    Protection(
         "upload-places-short",
         f"{SERVER}.web.limits.upload_places:UploadPlaces.taken",
         lambda _: property(lambda places: 0),

@@ -13,6 +13,7 @@ NASTY: dict[str, str] = {
     "minus": "-2+3",
     "at": "@SUM(1)",
     "full-width": "\uff1d1+1",
+    "parted": "x;=1+2; @SUM(1)",
     "latex": r"\input{/etc/passwd} & % $ # _ ^ ~ { }",
     "markup": "[bold red]x[/] **b** `c`",
     "link": "[a](javascript:alert(5))",

@@ -132,6 +132,7 @@ def grants(role: Role) -> Iterator[str]:
     yield f"REVOKE ALL ON ALL SEQUENCES IN SCHEMA public FROM {role}"
     yield "REVOKE CREATE ON SCHEMA public FROM PUBLIC"
     yield _NO_TEMPORARY_TABLES
+    yield _NO_LARGE_OBJECTS
     yield f"GRANT USAGE ON SCHEMA public TO {role}"
     for table, rights in rights_of(role).items():
         yield f"GRANT {rights} ON {table} TO {role}"
@@ -145,6 +146,16 @@ def grants(role: Role) -> Iterator[str]:
 _NO_TEMPORARY_TABLES = """DO $$ BEGIN
     EXECUTE format('REVOKE TEMPORARY ON DATABASE %I FROM PUBLIC', current_database());
 END $$"""
+
+
+_NO_LARGE_OBJECTS = """DO $$ DECLARE maker regprocedure; BEGIN
+    IF current_setting('is_superuser') = 'on' THEN
+        FOR maker IN SELECT oid FROM pg_proc WHERE pronamespace = 'pg_catalog'::regnamespace
+            AND proname IN ('lo_creat', 'lo_create', 'lo_from_bytea', 'lo_import')
+        LOOP EXECUTE format('REVOKE EXECUTE ON FUNCTION %s FROM PUBLIC', maker); END LOOP;
+    END IF;
+END $$"""
+"""They would fill the disk past the rights of every table. A superuser alone can take that right away."""
 
 
 _PHASES_FOLLOW_BOARDS = (

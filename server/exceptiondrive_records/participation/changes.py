@@ -52,7 +52,7 @@ def change_team(
         team.name = checked_team(slug, name)
         if team.name != before["name"]:
             require_free_name(session, team)
-        team.name_skeleton = skeleton(team.name)
+            team.name_skeleton = skeleton(team.name)
     if affiliation is not None:
         team.affiliation = checked_affiliation(affiliation)
     after = {"name": team.name, "affiliation": team.affiliation}

@@ -64,6 +64,14 @@ def require_free_name(session: Session, team: Team) -> None:
             raise Conflict(f"There is a team with a name that looks like {team.name!r} already.")
 
 
+def names_that_look_alike(session: Session) -> list[tuple[str, ...]]:
+    """Return names of teams that no two teams could take today: older ones stand as they are."""
+    alike: dict[str, list[str]] = {}
+    for name in session.scalars(select(Team.name).order_by(Team.id)):
+        alike.setdefault(skeleton(name), []).append(name)
+    return [tuple(names) for names in alike.values() if len(names) > 1]
+
+
 def find_team(session: Session, slug: str) -> Team:
     """Return the team with this slug.
 

@@ -28,8 +28,10 @@ from exceptiondrive_records.operations.reconciler import LEADERSHIP
 from exceptiondrive_records.operations.troubles import troubles
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.file_store import LOW_ON_ROOM_BYTES, FileStore
+from exceptiondrive_records.teams.teams import names_that_look_alike
 from exceptiondrive_records.work.heartbeats import scorers_at_work
 from exceptiondrive_records.work.tables import Job, Leader, WorkState
+from exceptiondrive_schemas.printable import printable
 
 _CLOCK_SKEW_S = 2.0
 _OLDEST_QUEUED_S = 60.0
@@ -125,6 +127,7 @@ def _database(settings: RecordsSettings) -> Iterator[Finding]:
         yield from _clock(database)
         yield from _queue(database, settings)
         yield from _append_only(database)
+        yield from _names(database)
     except SQLAlchemyError as error:
         yield Finding(
             Severity.ERROR,
@@ -202,6 +205,17 @@ def _append_only(database: Database) -> Iterator[Finding]:
             Severity.ERROR,
             f"the triggers that keep {', '.join(sorted(missing))} append-only are gone",
             "restore a backup into new records: somebody has altered the schema",
+        )
+
+
+def _names(database: Database) -> Iterator[Finding]:
+    with database.read() as session:
+        found = names_that_look_alike(session)
+    for names in found:
+        yield Finding(
+            Severity.WARNING,
+            f"teams have names that look alike: {printable(', '.join(names))}",
+            "they stay as they are; ask one of them for another name (page Teams)",
         )
 
 
