@@ -120,6 +120,16 @@ def test_the_data_network_reaches_nothing_outside(compose: dict[str, Any]) -> No
     assert outside == ["proxy"]
 
 
+def test_who_needs_a_way_out_has_one(compose: dict[str, Any]) -> None:
+    """Reconcilers send webhooks and mail; a server asks the provider, where there is one."""
+    services = compose["services"]
+    assert [n for n, s in services.items() if "outside" in s["networks"]] == ["reconciler"]
+    added = yaml.safe_load((ROOT / "compose.provider.yaml").read_text("utf-8"))
+    assert added == {"services": {"server": {"networks": ["outside"]}}}
+    services["server"]["networks"] += added["services"]["server"]["networks"]
+    _validate(compose)
+
+
 def test_people_type_a_public_address_and_stopping_is_not_hurried(compose: dict[str, Any]) -> None:
     services = compose["services"]
     assert services["server"]["environment"]["EXCEPTIONDRIVE_PUBLIC_URL"]
