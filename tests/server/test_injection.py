@@ -210,8 +210,8 @@ def assert_no_formula(text: str, columns: tuple[str, ...], n_rows: int) -> None:
         for column in columns:
             assert not row[column].startswith(tuple("=+-@\t\r\n\uff1d"))
             assert "\n" not in row[column]
-    for row in csv.reader(io.StringIO(text), delimiter=";", quoting=csv.QUOTE_NONE):
-        assert not [cell for cell in row if cell.strip().startswith(tuple("=+-@\uff1d"))]
+    for cells in csv.reader(io.StringIO(text), delimiter=";", quoting=csv.QUOTE_NONE):
+        assert not [cell for cell in cells if cell.strip().startswith(tuple("=+-@\uff1d"))]
     assert steering_in(text) == []
     assert "\r" not in text
     assert "\t" not in text
