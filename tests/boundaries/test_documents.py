@@ -105,6 +105,24 @@ def test_links_between_documents_lead_somewhere(texts: dict[str, str]) -> None:
     assert broken == set()
 
 
+def test_every_test_that_a_document_names_is_there() -> None:
+    named = {
+        (file, name)
+        for page in sorted(DOCS.rglob("*.md"))
+        for file, names in re.findall(
+            r"`(tests/[\w/]+\.py)`((?:,? `[a-z0-9_]+`)+)", page.read_text("utf-8")
+        )
+        for name in re.findall(r"\w+", names)
+    }
+    assert len(named) > 50
+    missing = [
+        (file, name)
+        for file, name in sorted(named)
+        if f"def test_{name}(" not in (ROOT / file).read_text("utf-8")
+    ]
+    assert missing == []
+
+
 def test_the_nouns_of_the_architecture_are_the_folders_of_both_sides() -> None:
     text = (DOCS / "architecture.md").read_text("utf-8")
     nouns = re.findall(r"^\| \*\*(\w+)\*\* \| (yes|no) \| (yes|no) \|", text, re.MULTILINE)
