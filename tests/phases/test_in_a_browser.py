@@ -110,3 +110,19 @@ def test_a_team_publishes_by_a_click_without_script(
     page.goto(f"{site}/?phase=own")
     expect(page.locator("tr.own")).to_contain_text("BetaDrive")
     expect(page.locator("tr.own")).to_contain_text("Yours")
+
+
+@pytest.mark.parametrize("width", [1440, 390])
+def test_past_phases_can_be_reached_on_every_screen(
+    life: "Life", browser: Browser, width: int
+) -> None:
+    for name in ("now", "a", "b", "old"):
+        life.make_phase(name, split="plain", title=f"A challenge called {name}")
+    life.change({"visibility": "archived"}, "old")
+    with served(life.client.app) as address:
+        page = browser.new_context(viewport={"width": width, "height": 844}).new_page()
+        page.goto(address)
+        page.click(".phases .past summary")
+        page.click(".phases .past a", timeout=5000)
+        expect(page.locator("h1")).to_be_visible()
+        assert "phase=old" in page.url
