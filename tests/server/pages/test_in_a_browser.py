@@ -588,6 +588,19 @@ def test_the_phases_can_be_read_on_a_phone_without_scrolling_sideways(visit: Vis
     assert [told.nth(at).get_attribute("data-k") for at in range(6)] == heads
 
 
+def test_drawings_and_names_of_families_keep_their_size_on_a_tablet(visit: Visit) -> None:
+    page = visit.open("/", width=820)
+    chart = page.locator("#compare .chart.dots").bounding_box()
+    assert chart is not None
+    assert chart["width"] <= 520
+    name = page.locator(".heat .hn").first
+    name.evaluate("it => { it.textContent = 'A name of many words, as papers have, '.repeat(4); }")
+    heights = page.eval_on_selector_all(
+        ".heat tbody tr", "rows => rows.map((row) => row.getBoundingClientRect().height)"
+    )
+    assert max(heights) <= 60
+
+
 @pytest.mark.parametrize("path", ["/", "/submit", "/api", "/entries/s0000000kq", "/phases/sample"])
 def test_every_block_of_commands_can_be_copied(visit: Visit, path: str) -> None:
     page = visit.open(path)
