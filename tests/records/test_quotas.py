@@ -2,13 +2,14 @@
 
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
 from typing import Any
 
 import pytest
-from sqlalchemy import update
+from sqlalchemy import select, update
 
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import (
@@ -21,6 +22,7 @@ from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.submissions import accept, withdraw
 from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work import jobs
 from exceptiondrive_schemas.api.submission import Quota, SubmissionStatus
 from exceptiondrive_schemas.faults import CheckReport
@@ -110,6 +112,24 @@ def test_a_quota_admits_exactly_its_number_under_parallel_processes(
     processes = [start_process(database_url, world.team_id, share) for share in shares]
     outcomes = [line for process in processes for line in process.communicate()[0].split()]
     must_admit_exactly_the_quota(world, outcomes)
+
+
+@pytest.mark.row("I20")
+def test_of_many_teams_at_once_each_has_its_own_quota(
+    make_world: Callable[..., World], database_url: str
+) -> None:
+    world = make_world(quota_per_day=QUOTA)
+    with world.database.write() as session:
+        teams = [create_team(session, f"t{n}", f"Team {n}", actor="test").id for n in range(4)]
+    processes = [
+        start_process(database_url, team, range(100 * n, 100 * n + 8))
+        for n, team in enumerate(teams)
+    ]
+    told = [process.communicate()[0].split() for process in processes]
+    assert [lines.count("refused") for lines in told] == [8 - QUOTA] * len(teams)
+    with world.database.read() as session:
+        of_teams = session.scalars(select(Submission.team_id)).all()
+    assert Counter(of_teams) == dict.fromkeys(teams, QUOTA)
 
 
 def test_parallel_copies_of_one_file_are_one_submission(make_world: Callable[..., World]) -> None:
