@@ -75,9 +75,9 @@ def _taken_up(run: Run, held: Hit) -> str:
 
 def terminate(run: Run) -> str:
     run.slowly(0.5)
-    retried = run.n_retried()
     run.clients.stream(6)
     run.wait_for_lease()
+    retried = run.n_retried()
     began = time.monotonic()
     code = run.topology.worker.stop()
     took_s = time.monotonic() - began
