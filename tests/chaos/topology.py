@@ -238,6 +238,15 @@ class Topology:
                 return False
         return True
 
+    def freeze_between_writes(self) -> None:
+        """Freeze the worker and its children where none of them holds the lock of the records."""
+        for _ in range(20):
+            self.worker.freeze()
+            if self.takes_writes():
+                return
+            self.worker.thaw()
+        raise AssertionError("the worker could not be frozen between two writes")
+
     def wait_until(
         self, question: Callable[[], object], what: str, timeout_s: float | None = None
     ) -> float:

@@ -23,7 +23,7 @@ def test_visitors_are_told_while_a_worker_stands_still() -> None:
     try:
         topology.wait_until(lambda: status()["state"] == "up", "the status at the start")
         assert WORDS not in page("/")
-        stop_between_writes(topology)
+        topology.freeze_between_writes()
         topology.wait_until(lambda: status()["state"] == "delayed", "the status")
         assert status()["live_workers"] == 0
         topology.wait_until(lambda: WORDS in page("/"), "the front page")
@@ -33,13 +33,3 @@ def test_visitors_are_told_while_a_worker_stands_still() -> None:
         topology.wait_until(lambda: WORDS not in page("/"), "the front page")
     finally:
         topology.close()
-
-
-def stop_between_writes(topology: Topology) -> None:
-    """Stop the worker and its children where none of them holds the lock of the records."""
-    for _ in range(20):
-        topology.worker.freeze()
-        if topology.takes_writes():
-            return
-        topology.worker.thaw()
-    raise AssertionError("the worker could not be stopped between two writes")

@@ -36,7 +36,7 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
     try:
         file = tmp_path_factory.mktemp("upload") / "planner.json"
         file.write_bytes(planning_file(topology.sample_ids, 5.0))
-        worker.freeze()
+        topology.freeze_between_writes()
         with Client(topology.url, topology.tokens["beta"]) as client:
             waiting = client.submit(file, phase=PHASE, method="watched")
             topology.wait_until(lambda: "exceptiondrive_troubles{" in scraped(topology), "trouble")
