@@ -13,6 +13,7 @@ from tests.build.shop import make_shop
 from tests.rescoring.documents import split_document
 from tests.rescoring.stage import STEP, Stage
 from tests.support import documents
+from tests.support.floors import leave_open
 from tests.support.records import add_phase
 from typer.testing import CliRunner
 
@@ -191,7 +192,7 @@ def build(*command: str | Path) -> None:
 def hang_up(stage: Stage, frozen: Path, suffix: str = "") -> Split:
     """Take a frozen split to the worker, as an organizer does."""
     folder = stage.settings.splits_dir / "made-2027"
-    folder.mkdir(exist_ok=True)
+    leave_open(folder)
     (folder / f"split{suffix}.json.gz").write_bytes((frozen / "split.json.gz").read_bytes())
     (folder / f"datasheet{suffix}.json").write_bytes((frozen / "datasheet.json").read_bytes())
     splits = SplitStore(stage.settings.splits_dir)

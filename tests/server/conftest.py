@@ -250,6 +250,7 @@ def make_api(tmp_path: Path, snapshots: Snapshots) -> Iterator[Callable[..., Api
                 "receipt_key_file": tmp_path / "receipt-key.pem",
                 "max_upload_bytes": MAX_UPLOAD_BYTES,
                 "events_every_s": 0.01,
+                "uploads_at_once": 64,
                 "uploads_at_once_per_team": 32,
                 **settings,
             }
