@@ -231,7 +231,6 @@ def _require_quota(quota: Quota) -> None:
 
 RUN_RULES: Mapping[RunRule, str] = MappingProxyType(
     {
-        "newest": "Of each method the newest run stands, also where it is worse.",
         "best": "Of this method the best run stands, as your team said.",
         "this": "Of this method the run stands that your team chose: this one will not take its place.",
     }
@@ -403,13 +402,10 @@ class Client(Connection):
         scored = [each for each in own if each.status is SubmissionStatus.SCORED]
         replaces = replaced_entry(own, method, phase.policy, is_open=phase.is_open)
         replaces = None if first is not None else replaces
-        if phase.policy.entries_shown == "chosen":
-            rule = "Of each team the entry stands that it chose, else its newest."
-            return Outlook(report, replaces, rule, first)
-        rules: list[RunRule] = [each.run_rule for each in scored if each.method == method]
-        said = rules[0] if rules else "newest"
-        may_say = " Your team may say otherwise: exceptiondrive choose."
-        rule = RUN_RULES[said] + (may_say if phase.policy.run_choice == "team" else "")
+        said: RunRule = next((each.run_rule for each in scored if each.method == method), "newest")
+        rule = RUN_RULES.get(said, phase.policy.run_rule)
+        if phase.policy.run_choice == "team":
+            rule += " To say otherwise: exceptiondrive choose."
         return Outlook(report, replaces, rule, first)
 
     def submit(

@@ -216,7 +216,7 @@ def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path:
     assert organize(running, *to).exit_code == 4
     merge = ("teams", "merge", "alef", "--into", "bet", *why)
     with pytest.MonkeyPatch.context() as on_terminal:
-        on_terminal.setattr("exceptiondrive.cli.organizer.participation.can_ask", lambda: True)
+        on_terminal.setattr("exceptiondrive.cli.output.can_ask", lambda: True)
         for deed in (merge, ("teams", "forget", "alef", *why)):
             asked = organize(running, *deed)
             assert (asked.exit_code, "alef" in asked.stderr, "for good?" in asked.stderr) == (

@@ -173,10 +173,10 @@ def test_a_withdrawal_asks_and_says_what_stands_again(
     done = submit(working, slower_file(planning_file), "--replace", "--wait", "--json")
     second = json.loads(done.stdout)
     with monkeypatch.context() as on_terminal:
-        on_terminal.setattr("exceptiondrive.cli.submission_commands.can_ask", lambda: True)
+        on_terminal.setattr("exceptiondrive.cli.output.can_ask", lambda: True)
         asked = run(working, "withdraw", second["id"], typed="n\n")
         assert f"Withdraw {second['id']} (HCC " in asked.stderr
-        assert "Nothing was withdrawn." in asked.stderr
+        assert "Nothing was changed." in asked.stderr
         assert asked.exit_code == 2
         told = run(working, "withdraw", second["id"], "--yes").stdout
     assert f"withdrawn: with the next board there stands again {first['id']} (HCC " in told

@@ -93,6 +93,7 @@ def test_the_first_paragraph_stands_alone() -> None:
         ("It is on **Friday** now.", "It is on Friday now."),
         ("# Head\n\nA *b* `c`\nd", "Head\n\nA b c\nd"),
         ("- one\n- [two](https://a.example/x)", "one\n\ntwo (https://a.example/x)"),
+        ("Look [here](https://a.example/here).", "Look here (https://a.example/here)."),
         ("See <https://a.example/> or <a@b.example>", "See https://a.example/ or a@b.example"),
         ("|a|b|\n|-|-|\n|1|2|", "|a|b|\n|-|-|\n|1|2|"),
         ("```\nx = 1\n```\n\n1 \\* 2 &amp; 3", "x = 1\n\n1 * 2 & 3"),

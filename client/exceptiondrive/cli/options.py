@@ -16,6 +16,7 @@ Json = Annotated[
     bool,
     typer.Option("--json", callback=remember_json, help="One JSON document on stdout."),
 ]
+Yes = Annotated[bool, typer.Option("--yes", help="Do not ask.")]
 Server = Annotated[
     str | None,
     typer.Option(

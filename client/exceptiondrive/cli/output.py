@@ -133,6 +133,16 @@ def can_ask() -> bool:
     return sys.stdin.isatty() and sys.stderr.isatty()
 
 
+def be_sure(question: str, yes: bool) -> None:
+    """Ask on a terminal before what cannot be taken back, unless who calls has said yes.
+
+    Raises:
+        InvalidArgumentError: The answer is no.
+    """
+    if can_ask() and not yes and not typer.confirm(question, err=True):
+        raise InvalidArgumentError("not_confirmed", "Nothing was changed.")
+
+
 def report_error(error: ExceptionDriveError, context: typer.Context) -> None:
     """Say what is wrong and what to do: words on stderr, and with `--json` a document on stdout."""
     if context.meta.get(_JSON):

@@ -9,6 +9,7 @@ from exceptiondrive.cli import options
 from exceptiondrive.cli.completion import choices, submission_ids
 from exceptiondrive.cli.file_tables import file_view
 from exceptiondrive.cli.output import (
+    be_sure,
     can_ask,
     say_view,
     show,
@@ -261,7 +262,7 @@ def download(
 
 def withdraw(
     submission_id: options.SubmissionId,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+    yes: options.Yes = False,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -272,9 +273,7 @@ def withdraw(
     with open_client(server) as client:
         asked = client.status(submission_id)
         stands = asked.status is not SubmissionStatus.WITHDRAWN
-        question = f"Withdraw {entry_words(asked)}?"
-        if can_ask() and stands and not yes and not typer.confirm(question, err=True):
-            raise InvalidArgumentError("not_confirmed", "Nothing was withdrawn.")
+        be_sure(f"Withdraw {entry_words(asked)}?", yes or not stands)
         own = client.submissions(phase=asked.phase)
         view = client.withdraw(submission_id)
         before = next((each for each in own if each.replaced_by == view.id), None)

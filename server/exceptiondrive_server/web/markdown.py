@@ -74,7 +74,7 @@ def _plain(tokens: list[Token]) -> str:
     for token in tokens:
         if token.type == "link_open":
             address, start = str(token.attrs["href"]), len(words)
-        elif token.type == "link_close" and words[start:] not in address:
+        elif token.type == "link_close" and words[start:] != address.removeprefix("mailto:"):
             words += f" ({address})"
         words += "\n" if token.type in ("softbreak", "hardbreak") else token.content
     return words

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from exceptiondrive.cli import completion, options
-from exceptiondrive.cli.output import can_ask, say, show_result
+from exceptiondrive.cli.output import be_sure, say, show_result
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.errors import InvalidArgumentError
@@ -23,7 +23,6 @@ ToldReason = Annotated[
     str,
     typer.Option("--reason", metavar="TEXT", help="Why; told to the team, and in the audit log."),
 ]
-Yes = Annotated[bool, typer.Option("--yes", help="Do not ask.")]
 PublicNote = Annotated[
     str | None,
     typer.Option("--public-note", metavar="TEXT", help="What readers are told; else nothing."),
@@ -80,12 +79,12 @@ def merge_teams(
         ),
     ],
     reason: Reason,
-    yes: Yes = False,
+    yes: options.Yes = False,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
     """Make a team part of another one, with submissions, people and addresses; on a terminal it asks first."""
-    _be_sure(f"Make {team_id} part of {into} for good?", yes)
+    be_sure(f"Make {team_id} part of {into} for good?", yes)
     with open_organizer(server) as organizer:
         merged = organizer.merge_teams(team_id, into, reason)
     n_moved = counted(merged["n_submissions"], "submission")
@@ -93,21 +92,15 @@ def merge_teams(
     show_result(merged, json, line)
 
 
-def _be_sure(question: str, yes: bool) -> None:
-    """Ask on a terminal before what cannot be taken back."""
-    if can_ask() and not yes and not typer.confirm(question, err=True):
-        raise InvalidArgumentError("not_confirmed", "Nothing was changed.")
-
-
 def forget_team(
     team_id: TeamId,
     reason: Reason,
-    yes: Yes = False,
+    yes: options.Yes = False,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
     """Take everything personal of a team out of the records; on a terminal it asks first."""
-    _be_sure(f"Forget {team_id} for good? An alias will stand on boards.", yes)
+    be_sure(f"Forget {team_id} for good? An alias will stand on boards.", yes)
     with open_organizer(server) as organizer:
         team = organizer.forget_team(team_id, reason)
     show_result(team, json, f"the team is forgotten; it stands as {team['name']} ({team['id']})")

@@ -40,7 +40,7 @@ class UploadPlaces:
         if n_held >= (1 if is_short else self._per_team):
             detail = (
                 f"As many files of your team arrive right now ({n_held}) as may at a time"
-                f"{' while many others do' if is_short else ''}. Nothing was taken; send it again "
+                f"{' while places are short' if is_short else ''}. Nothing was taken; send it again "
                 "when one of them is through."
             )
             raise ApiProblem(ProblemCode.TOO_MANY_REQUESTS, detail, retry_after_s=RETRY_AFTER_S)
