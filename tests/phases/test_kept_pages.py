@@ -2,7 +2,9 @@
 
 import re
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
+from threading import Barrier
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -180,3 +182,18 @@ def test_any_number_of_addresses_takes_no_more_than_the_room(
         assert life.client.get(f"/?page={number + 1}").status_code == 200
         assert small.weight_bytes <= 4 * page_bytes
     assert small.weight_bytes > page_bytes
+
+
+def test_no_page_waits_for_another_page_to_be_made() -> None:
+    kept, number = KeptPages(), 100
+    all_read = Barrier(number, timeout=60)
+
+    def read() -> tuple[object, Callable[[], str]]:
+        all_read.wait()
+        return "value", lambda: "page"
+
+    with ThreadPoolExecutor(number) as readers:
+        pages = [
+            readers.submit(kept.current, looks, lambda: "state", read) for looks in range(number)
+        ]
+    assert {page.result().html for page in pages} == {b"page"}

@@ -12,14 +12,13 @@ import threading
 import time
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
+from weakref import WeakValueDictionary
 
 from exceptiondrive_records.db.memory import Memory
 
 Made = tuple[object, Callable[[], str]]
 ROOM_BYTES = 24 * 2**20
 CLOCK_S = 1.0
-_LOCKS = 64
-"""Two addresses rarely share one."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,8 @@ class KeptPages:
 
     def __init__(self, room_bytes: int = ROOM_BYTES) -> None:
         self._pages: Memory[Hashable, KeptPage] = Memory(room_bytes)
-        self._reads = tuple(threading.Lock() for _ in range(_LOCKS))
+        self._lock = threading.Lock()
+        self._reads: WeakValueDictionary[Hashable, threading.Lock] = WeakValueDictionary()
 
     @property
     def weight_bytes(self) -> int:
@@ -68,7 +68,9 @@ class KeptPages:
         self, looks: Hashable, state: Callable[[], str], read: Callable[[], Made]
     ) -> KeptPage:
         """One at a time of each address: those who waited find the page that the first one read."""
-        with self._reads[hash(looks) % _LOCKS]:
+        with self._lock:
+            one_at_a_time = self._reads.setdefault(looks, threading.Lock())
+        with one_at_a_time:
             now, now_s = state(), time.monotonic()
             kept = self._unchanged(looks, now)
             if kept is not None:
