@@ -33,8 +33,8 @@ _MISSING = problem_responses(*_REFUSALS, ProblemCode.NOT_FOUND, ProblemCode.CONF
 class NewTeamToken(Form):
     """A token to be issued for one's own team."""
 
-    name: Annotated[str, Field(max_length=400)]
-    scopes: tuple[Scope, ...] = PARTICIPANT_SCOPES
+    name: Annotated[str, Field(min_length=1, max_length=80)]
+    scopes: Annotated[tuple[Scope, ...], Field(min_length=1)] = PARTICIPANT_SCOPES
     """None that the asker's token does not have."""
     expires_at: Time | None = None
 

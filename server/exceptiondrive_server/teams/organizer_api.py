@@ -38,7 +38,7 @@ class NewTeam(Form):
     id: Annotated[
         str, Field(max_length=64, json_schema_extra={"pattern": "^[a-z0-9][a-z0-9-]{0,63}$"})
     ]
-    name: Annotated[str, Field(max_length=400)]
+    name: Annotated[str, Field(min_length=1, max_length=80)]
     affiliation: Annotated[str, Field(max_length=MAX_AFFILIATION)] = ""
     email: Annotated[str, Field(max_length=400)] = ""
     """Where its notices go, once whoever reads there confirms it."""
@@ -63,8 +63,8 @@ class TeamView(BaseModel):
 class NewToken(Form):
     """A token to be issued."""
 
-    name: Annotated[str, Field(max_length=400)]
-    scopes: tuple[Scope, ...] = TEAM_SCOPES
+    name: Annotated[str, Field(min_length=1, max_length=80)]
+    scopes: Annotated[tuple[Scope, ...], Field(min_length=1)] = TEAM_SCOPES
     expires_at: Time | None = None
 
 
