@@ -23,11 +23,12 @@ from array import array
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from itertools import chain
+from itertools import chain, compress
+from operator import neg, sub
 from types import MappingProxyType
 
 from exceptiondrive_schemas.check.answers import TrajectoryPair
-from exceptiondrive_schemas.check.tracks import Tracks, Whole, both_first
+from exceptiondrive_schemas.check.tracks import Column, Tracks, Whole, both_first
 from exceptiondrive_schemas.file_profile import FileProfile, Mend
 from exceptiondrive_schemas.protocol import GeometrySection, PlausibilitySection
 
@@ -68,6 +69,8 @@ MIN_COMPARED = 20
 """Fewer samples tell nothing."""
 MAX_COMPARED = 300
 """More tell nothing new: transformations are tried on every so-manieth sample."""
+FIRST_LOOK, FAR_OFF = 6, 0.5
+"""A transformation that is so far off on every sixth of them is not tried on all."""
 SAME_TIME_S = 1e-6
 SECONDS_SHOWN = (1.0, 2.0, 3.0)
 
@@ -145,14 +148,20 @@ def file_profile(
     if n_given is not None:
         return FileProfile(mend=best)
     at_source, at_edit = Tracks.of(sources, n_wanted), Tracks.of(edited, n_wanted)
-    start = _start_mend((at_source, at_edit), geometry, plausibility)
-    of_rows = _row_mend(whole, recorded) or _id_mend(compared)
-    mend = start or best or of_rows or _edited_mend(whole, plausibility)
-    driven = Tracks.of([_flat(each.recorded) for each in compared], n_wanted)
-    distances_m = Tracks.of([each.flat_source for each in compared], n_wanted).gaps_m(driven)
+    of_pairs = at_source.first(n_both), at_edit.first(n_both)
+    driven = Tracks.of([chain.from_iterable(each.recorded) for each in compared], n_wanted)
+    beside = Tracks.of([each.flat_source for each in compared], n_wanted)
+    mend = (
+        _start_mend((at_source, at_edit), geometry, plausibility)
+        or best
+        or _row_mend(whole, recorded)
+        or _id_mend(beside, driven)
+        or _edited_mend(*of_pairs, plausibility)
+    )
+    distances_m = beside.gaps_m(driven)
     at_s = dict(zip(SECONDS_SHOWN, _means_at(distances_m, geometry), strict=True))
     means_m = [math.fsum(of_one) / n_wanted for of_one in distances_m]
-    shifts_m = _shifts_m(at_source.first(n_both), at_edit.first(n_both))
+    shifts_m = _shifts_m(*of_pairs)
     lengths_m = zip(at_source.lengths_m[:n_both], at_edit.lengths_m[:n_both], strict=True)
     margin_m, reach_m = plausibility.blind_shift_below_m, plausibility.stationary_below_m
     return FileProfile(
@@ -178,10 +187,6 @@ def _whole(flat: array[float] | None, n_wanted: int) -> array[float] | None:
 
 def _points(flat: Sequence[float]) -> Points:
     return list(zip(flat[::2], flat[1::2], strict=True))
-
-
-def _flat(points: Points) -> array[float]:
-    return array("d", chain.from_iterable(points))
 
 
 def _distances_m(points: Points, others: Points) -> list[float]:
@@ -427,10 +432,12 @@ def _best_mend(
     if len(moving) < MIN_COMPARED:
         return None
     tried = _some(moving)
-    as_is = [_with_step(geometry.time_step_s, geometry.time_step_s, each) for each in tried]
+    as_is = [
+        (each.source[: len(each.recorded)], each.recorded[: len(each.source)]) for each in tried
+    ]
     error = _error(as_is)
     if n_given is not None:
-        return _best_of(tried, error, _of_time(geometry, n_given))[0]
+        return _best_of(tried, error, _of_time(geometry, n_given))
     if error <= FITS:
         transformations = [EXCHANGE]
     else:
@@ -438,8 +445,8 @@ def _best_mend(
             *_of_time(geometry, geometry.waypoints),
             *_of_space(geometry.time_step_s),
         ]
-    best, mended_error = _best_of(tried, error, transformations)
-    if best is not None and error > FITS_BETTER * mended_error:
+    best = _best_of(tried, error, transformations, FITS_BETTER)
+    if best is not None:
         return best
     offset = _offset_mend(compared) or _offset_of_moving(tried, error)
     if offset is not None:
@@ -452,26 +459,30 @@ def _best_mend(
 
 
 def _best_of(
-    tried: Sequence[Compared], error: float, transformations: Iterable[Transformation]
-) -> tuple[Mend | None, float]:
-    """Return what fits best, if it fits at all, and how well."""
-    found: list[tuple[float, Transformation, list[tuple[Points, Points] | None]]] = []
-    for transformation in transformations:
-        applied = [transformation.apply(each) for each in tried]
-        known = [pair for pair in applied if pair is not None]
-        if len(known) >= MIN_COMPARED:
-            found.append((_error(known), transformation, applied))
+    tried: Sequence[Compared],
+    error: float,
+    transformations: Iterable[Transformation],
+    times_better: float | None = None,
+) -> Mend | None:
+    """Return what fits best, if it fits at all, and so many times better than the file as it is."""
+
+    def after(transformation: Transformation, samples: Sequence[Compared]) -> float | None:
+        known = list(filter(None, map(transformation.apply, samples)))
+        return _error(known) if len(known) >= MIN_COMPARED else None
+
+    near = (each for each in transformations if (after(each, tried[::FIRST_LOOK]) or 0) <= FAR_OFF)
+    found = [(off, each) for each in near if (off := after(each, tried)) is not None]
     if not found:
-        return None, math.inf
-    mended_error, best, applied = min(found, key=lambda each: each[0])
-    if mended_error > FITS:
-        return None, mended_error
+        return None
+    mended_error, best = min(found, key=lambda each: each[0])
+    if mended_error > FITS or (times_better and error <= times_better * mended_error):
+        return None
     changes = [
         (_off(each.source, each.recorded), _off(*pair))
-        for each, pair in zip(tried, applied, strict=True)
-        if pair is not None and len(each.source) == len(each.recorded)
+        for each in tried
+        if (pair := best.apply(each)) and len(each.source) == len(each.recorded)
     ]
-    return _whole_or_part(best, error, mended_error, changes), mended_error
+    return _whole_or_part(best, error, mended_error, changes)
 
 
 def _off(points: Points, recorded: Points) -> float:
@@ -618,9 +629,11 @@ def _offset_of_moving(tried: Sequence[Compared], error: float) -> Mend | None:
         own[0] - at[0] for each in tried for own, at in zip(each.source, each.recorded, strict=True)
     ]
     offset_m = statistics.median(gaps_m)
+    if abs(offset_m) < OFFSET_ABOVE_M:
+        return None
     shifted = [([(x - offset_m, y) for x, y in each.source], each.recorded) for each in tried]
     mended_error = _error(shifted)
-    if abs(offset_m) < OFFSET_ABOVE_M or mended_error > min(FITS, error / FITS_BETTER):
+    if mended_error > min(FITS, error / FITS_BETTER):
         return None
     return Mend(
         looks_like=f"waypoints of a point {offset_m:.2f} m ahead of the rear axle",
@@ -697,10 +710,9 @@ def _row_mend(whole: Mapping[str, Whole], recorded: Mapping[str, Points] | None)
     )
 
 
-def _id_mend(compared: Sequence[Compared]) -> Mend | None:
+def _id_mend(sources: Tracks, driven: Tracks) -> Mend | None:
     """Name drives under the ids of other samples: as long as the recorded ones, in another order."""
-    lengths_m = [(math.hypot(*it.source[-1]), math.hypot(*it.recorded[-1])) for it in compared]
-    found = _of_others(lengths_m)
+    found = _of_others(sources.ends_m, driven.ends_m)
     if found is None:
         return None
     by_sample, by_order = found
@@ -714,29 +726,32 @@ def _id_mend(compared: Sequence[Compared]) -> Mend | None:
     )
 
 
-def _edited_mend(whole: Mapping[str, Whole], plausibility: PlausibilitySection) -> Mend | None:
+def _edited_mend(sources: Tracks, edited: Tracks, plausibility: PlausibilitySection) -> Mend | None:
     """Name edited trajectories of another frame, or of other samples, than their source ones.
 
     Told by the first waypoint: no braking and no swerve moves it far.
     """
-    firsts = [
-        (_points(edited)[0], _points(source)[0])
-        for source, edited in whole.values()
-        if source and edited
-    ]
-    moving = [(own, at) for own, at in firsts if math.hypot(*at) > plausibility.stationary_below_m]
-    if len(moving) < MIN_COMPARED:
+    own, at = edited.steps[0], sources.steps[0]
+    is_moving = [length_m > plausibility.stationary_below_m for length_m in at.length_m]
+    if sum(is_moving) < MIN_COMPARED:
         return None
-    error, *turned = (
-        _error([(rotated([own], turns), [at]) for own, at in moving]) for turns in range(4)
-    )
-    if error > FITS and min(turned) <= min(FITS, error / FITS_BETTER):
-        return Mend(
-            looks_like="edited trajectories in another frame than the source ones",
-            convert_option=None,
-            by_hand="write both with x forward and y left",
-        )
-    found = _of_others([(math.hypot(*own), math.hypot(*at)) for own, at in firsts])
+    scale_m = statistics.median(compress(at.length_m, is_moving))
+
+    def off(x_m: Iterable[float], y_m: Iterable[float]) -> float:
+        gaps_m = map(math.hypot, map(sub, x_m, at.x_m), map(sub, y_m, at.y_m))
+        return statistics.median(compress(gaps_m, is_moving)) / scale_m
+
+    error = off(own.x_m, own.y_m)
+    if error > FITS:
+        left, back = list(map(neg, own.y_m)), list(map(neg, own.x_m))
+        turned = (off(left, own.x_m), off(back, left), off(own.y_m, back))
+        if min(turned) <= min(FITS, error / FITS_BETTER):
+            return Mend(
+                looks_like="edited trajectories in another frame than the source ones",
+                convert_option=None,
+                by_hand="write both with x forward and y left",
+            )
+    found = _of_others(own.length_m, at.length_m)
     if found is None:
         return None
     return Mend(
@@ -749,21 +764,21 @@ def _edited_mend(whole: Mapping[str, Whole], plausibility: PlausibilitySection) 
     )
 
 
-def _of_others(lengths_m: Sequence[tuple[float, float]]) -> tuple[float, float] | None:
+def _of_others(lengths_m: Column, own_m: Column) -> tuple[float, float] | None:
     """Return how far lengths are off those beside them, and in order of length, where they are of others.
 
     Args:
-        lengths_m: Pairs of a length and the one that it should be.
+        lengths_m: One of each sample.
+        own_m: What each should be.
     """
-    scale_m = math.fsum(own for _, own in lengths_m)
-    if len(lengths_m) < MIN_COMPARED or not scale_m:
+    scale_m = math.fsum(own_m)
+    if len(own_m) < MIN_COMPARED or not scale_m:
         return None
-    in_order = zip(*map(sorted, zip(*lengths_m, strict=True)), strict=True)
-    by_sample, by_order = (
-        math.fsum(abs(length_m - own_m) for length_m, own_m in pairs) / scale_m
-        for pairs in (lengths_m, in_order)
-    )
-    if by_sample < OF_OTHERS or by_order > IN_ORDER or by_sample < FITS_BETTER * by_order:
+    by_sample = math.fsum(map(abs, map(sub, lengths_m, own_m))) / scale_m
+    if by_sample < OF_OTHERS:
+        return None
+    by_order = math.fsum(map(abs, map(sub, sorted(lengths_m), sorted(own_m)))) / scale_m
+    if by_order > IN_ORDER or by_sample < FITS_BETTER * by_order:
         return None
     return by_sample, by_order
 

@@ -37,7 +37,7 @@ class Tracks:
     y_m: Sequence[Column]
 
     @classmethod
-    def of(cls, trajectories: Sequence[array[float]], n_waypoints: int) -> Tracks:
+    def of(cls, trajectories: Sequence[Iterable[float]], n_waypoints: int) -> Tracks:
         """Put whole trajectories, each flat (x1, y1, x2, y2, ...), beside each other.
 
         Raises:
