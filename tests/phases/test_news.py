@@ -88,6 +88,7 @@ def test_a_question_is_answered_to_the_team_alone(open_phase: "Life", by: str) -
     assert "1 question of teams waits for an answer" in organizer.get("/organize").text
     page = f"/organize/news/questions/{question['id']}"
     assert page in organizer.get("/organize/news").text
+    assert '<td data-k="phase">Test</td>' in organizer.get("/organize/news").text
     if by == "page":
         assert send(organizer, page, {"text": ANSWER}, page=page).status_code == 303
     else:

@@ -84,11 +84,14 @@ def test_a_split_that_fits_is_said_to_fit(scored: "Life") -> None:
     run = draft(scored, "1.2", footprint_width_m=1.9)
     scored.work()
     assert seen(scored, run)["trial"]["state"] == "fits"
-    text = visitor(scored, "organizer").get(f"/organize/rescoring/{run['id']}").text
+    organizer, page = visitor(scored, "organizer"), f"/organize/rescoring/{run['id']}"
+    text = organizer.get(page).text
     assert "it can be scored" in text
     scored.done(f"/rescoring/{run['id']}/start", {"reason": "go"})
     scored.work()
     assert seen(scored, run)["state"] == "ready"
+    for shown in (text, organizer.get(f"{page}/preview").text):
+        assert "<b>Test</b>" in shown, "the phase is called by its title"
 
 
 def test_a_run_that_was_begun_at_once_fails_with_a_reason_for_all_sheets(scored: "Life") -> None:

@@ -10,7 +10,7 @@ from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.news.news import all_news, publish_news, withdraw_news
 from exceptiondrive_records.news.questions import all_questions, answer_question
 from exceptiondrive_records.participation.messages import MAX_TEXT, MAX_TITLE
-from exceptiondrive_records.phases.phases import list_phases
+from exceptiondrive_records.phases.phases import list_phases, titles_of_phases
 from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_server.news.queries import asked_question, news_view
 from exceptiondrive_server.web.auth import ServicesOf
@@ -34,8 +34,16 @@ def show_news(request: Request, services: ServicesOf, browser: OrganizerBrowser)
     with services.database.read() as session:
         questions = [asked_question(row, team) for row, team in all_questions(session)]
         news = [news_view(row) for row in all_news(session)]
-    template = "news/organizer_news.html"
-    return organizer_page(request, browser, template, "news", questions=questions, news=news)
+        titles = titles_of_phases(session)
+    return organizer_page(
+        request,
+        browser,
+        "news/organizer_news.html",
+        "news",
+        questions=questions,
+        news=news,
+        titles=titles,
+    )
 
 
 @step_at(router, "/new")

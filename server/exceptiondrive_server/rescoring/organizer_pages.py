@@ -137,7 +137,7 @@ def show_run(
             return go(f"/organize/verifications/{run_id}")
         seen = run_view(session, run)
         lines = history(session, run_id, limit=HISTORY)
-        names = names_of_actors(session, [seen.actor])
+        names, titles = names_of_actors(session, [seen.actor]), titles_of_phases(session)
     return organizer_page(
         request,
         browser,
@@ -146,6 +146,7 @@ def show_run(
         line=run_line(seen),
         steps=offered(seen),
         lines=lines,
+        phase_title=titles[seen.phase],
         organizer_name=names.get(seen.actor, seen.actor),
     )
 
@@ -164,6 +165,7 @@ def show_preview(
         preview = preview_of(session, run_id)
         comparison = preview.comparison
         protocol = find_protocol(session, comparison.to_protocol.digest)
+        titles = titles_of_phases(session)
     return organizer_page(
         request,
         browser,
@@ -172,6 +174,7 @@ def show_preview(
         line=run_line(seen),
         steps=offered(seen),
         preview=preview,
+        phase_title=titles[seen.phase],
         **compared(comparison, protocol, page),
     )
 
@@ -266,13 +269,14 @@ def show_verification(
     """Show what a verification has come to."""
     with services.database.read() as session:
         seen = verification_view(session, verification_id)
-        names = names_of_actors(session, [seen.actor])
+        names, titles = names_of_actors(session, [seen.actor]), titles_of_phases(session)
     return organizer_page(
         request,
         browser,
         "rescoring/organizer_verification.html",
         "rescoring",
         seen=seen,
+        phase_title=titles[seen.phase],
         organizer_name=names.get(seen.actor, seen.actor),
     )
 
