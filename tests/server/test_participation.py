@@ -229,6 +229,9 @@ def test_the_history_of_a_team_is_in_words(api_on_both: "Api", organizer: "TeamB
     for page in ("/organize/teams/alpha", "/organize/audit?subject=alpha"):
         seen = organizer.get(page).text
         assert [each for each in words if each not in seen] == []
+    api.post("/organizer/teams/alpha/disqualify", "organizer", json={"phase": "dev", **WHY})
+    where = '<td data-k="where">The &lt;season&gt;</td>'
+    assert where in organizer.get("/organize/teams/alpha").text
 
 
 def test_a_name_that_another_takes_at_the_same_moment_is_a_conflict_and_no_outage(

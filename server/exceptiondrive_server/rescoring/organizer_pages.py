@@ -284,7 +284,8 @@ def show_verification(
 def _page_of(session: Session, step: RunStep, run_id: str, preview: str) -> Step:
     seen = run_view(session, find_run(session, run_id))
     comparison = preview_of(session, run_id).comparison if step.is_flip and seen.preview else None
-    return page_of_step(step, seen, preview, comparison)
+    title = titles_of_phases(session)[seen.phase]
+    return page_of_step(step, seen, title, preview, comparison)
 
 
 def _known(step: str) -> RunStep:

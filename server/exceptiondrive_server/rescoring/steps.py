@@ -221,13 +221,18 @@ def offered(run: RunView) -> tuple[RunStep, ...]:
 
 
 def page_of_step(
-    step: RunStep, run: RunView, preview: str = "", comparison: Comparison | None = None
+    step: RunStep,
+    run: RunView,
+    phase_title: str,
+    preview: str = "",
+    comparison: Comparison | None = None,
 ) -> Step:
     """Return the page that asks for a step.
 
     Args:
         step: The step.
         run: The run.
+        phase_title: Of the phase that is rescored.
         preview: Digest of the preview that was looked at, for a step that needs one.
         comparison: What readers would see change, for a step that moves the pointer.
     """
@@ -245,7 +250,7 @@ def page_of_step(
         back=f"{here}/preview" if step.needs_preview else here,
         back_words="The preview" if step.needs_preview else "The run",
         fields=(REASON,),
-        facts=tuple(_facts(run_line(run), preview, comparison)),
+        facts=tuple(_facts(run_line(run), phase_title, preview, comparison)),
         command=f"exceptiondrive organizer rescore {step.command} {run.id}{with_preview} "
         '--reason "…"',
         is_grave=step.is_grave,
@@ -260,13 +265,13 @@ def page_of_step(
 
 
 def _facts(
-    line: RunLine, preview: str, comparison: Comparison | None
+    line: RunLine, phase_title: str, preview: str, comparison: Comparison | None
 ) -> Iterator[tuple[str, str | tuple[str, ...]]]:
     sentences = line.run.difference.sentences
     shown = sentences[:MOST_SENTENCES]
     left_out = len(sentences) - len(shown)
     yield "Run", line.change
-    yield "Phase", line.run.phase
+    yield "Phase", phase_title
     if shown:
         yield "Changes", (*shown, f"and {left_out} more") if left_out else shown
     yield "Sheets", line.progress_words

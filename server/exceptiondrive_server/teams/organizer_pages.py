@@ -205,6 +205,7 @@ def _team(
         n_submissions=n_submissions,
         seen=seen,
         phases=phases,
+        titles={phase.id: phase.title for phase in phases},
         fields=filled(NEW_TOKEN, USUAL if texts is None else texts),
     )
 
