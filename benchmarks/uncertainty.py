@@ -77,7 +77,7 @@ def bootstrap_of(
 ) -> list[Uncertainty]:
     """Return the uncertainty of so many entries, which take the sums in turn."""
     entries = _entries(sums, n_entries)
-    return bootstrap(entries, PLANNING, protocol.ranking, protocol.grading.headline)
+    return list(bootstrap(entries, PLANNING, protocol.ranking, protocol.grading.headline))
 
 
 def _seconds(

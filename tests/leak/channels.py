@@ -101,7 +101,7 @@ def tried(oracle: "Oracle", sample: int, clearance_m: FloatArray, seed: int = 0)
         return scene_sums(scores, arrays, protocol.taxonomy)
 
     def bootstrapped(sums: Sequence[SceneSums]) -> list[Any]:
-        return bootstrap(sums, PLANNING, protocol.ranking, protocol.grading.headline)
+        return list(bootstrap(sums, PLANNING, protocol.ranking, protocol.grading.headline))
 
     all_rows = np.arange(arrays.n_samples)
     start = moved(all_rows, chance.uniform(0, 3, arrays.n_samples))

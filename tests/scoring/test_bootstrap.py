@@ -181,7 +181,7 @@ def test_rank_intervals_agree_with_the_interval_of_every_paired_difference(
         scene_sums(_scores(seed, safe=0.2 + 0.03 * seed), split, protocol.taxonomy)
         for seed in range(12)
     ]
-    uncertain = bootstrap(entries, SIX_METRICS, protocol.ranking, "micro")
+    uncertain = list(bootstrap(entries, SIX_METRICS, protocol.ranking, "micro"))
     found = rank_intervals(uncertain, "descending")
     for i, entry in enumerate(uncertain):
         best, worst = 1, len(uncertain)
@@ -276,7 +276,7 @@ def test_95_per_cent_intervals_cover_the_truth_in_93_to_97_per_cent_of_boards(
     protocol: ProtocolDocument,
 ) -> None:
     boards, true_micro, true_families = _simulated_boards(n_boards=600, n_scenes=500)
-    results = bootstrap(boards, SIX_METRICS, protocol.ranking, "macro_family")
+    results = list(bootstrap(boards, SIX_METRICS, protocol.ranking, "macro_family"))
 
     def coverage(intervals: FloatArray, truth: FloatArray) -> FloatArray:
         inside = (intervals[..., 0] <= truth) & (truth <= intervals[..., 1])

@@ -5,6 +5,7 @@ from itertools import combinations
 from typing import Any
 
 import pytest
+from billiard.exceptions import SoftTimeLimitExceeded
 from sqlalchemy import select
 from tests.support.worker import build_board_of
 
@@ -19,9 +20,12 @@ from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol
 from exceptiondrive_schemas.published import example_text
 from exceptiondrive_schemas.score_sheet import BreakdownRow, ScoreSheet
 from exceptiondrive_schemas.split import Split
+from exceptiondrive_scoring import bootstrap
+from exceptiondrive_scoring.bootstrap import SceneSums
 from exceptiondrive_worker.boards.comparisons import published_comparison
 from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.splits.private_store import Shelf
+from exceptiondrive_worker.stages import Stages, Target
 
 World = Any
 MakeFile = Callable[..., bytes]
@@ -55,6 +59,27 @@ def board(phase: World, tiny: Split, planning_file: MakeFile) -> Board:
     for method, speed in SPEEDS.items():
         phase.score(planning_file(tiny, edited_mps=speed), method=method, team=method)
     return build(phase)
+
+
+def test_a_build_that_is_ended_in_its_middle_keeps_the_intervals_that_it_has(
+    phase: World, tiny: Split, planning_file: MakeFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for method, speed in SPEEDS.items():
+        phase.score(planning_file(tiny, edited_mps=speed), method=method, team=method)
+    monkeypatch.setattr(bootstrap, "BLOCK_DRAWS", 1)
+    stages, asked = phase.context.stages, []
+
+    def ended_at_the_third(target: Target, key: str) -> SceneSums:
+        asked.append(key)
+        if len(asked) == 3:
+            raise SoftTimeLimitExceeded
+        return Stages.scene_sums(stages, target, key)
+
+    monkeypatch.setattr(stages, "scene_sums", ended_at_the_third)
+    with pytest.raises(SoftTimeLimitExceeded):
+        build(phase)
+    kept = phase.context.private.root / Shelf.INTERVALS.value
+    assert len(list(kept.iterdir())) == 2
 
 
 def test_each_ranked_entry_is_compared_with_each_the_better_ranked_first(board: Board) -> None:

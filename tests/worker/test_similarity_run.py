@@ -63,6 +63,19 @@ def report(world: World) -> SimilarityReport:
         return similarity_report(session, "dev")
 
 
+def test_comparisons_end_in_time_and_go_on_after_the_next_board(
+    crowd: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    crowd.score(upload(1), team="alpha")
+    crowd.score(upload(2), team="beta")
+    with monkeypatch.context() as patched:
+        patched.setattr(similarity_run, "PART_OF_LIMIT", 0.0)
+        found = report(crowd)
+        assert (found.n_compared, found.n_waiting) == (0, 2)
+    found = report(crowd)
+    assert (found.n_compared, found.n_waiting) == (2, 0)
+
+
 def test_equal_files_equal_answers_and_near_ones_are_told_apart(crowd: World) -> None:
     crowd.score(upload(1), team="alpha")
     crowd.score(upload(1), team="beta")

@@ -177,8 +177,8 @@ class _Reading:
 
 def bootstrap(
     entries: Iterable[SceneSums], challenge: Challenge, ranking: RankingSection, headline: str
-) -> list[Uncertainty]:
-    """Intervals of every metric that has some, overall (both aggregates) and by family.
+) -> Iterator[Uncertainty]:
+    """Yield the intervals of each entry: every metric that has some, both aggregates and families.
 
     Args:
         entries: Scene sums over one split of `challenge.interval_metrics`; read block by block, so a
@@ -193,10 +193,8 @@ def bootstrap(
         primary=[m.key for m in metrics].index(ranking.order_of(challenge)[0].metric),
         headline=headline,
     )
-    return [
-        _uncertainty(entry, draws, reading, ranking)
-        for entry, draws in resample(entries, ranking, metrics)
-    ]
+    for entry, draws in resample(entries, ranking, metrics):
+        yield _uncertainty(entry, draws, reading, ranking)
 
 
 def scene_weights(n_scenes: int, ranking: RankingSection) -> NDArray[np.uint16]:

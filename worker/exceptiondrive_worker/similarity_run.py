@@ -4,6 +4,7 @@ Trajectories stay here: sums over samples are all that is recorded, and nothing 
 a score goes into them.
 """
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -30,6 +31,8 @@ from exceptiondrive_worker.stages import RejectedUpload, Target
 
 COMPARED_AT_ONCE = 200
 """Submissions compared after one board; the rest follow with the next one."""
+PART_OF_LIMIT = 0.25
+"""No more is compared after this part of the limit of time of the task, which built a board first."""
 NEAREST_KEPT = 10
 CANDIDATES = 30
 AT_ONCE = 100
@@ -41,7 +44,7 @@ _log = structlog.get_logger("exceptiondrive.worker")
 def compare_submissions(context: WorkerContext, phase_id: str, like: Target) -> int:
     """Compare what was not compared yet; return how many submissions that were.
 
-    Gives way as soon as a live job waits: the rest follow with the next board.
+    Gives way as soon as a live job waits, or its time is over: the rest follow with the next board.
 
     Args:
         context: Of this process.
@@ -56,6 +59,7 @@ def compare_submissions(context: WorkerContext, phase_id: str, like: Target) -> 
     fresh = [file for file in files if not file.is_compared][:COMPARED_AT_ONCE]
     if not fresh or _live_job_waits(context):
         return 0
+    until = time.monotonic() + PART_OF_LIMIT * context.settings.soft_time_limit_s
     comparing = _Comparing(context, like, rule)
     compared = _Crowd()
     for file in files:
@@ -63,7 +67,7 @@ def compare_submissions(context: WorkerContext, phase_id: str, like: Target) -> 
             compared.add(file, comparing.fingerprint(file))
     n_compared = 0
     for file in fresh:
-        if _live_job_waits(context):
+        if _live_job_waits(context) or time.monotonic() > until:
             break
         fingerprint = comparing.fingerprint(file)
         alike = [] if fingerprint is None else comparing.alike(file, fingerprint, compared)

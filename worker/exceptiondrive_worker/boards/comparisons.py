@@ -261,6 +261,7 @@ def entry_uncertainties(
         protocol, challenge = entries[0][0].protocol, entries[0][0].challenge
         sums = (stages.scene_sums(*entry) for entry in missing.values())
         computed = bootstrap(sums, challenge, protocol.ranking, protocol.grading.headline)
+        # each is kept at once: a build that is ended in its middle goes on from there
         for key, uncertainty in zip(missing, computed, strict=True):
             private.write_columns(Shelf.INTERVALS, key, _columns(uncertainty))
             found[key] = uncertainty
