@@ -7,7 +7,7 @@ from tests.chaos.run import Run
 from tests.chaos.short_form import faults_on, require_survived, started
 from tests.chaos.suite import Fault, On
 
-pytestmark = [pytest.mark.slow]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
 
 @pytest.fixture(scope="module")
