@@ -20,7 +20,7 @@ from itertools import product
 from pathlib import Path
 from statistics import mean
 
-from sqlalchemy import func, select
+from sqlalchemy import exists, func, select
 from tests.chaos.topology import PHASE, Topology
 
 from benchmarks.load_records import (
@@ -42,7 +42,7 @@ from exceptiondrive_records.operations.invariants import unfinished, violations
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_records.work.tables import BoardRequest, Job
+from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job
 
 _CLIENTS = 12
 TIMES = {
@@ -79,6 +79,7 @@ class Rush:
     jobs: list[ScoredJob] = field(default_factory=list)
     taken_s: float = 0.0
     drained_s: float = 0.0
+    described_s: float = 0.0
     attempts: int = 0
     boards: int = 0
     last_build_s: float | None = None
@@ -154,13 +155,15 @@ def _rush(topology: Topology, plan: Plan) -> Rush:
             time.sleep(max(0.0, at_s - (time.monotonic() - began)))
             pool.submit(upload, topology.url, PHASE, tokens[team], make_file(), rush.uploads)
     rush.taken_s = time.monotonic() - began
-    topology.wait_until(lambda: _is_done(topology), "the queue to drain", timeout_s=3600)
+    topology.wait_until(lambda: _is_ranked(topology), "the queue to drain", timeout_s=3600)
     rush.drained_s = time.monotonic() - began
     rush.load_average = os.getloadavg()
     stopped.set()
     watcher.join()
     rush.reader = next(iter(readers.values())).tool
     rush.readings = {name: reader.stop() for name, reader in readers.items()}
+    topology.wait_until(lambda: _is_done(topology), "files to be described", timeout_s=3600)
+    rush.described_s = time.monotonic() - began
     _read_records(topology, rush)
     return rush
 
@@ -187,6 +190,13 @@ def _rss_mib(pids: Sequence[int]) -> float:
     command = ["ps", "-o", "rss=", "-p", ",".join(str(pid) for pid in pids)]
     found = subprocess.run(command, capture_output=True, text=True, check=False)
     return sum(float(word) for word in found.stdout.split()) / 1024
+
+
+def _is_ranked(topology: Topology) -> bool:
+    """Whether every file is scored, and stands on a board; what files look like may come later."""
+    waits = [kind.state.in_(OPEN_STATES) for kind in (Job, BoardRequest)]
+    with topology.database.read() as session:
+        return not any(session.scalar(select(exists().where(each))) for each in waits)
 
 
 def _is_done(topology: Topology) -> bool:
@@ -246,7 +256,7 @@ def _section(rush: Rush) -> str:
         "",
         f"- Accepted {len(seen.took_s)} of {plan.uploads} in {rush.taken_s:.0f} s "
         + f"({len(seen.took_s) / rush.taken_s:.1f}/s); all scored after {rush.drained_s:.0f} s "
-        + f"({len(jobs) / rush.drained_s:.1f}/s).",
+        + f"({len(jobs) / rush.drained_s:.1f}/s), described after {rush.described_s:.0f} s.",
         f"- Sent away, by status: {seen.refused or 'nobody'}; without `Retry-After`: "
         + f"{seen.refusals_without_retry_after}.",
         f"- {looks} looks at page and board by {rush.reader}, {errors} failed; "

@@ -43,6 +43,7 @@ from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.tables import BoardRequest, Job
 from exceptiondrive_schemas.api.rescoring import RunState
 from exceptiondrive_schemas.api.submission import SubmissionStatus
+from exceptiondrive_worker.profile_run import describe_next
 
 MAX_ATTEMPTS = 4
 STEPS = [
@@ -167,6 +168,8 @@ class Updates(RuleBasedStateMachine):
             self.an_hour_passes()
             self._lose_no_lease()
             self.stage.work()
+        while describe_next(self.stage.context):
+            pass
         with self.stage.database.read() as session:
             statuses = set(session.scalars(select(Submission.status)))
             assert statuses <= {SubmissionStatus.SCORED, SubmissionStatus.WITHDRAWN}

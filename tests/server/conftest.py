@@ -29,6 +29,7 @@ from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.roles import Role
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.board_requests import want_board
+from exceptiondrive_records.work.profiles import claim_profile, finish_profile
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource, FamilyHead
 from exceptiondrive_schemas.challenges import PLANNING
@@ -134,9 +135,7 @@ class Api:
         with self.database.write() as session:
             add_phase(session, phase_id, **more)
 
-    def score(
-        self, submission_id: str, hcc: float = 0.5, report: "CheckReport | None" = None
-    ) -> None:
+    def score(self, submission_id: str, hcc: float = 0.5, *, has_profile: bool = False) -> None:
         """Do what a worker does when it has scored."""
         with self.database.write() as session:
             job = session.query(Job).filter_by(submission_id=submission_id).one()
@@ -150,8 +149,16 @@ class Api:
                 exact_digest="sha256:exact",
                 measurement_key="m",
                 scorer_version="1",
-                report=report,
+                has_profile=has_profile,
             )
+
+    def describe(self, report: "CheckReport") -> None:
+        """Do what a worker does when it has described the file that waits longest."""
+        with self.database.write() as session:
+            item = claim_profile(session, 120, 4)
+        assert item is not None
+        with self.database.write() as session:
+            assert finish_profile(session, item, report)
 
     def publish(self, *entries: BoardEntry, phase: str = "dev") -> BoardRow:
         """Do what a worker does when it has built a board."""

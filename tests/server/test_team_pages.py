@@ -6,12 +6,13 @@ from datetime import timedelta
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from sqlalchemy import update
 from tests.support.work import claim_this
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work import jobs
-from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work.tables import BoardRequest, Job, WorkState
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.faults import CheckReport, Fault, FaultCode, FaultGroup
 from exceptiondrive_schemas.file_profile import FileProfile
@@ -122,9 +123,17 @@ def test_the_page_of_a_scored_file_says_what_it_looks_like(
 ) -> None:
     place = alpha.submit("a").headers["location"]
     report = REPORT.model_copy(update={"faults": (), "profile": SLOW})
-    api.score(place.removeprefix("/submissions/"), report=report)
+    api.score(place.removeprefix("/submissions/"), has_profile=True)
+    with api.database.write() as session:  # the board is there: the page waits for the file alone
+        session.execute(update(BoardRequest).values(state=WorkState.DONE))
+    waiting = " ".join(alpha.get(place).text.split())
+    assert "This is being worked out, after the scores of all files that wait" in waiting
+    assert 'data-again-s="2"' in waiting
+    api.describe(report)
     page = " ".join(alpha.get(place).text.split())
     assert "What the file looks like" in page
+    assert "This is being worked out" not in page
+    assert "data-again-s" not in page
     assert "The sources look too slow: median 1.00 m/s, recorded 8.00 m/s." in page
     for label, words in SLOW.lines:
         assert f"<dt>{label[0].upper()}{label[1:]}</dt><dd>{words}</dd>" in page

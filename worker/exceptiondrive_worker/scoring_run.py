@@ -31,7 +31,7 @@ from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.failures import Failure, job_boundary, places
-from exceptiondrive_worker.sound_report import sound_report
+from exceptiondrive_worker.profile_run import PROFILED
 from exceptiondrive_worker.splits.faults import SplitRefusedError
 from exceptiondrive_worker.splits.floors import FloorsUnreadableError
 from exceptiondrive_worker.splits.floors_held import (
@@ -142,8 +142,6 @@ def _score(context: WorkerContext, job: Job) -> None:
             if submission.asks_first:
                 _require_nothing_to_ask(context, target, submission.id)
             scored = context.stages.score(target)
-            size_bytes = submission.size_bytes
-            report = sound_report(context.stages, target, size_bytes) if job.is_first else None
         except RejectedUpload as rejected:
             with context.database.write() as session:
                 outcome = finish_rejected(session, job, rejected.report)
@@ -161,7 +159,7 @@ def _score(context: WorkerContext, job: Job) -> None:
                 exact_digest=scored.digest,
                 measurement_key=scored.measurement_key,
                 scorer_version=SCORER_VERSION,
-                report=report,
+                has_profile=challenge.id in PROFILED,
             )
         _log.info("scored", **_ids(job), outcome=outcome.value)
 

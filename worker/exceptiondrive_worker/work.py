@@ -18,6 +18,7 @@ from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.boards.run import build_next_board
 from exceptiondrive_worker.context import WorkerContext
+from exceptiondrive_worker.profile_run import describe_next
 from exceptiondrive_worker.scoring_run import score_next
 from exceptiondrive_worker.trial_run import try_next_split
 from exceptiondrive_worker.verify_run import verify_next
@@ -85,7 +86,10 @@ def work(context: WorkerContext, lane: Lane) -> int:
 
 
 def _do_next(context: WorkerContext, lane: Lane) -> bool:
-    """Due boards come first: their own pace keeps them from taking more than their part."""
+    """Due boards come first: their own pace keeps them from taking more than their part.
+
+    What a file looks like comes last: no score waits for it.
+    """
     if lane is Lane.RESCORE:
         if Lane.LIVE in context.lanes and _do_next(context, Lane.LIVE):
             return True
@@ -94,7 +98,7 @@ def _do_next(context: WorkerContext, lane: Lane) -> bool:
             return True
     if build_next_board(context, lane) or score_next(context, lane):
         return True
-    return lane is Lane.RESCORE and verify_next(context)
+    return verify_next(context) if lane is Lane.RESCORE else describe_next(context)
 
 
 def let_live_work_pass(context: WorkerContext) -> None:

@@ -38,7 +38,7 @@ from exceptiondrive_records.splits.pictures import pictures_of_withheld_splits
 from exceptiondrive_records.submissions.file_store import FileDamaged, FileStore
 from exceptiondrive_records.submissions.submissions import keeps_its_file
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
-from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
+from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, Profile, WorkState
 from exceptiondrive_schemas.api.submission import SubmissionStatus as Status
 from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.board import Board, BoardEntry
@@ -266,6 +266,10 @@ def unfinished(session: Session) -> list[Violation]:
     found = [
         Violation("unfinished", job.submission_id, f"its job is {job.state} still")
         for job in session.scalars(open_jobs)
+    ]
+    found += [
+        Violation("unfinished", item.submission_id, "what its file looks like is not told")
+        for item in session.scalars(select(Profile).where(Profile.state.in_(OPEN_STATES)))
     ]
     wanted = select(BoardRequest).where(BoardRequest.state.in_(OPEN_STATES))
     found += [

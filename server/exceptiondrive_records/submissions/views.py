@@ -28,6 +28,7 @@ from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.board_requests import is_board_wanted
 from exceptiondrive_records.work.fair_share import jobs_ahead
 from exceptiondrive_records.work.heartbeats import LiveWorkers, live_workers
+from exceptiondrive_records.work.profiles import is_profile_coming
 from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.api.submission import (
     Failure,
@@ -99,6 +100,9 @@ def view(
         and is_published
         and disqualified_at is None
         and _is_board_coming(session, phase, submission),
+        awaits_profile=is_scored
+        and submission.report is None
+        and is_profile_coming(session, submission.id),
         is_duplicate=is_duplicate,
         confirm_until=submission.confirm_until if can_be_confirmed else None,
         confirmed_as=submission.confirmed_as,

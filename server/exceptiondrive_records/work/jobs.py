@@ -14,6 +14,7 @@ from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.fair_share import fair_order, waits
 from exceptiondrive_records.work.lease import claim, finish, new_item, try_later
+from exceptiondrive_records.work.profiles import ask_for_profile
 from exceptiondrive_records.work.tables import OPEN_STATES, Job, WorkState
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.faults import CheckReport
@@ -95,7 +96,7 @@ def finish_scored(
     exact_digest: str,
     measurement_key: str,
     scorer_version: str,
-    report: CheckReport | None = None,
+    has_profile: bool = False,
 ) -> Finish:
     """Record a score sheet: job, sheet, status, audit line and board request, or none of them.
 
@@ -106,7 +107,7 @@ def finish_scored(
         exact_digest: Of the unrounded sheet, which stays with the worker, keyed by the regions.
         measurement_key: Key of the measurements in the worker's private store.
         scorer_version: Which code scored.
-        report: What the file looks like, where its challenge says so; told with the first score.
+        has_profile: Whether a file of this challenge is looked at afterwards, once.
     """
     if not finish(session, job):
         return Finish.LEASE_LOST
@@ -129,7 +130,9 @@ def finish_scored(
             )
         )
     if job.is_first:
-        _set_status(session, job.submission_id, SubmissionStatus.SCORED, report=report)
+        _set_status(session, job.submission_id, SubmissionStatus.SCORED)
+        if has_profile:
+            ask_for_profile(session, job)
     phase = session.get_one(Phase, session.get_one(Submission, job.submission_id).phase_id)
     is_shown = key[1:] == (phase.protocol_digest, phase.split_revision)
     if job.is_first or is_shown:  # a draft's board is asked for once, at its end

@@ -40,6 +40,7 @@ NEEDED = {
     "score": ("submission_id", "team_id", "protocol_digest", "split_revision", "is_first"),
     "board": ("phase_id", "protocol_digest", "split_revision"),
     "trial": ("run_id",),
+    "profile": ("submission_id", "protocol_digest", "split_revision"),
     "recheck": ("run_id", "submission_id", "expected_digest"),
     "lead": ("holder",),
     "delivery": ("notification_id", "contact_id"),
@@ -130,6 +131,24 @@ class BoardRequest(WorkItem):
     def subject(self) -> str:
         """The phase."""
         return f"board:{self.phase_id}"
+
+
+class Profile(WorkItem):
+    """A scored file that is looked at for its team: what it looks like, told after its score."""
+
+    __mapper_args__ = {"polymorphic_identity": "profile"}  # noqa: RUF012
+    submission_id: Mapped[str] = mapped_column(
+        ForeignKey("submissions.id"), nullable=True, use_existing_column=True
+    )
+    protocol_digest: Mapped[str] = mapped_column(
+        ForeignKey("protocols.digest"), nullable=True, use_existing_column=True
+    )
+    split_revision: Mapped[str] = mapped_column(nullable=True, use_existing_column=True)
+
+    @property
+    def subject(self) -> str:
+        """The submission."""
+        return self.submission_id
 
 
 class Recheck(WorkItem):

@@ -29,6 +29,7 @@ NEEDED_BY_KIND_OF_WORK = {
     "score": ("submission_id", "team_id", "protocol_digest", "split_revision", "is_first"),
     "board": ("phase_id", "protocol_digest", "split_revision"),
     "trial": ("run_id",),
+    "profile": ("submission_id", "protocol_digest", "split_revision"),
     "recheck": ("run_id", "submission_id", "expected_digest"),
     "lead": ("holder",),
     "delivery": ("notification_id", "contact_id"),

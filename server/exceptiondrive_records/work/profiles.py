@@ -1,0 +1,74 @@
+"""Profiles of scored files: what a file looks like is worked out after its score."""
+
+from sqlalchemy import select, update
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.work.lease import ask, claim_oldest, finish, is_free
+from exceptiondrive_records.work.tables import OPEN_STATES, Job, Profile, WorkState
+from exceptiondrive_schemas.api.submission import SubmissionStatus
+from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.jobs import Lane
+
+
+def ask_for_profile(session: Session, job: Job) -> None:
+    """Let the file of a job be looked at, under what the job was scored under."""
+    ask(
+        session,
+        Profile,
+        job.submission_id,
+        lane=Lane.LIVE,
+        submission_id=job.submission_id,
+        protocol_digest=job.protocol_digest,
+        split_revision=job.split_revision,
+    )
+
+
+def claim_profile(session: Session, lease_s: float, max_attempts: int) -> Profile | None:
+    """Lease the file that is to be looked at next; None: nothing is free."""
+    return claim_oldest(session, Profile, lease_s, max_attempts)
+
+
+def finish_profile(
+    session: Session, item: Profile, report: CheckReport | None, *, note: str | None = None
+) -> bool:
+    """Record what a file looks like; False when the lease was lost.
+
+    Args:
+        session: Of a write transaction.
+        item: As it was claimed.
+        report: Without faults; None: it came to nothing.
+        note: Why.
+    """
+    if not finish(session, item, WorkState.DONE if report else WorkState.FAILED, note=note):
+        return False
+    is_told = (Submission.status == SubmissionStatus.SCORED) & Submission.report.is_(None)
+    if report is not None:
+        session.execute(
+            update(Submission)
+            .where(Submission.id == item.submission_id, is_told)
+            .values(report=report)
+            .execution_options(synchronize_session=False)
+        )
+    return True
+
+
+def give_up_profiles(session: Session, max_attempts: int) -> None:
+    """Leave files alone whose profile ended its worker each time."""
+    now = database_now(session)
+    session.execute(
+        update(Profile)
+        .where(Profile.attempts >= max_attempts, is_free(Profile, now))
+        .values(state=WorkState.DEAD, fence=Profile.fence + 1, lease_until=None, finished_at=now)
+        .execution_options(synchronize_session=False)
+    )
+
+
+def is_profile_coming(session: Session, submission_id: str) -> bool:
+    """Whether what a file looks like is still being worked out."""
+    query = select(Profile.id).where(
+        Profile.key == submission_id,
+        Profile.state.in_(OPEN_STATES),
+    )
+    return session.scalar(query) is not None

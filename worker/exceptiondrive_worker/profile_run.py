@@ -1,0 +1,130 @@
+"""The profile run: what a scored planning file looks like, in the client's own words.
+
+It is for who uploads with a browser; the client says the same before anything is sent. No score
+waits for it.
+"""
+
+from __future__ import annotations  # array[float] is no runtime type before 3.12
+
+import math
+from array import array
+from collections.abc import Iterator
+
+import structlog
+
+from exceptiondrive_records.phases.scoring_keys import accepted_under
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.work.lease import try_later
+from exceptiondrive_records.work.profiles import claim_profile, finish_profile
+from exceptiondrive_records.work.tables import Profile
+from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING
+from exceptiondrive_schemas.check.answers import TrajectoryPair
+from exceptiondrive_schemas.check.source_fit import file_profile
+from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.file_profile import FileProfile, Mend
+from exceptiondrive_schemas.protocol import PublicationSection
+from exceptiondrive_scoring.aliases import FloatArray
+from exceptiondrive_scoring.arrays import TrajectoryPairs
+from exceptiondrive_worker.context import WorkerContext
+from exceptiondrive_worker.failures import Failure, job_boundary
+from exceptiondrive_worker.stages import Stages, Target
+
+PROFILED = frozenset({PLANNING.id})
+"""Challenges whose files have a profile: trajectories beside recorded drives."""
+
+_log = structlog.get_logger("exceptiondrive.worker")
+
+
+def describe_next(context: WorkerContext) -> bool:
+    """Describe the scored file that waits longest; whether there was one."""
+    with context.database.write() as session:
+        settings = context.settings
+        item = claim_profile(session, settings.lease_s, settings.max_attempts)
+    if item is None:
+        return False
+    with job_boundary(item.subject, lambda failure: _record_failure(context, item, failure)):
+        _describe(context, item)
+    return True
+
+
+def _describe(context: WorkerContext, item: Profile) -> None:
+    with context.database.read() as session:
+        submission = session.get_one(Submission, item.submission_id)
+        phase = session.get_one(Phase, submission.phase_id)
+        protocol = find_protocol(session, item.protocol_digest)
+        read_under = accepted_under(session, submission.id)
+    split = context.splits.find(phase.split_name, item.split_revision, protocol)
+    challenge = CHALLENGES[phase.challenge]
+    target = Target(submission.file_digest, challenge, split, protocol, read_under)
+    report = sound_report(context.stages, target, submission.size_bytes)
+    with context.database.write() as session:
+        finish_profile(session, item, report)
+    _log.info("described", submission=submission.id)
+
+
+def _record_failure(context: WorkerContext, item: Profile, failure: Failure) -> None:
+    settings, code = context.settings, failure.code.value
+    with context.database.write() as session:
+        if failure.may_retry and item.attempts < settings.max_attempts:
+            try_later(session, item, settings.retry_backoff_s * 2 ** (item.attempts - 1), note=code)
+        else:
+            finish_profile(session, item, None, note=code)
+
+
+def sound_report(stages: Stages, target: Target, size_bytes: int) -> CheckReport:
+    """Return a report without faults that says what a planning file looks like.
+
+    It is made of the file and of what the manifest tells everybody, never of regions or of recorded
+    drives that are withheld.
+
+    Args:
+        stages: Hold the answers.
+        target: What was scored.
+        size_bytes: Of the upload.
+
+    Raises:
+        RejectedUpload: The answers are not kept any more, and the upload now has faults.
+    """
+    manifest, protocol = target.split.manifest, target.protocol
+    pairs = TrajectoryPairs.from_columns(stages.answers(target))
+    rows = map(TrajectoryPair, _flats(pairs.source), _flats(pairs.edited))
+    profile = file_profile(
+        dict(zip(manifest.sample_ids, rows, strict=True)),
+        protocol.geometry,
+        protocol.plausibility,
+        manifest.recorded,
+    )
+    return CheckReport(
+        challenge=target.challenge.id,
+        split=manifest.name,
+        n_predictions=len(manifest.sample_ids),
+        digest=target.file_digest,
+        size_bytes=size_bytes,
+        profile=None if profile is None else _rounded(profile, protocol.publication),
+    )
+
+
+def _rounded(profile: FileProfile, publication: PublicationSection) -> FileProfile:
+    """Round metres and shares to the digits that the protocol publishes."""
+    mend = profile.mend
+
+    def digits(name: str) -> int:
+        is_metres = name.endswith(("_m", "_mps"))
+        return publication.metre_decimals if is_metres else publication.percent_decimals + 2
+
+    def of(document: FileProfile | Mend) -> dict[str, float]:
+        return {
+            name: round(value, digits(name)) for name, value in document if isinstance(value, float)
+        }
+
+    mended = None if mend is None else mend.model_copy(update=of(mend))
+    return profile.model_copy(update={**of(profile), "mend": mended})
+
+
+def _flats(waypoints_m: FloatArray) -> Iterator[array[float] | None]:
+    """Each trajectory of (N, T, 2) by itself, None where missing."""
+    values, width = array("d", waypoints_m.tobytes()), 2 * waypoints_m.shape[1]
+    for start in range(0, len(values), width):
+        yield None if math.isnan(values[start]) else values[start : start + width]
