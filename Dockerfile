@@ -1,7 +1,7 @@
 # Three images from one file: `--target server` carries no shapely and no worker; `--target worker` no FastAPI;
 # `--target client` is what participants and their continuous integration run. All install wheels, and no wheel holds a split.
-# To pin the base to its bytes: --build-arg PYTHON=python:3.11-slim@sha256:...
-ARG PYTHON=python:3.11-slim
+# The base is pinned to its bytes; a newer one: docs/operating.md
+ARG PYTHON=python:3.11-slim@sha256:9c900dea9e8fb7e16277c179b555cc72d29a352dbc33cff48ad5a0412fd5bfc7
 FROM ${PYTHON} AS wheels
 WORKDIR /build
 COPY requirements/dev.txt requirements/bootstrap.txt requirements/

@@ -37,6 +37,21 @@ def _validate(compose: dict[str, Any]) -> None:
     compose_spec.PyCompose.from_yaml(yaml.dump(compose, Dumper=_Expanded))
 
 
+def test_images_of_others_are_named_by_their_bytes_the_same_everywhere() -> None:
+    """A tag moves: who can move it would choose what runs beside withheld regions."""
+    places = ("compose.yaml", "deploy/kubernetes/exceptiondrive.yaml")
+    found = [
+        set(re.findall(r"image: (?!exceptiondrive-)(.+)", (ROOT / place).read_text("utf-8")))
+        for place in places
+    ]
+    bases = re.findall(r"ARG PYTHON=(\S+)", (ROOT / "Dockerfile").read_text("utf-8"))
+    assert found[0] == found[1]
+    assert len(found[0]) == 3
+    assert len(bases) == 1
+    for image in (*found[0], *bases):
+        assert re.search(r"@sha256:[0-9a-f]{64}\b", image), image
+
+
 def test_it_is_valid_by_the_compose_specification(compose: dict[str, Any]) -> None:
     _validate(compose)
 
