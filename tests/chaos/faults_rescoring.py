@@ -24,7 +24,7 @@ from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_worker.failures import FailureCode
 
 _LONGEST_LIVE_WAIT_S = 30.0
-_PATIENCE_S = 600
+_PATIENCE_S = 1200
 _TIME_LIMIT = frozenset({FailureCode.TIME_LIMIT.value})
 _OUR_LIMITS = _TIME_LIMIT | {EXHAUSTED_CODE}
 

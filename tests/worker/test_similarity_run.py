@@ -71,7 +71,7 @@ def test_comparisons_end_in_time_and_go_on_after_the_next_board(
     with monkeypatch.context() as patched:
         patched.setattr(similarity_run, "PART_OF_LIMIT", 0.0)
         found = report(crowd)
-        assert (found.n_compared, found.n_waiting) == (0, 2)
+        assert (found.n_compared, found.n_waiting) == (1, 1)
     found = report(crowd)
     assert (found.n_compared, found.n_waiting) == (2, 0)
 

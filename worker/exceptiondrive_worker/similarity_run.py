@@ -32,7 +32,7 @@ from exceptiondrive_worker.stages import RejectedUpload, Target
 COMPARED_AT_ONCE = 200
 """Submissions compared after one board; the rest follow with the next one."""
 PART_OF_LIMIT = 0.25
-"""No more is compared after this part of the limit of time of the task, which built a board first."""
+"""After this part of the limit of time of its task, which built a board first, one file is compared."""
 NEAREST_KEPT = 10
 CANDIDATES = 30
 AT_ONCE = 100
@@ -67,7 +67,7 @@ def compare_submissions(context: WorkerContext, phase_id: str, like: Target) -> 
             compared.add(file, comparing.fingerprint(file))
     n_compared = 0
     for file in fresh:
-        if _live_job_waits(context) or time.monotonic() > until:
+        if _live_job_waits(context) or (n_compared and time.monotonic() > until):
             break
         fingerprint = comparing.fingerprint(file)
         alike = [] if fingerprint is None else comparing.alike(file, fingerprint, compared)
