@@ -247,6 +247,7 @@ def _work(context: "WorkerContext", stop: threading.Event) -> None:
     from tests.support.worker import build_board_of, score_submission
 
     from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
+    from exceptiondrive_worker.profile_run import describe_next
 
     queued = select(Job.id).where(Job.state == WorkState.QUEUED)
     wanted = select(BoardRequest).where(BoardRequest.state.in_(OPEN_STATES))
@@ -258,3 +259,4 @@ def _work(context: "WorkerContext", stop: threading.Event) -> None:
             score_submission(context, job_id)
         for phase_id, digest in boards:
             build_board_of(context, phase_id, digest)
+        describe_next(context)

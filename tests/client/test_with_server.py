@@ -61,7 +61,11 @@ def test_from_file_to_rank(working: "Running", planning_file: MakeFile, split_fi
     view = json.loads(done.stdout)
     assert (view["status"], view["rank"], view["team"]) == ("scored", 1, "Alpha")
     told = json.loads(run(working, "check", path, "--phase", "dev", "--json").stdout)
-    assert view["report"]["profile"] == told["profile"], "the worker says what the client says"
+    while (seen := json.loads(run(working, "status", view["id"], "--json").stdout))[
+        "awaits_profile"
+    ]:
+        time.sleep(0.1)
+    assert seen["report"]["profile"] == told["profile"], "the worker says what the client says"
     assert told["profile"]["source_speed_mps"] == pytest.approx(8.0)
     exact = evaluate_file(path, split=split_file)
     for key, value in view["sheet"]["macro_family"].items():
