@@ -7,7 +7,16 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy: CPU time of one thread
 import argparse
 import platform
 
-from benchmarks import growth, measuring, page, processes, rescoring, uncertainty, upload
+from benchmarks import (
+    command_line,
+    growth,
+    measuring,
+    page,
+    processes,
+    rescoring,
+    uncertainty,
+    upload,
+)
 from benchmarks.report import note
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_worker.process import keep_memory
@@ -20,6 +29,7 @@ SECTIONS = {
     "growth": growth.run,
     "boards": page.run,
     "processes": processes.run,
+    "commands": command_line.run,
 }
 
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from typing import Literal
-from xml.sax.saxutils import escape
 
 from pydantic import Field
 
@@ -292,7 +291,7 @@ def _clearance(sample: SampleDrawing, view: View) -> Iterator[str]:
         yield f'<circle class="gap-end" cx="{x:.1f}" cy="{y:.1f}" r="2.5"/>'
     x = min(max((x1 + x2) / 2, 30.0), view.width - 30.0)
     y = min(max((y1 + y2) / 2 - 9, 14.0), view.height - 20.0)
-    text = escape(f"{sample.clearance_m:.2f} m")
+    text = f"{sample.clearance_m:.2f} m"
     yield f'<text class="gap-text" x="{x:.1f}" y="{y:.1f}">{text}</text>'
 
 

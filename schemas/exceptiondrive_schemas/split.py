@@ -126,7 +126,7 @@ class Manifest(Document):
             schema_="exceptiondrive.manifest/1",
             name=split.name,
             title=split.title,
-            revision=revision or split.revision,
+            revision=split.revision if revision is None else revision,
             waypoints=geometry.waypoints,
             time_step_s=geometry.time_step_s,
             sample_ids=tuple(sample.sample_id for sample in samples),

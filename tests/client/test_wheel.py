@@ -58,7 +58,7 @@ def test_its_metadata_is_fit_for_an_index(metadata: Metadata) -> None:
     assert "Typing :: Typed" in (metadata.classifiers or [])
     plain = {each.name for each in metadata.requires_dist or [] if "extra" not in str(each.marker)}
     assert plain <= {
-        *("httpx", "platformdirs", "pydantic", "rich", "typer"),
+        *("httpx", "msgspec", "platformdirs", "pydantic", "rich", "typer"),
         *("tomli", "typing-extensions"),
     }
     assert metadata.provides_extra is not None

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.support import extract, realdata
+from tests.support.two_readings import check_both_ways
 
 from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, STRATEGY, Challenge, ChallengeId
-from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.faults import CheckReport, FaultCode
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.split import Manifest, Split
@@ -82,7 +82,8 @@ FILES: dict[ChallengeId, Callable[[], dict[str, Any]]] = {
 def assert_one_verdict(text: bytes, challenge: Challenge, manifest: Manifest = MANIFEST) -> bool:
     """The fast reader never accepts what the checker refuses, and then reads the same."""
     fast = FAST_READERS[challenge.id](text, manifest, PROTOCOL)
-    checked = check(text, protocol=PROTOCOL, manifest=manifest, challenge=challenge.id)
+    checked = check_both_ways(text, protocol=PROTOCOL, manifest=manifest, challenge=challenge.id)
+    check_both_ways(text, protocol=PROTOCOL)
     read = read_upload(text, challenge=challenge, manifest=manifest, protocol=PROTOCOL)
     if checked.document is None:
         assert fast is None, checked.report

@@ -182,11 +182,13 @@ def split_arrays(samples: Iterable[Sample], taxonomy: Taxonomy) -> SplitArrays:
         family_index=_family_of_task(taxonomy)[task_index],
         scene_index=np.array([scene_position[s.scene_id] for s in ordered], dtype=np.intp),
         n_scenes=len(scenes),
-        d_safe_m=np.array(
-            [_d_safe_m(s, taxonomy.tasks[position[s.task]].d_safe_m) for s in ordered]
+        d_safe_m=_own_or_of_task(
+            [sample.d_safe_m for sample in ordered],
+            np.array([task.d_safe_m for task in taxonomy.tasks])[task_index],
         ),
-        acceptable=np.array(
-            [_acceptable(s, taxonomy.tasks[position[s.task]].acceptable) for s in ordered]
+        acceptable=_own_or_of_task(
+            [sample.acceptable and _is_acceptable(sample.acceptable) for sample in ordered],
+            np.array([_is_acceptable(task.acceptable) for task in taxonomy.tasks])[task_index],
         ),
         recorded_m=recorded_m(ordered),
     )
@@ -213,10 +215,13 @@ def _family_of_task(taxonomy: Taxonomy) -> IntArray:
     return np.array([family[task.family] for task in taxonomy.tasks], dtype=np.intp)
 
 
-def _d_safe_m(sample: Sample, of_task: float) -> float:
-    return of_task if sample.d_safe_m is None else sample.d_safe_m
+def _own_or_of_task(own: Sequence[Any], of_task: NDArray[Any]) -> NDArray[Any]:
+    """Return what each sample says itself, or its task where it says nothing; (N, ...)."""
+    for row, value in enumerate(own):
+        if value is not None:
+            of_task[row] = value
+    return of_task
 
 
-def _acceptable(sample: Sample, of_task: Sequence[Strategy]) -> list[bool]:
-    acceptable = of_task if sample.acceptable is None else sample.acceptable
+def _is_acceptable(acceptable: Sequence[Strategy]) -> list[bool]:
     return [strategy in acceptable for strategy in STRATEGIES]

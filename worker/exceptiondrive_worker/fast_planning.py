@@ -1,48 +1,19 @@
-"""Fast reader of `exceptiondrive.planning/1`: one typed decode, then checks on whole arrays.
-
-The decode leaves each trajectory as its own piece of JSON text. What is left of all pieces without
-digits proves the shape of every trajectory at once; what is left without brackets is one flat list
-of numbers. No object is made per waypoint, which is what costs most in JSON.
-"""
+"""Fast reader of `exceptiondrive.planning/1`: the client's decoding, then checks on whole arrays."""
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.check.fast_decode import rows_of
+from exceptiondrive_schemas.check.planning_columns import Side, planning_columns
 from exceptiondrive_schemas.protocol import GeometrySection, PlausibilitySection, ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_scoring.aliases import FloatArray
-from exceptiondrive_worker.fast_decode import (
-    ROOT_TEXTS,
-    decode,
-    n_texts,
-    prediction_type,
-    rows_of,
-    submission_decoder,
-)
 
-TEXTS_PER_PREDICTION = 4
-"""Keys `sample_id`, `source`, `edited`, and the id."""
 ANGLE_MARGIN_DEG = 1e-6
 """Directions this close to the limit of the frame check are left to the precise checker."""
-
-NULL = b"null"
-NO_NUMBERS_NO_BLANKS = b"+-.0123456789Ee \t\n\r"
-BRACKETS_TO_BLANKS = bytes.maketrans(b"[]", b"  ")
-NUMBERS = msgspec.json.Decoder(list[float], strict=True)
-
-
-DECODER = submission_decoder(
-    prediction_type(
-        "PlanningPrediction",
-        [("sample_id", str), ("source", msgspec.Raw), ("edited", msgspec.Raw)],
-    )
-)
 
 
 def read_planning(
@@ -53,14 +24,15 @@ def read_planning(
     Returns:
         None where the file is faulty or not certainly sound.
     """
-    if n_texts(text) != ROOT_TEXTS + TEXTS_PER_PREDICTION * len(manifest.sample_ids):
+    columns = planning_columns(text, protocol.geometry.waypoints)
+    if columns is None or columns.split != manifest.name:
         return None
-    submission = decode(text, DECODER, PLANNING.file_schema, manifest)
-    rows = rows_of(submission.predictions, manifest) if submission else None
-    if submission is None or rows is None:
+    rows = rows_of(columns.sample_ids, manifest)
+    if rows is None:
         return None
-    source = _column([each.source for each in submission.predictions], rows, protocol.geometry)
-    edited = _column([each.edited for each in submission.predictions], rows, protocol.geometry)
+    at = np.array(rows, dtype=np.intp)
+    source = _column(columns.source, at, protocol.geometry)
+    edited = _column(columns.edited, at, protocol.geometry)
     if source is None or edited is None:
         return None
     if not is_surely_in_frame(source[:, -1], protocol.plausibility):
@@ -68,37 +40,16 @@ def read_planning(
     return {"source": source, "edited": edited}
 
 
-def _column(
-    trajectories: Sequence[msgspec.Raw], rows: NDArray[np.intp], geometry: GeometrySection
-) -> FloatArray | None:
-    """Return (N, T, 2) in canonical order, or None where a shape or a bound is broken."""
-    texts = list(map(bytes, trajectories))
-    given = [text for text in texts if text != NULL]
-    points_m = _points_m(given, geometry.waypoints)
-    if points_m is None or not _is_within_bounds(points_m, geometry):
-        return None
-    if len(given) < len(texts):
-        rows = rows[[text != NULL for text in texts]]
-    column_m = np.full((len(texts), geometry.waypoints, 2), math.nan)
-    column_m[rows] = points_m
-    return column_m
-
-
-def _points_m(texts: Sequence[bytes], n_waypoints: int) -> FloatArray | None:
-    """Return (n, T, 2) of n JSON texts, or None where one is not `[[x, y] x T]`."""
-    joined = b",".join(texts)
-    one = b"[" + b",".join([b"[,]"] * n_waypoints) + b"]"
-    if joined.translate(None, NO_NUMBERS_NO_BLANKS) != b",".join([one] * len(texts)):
-        return None
-    try:
-        numbers = NUMBERS.decode(b"[" + joined.translate(BRACKETS_TO_BLANKS) + b"]")
-    except msgspec.DecodeError:
-        return None
-    if len(numbers) != len(texts) * n_waypoints * 2:
-        return None
-    points_m = np.fromiter(numbers, np.float64, len(numbers))
+def _column(side: Side, rows: NDArray[np.intp], geometry: GeometrySection) -> FloatArray | None:
+    """Return (N, T, 2) in canonical order, or None where a bound is broken."""
+    points_m = np.fromiter(side.numbers, np.float64, len(side.numbers))
     points_m += 0.0  # no negative zeros, as in the precise checker
-    return points_m.reshape(-1, n_waypoints, 2)
+    points_m = points_m.reshape(-1, geometry.waypoints, 2)
+    if not _is_within_bounds(points_m, geometry):
+        return None
+    column_m = np.full((len(rows), geometry.waypoints, 2), math.nan)
+    column_m[rows if len(points_m) == len(rows) else rows[side.is_given]] = points_m
+    return column_m
 
 
 def _is_within_bounds(points_m: FloatArray, geometry: GeometrySection) -> bool:

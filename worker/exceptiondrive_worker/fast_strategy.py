@@ -8,12 +8,7 @@ from numpy.typing import NDArray
 
 from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.check import StrategyAnswer
-from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_schemas.split import Manifest
-from exceptiondrive_schemas.submission_files import MAX_TEXT_CHARACTERS, ReminderRecord, RiskLevel
-from exceptiondrive_schemas.taxonomy import Strategy
-from exceptiondrive_scoring.strategy import strategy_answers
-from exceptiondrive_worker.fast_decode import (
+from exceptiondrive_schemas.check.fast_decode import (
     ROOT_TEXTS,
     decode,
     n_texts,
@@ -21,6 +16,11 @@ from exceptiondrive_worker.fast_decode import (
     rows_of,
     submission_decoder,
 )
+from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.split import Manifest
+from exceptiondrive_schemas.submission_files import MAX_TEXT_CHARACTERS, ReminderRecord, RiskLevel
+from exceptiondrive_schemas.taxonomy import Strategy
+from exceptiondrive_scoring.strategy import strategy_answers
 
 Letter = Literal["A", "B", "C", "D", "E"]
 UNSET = msgspec.UNSET
@@ -63,9 +63,11 @@ def read_strategy(
     n_max = ROOT_TEXTS + MAX_TEXTS_PER_PREDICTION * len(manifest.sample_ids)
     if n_texts(text) > n_max:
         return None
-    submission = decode(text, DECODER, STRATEGY.file_schema, manifest)
-    rows = rows_of(submission.predictions, manifest) if submission else None
-    if submission is None or rows is None:
+    submission = decode(text, DECODER, STRATEGY.file_schema)
+    if submission is None or submission.split != manifest.name:
+        return None
+    rows = rows_of([each.sample_id for each in submission.predictions], manifest)
+    if rows is None:
         return None
     if n_texts(text) != ROOT_TEXTS + sum(map(_n_texts_of, submission.predictions)):
         return None

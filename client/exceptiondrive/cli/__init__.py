@@ -1,6 +1,7 @@
 """The command line: a table of commands, each in a module that is imported when it is called."""
 
 import gc
+import os
 import sys
 from importlib import import_module
 from typing import Annotated, Any
@@ -99,6 +100,8 @@ COMMANDS = {
 """Where each command lives and what `--help` says of it; a test holds the words to the command."""
 
 
+NO_PLUGINS = "PYDANTIC_DISABLE_PLUGINS"
+"""Else pydantic looks through the metadata of every installed package for plugins of its own."""
 COLLECT_AFTER = 1_000_000
 """So many more objects than before, and cycles are looked for: a file of 20,000 pairs has fewer."""
 
@@ -174,6 +177,7 @@ def main() -> None:
     a fifth of its time with 20,000 pairs.
     """
     gc.set_threshold(COLLECT_AFTER)
+    os.environ.setdefault(NO_PLUGINS, "__all__")
     for stream in (sys.stdout, sys.stderr):
         reconfigure = getattr(stream, "reconfigure", None)
         if reconfigure is not None:

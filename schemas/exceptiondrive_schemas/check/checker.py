@@ -40,7 +40,8 @@ from exceptiondrive_schemas.check.json_stream import (
     members,
     skip,
 )
-from exceptiondrive_schemas.check.planning_rules import SIDES_MISSING
+from exceptiondrive_schemas.check.planning_columns import planning_columns
+from exceptiondrive_schemas.check.planning_rules import SIDES_MISSING, PlanningRules
 from exceptiondrive_schemas.check.rules import RULES, PredictionRules, challenge_by_key
 from exceptiondrive_schemas.check.sample_ids import SampleIds
 from exceptiondrive_schemas.faults import CheckReport, FaultCode
@@ -129,12 +130,15 @@ def check_split_name(value: object, manifest: Manifest | None, faults: FaultList
         hint = f"{convert_advice(manifest)}"
         faults.add(FaultCode.WRONG_TYPE, ("split",), expected=expected, got=kind(value), hint=hint)
         return
-    if manifest is not None:
-        is_right = value == manifest.name
-    else:
-        is_right = re.fullmatch(SPLIT_NAME_PATTERN, value) is not None
-    if not is_right:
+    if not is_split_name(value, manifest):
         faults.add(FaultCode.WRONG_SPLIT, ("split",), expected=expected, got=quoted(value))
+
+
+def is_split_name(value: str, manifest: Manifest | None) -> bool:
+    """Whether it is the name of the manifest's split, or without a manifest any legal one."""
+    if manifest is not None:
+        return value == manifest.name
+    return re.fullmatch(SPLIT_NAME_PATTERN, value) is not None
 
 
 def report_repeated_keys(value: Any, path: Path, faults: FaultList) -> None:
@@ -269,14 +273,30 @@ class SubmissionReader:
 
     def read(self) -> CheckedDocument | None:
         """Read the file; return its content if it is sound."""
-        is_complete = self._read_all()
-        if is_complete:
-            self._report_missing_keys()
-        self._ids.finish(self.n_predictions if is_complete else None)
+        if not self._read_sound():
+            is_complete = self._read_all()
+            if is_complete:
+                self._report_missing_keys()
+            self._ids.finish(self.n_predictions if is_complete else None)
         if self._rules is not None:
             self.profile = self._rules.finish(self._answers, self._manifest)
         self._tell_one_cause()
         return self._sound_document()
+
+    def _read_sound(self) -> bool:
+        """Take a planning file at once in which no place has to be named; whether it is one."""
+        columns = planning_columns(self._data, self._protocol.geometry.waypoints)
+        if columns is None or self._wanted not in (None, PLANNING.id):
+            return False
+        if not is_split_name(columns.split, self._manifest):
+            return False
+        rules = PlanningRules(self._protocol, self.faults)
+        answers = rules.take(columns) if self._ids.are_sound(columns.sample_ids) else None
+        if answers is None:
+            return False
+        self._rules, self._answers = rules, answers
+        self.challenge, self.split, self.n_predictions = PLANNING.id, columns.split, len(answers)
+        return True
 
     def _tell_one_cause(self) -> None:
         """Leave out faults that are there only because of another one."""

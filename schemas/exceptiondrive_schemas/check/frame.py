@@ -6,10 +6,12 @@ Only source trajectories are looked at (docs/protocol.md section 5).
 import math
 import statistics
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from operator import sub
 
 from exceptiondrive_schemas.check.fault_list import FaultList
 from exceptiondrive_schemas.check.source_fit import UNITS_M
+from exceptiondrive_schemas.check.tracks import Column, Tracks
 from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.file_profile import CONVERT, FileProfile
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -25,31 +27,43 @@ SMALLER_UNITS = ("feet", "centimetres", "millimetres")
 """In which a drive is too fast for a car in metres; the ones that planners write."""
 
 
-@dataclass
+@dataclass(frozen=True)
 class FrameCheck:
-    """Where the source trajectories of a file begin and end.
+    """Where the whole source trajectories of a file begin and end.
 
     Attributes:
         protocol: Gives bounds, horizon and the angles that are refused.
+        first_m: How far from the origin each one's first waypoint is.
+        extents_m: How far its last waypoint is from its first.
+        angles_rad: Where those that move end, counter-clockwise from +x.
     """
 
     protocol: ProtocolDocument
-    _first_m: list[float] = field(default_factory=list)
-    _extents_m: list[float] = field(default_factory=list)
-    _angles_rad: list[float] = field(default_factory=list)
+    first_m: Column
+    extents_m: Column
+    angles_rad: Column
 
-    def note(self, flat: Sequence[float]) -> None:
-        """Take one whole source trajectory into account, flat (x1, y1, x2, y2, ...)."""
-        x_m, y_m = flat[-2], flat[-1]
-        self._first_m.append(math.hypot(flat[0], flat[1]))
-        self._extents_m.append(math.hypot(x_m - flat[0], y_m - flat[1]))
-        if x_m * x_m + y_m * y_m > self.protocol.plausibility.frame_check_min_motion_m**2:
-            self._angles_rad.append(math.atan2(y_m, x_m))
+    @classmethod
+    def of(cls, sources: Tracks, protocol: ProtocolDocument) -> "FrameCheck":
+        """Look at source trajectories with the waypoints of the protocol."""
+        first_x, first_y = sources.x_m[0], sources.y_m[0]
+        last_x, last_y = sources.x_m[-1], sources.y_m[-1]
+        from_m = protocol.plausibility.frame_check_min_motion_m**2
+        return cls(
+            protocol,
+            list(map(math.hypot, first_x, first_y)),
+            list(map(math.hypot, map(sub, last_x, first_x), map(sub, last_y, first_y))),
+            [
+                math.atan2(y, x)
+                for x, y in zip(last_x, last_y, strict=True)
+                if x * x + y * y > from_m
+            ],
+        )
 
     @property
     def is_judged(self) -> bool:
         """Whether enough trajectories move for a verdict."""
-        return len(self._angles_rad) >= self.protocol.plausibility.frame_check_min_samples
+        return len(self.angles_rad) >= self.protocol.plausibility.frame_check_min_samples
 
     @property
     def is_of_the_car(self) -> bool:
@@ -70,27 +84,27 @@ class FrameCheck:
         wrong_unit = self._away() or self._too_large(mended)
         if wrong_unit is not None:
             faults.forget(FaultCode.OUT_OF_BOUNDS, FaultCode.STEP_TOO_LONG)
-            first, extent = statistics.median(self._first_m), statistics.median(self._extents_m)
+            first, extent = statistics.median(self.first_m), statistics.median(self.extents_m)
             got = (
                 f"a first waypoint {first:.4g} from the origin, the last {extent:.4g} from it; median "
-                f"of {len(self._first_m):,} source trajectories"
+                f"of {len(self.first_m):,} source trajectories"
             )
             self._refuse(faults, "metres, from the rear axle at t = 0", got, wrong_unit)
             return
         limit_deg = self.protocol.plausibility.frame_check_max_angle_deg
-        median_deg = math.degrees(statistics.median(map(abs, self._angles_rad)))
+        median_deg = math.degrees(statistics.median(map(abs, self.angles_rad)))
         if median_deg > limit_deg:
             self._refuse(
                 faults,
                 f"a median angle to +x of at most {limit_deg:g} "
                 "degrees over the source trajectories that move",
-                f"{median_deg:.1f} degrees over {len(self._angles_rad):,} source trajectories",
-                mended or frame_verdict(self._angles_rad, math.radians(limit_deg)),
+                f"{median_deg:.1f} degrees over {len(self.angles_rad):,} source trajectories",
+                mended or frame_verdict(self.angles_rad, math.radians(limit_deg)),
             )
 
     def _away(self) -> str | None:
         """Say what it looks like where the trajectories do not begin at the car."""
-        first, extent = statistics.median(self._first_m), statistics.median(self._extents_m)
+        first, extent = statistics.median(self.first_m), statistics.median(self.extents_m)
         if extent == 0 and first > 1:
             return (
                 "looks like one point repeated, such as the goal; write where the car is at every "
@@ -111,7 +125,7 @@ class FrameCheck:
     def _too_large(self, mended: str | None) -> str | None:
         """Say what it looks like where no car is so fast: the smallest unit that makes it one."""
         geometry = self.protocol.geometry
-        speed_mps = statistics.median(self._extents_m) / (geometry.horizon_s - geometry.time_step_s)
+        speed_mps = statistics.median(self.extents_m) / (geometry.horizon_s - geometry.time_step_s)
         limit_mps = geometry.max_step_m / geometry.time_step_s
         if speed_mps <= limit_mps:
             return None

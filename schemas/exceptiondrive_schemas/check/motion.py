@@ -4,30 +4,29 @@ The rules of the scorer (docs/protocol.md section 5) in pure Python: the client 
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import pairwise
 
-from exceptiondrive_schemas.check.answers import TrajectoryPair
-from exceptiondrive_schemas.check.tracks import Column, Tracks, both_first
+from exceptiondrive_schemas.check.tracks import Column, PairTracks, Tracks
 from exceptiondrive_schemas.protocol import ProtocolDocument
 
 
 def motion_flags(
-    pairs: Sequence[TrajectoryPair], protocol: ProtocolDocument
+    tracks: PairTracks, n_samples: int, protocol: ProtocolDocument
 ) -> Iterator[tuple[str, str]]:
     """Yield codes of flags of motion, and why they will be raised.
 
     Args:
-        pairs: Of all samples, metres, with the waypoints of the protocol.
+        tracks: All trajectories, with the waypoints of the protocol.
+        n_samples: Of the file; some may have no trajectory.
         protocol: Thresholds and time step.
     """
-    section, n_waypoints = protocol.plausibility, protocol.geometry.waypoints
-    sources, edits, n_both = both_first(pairs)
-    source, edited = Tracks.of(sources, n_waypoints), Tracks.of(edits, n_waypoints)
+    section = protocol.plausibility
+    source, edited, n_both = tracks.source, tracks.edited, tracks.n_both
     wrong = wrong_first_steps(
         source.steps[0].length_m[:n_both], edited.steps[0].length_m[:n_both], protocol
     )
-    impossible = _share(len(wrong | _undrivable(edited, protocol)), len(edits))
+    impossible = _share(len(wrong | _undrivable(edited, protocol)), edited.n)
     first_step = _share(len(wrong), n_both)
     if impossible > section.flag_impossible:
         yield (
@@ -43,7 +42,7 @@ def motion_flags(
             ),
         )
     edited_behind, source_behind = (
-        _share(_n_behind(side, section.stationary_below_m), len(pairs)) for side in (edited, source)
+        _share(_n_behind(side, section.stationary_below_m), n_samples) for side in (edited, source)
     )
     if edited_behind - source_behind > section.flag_reverses_excess:
         yield (
@@ -53,8 +52,8 @@ def motion_flags(
                 f"{source_behind:.0%} of the source"
             ),
         )
-    along = _progress(source, edited, n_both, section.progress_min_path_m)
-    if along and (mean := sum(along) / len(along)) < section.flag_progress:
+    mean = _low_progress(source, edited, n_both, protocol)
+    if mean is not None:
         yield (
             "hardly_moves",
             f"the edited trajectories end {mean:.0%} along the source trajectories",
@@ -108,15 +107,25 @@ def wrong_first_steps(source_m: Column, edited_m: Column, protocol: ProtocolDocu
     return found
 
 
-def _progress(source: Tracks, edited: Tracks, n_both: int, least_m: float) -> list[float]:
-    """How far along its source each edited trajectory ends, as a share; those of short sources left out."""
+def _low_progress(
+    source: Tracks, edited: Tracks, n_both: int, protocol: ProtocolDocument
+) -> float | None:
+    """Mean progress where it is below the flag's threshold, else None: most files are told by a part."""
+    section = protocol.plausibility
+    n_long = sum(path_m >= section.progress_min_path_m for path_m in source.lengths_m)
+    enough = section.flag_progress * n_long
+    total = 0.0
+    for share in _progress(source, edited, n_both, section.progress_min_path_m):
+        total += share
+        if total >= enough:
+            return None
+    return total / n_long if n_long else None
+
+
+def _progress(source: Tracks, edited: Tracks, n_both: int, least_m: float) -> Iterator[float]:
+    """Yield how far along its source each edited trajectory ends, as a share; none for short sources."""
     steps_of = zip(*(zip(*step, strict=True) for step in source.steps), strict=True)
     ends = zip(edited.x_m[-1][:n_both], edited.y_m[-1][:n_both], strict=True)
-    along = [
-        0.0
-        for path_m in source.lengths_m[n_both:]
-        if path_m >= least_m  # no edited trajectory
-    ]
     for (x, y), path_m, steps in zip(ends, source.lengths_m, steps_of, strict=False):
         if path_m < least_m:
             continue
@@ -128,5 +137,4 @@ def _progress(source: Tracks, edited: Tracks, n_both: int, least_m: float) -> li
             if gap_m < nearest_m:
                 nearest_m, reached_m = gap_m, gone_m + share * length
             x, y, gone_m = x - step_x, y - step_y, gone_m + length
-        along.append(min(reached_m / path_m, 1.0))
-    return along
+        yield min(reached_m / path_m, 1.0)

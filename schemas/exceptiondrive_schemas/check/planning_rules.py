@@ -5,7 +5,7 @@ from __future__ import annotations  # array[float] is no runtime type before 3.1
 import math
 from array import array
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -13,7 +13,9 @@ from exceptiondrive_schemas.check.answers import PlanningDocument, TrajectoryPai
 from exceptiondrive_schemas.check.fault_list import FaultList, Path, kind, shown
 from exceptiondrive_schemas.check.frame import FrameCheck
 from exceptiondrive_schemas.check.motion import motion_flags, wrong_first_steps
+from exceptiondrive_schemas.check.planning_columns import PlanningColumns, Side
 from exceptiondrive_schemas.check.source_fit import AT_ORIGIN_M, file_profile
+from exceptiondrive_schemas.check.tracks import PairTracks, Tracks
 from exceptiondrive_schemas.check.trajectory_forms import (
     is_null_word,
     is_number,
@@ -45,6 +47,8 @@ _COVERED = {"edited": "edited scenes", "source": "original scenes"}
 """A file does not tell controls from scenes with hazard, of which a score sheet tells the share."""
 FARTHEST_M = 1e9
 """Farther than any coordinate of the earth: nothing can be made of such a number."""
+STEP_MARGIN = 1e-9
+"""A step as near to the longest one as this is left to the squares of `_check_step`."""
 
 
 class PlanningRules:
@@ -57,10 +61,10 @@ class PlanningRules:
         self._protocol = protocol
         self._geometry = protocol.geometry
         self._faults = faults
-        self._frame = FrameCheck(protocol)
+        self._sources: list[array[float]] = []
         self._n_missing = {"source": 0, "edited": 0}
         self._n_trajectories = 0
-        self._pairs: Sequence[TrajectoryPair] = ()
+        self._tracks: PairTracks | None = None
         self._wrong_counts: Counter[int] = Counter()
         self._columns: Counter[str] = Counter()
 
@@ -73,23 +77,56 @@ class PlanningRules:
             )
         )
         if pair.source is not None and len(pair.source) == 2 * self._geometry.waypoints:
-            self._frame.note(pair.source)
+            self._sources.append(pair.source)
         for key, trajectory in zip(self._n_missing, pair, strict=True):
             self._n_missing[key] += trajectory is None
         return pair
 
+    def take(self, columns: PlanningColumns) -> dict[str, TrajectoryPair] | None:
+        """Take all predictions of a file at once.
+
+        Returns:
+            Sample id to pair; None where a number may be out of bounds, and nothing is taken.
+        """
+        sides = [_trajectories(side, self._geometry.waypoints) for side in columns[2:]]
+        pairs = list(map(TrajectoryPair, *sides))
+        tracks = PairTracks.of(pairs, self._geometry.waypoints)
+        if not (self._is_within_bounds(tracks.source) and self._is_within_bounds(tracks.edited)):
+            return None
+        self._tracks = tracks
+        for key, side in zip(self._n_missing, sides, strict=True):
+            self._n_missing[key] = side.count(None)
+        return dict(zip(columns.sample_ids, pairs, strict=True))
+
+    def _is_within_bounds(self, tracks: Tracks) -> bool:
+        """Whether certainly no coordinate and no step is too large."""
+        if not tracks.n:
+            return True
+        columns = (*tracks.x_m, *tracks.y_m)
+        farthest_m = max(max(map(max, columns)), -min(map(min, columns)))
+        longest_m = max(max(step.length_m) for step in tracks.steps)
+        return (
+            farthest_m <= self._geometry.max_coordinate_m
+            and longest_m < self._geometry.max_step_m * (1 - STEP_MARGIN)
+        )
+
     def finish(self, answers: Mapping[str, Any], manifest: Manifest | None) -> FileProfile | None:
         """Check what can be told only over all predictions; say what the file looks like."""
-        self._pairs = tuple(answers.values())
-        is_comparable = manifest is not None and self._frame.is_of_the_car
+        n_waypoints, tracks = self._geometry.waypoints, self._tracks
+        if tracks is None and self._faults.is_empty:  # all of them are whole
+            tracks = self._tracks = PairTracks.of(answers.values(), n_waypoints)
+        sources = tracks.source if tracks else Tracks.of(self._sources, n_waypoints)
+        frame = FrameCheck.of(sources, self._protocol)
+        is_comparable = manifest is not None and frame.is_of_the_car
         profile = file_profile(
             answers,
             self._geometry,
             self._protocol.plausibility,
             manifest.recorded if manifest and is_comparable else None,
             self._n_given,
+            tracks,
         )
-        self._frame.finish(self._faults, profile)
+        frame.finish(self._faults, profile)
         if self._n_given is not None:
             mend = profile.mend if profile else None
             advice = mend.sentence if mend else self._time_step_advice(self._n_given)
@@ -141,11 +178,11 @@ class PlanningRules:
 
     def _zeros(self, n_predictions: int) -> Iterator[str]:
         """Say where zeros may stand for no answer: the car was too fast to stand at once."""
-        sources_m = [
-            math.hypot(*pair.source[:2])
-            for pair in self._pairs
-            if pair.source and pair.edited and not any(pair.edited)
-        ]
+        if self._tracks is None:
+            return
+        source, edited, n_both = self._tracks
+        lengths_m, firsts_m = edited.lengths_m[:n_both], source.steps[0].length_m[:n_both]
+        sources_m = [first for first, length in zip(firsts_m, lengths_m, strict=True) if not length]
         n_zeros = len(wrong_first_steps(sources_m, [0.0] * len(sources_m), self._protocol))
         if n_zeros:
             yield (
@@ -160,19 +197,21 @@ class PlanningRules:
             key: 1 - self._n_missing[key] / max(n_predictions, 1) for key in ("edited", "source")
         }
         reasons = [too_little_covered(_COVERED, shares, ranking.min_coverage)]
-        for code, why in self._flags(profile, shares) if all(shares.values()) else ():
+        for code, why in (
+            self._flags(n_predictions, profile, shares) if all(shares.values()) else ()
+        ):
             if code in ranking.unranked_flags:
                 reasons.append(f"flagged {FLAGS[code].label}: {why}")
         return "; ".join(filter(None, reasons)) or None
 
     def _flags(
-        self, profile: FileProfile | None, shares: Mapping[str, float]
+        self, n_predictions: int, profile: FileProfile | None, shares: Mapping[str, float]
     ) -> Iterator[tuple[str, str]]:
         """Yield the flags that a file tells of without its regions, and why (docs/protocol.md 5).
 
         Shares are of all samples: a missing trajectory counts as one that stands still.
         """
-        if profile is None:
+        if profile is None or self._tracks is None:
             return
         section = self._protocol.plausibility
         edited = 1 - shares["edited"] * (1 - (profile.standing_edited or 0.0))
@@ -185,7 +224,7 @@ class PlanningRules:
             are = "are missing or stand still" if shares["source"] < 1 else "stand still"
             yield "source_stands_still", f"{source:.0%} of the source trajectories {are}"
         yield from self._blind(profile)
-        yield from motion_flags(self._pairs, self._protocol)
+        yield from motion_flags(self._tracks, n_predictions, self._protocol)
         same = profile.same_edited or 0.0
         if same > section.flag_same_answer:
             yield "same_answer", f"{same:.0%} of the edited trajectories are the same"
@@ -377,6 +416,18 @@ COLUMNS_HINT = f"write x and y alone, without heading, z or time; {CONVERT}` doe
 CAMERA_HINT = f"looks like camera coordinates (x right, y down, z ahead): {CONVERT} --camera`"
 CLEARLY_MOVES_M = 5.0
 """Farther than a column of times, headings or heights goes in a few seconds."""
+
+
+def _trajectories(side: Side, n_waypoints: int) -> list[array[float] | None]:
+    """Return N flat trajectories, None where null stands; no negative zeros."""
+    width, flat = 2 * n_waypoints, array("d", side.numbers)
+    if 0.0 in flat:
+        flat = array("d", map((0.0).__add__, flat))
+    given = [flat[start : start + width] for start in range(0, len(flat), width)]
+    if len(given) == len(side.is_given):
+        return [*given]
+    following = iter(given)
+    return [next(following) if is_given else None for is_given in side.is_given]
 
 
 def _is_row_of_three(point: Any) -> bool:

@@ -3,7 +3,7 @@
 import difflib
 import re
 from bisect import bisect
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from exceptiondrive_schemas.check.fault_list import FaultList, check_text, escaped, kind, quoted
 from exceptiondrive_schemas.faults import MAX_EXAMPLES, FaultCode
@@ -87,6 +87,15 @@ class SampleIds:
             self._note_unknown(value, index)
             return None
         return self._once(value, index)
+
+    def are_sound(self, sample_ids: Sequence[str]) -> bool:
+        """Whether these certainly are the ids of a file without a fault; then none is looked at again."""
+        distinct = set(sample_ids)
+        if len(distinct) < len(sample_ids):
+            return False
+        if self._valid is not None:
+            return distinct == self._valid
+        return all(each.isprintable() and 0 < len(each) <= MAX_ID_CHARACTERS for each in sample_ids)
 
     def finish(self, n_read: int | None) -> None:
         """Report unknown and missing samples, each with the id that was probably meant.

@@ -28,7 +28,7 @@ from operator import neg, sub
 from types import MappingProxyType
 
 from exceptiondrive_schemas.check.answers import TrajectoryPair
-from exceptiondrive_schemas.check.tracks import Column, Tracks, Whole, both_first
+from exceptiondrive_schemas.check.tracks import Column, PairTracks, Tracks, Whole
 from exceptiondrive_schemas.file_profile import FileProfile, Mend
 from exceptiondrive_schemas.protocol import GeometrySection, PlausibilitySection
 
@@ -117,6 +117,7 @@ def file_profile(
     plausibility: PlausibilitySection,
     recorded: Mapping[str, Points] | None = None,
     n_given: int | None = None,
+    tracks: PairTracks | None = None,
 ) -> FileProfile | None:
     """Describe what a planning file says.
 
@@ -127,17 +128,21 @@ def file_profile(
         recorded: The drives that were recorded in the source scenes, where they are public.
         n_given: Waypoints that the trajectories have, where these are not those of the protocol and
             `pairs` tell the first of them: then only the time between them is looked for.
+        tracks: The same trajectories column by column, where they are at hand and all whole.
 
     Returns:
         Medians and means over all samples; None for a file without a whole trajectory.
     """
     n_wanted = min(n_given or geometry.waypoints, geometry.waypoints)
-    whole = {
-        sample_id: (_whole(pair.source, n_wanted), _whole(pair.edited, n_wanted))
-        for sample_id, pair in pairs.items()
-    }
-    sources, edited, n_both = both_first(whole.values())
-    if not sources and not edited:
+    whole: Mapping[str, Whole] = pairs
+    if tracks is None:
+        whole = {
+            sample_id: (_whole(pair.source, n_wanted), _whole(pair.edited, n_wanted))
+            for sample_id, pair in pairs.items()
+        }
+        tracks = PairTracks.of(whole.values(), n_wanted)
+    at_source, at_edit = tracks.source, tracks.edited
+    if not at_source.n and not at_edit.n:
         return None
     compared = [
         Compared(recorded[sample_id], source, of_edit)
@@ -147,8 +152,7 @@ def file_profile(
     best = _best_mend(compared, geometry, plausibility, n_given)
     if n_given is not None:
         return FileProfile(mend=best)
-    at_source, at_edit = Tracks.of(sources, n_wanted), Tracks.of(edited, n_wanted)
-    of_pairs = at_source.first(n_both), at_edit.first(n_both)
+    of_pairs = at_source.first(tracks.n_both), at_edit.first(tracks.n_both)
     driven = Tracks.of([chain.from_iterable(each.recorded) for each in compared], n_wanted)
     beside = Tracks.of([each.flat_source for each in compared], n_wanted)
     mend = (
@@ -162,7 +166,9 @@ def file_profile(
     at_s = dict(zip(SECONDS_SHOWN, _means_at(distances_m, geometry), strict=True))
     means_m = [math.fsum(of_one) / n_wanted for of_one in distances_m]
     shifts_m = _shifts_m(*of_pairs)
-    lengths_m = zip(at_source.lengths_m[:n_both], at_edit.lengths_m[:n_both], strict=True)
+    lengths_m = zip(
+        *(each.lengths_m[: tracks.n_both] for each in (at_source, at_edit)), strict=True
+    )
     margin_m, reach_m = plausibility.blind_shift_below_m, plausibility.stationary_below_m
     return FileProfile(
         source_speed_mps=_median(at_source.lengths_m, 1 / geometry.horizon_s),
@@ -685,12 +691,12 @@ def _lead_mend(tried: Sequence[Compared], error: float, geometry: GeometrySectio
 
 def _row_mend(whole: Mapping[str, Whole], recorded: Mapping[str, Points] | None) -> Mend | None:
     """Name trajectories that stand one row off: each is that of the sample before or behind it."""
-    sources = [None if source is None else (source[0], source[1]) for source, _ in whole.values()]
-    edited = [
-        None if of_edit is None else (of_edit[0], of_edit[1]) for _, of_edit in whole.values()
-    ]
-    driven = [recorded[name][0] if recorded and name in recorded else None for name in whole]
-    of_edited, found = _neighbour(sources, edited), _neighbour(driven, sources)
+    sources = _firsts(source for source, _ in whole.values())
+    of_edited = _neighbour(sources, _firsts(of_edit for _, of_edit in whole.values()))
+    found = None
+    if recorded:
+        drives = (recorded[name][0] if name in recorded else None for name in whole)
+        found = _neighbour(_firsts(drives), sources)
     if found is not None:
         what = "trajectories" if of_edited is None else "source trajectories"
         own = "drive"
@@ -783,22 +789,43 @@ def _of_others(lengths_m: Column, own_m: Column) -> tuple[float, float] | None:
     return by_sample, by_order
 
 
+def _firsts(points: Iterable[Sequence[float] | None]) -> tuple[Column, Column]:
+    """Return x and y that stand first in each, NaN where there is none."""
+    firsts = [_ABSENT if point is None else (point[0], point[1]) for point in points]
+    x_m, y_m = zip(*firsts, strict=True)
+    return x_m, y_m
+
+
+_ABSENT = (math.nan, math.nan)
+
+
 def _neighbour(
-    own: Sequence[Point | None], answers: Sequence[Point | None]
+    own: tuple[Column, Column], answers: tuple[Column, Column]
 ) -> tuple[float, str] | None:
     """Return the share of answers that are nearer to what a neighbour is, and on which side of it.
 
     Args:
-        own: First waypoint of each sample, in the order of the file.
+        own: First waypoint of each sample, x and y, in the order of the file.
         answers: First waypoint of what is answered to it.
     """
     for step, side in ((1, "behind"), (-1, "before")):
-        others = [*own[step:], *own[:step]]
+        others = [(*axis[step:], *axis[:step]) for axis in own]
+        are_apart = [gap_m > ROWS_DIFFER_M for gap_m in _gaps_m(own, others)]
+        mine, other, answer = (
+            [list(compress(axis, are_apart)) for axis in axes] for axes in (own, others, answers)
+        )
         nearer = [
-            math.dist(answer, other) < math.dist(answer, mine)
-            for answer, mine, other in zip(answers, own, others, strict=True)
-            if answer and mine and other and math.dist(mine, other) > ROWS_DIFFER_M
+            to_other_m < to_own_m
+            for to_own_m, to_other_m in zip(
+                _gaps_m(answer, mine), _gaps_m(answer, other), strict=True
+            )
+            if not math.isnan(to_own_m)
         ]
         if len(nearer) >= MIN_COMPARED and sum(nearer) >= OF_NEIGHBOUR * len(nearer):
             return sum(nearer) / len(nearer), side
     return None
+
+
+def _gaps_m(points: Sequence[Column], others: Sequence[Column]) -> Iterator[float]:
+    """Yield the distances of points from others, each x and y columns."""
+    return map(math.hypot, *(map(sub, *axes) for axes in zip(points, others, strict=True)))

@@ -53,14 +53,14 @@ class Tracks:
 
     def first(self, n: int) -> Tracks:
         """Return the first n of them; all are the same object, which knows its steps already."""
-        if n == len(self.x_m[0]):
+        if n == self.n:
             return self
         return Tracks([x[:n] for x in self.x_m], [y[:n] for y in self.y_m])
 
     @cached_property
     def steps(self) -> tuple[Steps, ...]:
         """T steps, the first one from the origin."""
-        origin = [0.0] * len(self.x_m[0])
+        origin = [0.0] * self.n
         moved = [
             (list(map(sub, x, x_before)), list(map(sub, y, y_before)))
             for x, x_before, y, y_before in zip(
@@ -73,6 +73,11 @@ class Tracks:
     def lengths_m(self) -> Column:
         """How long each path is."""
         return list(map(sum, zip(*(step.length_m for step in self.steps), strict=True)))
+
+    @property
+    def n(self) -> int:
+        """How many there are."""
+        return len(self.x_m[0])
 
     @cached_property
     def ends_m(self) -> Column:
@@ -105,3 +110,27 @@ def both_first(pairs: Iterable[Whole]) -> tuple[list[array[float]], list[array[f
         [of_edit for _, of_edit in both] + edited,
         len(both),
     )
+
+
+class PairTracks(NamedTuple):
+    """Whole trajectories of a file; those of pairs that have both come first, in the same order.
+
+    Attributes:
+        source: The source trajectories.
+        edited: The edited ones.
+        n_both: Pairs that have both.
+    """
+
+    source: Tracks
+    edited: Tracks
+    n_both: int
+
+    @classmethod
+    def of(cls, pairs: Iterable[Whole], n_waypoints: int) -> PairTracks:
+        """Put the trajectories of pairs beside each other.
+
+        Raises:
+            ValueError: One has another number of waypoints.
+        """
+        sources, edited, n_both = both_first(pairs)
+        return cls(Tracks.of(sources, n_waypoints), Tracks.of(edited, n_waypoints), n_both)

@@ -1,0 +1,104 @@
+"""The client's commands as whole processes: what a participant waits for, beside the naive loop."""
+
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.measuring import NAIVE_SAMPLES
+from benchmarks.naive import naive_clearances_m
+from benchmarks.report import note, show, times
+from benchmarks.timing import cpu_seconds, ratio, typical
+from benchmarks.upload import make_manifest, upload_text
+from benchmarks.workload import BENCHMARK_SAMPLES, Workload, make_workload
+from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.split import Manifest
+
+ROUNDS = 5
+LARGE = 20_000
+TARGETS_S = {"--help": "0.15", f"{BENCHMARK_SAMPLES:,}": "0.35", f"{LARGE:,}": "0.8; 8x"}
+
+
+def run(protocol: ProtocolDocument) -> None:
+    """Print the CPU seconds of `check` and `evaluate`, from the start of the process to its end."""
+    with tempfile.TemporaryDirectory() as name:
+        calls: dict[tuple[str, str], list[str]] = {("--help", ""): ["--help"]}
+        workloads: dict[str, Workload] = {}
+        for n_samples in (BENCHMARK_SAMPLES, LARGE):
+            size, folder = f"{n_samples:,}", Path(name) / str(n_samples)
+            workloads[size] = make_workload(protocol, n_samples)
+            files = _write(folder, workloads[size], protocol)
+            for command in ("check", "evaluate"):
+                calls[command, size] = [command, *files]
+        seconds: dict[tuple[str, str], list[float]] = {call: [] for call in calls}
+        naive: dict[str, list[float]] = {size: [] for size in workloads}
+        for _ in range(ROUNDS):
+            for size, workload in workloads.items():
+                naive[size].append(_naive_s(workload, protocol))
+            for call, words in calls.items():
+                seconds[call].append(_process_s(words))
+    rows = [
+        (
+            command,
+            size,
+            f"{typical(taken):.2f}",
+            times(ratio(naive[size], taken)) if size else "",
+            TARGETS_S[size or command],
+        )
+        for (command, size), taken in seconds.items()
+    ]
+    show("Commands, whole processes", ("", "pairs", "CPU s", "x naive", "target"), rows)
+    note(f"x naive: the shapely loop of clearances alone, {NAIVE_SAMPLES} samples of it scaled")
+
+
+def _write(folder: Path, workload: Workload, protocol: ProtocolDocument) -> list[str]:
+    """Write a submission and its split; return them as arguments."""
+    folder.mkdir()
+    manifest = make_manifest(workload.split.n_samples, protocol)
+    file, split = folder / "planner.json", folder / "split.json"
+    file.write_bytes(upload_text(workload, manifest))
+    split.write_text(json.dumps(_split(workload, manifest, protocol)))
+    return [str(file), "--split", str(split)]
+
+
+def _split(workload: Workload, manifest: Manifest, protocol: ProtocolDocument) -> dict[str, object]:
+    columns = (
+        manifest.sample_ids,
+        workload.split.scene_index.tolist(),
+        workload.split.task_index.tolist(),
+        workload.split.regions_m.tolist(),
+    )
+    samples = [
+        {
+            "sample_id": sample_id,
+            "scene_id": f"scene-{scene:05}",
+            "task": protocol.tasks[task].id,
+            "region": region,
+        }
+        for sample_id, scene, task, region in zip(*columns, strict=True)
+    ]
+    name, title = manifest.name, manifest.title
+    return {"schema": "exceptiondrive.split/1", "name": name, "title": title, "samples": samples}
+
+
+def _naive_s(workload: Workload, protocol: ProtocolDocument) -> float:
+    part, split = slice(0, NAIVE_SAMPLES), workload.split
+    edited = np.nan_to_num(workload.pairs.edited[part])
+    regions_m = split.regions_m[part]
+    taken = cpu_seconds(lambda: naive_clearances_m(edited, regions_m, protocol.geometry))
+    return taken * split.n_samples / NAIVE_SAMPLES
+
+
+def _process_s(words: list[str]) -> float:
+    """CPU seconds of one process, its system calls included."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": ""}  # modules are compiled once
+    command = [sys.executable, "-m", "exceptiondrive", *words]
+    subprocess.run(command, env=environment, check=True, capture_output=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime

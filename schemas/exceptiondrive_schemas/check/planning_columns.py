@@ -1,0 +1,113 @@
+"""Fast decoding of `exceptiondrive.planning/1`, for client and worker: whole columns, or "not sure".
+
+The decode leaves each trajectory as its own piece of JSON text. What is left of all pieces without
+digits proves the shape of every trajectory at once; what is left without brackets is one flat list
+of numbers. No object is made per waypoint, which is what costs most in JSON.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import msgspec
+
+from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.check.fast_decode import (
+    ROOT_TEXTS,
+    decode,
+    n_texts,
+    prediction_type,
+    submission_decoder,
+)
+from exceptiondrive_schemas.check.json_stream import MAX_VALUE_CHARACTERS
+
+TEXTS_PER_PREDICTION = 4
+"""Keys `sample_id`, `source`, `edited`, and the id."""
+BARE_PREDICTION = '{"sample_id":"","source":,"edited":}'
+NULL = b"null"
+NO_NUMBERS_NO_BLANKS = b"+-.0123456789Ee \t\n\r"
+BRACKETS_TO_BLANKS = bytes.maketrans(b"[]", b"  ")
+NUMBERS = msgspec.json.Decoder(list[float], strict=True)
+DECODER = submission_decoder(
+    prediction_type(
+        "PlanningPrediction",
+        [("sample_id", str), ("source", msgspec.Raw), ("edited", msgspec.Raw)],
+    )
+)
+WHOLE_PREDICTIONS = submission_decoder(msgspec.Raw)
+
+
+class Side(NamedTuple):
+    """The source or the edited trajectories of a file of N predictions with T waypoints each.
+
+    Attributes:
+        is_given: (N,) False where null stands.
+        numbers: Of those that are given, one behind the other: x1, y1, x2, y2, ...
+    """
+
+    is_given: Sequence[bool]
+    numbers: list[float]
+
+
+class PlanningColumns(NamedTuple):
+    """A file in which every trajectory has the right shape, in its own order; bounds are not checked."""
+
+    split: str
+    sample_ids: Sequence[str]
+    source: Side
+    edited: Side
+
+
+def planning_columns(text: bytes, n_waypoints: int) -> PlanningColumns | None:
+    """Decode a planning file.
+
+    Args:
+        text: The inflated file.
+        n_waypoints: T.
+
+    Returns:
+        None where the text is faulty or not certainly sound.
+    """
+    submission = decode(text, DECODER, PLANNING.file_schema)
+    if submission is None:
+        return None
+    predictions = submission.predictions
+    if n_texts(text) != ROOT_TEXTS + TEXTS_PER_PREDICTION * len(predictions):
+        return None
+    sample_ids = [each.sample_id for each in predictions]
+    sources = [bytes(each.source) for each in predictions]
+    edits = [bytes(each.edited) for each in predictions]
+    if not _are_short(text, sample_ids, sources, edits):
+        return None
+    source, edited = _side(sources, n_waypoints), _side(edits, n_waypoints)
+    if source is None or edited is None:
+        return None
+    return PlanningColumns(submission.split, sample_ids, source, edited)
+
+
+def _are_short(
+    text: bytes, sample_ids: Sequence[str], sources: Sequence[bytes], edits: Sequence[bytes]
+) -> bool:
+    """Whether no prediction is longer than the precise checker takes, blanks included."""
+    sizes = [sum(map(len, parts)) for parts in zip(sample_ids, sources, edits, strict=True)]
+    n_blanks = len(text) - sum(sizes) - len(BARE_PREDICTION) * len(sizes)
+    if max(sizes, default=0) + len(BARE_PREDICTION) + n_blanks <= MAX_VALUE_CHARACTERS:
+        return True
+    predictions = WHOLE_PREDICTIONS.decode(text).predictions
+    return max(len(bytes(each)) for each in predictions) <= MAX_VALUE_CHARACTERS
+
+
+def _side(texts: Sequence[bytes], n_waypoints: int) -> Side | None:
+    """Return N JSON texts as numbers, or None where one is neither null nor `[[x, y] x T]`."""
+    is_given = [text != NULL for text in texts]
+    given = texts if all(is_given) else [text for text in texts if text != NULL]
+    joined = b",".join(given)
+    one = b"[" + b",".join([b"[,]"] * n_waypoints) + b"]"
+    if joined.translate(None, NO_NUMBERS_NO_BLANKS) != b",".join([one] * len(given)):
+        return None
+    try:
+        numbers = NUMBERS.decode(b"[" + joined.translate(BRACKETS_TO_BLANKS) + b"]")
+    except msgspec.DecodeError:
+        return None
+    if len(numbers) != len(given) * n_waypoints * 2:
+        return None
+    return Side(is_given, numbers)
