@@ -12,7 +12,7 @@ _ONE_MORE = '''"""What a later release adds."""
 import sqlalchemy as sa
 from alembic import op
 
-revision = "later"
+revision = "{later}"
 down_revision = "{newest}"
 
 
@@ -25,6 +25,8 @@ def upgrade() -> None:
 def become_later_release(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
     """Let this process be the later release until `monkeypatch.undo()`."""
     later = Path(shutil.copytree(migrations.FOLDER, folder / "later_migrations"))
-    script = later / "versions" / "later.py"
-    script.write_text(_ONE_MORE.format(newest=migrations.newest_revision()))
+    newest = migrations.newest_revision()
+    number = f"{int(newest) + 1:04}"
+    script = later / "versions" / f"{number}_later.py"
+    script.write_text(_ONE_MORE.format(newest=newest, later=number))
     monkeypatch.setattr(migrations, "FOLDER", later)

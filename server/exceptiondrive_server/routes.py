@@ -64,7 +64,6 @@ from exceptiondrive_server.web.organizer_frame import organizing
 from exceptiondrive_server.web.problems import problem_responses
 
 _ORGANIZER_API = APIRouter(
-    prefix="/organizer",
     tags=["organizers"],
     dependencies=[Depends(organizer)],
     responses=problem_responses(
@@ -91,7 +90,7 @@ for _part in (
 ):
     _ORGANIZER_API.include_router(_part)
 
-_API = APIRouter(prefix="/api/v1")
+_API = APIRouter()
 for _part in (
     phases.router,
     participation.router,
@@ -110,12 +109,11 @@ for _part in (
     notifications.router,
     rescoring.router,
     operations.router,
-    _ORGANIZER_API,
 ):
     _API.include_router(_part)
+_API.include_router(_ORGANIZER_API, prefix="/organizer")
 
-PAGES = APIRouter(include_in_schema=False)
-for _part in (
+PAGES = (
     board_pages.router,
     update_pages.router,
     entry_pages.router,
@@ -136,11 +134,8 @@ for _part in (
     submission_pages.router,
     team_pages.router,
     token_pages.router,
-):
-    PAGES.include_router(_part)
-
-_ORGANIZER_PAGES = APIRouter(include_in_schema=False, dependencies=[Depends(organizing)])
-for _part in (
+)
+_ORGANIZER_PAGES = (
     overview_pages.router,
     participation_pages.router,
     news_pages.router,
@@ -152,11 +147,16 @@ for _part in (
     organizer_protocol_pages.router,
     run_pages.router,
     audit_pages.router,
-):
-    _ORGANIZER_PAGES.include_router(_part)
+)
 
 ROUTES = APIRouter()
 """All routes, the one that is asked for most first. FastAPI works out what a route takes and gives when one is asked for first: with one
-router that is once per process, not once per application."""
-for _part in (board_pages.front, _API, health.router, PAGES, _ORGANIZER_PAGES):
-    ROUTES.include_router(_part)
+router that is once per process, not once per application. Where a router that holds others is included without a prefix, FastAPI
+works all of it out once more, for nothing: so the pages stand here one by one."""
+ROUTES.include_router(board_pages.front)
+ROUTES.include_router(_API, prefix="/api/v1")
+ROUTES.include_router(health.router)
+for _part in PAGES:
+    ROUTES.include_router(_part, include_in_schema=False)
+for _part in _ORGANIZER_PAGES:
+    ROUTES.include_router(_part, include_in_schema=False, dependencies=[Depends(organizing)])

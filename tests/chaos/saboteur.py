@@ -4,6 +4,7 @@
 CHAOS_ORDERS names. Everything but the sabotaged call is the product's own code.
 """
 
+import gc
 import hashlib
 import os
 import select
@@ -110,7 +111,10 @@ def _sabotage_server() -> Callable[[], None]:
 
 def main() -> None:
     which = sys.argv.pop(1)
+    gc.disable()  # as the commands do while they import
     command = {"worker": _sabotage_worker, "server": _sabotage_server}[which]()
+    gc.freeze()
+    gc.enable()
     sys.argv[0] = f"exceptiondrive-{which}"
     command()
 

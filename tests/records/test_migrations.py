@@ -8,12 +8,19 @@ from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.config import Config
 from alembic.runtime.migration import MigrationContext
+from alembic.script import ScriptDirectory
 from sqlalchemy import inspect
 from tests.later_release import become_later_release
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.migrations import is_current, is_usable, migrate
+from exceptiondrive_records.migrations import (
+    FOLDER,
+    is_current,
+    is_usable,
+    migrate,
+    newest_revision,
+)
 from exceptiondrive_records.teams.teams import create_team, find_team
 
 
@@ -27,6 +34,14 @@ def test_migrating_an_empty_database_gives_exactly_the_tables_of_the_code(
         assert compare_metadata(context, Base.metadata) == []
     assert is_current(database)
     database.dispose()
+
+
+def test_the_file_of_a_migration_begins_with_its_revision() -> None:
+    """So that nobody has to import all of them to know which is the newest."""
+    scripts = ScriptDirectory(str(FOLDER))
+    assert newest_revision() == scripts.get_current_head()
+    for script in scripts.walk_revisions():
+        assert Path(script.path).name.startswith(f"{script.revision}_")
 
 
 def test_migrating_twice_does_nothing(database_url: str) -> None:

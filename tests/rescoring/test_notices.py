@@ -25,7 +25,6 @@ from exceptiondrive_records.notifications.channels import (
     NotDelivered,
     NoticeSettings,
     allowed_address,
-    is_public,
     send_webhook,
 )
 from exceptiondrive_records.notifications.contacts import (
@@ -35,6 +34,7 @@ from exceptiondrive_records.notifications.contacts import (
     remove_contact,
 )
 from exceptiondrive_records.notifications.outbox import send_next
+from exceptiondrive_records.notifications.public_addresses import is_public
 from exceptiondrive_records.notifications.tables import Channel, ContactPoint, Delivery
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol

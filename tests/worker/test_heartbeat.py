@@ -4,7 +4,7 @@ from typing import Any
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.work.heartbeats import live_workers
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_worker.process import Heartbeat, youngest_heartbeat_age_s
+from exceptiondrive_worker.heartbeat import Heartbeat, youngest_heartbeat_age_s
 
 
 def slots(database: Database, lane: Lane) -> int:

@@ -20,9 +20,11 @@ from exceptiondrive_schemas.protocol import (
     packaged_protocol,
     parse_protocol,
 )
-from exceptiondrive_worker.process import configure_logging, run_worker, youngest_heartbeat_age_s
+from exceptiondrive_worker.heartbeat import youngest_heartbeat_age_s
+from exceptiondrive_worker.logs import configure_logging
 from exceptiondrive_worker.sample.files import write_planners, write_sample_split
 from exceptiondrive_worker.sample.scenes import SPLIT_NAME
+from exceptiondrive_worker.scorer_version import OlderScorerError, refuse_if_older
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.splits.admin import (
     RegisteredSplit,
@@ -50,7 +52,6 @@ from exceptiondrive_worker.splits.store import (
     read_split,
 )
 from exceptiondrive_worker.splits.warnings import check_report, split_warnings, warning_lines
-from exceptiondrive_worker.work import OlderScorerError, refuse_if_older
 
 app = typer.Typer(
     help="Run workers, and handle the splits that only workers may see.",
@@ -87,6 +88,8 @@ def run(
     data: DataOption = None,
 ) -> None:
     """Score submissions and build boards until stopped."""
+    from exceptiondrive_worker.process import run_worker  # Celery: no other command needs it
+
     settings = load_settings(WorkerSettings, data)
     with opened(settings) as database:  # its connections must not reach the processes that score
         refuse_if_older(database)

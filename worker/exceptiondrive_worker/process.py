@@ -1,13 +1,10 @@
 """The life of worker processes: context, memory limit and heartbeat of each, after it has forked."""
 
 import gc
-import logging
 import os
 import resource
-import socket
-import sys
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,20 +13,13 @@ import numpy as np
 import structlog
 from celery import Celery
 from celery.signals import worker_process_init, worker_process_shutdown
-from sqlalchemy import func, select
-from sqlalchemy.exc import SQLAlchemyError
-from structlog.typing import Processor
 
-from exceptiondrive_records.db.database import Database, database_now
 from exceptiondrive_records.db.identifiers import random_id
-from exceptiondrive_records.phases.phases import splits_in_use
-from exceptiondrive_records.work.heartbeats import beat, forget_worker
-from exceptiondrive_records.work.tables import WorkerHeartbeat
 from exceptiondrive_schemas.jobs import JobName, Lane
-from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.app import create_app
 from exceptiondrive_worker.context import WorkerContext, open_context
 from exceptiondrive_worker.failures import job_boundary
+from exceptiondrive_worker.heartbeat import Heartbeat
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.splits.private_store import prune
 from exceptiondrive_worker.work import work
@@ -146,62 +136,6 @@ def run_worker(settings: WorkerSettings, lanes: Sequence[Lane], concurrency: int
     )
 
 
-class Heartbeat:
-    """Records every few seconds that this process lives, until its parent is gone."""
-
-    def __init__(
-        self,
-        database: Database,
-        lanes: tuple[Lane, ...],
-        every_s: float,
-        missing: Callable[[Iterable[str]], list[str]] = lambda names: [],
-    ) -> None:
-        self.worker_id = f"{socket.gethostname()}:{os.getpid()}:{random_id(8)}"
-        self._database = database
-        self._lanes = lanes
-        self._every_s = every_s
-        self._missing = missing
-        self._parent = os.getppid()
-        self._stopped = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="heartbeat", daemon=True)
-
-    def start(self) -> None:
-        """Begin."""
-        self._thread.start()
-
-    def stop(self) -> None:
-        """End in good order: the worker leaves the list at once."""
-        self._stopped.set()
-        self._thread.join(timeout=5)
-        try:
-            with self._database.write() as session:
-                forget_worker(session, self.worker_id)
-        except SQLAlchemyError as error:
-            _log.warning("worker could not sign off", error=type(error).__name__)
-
-    def _run(self) -> None:
-        while os.getppid() == self._parent:
-            try:
-                with self._database.read() as session:
-                    missing = self._missing(splits_in_use(session))
-                with self._database.write() as session:
-                    beat(session, self.worker_id, self._lanes, 1, SCORER_VERSION, missing)
-            except SQLAlchemyError as error:
-                _log.warning("heartbeat not recorded", error=type(error).__name__)
-            if self._stopped.wait(self._every_s):
-                return
-
-
-def youngest_heartbeat_age_s(database: Database) -> float | None:
-    """Return how long ago a worker on this machine last gave a sign of life; None if never."""
-    with database.read() as session:
-        of_this_machine = WorkerHeartbeat.worker_id.startswith(f"{socket.gethostname()}:")
-        latest = session.scalar(select(func.max(WorkerHeartbeat.at)).where(of_this_machine))
-        if latest is None:
-            return None
-        return (database_now(session) - latest).total_seconds()
-
-
 def address_space_bytes() -> int | None:
     """Return how much address space this process has now; None where the system does not say."""
     try:
@@ -236,27 +170,3 @@ def limit_memory(headroom_bytes: int) -> int | None:
         limit = min(limit, hard)
     resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
     return limit
-
-
-def configure_logging() -> None:
-    """Send all log lines of this process, libraries and warnings included, the same way."""
-    shared: list[Processor] = [
-        structlog.processors.add_log_level,
-        structlog.processors.TimeStamper(fmt="iso", utc=True),
-        structlog.processors.format_exc_info,
-    ]
-    renderer: Processor = structlog.processors.JSONRenderer()
-    if sys.stderr.isatty():
-        renderer = structlog.dev.ConsoleRenderer()
-    structlog.configure(
-        processors=[*shared, renderer], logger_factory=structlog.PrintLoggerFactory(sys.stderr)
-    )
-    handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(
-        structlog.stdlib.ProcessorFormatter(
-            foreign_pre_chain=shared,
-            processors=[structlog.stdlib.ProcessorFormatter.remove_processors_meta, renderer],
-        )
-    )
-    logging.basicConfig(level=logging.WARNING, handlers=[handler], force=True)
-    logging.captureWarnings(capture=True)

@@ -8,17 +8,15 @@ older release on purpose.
 import time
 
 import structlog
-from sqlalchemy.exc import SQLAlchemyError
 
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.work.dispatch import wake_lanes
 from exceptiondrive_records.work.fair_share import is_live_work_open
-from exceptiondrive_records.work.heartbeats import newer_scorer
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.boards.run import build_next_board
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.profile_run import describe_next
+from exceptiondrive_worker.scorer_version import OlderScorerError, refuse_if_older
 from exceptiondrive_worker.scoring_run import score_next
 from exceptiondrive_worker.trial_run import try_next_split
 from exceptiondrive_worker.verify_run import verify_next
@@ -31,33 +29,6 @@ _MOST_PATIENCE_S = 1.0
 _LOOK_AGAIN_S = 0.02
 
 _log = structlog.get_logger("exceptiondrive.worker")
-
-
-class OlderScorerError(Exception):
-    """A newer scorer works already."""
-
-    def __init__(self, newer: str) -> None:
-        super().__init__(
-            f"this worker's scorer is version {SCORER_VERSION}, and version {newer} works already: "
-            "upgrade this worker. To go back on purpose, stop the newer workers first."
-        )
-
-
-def refuse_if_older(database: Database) -> None:
-    """Let no worker begin whose scores would be of an older scorer; each job asks again.
-
-    A database that is away refuses nobody: no job can begin without it.
-
-    Raises:
-        OlderScorerError: A newer scorer is on the list of workers.
-    """
-    try:
-        with database.read() as session:
-            newer = newer_scorer(session, SCORER_VERSION)
-    except SQLAlchemyError:
-        return
-    if newer is not None:
-        raise OlderScorerError(newer)
 
 
 def may_work(database: Database) -> bool:

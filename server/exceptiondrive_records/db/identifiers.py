@@ -3,9 +3,8 @@
 import re
 import secrets
 import unicodedata
+from functools import cache
 from urllib.parse import urlsplit
-
-from confusable_homoglyphs.confusables import confusables_data  # type: ignore[import-untyped]
 
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_schemas.references import RESERVED_NAMES, is_reserved
@@ -87,7 +86,7 @@ def checked_name(kind: str, name: str) -> str:
         raise InvalidRecord(f"The {kind} must hold a letter or digit.")
     if not _UNSEEN.isdisjoint(name) or _PILE.search(_marks_of(name)) is not None:
         raise InvalidRecord(f"The {kind} holds characters that cannot be shown.")
-    if is_reserved(name) or skeleton(name) in _RESERVED:
+    if is_reserved(name) or skeleton(name) in _reserved():
         raise InvalidRecord(f"The {kind} {name!r} is reserved for the reference rows of boards.")
     return name
 
@@ -141,14 +140,24 @@ def _as_latin(word: re.Match[str]) -> str:
 
 def _prototype(letter: str) -> str:
     """The letter that stands for all that look like it, or the smaller one of two."""
-    alike = [each["c"] for each in confusables_data.get(letter, ())]
+    alike = [each["c"] for each in _confusables().get(letter, ())]
     if len(alike) != 1:
         return letter
-    back = [each["c"] for each in confusables_data.get(alike[0], ())]
+    back = [each["c"] for each in _confusables().get(alike[0], ())]
     return min(letter, alike[0]) if back == [letter] else str(alike[0])
 
 
-_RESERVED = frozenset(map(skeleton, RESERVED_NAMES))
+@cache
+def _confusables() -> dict[str, list[dict[str, str]]]:
+    """Read once, by the first who names something: it takes longer than most modules."""
+    from confusable_homoglyphs import confusables  # type: ignore[import-untyped]
+
+    return confusables.confusables_data  # type: ignore[no-any-return]
+
+
+@cache
+def _reserved() -> frozenset[str]:
+    return frozenset(map(skeleton, RESERVED_NAMES))
 
 
 def _marks_of(name: str) -> str:

@@ -10,7 +10,6 @@ from enum import StrEnum
 from pathlib import Path
 from types import MappingProxyType
 
-from psycopg import Connection, sql
 from sqlalchemy import URL, make_url, text
 from sqlalchemy.orm import Session
 
@@ -294,6 +293,8 @@ def make_role(session: Session, role: Role, password: str | None = None) -> None
         return
     session.execute(text(f"CREATE ROLE {role} LOGIN"))
     if password is not None:
+        from psycopg import Connection, sql  # PostgreSQL's alone: others do without
+
         driver = session.connection().connection.driver_connection
         assert isinstance(driver, Connection)
         secret = driver.pgconn.encrypt_password(password.encode(), role.encode(), b"scram-sha-256")

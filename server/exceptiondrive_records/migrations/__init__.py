@@ -1,12 +1,8 @@
-"""Alembic migrations, applied by `migrate`."""
+"""Alembic migrations, applied by `migrate`. Every command asks for the schema, and few migrate: only those import Alembic."""
 
 from functools import cache
 from pathlib import Path
 
-from alembic import command
-from alembic.config import Config
-from alembic.runtime.migration import MigrationContext
-from alembic.script import ScriptDirectory
 from sqlalchemy import inspect, text
 from sqlalchemy.orm import Session
 
@@ -28,28 +24,22 @@ def migrate(url: str) -> None:
         with database.write() as session:
             if session.get_bind().dialect.name == "postgresql":
                 session.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _LOCK})
-            config = alembic_config()
-            if _is_newer(_revision_of(session)):
+            if _is_usable(session):
                 return
-            config.attributes["connection"] = session.connection()
+            from alembic import command
+            from alembic.config import Config
+
+            config = Config(attributes={"connection": session.connection()})
+            config.set_main_option("script_location", str(FOLDER).replace("%", "%%"))
+            config.set_main_option("path_separator", "os")
             command.upgrade(config, "head")
     finally:
         database.dispose()
 
 
-def alembic_config() -> Config:
-    """Return the configuration that finds the migrations inside the package."""
-    config = Config()
-    config.set_main_option("script_location", str(FOLDER).replace("%", "%%"))
-    config.set_main_option("path_separator", "os")
-    return config
-
-
 def newest_revision() -> str:
     """Return the revision that `migrate` leads to."""
-    head = _scripts(FOLDER).get_current_head()
-    assert head is not None
-    return head
+    return _revisions(FOLDER)[-1]
 
 
 def is_current(database: Database) -> bool:
@@ -61,8 +51,7 @@ def is_current(database: Database) -> bool:
 def is_usable(database: Database) -> bool:
     """Whether this code can work with the schema: it is the newest known one, or newer still."""
     with database.read() as session:
-        revision = _revision_of(session)
-    return revision == newest_revision() or _is_newer(revision)
+        return _is_usable(session)
 
 
 def missing_columns(database: Database) -> list[str]:
@@ -79,15 +68,20 @@ def missing_columns(database: Database) -> list[str]:
     )
 
 
+def _is_usable(session: Session) -> bool:
+    revision = _revision_of(session)
+    is_older = revision is None or revision in _revisions(FOLDER)[:-1]
+    return not is_older
+
+
 def _revision_of(session: Session) -> str | None:
-    return MigrationContext.configure(session.connection()).get_current_revision()
-
-
-def _is_newer(revision: str | None) -> bool:
-    known = {script.revision for script in _scripts(FOLDER).walk_revisions()}
-    return revision is not None and revision not in known
+    if not inspect(session.connection()).has_table("alembic_version"):
+        return None
+    revision: str | None = session.scalar(text("SELECT version_num FROM alembic_version"))
+    return revision
 
 
 @cache
-def _scripts(folder: Path) -> ScriptDirectory:
-    return ScriptDirectory(str(folder))
+def _revisions(folder: Path) -> list[str]:
+    """Revisions that this code knows, oldest first: a migration's file begins with its own."""
+    return sorted(file.name.partition("_")[0] for file in folder.glob("versions/[0-9]*_*.py"))

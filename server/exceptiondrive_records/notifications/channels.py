@@ -3,7 +3,6 @@
 import asyncio
 import hashlib
 import hmac
-import ipaddress
 import smtplib
 import socket
 import ssl
@@ -17,6 +16,7 @@ import stamina
 from pydantic import Field, SecretStr
 
 from exceptiondrive_records.db.settings import RecordsSettings, Seconds
+from exceptiondrive_records.notifications.public_addresses import is_public
 from exceptiondrive_schemas.api.rescoring import ChangedEntry, NotificationView, page_of
 from exceptiondrive_schemas.api.standing_words import standing_words
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
@@ -42,54 +42,6 @@ class NoticeSettings(RecordsSettings):
     delivery_attempts: Annotated[int, Field(ge=1, le=100)] = 8
     delivery_backoff_s: Seconds = 30.0
     """Before the second try; doubles each time."""
-
-
-# Whether an IP address is one of the public internet, and none of our own network.
-
-
-_WRAPPING = tuple(map(ipaddress.ip_network, ("::/96", "::ffff:0:0:0/96", "64:ff9b::/96")))
-"""The last 32 bits are an IPv4 address: compatible, translated (RFC 2765), NAT64 (RFC 6052)."""
-_NOT_PUBLIC = tuple(
-    map(
-        ipaddress.ip_network,
-        (
-            "64:ff9b:1::/48",
-            "fec0::/10",
-            "192.0.0.0/24",
-            "192.88.99.0/24",
-            "3fff::/20",
-            "5f00::/16",
-        ),
-    )
-)
-"""NAT64 within a network (RFC 8215), site-local, protocol assignments (RFC 6890), the old 6to4 relays
-(RFC 7526), documentation (RFC 9637), segment routing (RFC 9602); the library calls them global."""
-_GLOBAL_UNICAST = ipaddress.ip_network("2000::/3")
-
-
-def is_public(address: str) -> bool:
-    """Whether a numeric address is public; one wrapped in IPv6 counts as what it wraps."""
-    ip = ipaddress.ip_address(address)
-    if any(ip in network for network in _NOT_PUBLIC):
-        return False
-    embedded = getattr(ip, "ipv4_mapped", None) or getattr(ip, "sixtofour", None)
-    if any(ip in network for network in _WRAPPING):
-        embedded = ipaddress.IPv4Address(int(ip) & 0xFFFFFFFF)
-    if embedded is not None:
-        ip = embedded
-    if ip.version == 6 and ip not in _GLOBAL_UNICAST:
-        return False
-    if any(ip in network for network in _NOT_PUBLIC):
-        return False
-    return ip.is_global and not ip.is_multicast
-
-
-def is_known_private(host: str) -> bool:
-    """Whether a host is private by its mere name: a numeric address, or this very machine."""
-    try:
-        return not is_public(host)
-    except ValueError:
-        return host == "localhost" or host.endswith(".localhost")
 
 
 SIGNATURE_HEADER = "ExceptionDrive-Signature"

@@ -14,8 +14,8 @@ from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.db.identifiers import random_id
-from exceptiondrive_records.notifications.channels import is_known_private
 from exceptiondrive_records.notifications.inbox import send_to
+from exceptiondrive_records.notifications.public_addresses import is_known_private
 from exceptiondrive_records.notifications.tables import (
     Channel,
     ContactPoint,

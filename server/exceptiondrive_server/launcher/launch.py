@@ -13,7 +13,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 
-from alembic.util.exc import CommandError
 from sqlalchemy.exc import SQLAlchemyError
 
 from exceptiondrive_records.db.clock import database_now
@@ -133,6 +132,8 @@ class Launcher:
             time.sleep(0.01)
 
     def _migrate(self, shared: Mapping[str, str]) -> None:
+        from alembic.util.exc import CommandError
+
         url = shared["EXCEPTIONDRIVE_DATABASE_URL"]
         try:
             prepare(url)

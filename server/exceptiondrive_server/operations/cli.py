@@ -1,5 +1,9 @@
-"""`exceptiondrive-server`: what an operator does on the machine itself."""
+"""`exceptiondrive-server`: what an operator does on the machine itself.
 
+What one long-running command alone needs is imported when it is called: a broker's client, say.
+"""
+
+import gc
 import signal
 import sys
 import threading
@@ -12,15 +16,9 @@ from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.db.roles import Role, grant_to_files, grants
 from exceptiondrive_records.db.settings import RecordsSettings, SettingsError, load_settings
-from exceptiondrive_records.notifications.channels import NoticeSettings
-from exceptiondrive_records.notifications.outbox import run_outbox
-from exceptiondrive_records.operations.garbage import run_sweeper
-from exceptiondrive_records.operations.reconciler import run_reconciler
 from exceptiondrive_records.operations.setup import opened, prepare
 from exceptiondrive_records.submissions.file_store import FileStore
-from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_server.launcher.child import LaunchError
-from exceptiondrive_server.launcher.launch import launch
 from exceptiondrive_server.launcher.layout import Address, Layout
 from exceptiondrive_server.launcher.sample import fill_sample, seed_sample
 from exceptiondrive_server.operations.records_commands import (
@@ -74,6 +72,8 @@ def run(
     ] = None,
 ) -> None:
     """Run everything on this machine: broker, API, worker, reconciler."""
+    from exceptiondrive_server.launcher.launch import launch
+
     launch(data, Address(host, port), with_sample=sample, own_split=split, say=say)
 
 
@@ -99,11 +99,13 @@ def roles() -> None:
 @app.command()
 def serve(host: HostOption = "127.0.0.1", port: PortOption = 8000) -> None:
     """Serve API and pages, in one process."""
+    gc.disable()  # as `__main__` does, and for the same reason
     import uvicorn
 
     from exceptiondrive_server.app import app_from_environment
 
     application = app_from_environment()
+    gc.enable()
     uvicorn.run(
         application,
         host=host,
@@ -121,6 +123,12 @@ def serve(host: HostOption = "127.0.0.1", port: PortOption = 8000) -> None:
 @app.command()
 def reconcile(data: DataOption = None) -> None:
     """Wake workers for what waits, give up exhausted jobs; any number may run, one of them leads."""
+    from exceptiondrive_records.notifications.channels import NoticeSettings
+    from exceptiondrive_records.notifications.outbox import run_outbox
+    from exceptiondrive_records.operations.garbage import run_sweeper
+    from exceptiondrive_records.operations.reconciler import run_reconciler
+    from exceptiondrive_records.work.dispatch import Dispatcher
+
     settings = load_settings(RecordsSettings, data)
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):

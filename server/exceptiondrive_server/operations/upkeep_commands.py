@@ -17,7 +17,6 @@ from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_server.launcher.broker import broker_url
 from exceptiondrive_server.launcher.layout import Layout
 from exceptiondrive_server.operations.backup import LIMIT_BYTES, restore_backup, write_backup
-from exceptiondrive_server.operations.doctor import Severity, examine
 from exceptiondrive_server.operations.records_commands import (
     ACTOR,
     DataOption,
@@ -101,6 +100,8 @@ def doctor(
     data: DataOption = None,
 ) -> None:
     """Examine settings, permissions, walls, broker, database and clocks; exit code 1 on errors."""
+    from exceptiondrive_server.operations.doctor import Severity, examine
+
     settings = load_settings(RecordsSettings, data)
     if data is not None and "EXCEPTIONDRIVE_BROKER_URL" not in os.environ:
         private = broker_url(data.resolve() / "broker")

@@ -67,7 +67,8 @@ from exceptiondrive_worker.sample.scenes import SEED, sample_scenes, sample_spli
 
 ROUTES = APIRouter()  # of all sites: what a route takes and gives is worked out once
 ROUTES.include_router(board_pages.front)
-ROUTES.include_router(PAGES)
+for _page in PAGES:
+    ROUTES.include_router(_page)
 ROUTES.include_router(boards.router, prefix="/api/v1", include_in_schema=False)
 ROUTES.include_router(splits.router, prefix="/api/v1", include_in_schema=False)
 

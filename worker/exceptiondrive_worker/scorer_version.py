@@ -1,0 +1,34 @@
+"""No worker scores beside one whose scorer is newer."""
+
+from sqlalchemy.exc import SQLAlchemyError
+
+from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.work.heartbeats import newer_scorer
+from exceptiondrive_scoring import SCORER_VERSION
+
+
+class OlderScorerError(Exception):
+    """A newer scorer works already."""
+
+    def __init__(self, newer: str) -> None:
+        super().__init__(
+            f"this worker's scorer is version {SCORER_VERSION}, and version {newer} works already: "
+            "upgrade this worker. To go back on purpose, stop the newer workers first."
+        )
+
+
+def refuse_if_older(database: Database) -> None:
+    """Let no worker begin whose scores would be of an older scorer; each job asks again.
+
+    A database that is away refuses nobody: no job can begin without it.
+
+    Raises:
+        OlderScorerError: A newer scorer is on the list of workers.
+    """
+    try:
+        with database.read() as session:
+            newer = newer_scorer(session, SCORER_VERSION)
+    except SQLAlchemyError:
+        return
+    if newer is not None:
+        raise OlderScorerError(newer)
