@@ -8,18 +8,21 @@ from sqlalchemy import func, select
 from tests.support.work import claim_board_of
 
 from exceptiondrive_records.boards import boards
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.work.board_requests import (
+    LEAST_PAUSE_S,
     LONGEST_PAUSE_S,
     PAUSE_FACTOR,
     is_due,
     pause_after,
 )
-from exceptiondrive_records.work.tables import BoardRequest
+from exceptiondrive_records.work.tables import BoardRequest, Job
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
+from exceptiondrive_server.boards.reader import INTERVAL_S
 
 World = Any
 NOON = datetime(2026, 11, 21, 12, tzinfo=UTC)
@@ -27,8 +30,8 @@ NOON = datetime(2026, 11, 21, 12, tzinfo=UTC)
 
 def n_due(world: World) -> int:
     with world.database.read() as session:
-        query = select(func.count(BoardRequest.id)).where(is_due(session, Lane.LIVE))
-        return session.scalar(query) or 0
+        due = is_due(Lane.LIVE, database_now(session))
+        return session.scalar(select(func.count(BoardRequest.id)).where(due)) or 0
 
 
 def built(world: World) -> None:
@@ -66,10 +69,12 @@ def set_pace(world: World, *, build_s: float, ended_s_ago: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("build_s", "pause_s"), [(0.0, 0.0), (0.1, 0.4), (2.0, 8.0), (60.0, LONGEST_PAUSE_S)]
+    ("build_s", "pause_s"),
+    [(0.0, LEAST_PAUSE_S), (0.1, LEAST_PAUSE_S), (0.3, 1.2), (2.0, 8.0), (60.0, LONGEST_PAUSE_S)],
 )
-def test_the_pause_grows_with_the_last_build_up_to_a_bound(build_s: float, pause_s: float) -> None:
+def test_the_pause_grows_with_the_last_build_between_bounds(build_s: float, pause_s: float) -> None:
     assert PAUSE_FACTOR == 4
+    assert LEAST_PAUSE_S == INTERVAL_S, "so often the server looks for new boards"
     assert pause_after(build_s) == pause_s
 
 
@@ -101,7 +106,7 @@ def test_an_idle_system_builds_after_every_score_at_once(world: World) -> None:
     assert n_due(world) == 1
 
 
-def test_while_live_jobs_wait_the_next_build_pauses(world: World) -> None:
+def test_while_live_jobs_wait_or_are_scored_the_next_build_pauses(world: World) -> None:
     built(world)
     set_pace(world, build_s=2, ended_s_ago=1)
     done, waiting = world.submit("done"), world.submit("waiting")
@@ -111,8 +116,25 @@ def test_while_live_jobs_wait_the_next_build_pauses(world: World) -> None:
     assert n_due(world) == 1, "four times as long as the build took"
     set_pace(world, build_s=100, ended_s_ago=-8)
     assert n_due(world) == 0
-    world.claim(waiting.job_id)
-    assert n_due(world) == 1, "nothing waits any more: the last score is shown at once"
+    claim = world.claim(waiting.job_id)
+    assert n_due(world) == 0, "its score is to be on the board, too"
+    world.finish(claim)
+    assert n_due(world) == 1, "nothing is left to score: the last score is shown at once"
+
+
+def test_a_job_whose_worker_died_keeps_no_board_back_once_its_lease_has_run_out(
+    world: World,
+) -> None:
+    built(world)
+    world.score(world.submit("done").job_id)
+    lost = world.submit("lost")
+    set_pace(world, build_s=100, ended_s_ago=0)
+    world.claim(lost.job_id)
+    assert n_due(world) == 0
+    with world.database.write() as session:
+        session.get_one(Job, lost.job_id).lease_until = NOON - timedelta(days=1000)
+        session.get_one(Job, lost.job_id).available_at = NOON + timedelta(days=1000)
+    assert n_due(world) == 1
 
 
 def test_no_board_lags_behind_for_long(world: World) -> None:

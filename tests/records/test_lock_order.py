@@ -16,7 +16,7 @@ from exceptiondrive_records.phases.phases import create_phase, lock_phase
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work import jobs
-from exceptiondrive_records.work.board_requests import claim_board, is_due, want_board
+from exceptiondrive_records.work.board_requests import claim_board, want_board
 from exceptiondrive_records.work.jobs import Finish
 from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.api.phase_settings import NewPhase
@@ -117,10 +117,10 @@ def test_who_builds_boards_waits_for_no_request_that_another_holds(world: World)
     with world.database.write() as held, world.database.write() as session:
         want_board(held, "other", world.protocol_digest)
         session.execute(text("SET LOCAL lock_timeout = '2s'"))
-        taken = claim_board(session, is_due(session, Lane.LIVE), 30)
+        taken = claim_board(session, Lane.LIVE, 30)
         assert taken is not None
         assert taken.phase_id == "dev"
-        assert claim_board(session, is_due(session, Lane.LIVE), 30) is None
+        assert claim_board(session, Lane.LIVE, 30) is None
 
 
 @POSTGRES_ALONE

@@ -5,9 +5,10 @@ from datetime import timedelta
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.db.clock import NOW
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.work.board_requests import claim_board
 from exceptiondrive_records.work.jobs import claim_job
+from exceptiondrive_records.work.lease import claim, is_free
 from exceptiondrive_records.work.tables import BoardRequest, Job, WorkItem
 
 
@@ -36,7 +37,8 @@ def claim_board_of(
         & (BoardRequest.protocol_digest == protocol_digest)
         & (BoardRequest.split_revision == (split_revision or phase.split_revision))
     )
-    return claim_board(session, which, lease_s)
+    free = select(BoardRequest.id).where(which, is_free(BoardRequest, NOW))
+    return claim(session, BoardRequest, free, lease_s)
 
 
 def let_time_pass(session: Session, time: timedelta) -> None:

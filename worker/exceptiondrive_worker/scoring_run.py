@@ -1,10 +1,12 @@
 """The scoring run: claim the job that comes next, score its upload, record all of it in one step."""
 
+from functools import lru_cache
+
 import structlog
-from sqlalchemy import ColumnElement, select, tuple_
+from sqlalchemy import ColumnElement, Select, select, tuple_
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.clock import NOW, database_now
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.phases.policy import is_late
 from exceptiondrive_records.phases.scoring_keys import ScoringKey, accepted_under
@@ -68,15 +70,11 @@ def score_next(context: WorkerContext, lane: Lane, *which: ColumnElement[bool]) 
     if len(away) == len(wanted):
         return False
     settings = context.settings
+    if away:
+        keys = [(key.protocol_digest, key.split_revision) for key in away]
+        which = (*which, _KEY.not_in(keys))
     with context.database.write() as session:
-        job = claim_job(
-            session,
-            lane,
-            settings.lease_s,
-            settings.max_attempts,
-            _KEY.not_in([(key.protocol_digest, key.split_revision) for key in away]),
-            *which,
-        )
+        job = claim_job(session, lane, settings.lease_s, settings.max_attempts, *which)
     if job is None:
         return False
     with job_boundary(job.id, lambda failure: _record_failure(context, job, failure)):
@@ -86,14 +84,19 @@ def score_next(context: WorkerContext, lane: Lane, *which: ColumnElement[bool]) 
 
 def _wanted(session: Session, lane: Lane, *which: ColumnElement[bool]) -> dict[ScoringKey, str]:
     """What waiting jobs are scored under: protocol and revision, to the name of the split."""
-    query = (
+    found = session.execute(_keys_of_waiting(lane, *which), {"now": database_now(session)})
+    return {ScoringKey(digest, revision): name for digest, revision, name in found}
+
+
+@lru_cache
+def _keys_of_waiting(lane: Lane, *which: ColumnElement[bool]) -> Select[str, str, str]:
+    return (
         select(Job.protocol_digest, Job.split_revision, Phase.split_name)
         .join(Submission, Submission.id == Job.submission_id)
         .join(Phase, Phase.id == Submission.phase_id)
-        .where(waits(lane, database_now(session)), *which)
+        .where(waits(lane, NOW), *which)
         .distinct()
     )
-    return {ScoringKey(digest, revision): name for digest, revision, name in session.execute(query)}
 
 
 def _is_here(context: WorkerContext, name: str, key: ScoringKey) -> bool:

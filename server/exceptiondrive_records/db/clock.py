@@ -2,9 +2,16 @@
 
 from datetime import UTC, datetime, timedelta
 
-from sqlalchemy import func, select
+from sqlalchemy import ColumnElement, bindparam, func, select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.db.columns import UtcDateTime
+
+NOW = bindparam("now", type_=UtcDateTime())
+"""The time in a statement that is made once, as making some takes longer than asking the database;
+whoever sends it gives `{"now": database_now(session)}`."""
+Moment = datetime | ColumnElement[datetime]
+"""A time in a condition: one that is known, or `NOW`."""
 _SQLITE_NOW = select(func.strftime("%Y-%m-%dT%H:%M:%f", "now"))
 _POSTGRESQL_NOW = select(func.clock_timestamp())
 

@@ -1,20 +1,25 @@
-"""Requests for boards, and when a build may begin: at once while nothing waits, else at a pace.
+"""Requests for boards, and when a build may begin: at once when all is scored, else at a pace.
 
-A board costs more, the more entries it has. While live submissions wait, builds of one board pause
-for several times what the last one took, so that boards leave the slots to scoring; but no board
-lags behind for long, and the last score of a rush is always followed by a build.
+A board costs more, the more entries it has. While live submissions wait or are scored, builds of one
+board pause for a second, which is how often readers look, or several times what the last one took, so
+that boards leave the slots to scoring; but no board lags behind for long, and the last score of a rush
+is followed by a build at once.
 """
 
-from sqlalchemy import ColumnElement, and_, select
+from functools import lru_cache
+
+from sqlalchemy import ColumnElement, Select, and_, or_, select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.clock import NOW, Moment, database_now
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.work.fair_share import is_live_job_waiting
+from exceptiondrive_records.work.fair_share import live_work_open
 from exceptiondrive_records.work.lease import ask, claim, finish, is_free
 from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest
 from exceptiondrive_schemas.jobs import Lane
 
+LEAST_PAUSE_S = 1.0
+"""The server looks for new boards so often: what is built in between is seen by few, and costs as much."""
 PAUSE_FACTOR = 4
 """In a rush the builds of a board take at most 1 / (1 + PAUSE_FACTOR) of one slot ..."""
 LONGEST_PAUSE_S = 10.0
@@ -60,18 +65,29 @@ def is_board_wanted(
 
 
 def claim_board(
-    session: Session, which: ColumnElement[bool], lease_s: float
+    session: Session, lane: Lane, lease_s: float, *which: ColumnElement[bool]
 ) -> BoardRequest | None:
-    """Lease the build of a board, of several the one that is due longest; None: none is free.
+    """Lease the build of a board of a lane that is due longest; None: none is due.
 
     Args:
         session: Of a write transaction.
-        which: Condition on `BoardRequest` (`is_due`).
+        lane: Which.
         lease_s: How long nobody else builds it.
+        which: Conditions on `BoardRequest`; by default any.
     """
-    free = select(BoardRequest.id).where(which, is_free(BoardRequest, database_now(session)))
-    order = free.order_by(BoardRequest.available_at, BoardRequest.id)
-    return claim(session, BoardRequest, order, lease_s)
+    return claim(session, BoardRequest, _due_longest_first(lane, *which), lease_s)
+
+
+def is_any_due(session: Session, lane: Lane, *which: ColumnElement[bool]) -> bool:
+    """Whether a board of a lane is due; `which` as for `claim_board`."""
+    due = session.scalars(_due_longest_first(lane, *which), {"now": database_now(session)})
+    return due.first() is not None
+
+
+@lru_cache
+def _due_longest_first(lane: Lane, *which: ColumnElement[bool]) -> Select[str]:
+    due = select(BoardRequest.id).where(is_due(lane, NOW), *which)
+    return due.order_by(BoardRequest.available_at, BoardRequest.id)
 
 
 def finish_board(session: Session, request: BoardRequest) -> bool:
@@ -81,18 +97,15 @@ def finish_board(session: Session, request: BoardRequest) -> bool:
     return finish(session, request, pause_s=pause_after(build_s))
 
 
-def is_due(session: Session, lane: Lane) -> ColumnElement[bool]:
+def is_due(lane: Lane, now: Moment) -> ColumnElement[bool]:
     """Condition on `BoardRequest`: wanted in this lane, not being built, and at its pace."""
-    now = database_now(session)
-    due = and_(BoardRequest.lane == lane, is_free(BoardRequest, now))
-    if is_live_job_waiting(session):
-        due &= BoardRequest.available_at <= now
-    return due
+    is_rested = or_(BoardRequest.available_at <= now, ~live_work_open(now))
+    return and_(BoardRequest.lane == lane, is_free(BoardRequest, now), is_rested)
 
 
 def pause_after(build_s: float) -> float:
-    """Return how many seconds the next build of a board waits while live jobs wait too."""
-    return min(PAUSE_FACTOR * max(build_s, 0.0), LONGEST_PAUSE_S)
+    """Return how many seconds the next build of a board waits while live work is open."""
+    return min(max(PAUSE_FACTOR * build_s, LEAST_PAUSE_S), LONGEST_PAUSE_S)
 
 
 def _key(phase_id: str, protocol_digest: str, split_revision: str) -> str:

@@ -8,6 +8,7 @@ moment after a failure none is sent, so that a dead broker does not slow every u
 
 import time
 from collections.abc import Iterable
+from functools import cache
 from threading import Lock
 from typing import Any
 
@@ -16,10 +17,10 @@ from celery import Celery
 from kombu import Exchange, Queue
 from kombu.exceptions import KombuError
 from redis.exceptions import RedisError
-from sqlalchemy import func, select, update
+from sqlalchemy import Select, func, select, update
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.clock import NOW, database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.submissions.tables import Submission
@@ -151,15 +152,20 @@ def mark_queued(session: Session) -> int:
 
 
 def _items_due(session: Session, lane: Lane, settings: RecordsSettings) -> int:
-    now = database_now(session)
+    query = _number_due(lane, settings.max_attempts)
+    return sum(session.execute(query, {"now": database_now(session)}).one())
+
+
+@cache
+def _number_due(lane: Lane, max_attempts: int) -> Select[int, int]:
     items = select(func.count(WorkItem.id)).where(
         WorkItem.kind != BoardRequest.__mapper__.polymorphic_identity,
         WorkItem.lane == lane,
-        WorkItem.attempts < settings.max_attempts,
-        is_claimable(WorkItem, now),
+        WorkItem.attempts < max_attempts,
+        is_claimable(WorkItem, NOW),
     )
-    boards = select(func.count(BoardRequest.id)).where(is_due(session, lane))
-    return (session.scalar(items) or 0) + (session.scalar(boards) or 0)
+    boards = select(func.count(BoardRequest.id)).where(is_due(lane, NOW))
+    return select(items.scalar_subquery(), boards.scalar_subquery())
 
 
 def _slots(session: Session, lane: Lane, settings: RecordsSettings) -> int:

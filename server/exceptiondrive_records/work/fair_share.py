@@ -5,23 +5,23 @@ one whose file waits longest; within a team the oldest file goes first. So a flo
 first file by more than the jobs that run already.
 """
 
-from datetime import datetime
+from functools import cache
 
 from sqlalchemy import ColumnElement, Select, and_, exists, func, or_, select
 from sqlalchemy.orm import Session, aliased
 
-from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.clock import NOW, Moment, database_now
 from exceptiondrive_records.work.lease import is_claimable
 from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
 
 
-def waits(lane: Lane, now: datetime) -> ColumnElement[bool]:
+def waits(lane: Lane, now: Moment) -> ColumnElement[bool]:
     """Condition on `Job`: of this lane, free, and its time has come."""
     return and_(Job.lane == lane, is_claimable(Job, now))
 
 
-def fair_order(waiting: ColumnElement[bool], lane: Lane, now: datetime) -> Select[str]:
+def fair_order(waiting: ColumnElement[bool], lane: Lane, now: Moment) -> Select[str]:
     """Select the ids of waiting jobs in the order in which they are to be scored.
 
     Args:
@@ -64,28 +64,40 @@ def fair_order(waiting: ColumnElement[bool], lane: Lane, now: datetime) -> Selec
 
 def jobs_ahead(session: Session, job: Job) -> int:
     """Return how many live jobs run, or are scored before this one, which waits."""
-    now = database_now(session)
-    ids = session.scalars(fair_order(waits(Lane.LIVE, now), Lane.LIVE, now)).all()
-    runs = and_(Job.state == WorkState.LEASED, Job.lease_until >= now)
-    n_running = session.scalar(select(func.count(Job.id)).where(Job.lane == Lane.LIVE, runs)) or 0
+    now = {"now": database_now(session)}
+    ids = session.scalars(_live_order(), now).all()
+    n_running = session.scalar(_N_LIVE_RUNNING, now) or 0
     return n_running + (ids.index(job.id) if job.id in ids else len(ids))
+
+
+@cache
+def _live_order() -> Select[str]:
+    return fair_order(waits(Lane.LIVE, NOW), Lane.LIVE, NOW)
 
 
 def is_live_job_waiting(session: Session) -> bool:
     """Whether any live job waits for a worker now."""
-    return _is_there(session, _waits_now(database_now(session)))
+    return bool(session.scalar(_IS_LIVE_JOB_WAITING, {"now": database_now(session)}))
 
 
 def is_live_work_open(session: Session) -> bool:
     """Whether a live job waits for a worker now, or is being scored under a lease that holds."""
-    now = database_now(session)
-    runs = and_(Job.state == WorkState.LEASED, Job.lease_until >= now)
-    return _is_there(session, or_(_waits_now(now), runs))
+    return bool(session.scalar(_IS_LIVE_WORK_OPEN, {"now": database_now(session)}))
 
 
-def _waits_now(now: datetime) -> ColumnElement[bool]:
+def live_work_open(now: Moment) -> ColumnElement[bool]:
+    """Condition: as `is_live_work_open`."""
+    return exists().where(Job.lane == Lane.LIVE, or_(_waits_now(now), _runs(now)))
+
+
+def _waits_now(now: Moment) -> ColumnElement[bool]:
     return and_(Job.state == WorkState.QUEUED, Job.available_at <= now)
 
 
-def _is_there(session: Session, condition: ColumnElement[bool]) -> bool:
-    return bool(session.scalar(select(exists().where(Job.lane == Lane.LIVE, condition))))
+def _runs(now: Moment) -> ColumnElement[bool]:
+    return and_(Job.state == WorkState.LEASED, Job.lease_until >= now)
+
+
+_N_LIVE_RUNNING = select(func.count(Job.id)).where(Job.lane == Lane.LIVE, _runs(NOW))
+_IS_LIVE_JOB_WAITING = select(exists().where(Job.lane == Lane.LIVE, _waits_now(NOW)))
+_IS_LIVE_WORK_OPEN = select(live_work_open(NOW))

@@ -2,13 +2,14 @@
 
 from datetime import datetime, timedelta
 from enum import StrEnum
+from functools import lru_cache
 from typing import Any
 
-from sqlalchemy import ColumnElement, select, update
+from sqlalchemy import ColumnElement, Select, and_, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
-from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.clock import NOW, database_now
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.board_requests import want_board
@@ -78,14 +79,16 @@ def claim_job(
         max_attempts: Beyond this the reconciler gives a job up.
         which: Conditions on `Job`, for a worker that cannot take every one.
     """
-    now = database_now(session)
-    waiting = waits(lane, now) & (Job.attempts < max_attempts)
-    for condition in which:
-        waiting &= condition
-    job = claim(session, Job, fair_order(waiting, lane, now), lease_s)
+    job = claim(session, Job, _in_fair_order(lane, max_attempts, *which), lease_s)
     if job is not None and job.is_first:
         _set_status(session, job.submission_id, SubmissionStatus.SCORING)
     return job
+
+
+@lru_cache
+def _in_fair_order(lane: Lane, max_attempts: int, *which: ColumnElement[bool]) -> Select[str]:
+    waiting = and_(waits(lane, NOW), Job.attempts < max_attempts, *which)
+    return fair_order(waiting, lane, NOW)
 
 
 def finish_scored(

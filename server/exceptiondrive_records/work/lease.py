@@ -5,13 +5,26 @@ so that two that come at once take two items, and neither waits for the other.
 """
 
 from datetime import datetime, timedelta
+from functools import cache, lru_cache
 from typing import Any, TypeVar, cast
 
-from sqlalchemy import ColumnElement, CursorResult, Select, and_, case, delete, or_, select, update
+from sqlalchemy import (
+    ColumnElement,
+    CursorResult,
+    Select,
+    and_,
+    bindparam,
+    case,
+    delete,
+    or_,
+    select,
+    update,
+)
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
-from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.clock import NOW, Moment, database_now
+from exceptiondrive_records.db.columns import UtcDateTime
 from exceptiondrive_records.db.database import insert_if_absent, upsert
 from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.work.tables import Leader, WorkItem, WorkState
@@ -52,13 +65,13 @@ def ask(
     upsert(session, kind, values, changes, keys=("kind", "key"))
 
 
-def is_free(kind: type[WorkItem], now: datetime) -> ColumnElement[bool]:
+def is_free(kind: type[WorkItem], now: Moment) -> ColumnElement[bool]:
     """Whether nobody has an item: it waits, or its lease has run out."""
     is_expired = and_(kind.state == WorkState.LEASED, kind.lease_until < now)
     return or_(kind.state == WorkState.QUEUED, is_expired)
 
 
-def is_claimable(kind: type[WorkItem], now: datetime) -> ColumnElement[bool]:
+def is_claimable(kind: type[WorkItem], now: Moment) -> ColumnElement[bool]:
     """Whether an item is free, and its time has come."""
     return and_(is_free(kind, now), kind.available_at <= now)
 
@@ -69,42 +82,53 @@ def claim(session: Session, kind: type[Item], first: Select[str], lease_s: float
     Args:
         session: Of a write transaction.
         kind: Of the item.
-        first: Selects ids of free items, in the order in which they are to be done.
+        first: Selects ids of free items at `NOW`, in the order in which they are to be done; one that
+            is kept makes the whole statement once.
         lease_s: How long nobody else may have it; longer than doing it may take.
 
     Returns:
         The item as it was claimed: with its fence it is the proof of the lease.
     """
     now = database_now(session)
+    times = {"now": now, "until": now + timedelta(seconds=lease_s)}
+    taken: Item | None = session.scalars(_claiming(kind, first), times).first()
+    if taken is not None:
+        session.expunge(taken)
+    return taken
+
+
+@lru_cache
+def _claiming(kind: type[WorkItem], first: Select[str]) -> Any:
     chosen = first.limit(1).with_for_update(of=kind, skip_locked=True)
-    taken = session.scalars(
+    return (
         update(kind)
-        .where(kind.id == chosen.scalar_subquery(), is_free(kind, now))
+        .where(kind.id == chosen.scalar_subquery(), is_free(kind, NOW))
         .values(
             state=WorkState.LEASED,
             attempts=kind.attempts + 1,
             fence=kind.fence + 1,
-            leased_at=now,
-            lease_until=now + timedelta(seconds=lease_s),
+            leased_at=NOW,
+            lease_until=bindparam("until", type_=UtcDateTime()),
         )
         .returning(kind)
         .execution_options(populate_existing=True, synchronize_session=False)
-    ).first()
-    if taken is not None:
-        session.expunge(taken)
-    return taken
+    )
 
 
 def claim_oldest(
     session: Session, kind: type[Item], lease_s: float, max_attempts: int
 ) -> Item | None:
     """Lease the item of a kind that was asked for first, and tried fewer than so many times."""
-    first = (
+    return claim(session, kind, _oldest_first(kind, max_attempts), lease_s)
+
+
+@cache
+def _oldest_first(kind: type[WorkItem], max_attempts: int) -> Select[str]:
+    return (
         select(kind.id)
-        .where(is_claimable(kind, database_now(session)), kind.attempts < max_attempts)
+        .where(is_claimable(kind, NOW), kind.attempts < max_attempts)
         .order_by(kind.created_at, kind.id)
     )
-    return claim(session, kind, first, lease_s)
 
 
 def finish(

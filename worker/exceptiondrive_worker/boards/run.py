@@ -4,7 +4,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 
 import structlog
-from sqlalchemy import ColumnElement, and_, select
+from sqlalchemy import ColumnElement
 
 from exceptiondrive_records.boards.boards import current_board, latest_board, publish_board
 from exceptiondrive_records.boards.ranking import entries_for_board
@@ -13,7 +13,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.drawings import find_public_split
 from exceptiondrive_records.splits.splits import find_split, part_of
-from exceptiondrive_records.work.board_requests import claim_board, is_due
+from exceptiondrive_records.work.board_requests import claim_board, is_any_due
 from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.api.phase_settings import BoardView
 from exceptiondrive_schemas.board import Board, BoardEntry
@@ -51,13 +51,10 @@ def build_next_board(context: WorkerContext, lane: Lane, *which: ColumnElement[b
         which: Conditions on `BoardRequest`; by default any.
     """
     with context.database.read() as session:
-        due = and_(is_due(session, lane), *which)
-        if session.scalar(select(BoardRequest.id).where(due).limit(1)) is None:
+        if not is_any_due(session, lane, *which):
             return False
     with context.database.write() as session:
-        request = claim_board(
-            session, and_(is_due(session, lane), *which), context.settings.board_lease_s
-        )
+        request = claim_board(session, lane, context.settings.board_lease_s, *which)
     if request is None:
         return False
     with job_boundary(request.subject, lambda _: None):
