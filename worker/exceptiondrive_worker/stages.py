@@ -9,7 +9,7 @@ geometry, a new geometry touches no upload.
 import hashlib
 import hmac
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pydantic import ValidationError
 
@@ -30,6 +30,7 @@ from exceptiondrive_worker.splits.private_store import (
     Shelf,
     content_key,
     pack_columns,
+    unpack_columns,
 )
 from exceptiondrive_worker.splits.store import LoadedSplit
 
@@ -50,7 +51,7 @@ class Target:
     read_under: ProtocolDocument | None = None
     """Whose bounds the upload passed; by default those of `protocol`."""
     made: Columns | None = None
-    """Answers of the whole split that were made here; `file_digest` is theirs. None: uploaded."""
+    """Answers of the whole split, where they are at hand: made here, `file_digest` is theirs then, or just read."""
 
 
 @dataclass(frozen=True)
@@ -122,11 +123,12 @@ class Stages:
         Raises:
             RejectedUpload: The upload has faults.
         """
-        measurement_key = self._measurement_key(target, self._answers_digest(target))
+        digest, target = self._with_answers(target)
+        measurement_key = self._measurement_key(target, digest)
         sheet_key = _graded_key("sheet", measurement_key, target)
         sheet = self._kept_sheet(sheet_key)
         if sheet is None:
-            sheet = self._grade(target)
+            sheet = self._grade(target, measurement_key)
             self._private.write(Shelf.SHEETS, sheet_key, canonical_json(sheet))
         protocol = target.protocol
         refs = {
@@ -142,7 +144,10 @@ class Stages:
         Raises:
             RejectedUpload: The upload has faults.
         """
-        key = self._measurement_key(target, self._answers_digest(target))
+        digest, target = self._with_answers(target)
+        return self._measured(target, self._measurement_key(target, digest))
+
+    def _measured(self, target: Target, key: str) -> Columns:
         kept = self._private.read_columns(Shelf.MEASUREMENTS, key)
         if kept is not None:
             return kept
@@ -167,8 +172,10 @@ class Stages:
         Raises:
             RejectedUpload: The upload has faults.
         """
-        kept = self._private.read_columns(Shelf.ANSWERS, self._answers_digest(target))
-        return kept or self._read(target)[1]
+        digest, target = self._with_answers(target)
+        if target.made is not None:
+            return target.made
+        return self._private.read_columns(Shelf.ANSWERS, digest) or self._read(target)[1]
 
     def counted_answers(self, target: Target) -> Columns:
         """Return those of them that count, in the order of `measurements`.
@@ -211,18 +218,21 @@ class Stages:
     def _scoring_of(self, target: Target) -> ChallengeScoring:
         return self._scoring[target.challenge.id]
 
-    def _answers_digest(self, target: Target) -> str:
+    def _with_answers(self, target: Target) -> tuple[str, Target]:
+        """Return the digest of the answers, and the target with them where they had to be read."""
         kept = self._private.read(Shelf.READS, _read_key(target))
-        return self._read(target)[0] if kept is None else kept.decode("ascii")
+        if kept is not None:
+            return kept.decode("ascii"), target
+        digest, answers = self._read(target)
+        return digest, replace(target, made=answers)
 
     def _read(self, target: Target) -> tuple[str, Columns]:
         """Read the upload, keep its answers, and note which upload holds them."""
-        answers = self._upload(target) if target.made is None else target.made
-        packed = pack_columns(answers)
+        packed = pack_columns(self._upload(target) if target.made is None else target.made)
         digest = hashlib.sha256(packed).hexdigest()
         self._private.write(Shelf.ANSWERS, digest, packed)
         self._private.write(Shelf.READS, _read_key(target), digest.encode("ascii"))
-        return digest, answers
+        return digest, unpack_columns(packed)
 
     def _upload(self, target: Target) -> Columns:
         data = self._load_upload(target.file_digest)
@@ -255,7 +265,7 @@ class Stages:
         except ValidationError:
             return None  # written by another version
 
-    def _grade(self, target: Target) -> ScoreSheet:
+    def _grade(self, target: Target, measurement_key: str) -> ScoreSheet:
         split, scoring = target.split, self._scoring_of(target)
         of_controls = None
         if len(split.control_rows):
@@ -263,7 +273,7 @@ class Stages:
             of_controls = scoring.of_controls(answers, target.protocol)
         return exact_sheet(
             scoring,
-            self.measurements(target),
+            self._measured(target, measurement_key),
             split.arrays,
             split.manifest.ref,
             target.protocol,

@@ -5,8 +5,9 @@ not honoured when a read transaction is upgraded (docs/decisions/0003-sql-is-the
 """
 
 import threading
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -202,6 +203,10 @@ def _begin_sqlite(connection: Connection) -> None:
 # Insertions that may meet a row that is there already, in the words of either database.
 
 
+Changes = tuple[tuple[str, Any], ...]
+"""Columns and what becomes of them."""
+
+
 def insert_if_absent(session: Session, table: type[Base], **values: Any) -> None:
     """Insert a row, unless one of the same key is there."""
     session.execute(_insert(session)(table).values(**values).on_conflict_do_nothing())
@@ -211,9 +216,10 @@ def upsert(
     session: Session,
     table: type[Base],
     values: Mapping[str, Any],
-    changes: Mapping[str, Any],
+    changes: Changes,
     *,
-    keys: Collection[str] = (),
+    takes: tuple[str, ...],
+    keys: tuple[str, ...],
 ) -> None:
     """Insert a row; where one of the same keys is there, change that one instead.
 
@@ -221,12 +227,24 @@ def upsert(
         session: Of a write transaction.
         table: Which.
         values: Of the new row.
-        changes: Of the one that is there.
-        keys: What is unique; by default the primary key.
+        changes: Of the one that is there; where they are kept, the statement is made once.
+        takes: What that one takes over of the new row.
+        keys: What is unique.
     """
-    keys = keys or [column.name for column in table.__table__.primary_key]
-    new = _insert(session)(table).values(**values)
-    session.execute(new.on_conflict_do_update(index_elements=list(keys), set_=changes))
+    session.execute(_upserting(_insert(session), table, changes, takes, keys), dict(values))
+
+
+@lru_cache
+def _upserting(
+    insert: Any,
+    table: type[Base],
+    changes: Changes,
+    takes: tuple[str, ...],
+    keys: tuple[str, ...],
+) -> Any:
+    new = insert(table.__table__)
+    taken = {name: new.excluded[name] for name in takes}
+    return new.on_conflict_do_update(index_elements=keys, set_=dict(changes) | taken)
 
 
 def _insert(session: Session) -> Any:

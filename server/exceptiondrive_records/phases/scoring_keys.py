@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from sqlalchemy import select
+from sqlalchemy import bindparam, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.errors import NotFound
@@ -16,6 +16,17 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 UNFINISHED = (RunState.SCORING, RunState.PAUSED, RunState.READY)
 """Runs whose target every fresh submission is scored under besides."""
 OPEN = (RunState.DRAFT, *UNFINISHED, RunState.APPLIED)
+_TWO_SIDED_RUN = select(RescoringRun).where(
+    RescoringRun.phase_id == bindparam("phase"),
+    RescoringRun.kind == RunKind.UPDATE,
+    RescoringRun.state.in_((*UNFINISHED, RunState.APPLIED)),
+)
+_FIRST_PROTOCOL = (
+    select(ScoreSheetRow.protocol_digest)
+    .where(ScoreSheetRow.submission_id == bindparam("submission"))
+    .order_by(ScoreSheetRow.created_at, ScoreSheetRow.protocol_digest)
+    .limit(1)
+)
 
 
 @dataclass(frozen=True)
@@ -48,13 +59,7 @@ def shadow_key(run: RescoringRun) -> ScoringKey:
 
 def shadow_key_of_phase(session: Session, phase_id: str) -> tuple[ScoringKey, bool] | None:
     """Return what a fresh submission is scored under besides, and whether that is held now."""
-    states = (*UNFINISHED, RunState.APPLIED)
-    query = select(RescoringRun).where(
-        RescoringRun.phase_id == phase_id,
-        RescoringRun.kind == RunKind.UPDATE,
-        RescoringRun.state.in_(states),
-    )
-    run = session.scalars(query).first()
+    run = session.scalars(_TWO_SIDED_RUN, {"phase": phase_id}).first()
     if run is None:
         return None
     return shadow_key(run), run.state is RunState.PAUSED
@@ -88,11 +93,5 @@ def list_runs(
 
 def accepted_under(session: Session, submission_id: str) -> ProtocolDocument | None:
     """Return the protocol of the first sheet of a submission; None while it has none."""
-    query = (
-        select(ScoreSheetRow.protocol_digest)
-        .where(ScoreSheetRow.submission_id == submission_id)
-        .order_by(ScoreSheetRow.created_at, ScoreSheetRow.protocol_digest)
-        .limit(1)
-    )
-    digest = session.scalars(query).first()
+    digest = session.scalars(_FIRST_PROTOCOL, {"submission": submission_id}).first()
     return None if digest is None else find_protocol(session, digest)

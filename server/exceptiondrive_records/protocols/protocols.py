@@ -2,7 +2,7 @@
 
 from functools import lru_cache
 
-from sqlalchemy import select
+from sqlalchemy import bindparam, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
@@ -23,6 +23,10 @@ from exceptiondrive_schemas.protocol import (
     parse_protocol,
 )
 from exceptiondrive_schemas.protocols.sense import nonsense
+
+_BY_NAME = select(ProtocolRow).where(
+    (ProtocolRow.digest == bindparam("name")) | (ProtocolRow.version == bindparam("name"))
+)
 
 
 def add_protocol(session: Session, toml: str, actor: str) -> ProtocolDocument:
@@ -119,11 +123,7 @@ def find_protocol_row(session: Session, version_or_digest: str) -> ProtocolRow:
     Raises:
         NotFound: There is none.
     """
-    row = session.scalars(
-        select(ProtocolRow).where(
-            (ProtocolRow.digest == version_or_digest) | (ProtocolRow.version == version_or_digest)
-        )
-    ).first()
+    row = session.scalars(_BY_NAME, {"name": version_or_digest}).first()
     if row is None:
         raise NotFound("protocol", version_or_digest)
     return row

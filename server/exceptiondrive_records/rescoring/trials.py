@@ -3,7 +3,7 @@
 Only workers open splits; what comes back is why it cannot be scored, and of how many samples.
 """
 
-from sqlalchemy import select, update
+from sqlalchemy import bindparam, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.rescoring.tables import RescoringRun
@@ -15,6 +15,15 @@ from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.split import SplitRef
 
 MAX_ATTEMPTS = 4
+_LOCKED_REVISIONS = (
+    select(SplitRow.revision)
+    .where(SplitRow.name == bindparam("split"))
+    .order_by(SplitRow.revision)
+    .with_for_update(key_share=True)
+)
+_TRIED = select(Trial.protocol_digest, Trial.trial).where(
+    Trial.split_name == bindparam("split"), Trial.protocol_digest.is_not(None)
+)
 
 
 def ask_for_trial(session: Session, run: RescoringRun) -> None:
@@ -29,8 +38,7 @@ def claim_trial(session: Session, lease_s: float) -> Trial | None:
 
 def lock_protocols(session: Session, split_name: str) -> None:
     """Let the protocols of a split be counted one at a time, until the write transaction ends."""
-    rows = select(SplitRow.revision).where(SplitRow.name == split_name)
-    session.execute(rows.order_by(SplitRow.revision).with_for_update(key_share=True)).all()
+    session.execute(_LOCKED_REVISIONS, {"split": split_name}).all()
 
 
 def count_trial(session: Session, item: Trial, ref: SplitRef, protocol_digest: str) -> None:
@@ -66,11 +74,8 @@ def tried_protocols(session: Session, split_name: str) -> set[str]:
 
     What workers wrote down counts, which no other role of the database may change.
     """
-    query = select(Trial.protocol_digest, Trial.trial).where(
-        Trial.split_name == split_name, Trial.protocol_digest.is_not(None)
-    )
     return {
         digest
-        for digest, trial in session.execute(query)
+        for digest, trial in session.execute(_TRIED, {"split": split_name})
         if digest is not None and (trial is None or trial.state in ("fits", "refused"))
     }

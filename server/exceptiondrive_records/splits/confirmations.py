@@ -4,7 +4,7 @@ import base64
 
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
-from sqlalchemy import select
+from sqlalchemy import bindparam, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
@@ -15,6 +15,13 @@ from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_records.splits.tables import ConfirmationRow
 from exceptiondrive_schemas.api.confirmation import Confirmation, confirmed_bytes
 from exceptiondrive_schemas.split import SplitRef
+
+_CONFIRMATIONS = select(ConfirmationRow.confirmation).where(
+    ConfirmationRow.split_name == bindparam("name"),
+    ConfirmationRow.split_revision == bindparam("revision"),
+    ConfirmationRow.protocol_digest == bindparam("protocol"),
+    ConfirmationRow.withdrawn_at.is_(None),
+)
 
 
 def add_confirmation(session: Session, given: Confirmation, actor: str) -> ConfirmationRow:
@@ -77,13 +84,8 @@ def list_confirmations(session: Session) -> list[ConfirmationRow]:
 
 def keys_that_confirm(session: Session, split: SplitRef, protocol_digest: str) -> set[str]:
     """Return the public keys whose signature holds and was not withdrawn."""
-    query = select(ConfirmationRow).where(
-        ConfirmationRow.split_name == split.name,
-        ConfirmationRow.split_revision == split.revision,
-        ConfirmationRow.protocol_digest == protocol_digest,
-        ConfirmationRow.withdrawn_at.is_(None),
-    )
-    found = [row.confirmation for row in session.scalars(query)]
+    given = {"name": split.name, "revision": split.revision, "protocol": protocol_digest}
+    found = session.scalars(_CONFIRMATIONS, given).all()
     return {
         each.public_key
         for each in found

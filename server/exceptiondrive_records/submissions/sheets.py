@@ -2,25 +2,36 @@
 
 from datetime import datetime, timedelta
 
-from sqlalchemy import Select, func, select
+from sqlalchemy import bindparam, func, select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.db.columns import UtcDateTime
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
 
 _A_DAY = timedelta(days=1)
 
 
-def _revisions(name: str) -> Select[str]:
-    return select(SplitRow.revision).where(SplitRow.name == name)
+_OF_SPLIT = ScoreSheetRow.split_revision.in_(
+    select(SplitRow.revision).where(SplitRow.name == bindparam("split"))
+)
+_PROTOCOLS = select(ScoreSheetRow.protocol_digest).where(_OF_SPLIT).distinct()
+_FIRSTS = (
+    select(func.min(ScoreSheetRow.created_at).label("at"))
+    .where(_OF_SPLIT, ScoreSheetRow.submission_id != bindparam("besides"))
+    .group_by(ScoreSheetRow.submission_id)
+    .subquery()
+)
+_N_FIRSTS = (
+    select(func.count())
+    .select_from(_FIRSTS)
+    .where(_FIRSTS.c.at > bindparam("since", type_=UtcDateTime()))
+)
 
 
 def protocols_of_split(session: Session, name: str) -> set[str]:
     """Return the digests of the protocols that a split was scored under, at any revision."""
-    query = select(ScoreSheetRow.protocol_digest).where(
-        ScoreSheetRow.split_revision.in_(_revisions(name))
-    )
-    return set(session.scalars(query.distinct()))
+    return set(session.scalars(_PROTOCOLS, {"split": name}))
 
 
 def scored_within_a_day(session: Session, name: str, now: datetime, *, besides: str) -> int:
@@ -35,14 +46,5 @@ def scored_within_a_day(session: Session, name: str, now: datetime, *, besides: 
         now: The end of the day.
         besides: A submission that is not counted.
     """
-    firsts = (
-        select(func.min(ScoreSheetRow.created_at).label("at"))
-        .where(
-            ScoreSheetRow.split_revision.in_(_revisions(name)),
-            ScoreSheetRow.submission_id != besides,
-        )
-        .group_by(ScoreSheetRow.submission_id)
-        .subquery()
-    )
-    query = select(func.count()).select_from(firsts).where(firsts.c.at > now - _A_DAY)
-    return session.scalar(query) or 0
+    given = {"split": name, "besides": besides, "since": now - _A_DAY}
+    return session.scalar(_N_FIRSTS, given) or 0

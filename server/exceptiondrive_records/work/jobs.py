@@ -5,7 +5,7 @@ from enum import StrEnum
 from functools import lru_cache
 from typing import Any
 
-from sqlalchemy import ColumnElement, Select, and_, select, update
+from sqlalchemy import ColumnElement, Select, and_, bindparam, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
@@ -24,6 +24,16 @@ from exceptiondrive_schemas.score_sheet import ScoreSheet
 
 _ACTOR = "worker"
 _OPEN = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED, SubmissionStatus.SCORING)
+_OPEN_SUBMISSION = (
+    update(Submission)
+    .where(Submission.id == bindparam("submission"), Submission.status.in_(_OPEN))
+    .execution_options(synchronize_session=False)
+)
+_PHASE_OF_SUBMISSION = (
+    select(Phase)
+    .join(Submission, Submission.phase_id == Phase.id)
+    .where(Submission.id == bindparam("submission"))
+)
 CONFIRM_WITHIN = timedelta(hours=24)
 """For so long a file waits for the word of its team."""
 EXHAUSTED_CODE = "attempts_exhausted"
@@ -136,7 +146,7 @@ def finish_scored(
         _set_status(session, job.submission_id, SubmissionStatus.SCORED)
         if has_profile:
             ask_for_profile(session, job)
-    phase = session.get_one(Phase, session.get_one(Submission, job.submission_id).phase_id)
+    phase = session.scalars(_PHASE_OF_SUBMISSION, {"submission": job.submission_id}).one()
     is_shown = key[1:] == (phase.protocol_digest, phase.split_revision)
     if job.is_first or is_shown:  # a draft's board is asked for once, at its end
         want_board(session, phase.id, job.protocol_digest, job.split_revision)
@@ -250,9 +260,5 @@ def _set_status(
     session: Session, submission_id: str, status: SubmissionStatus, **values: Any
 ) -> None:
     """Unless the submission has ended otherwise."""
-    session.execute(
-        update(Submission)
-        .where(Submission.id == submission_id, Submission.status.in_(_OPEN))
-        .values(status=status, status_at=database_now(session), **values)
-        .execution_options(synchronize_session=False)
-    )
+    given = {"submission": submission_id, "status": status, "status_at": database_now(session)}
+    session.execute(_OPEN_SUBMISSION, given | values)

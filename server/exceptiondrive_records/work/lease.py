@@ -12,6 +12,7 @@ from sqlalchemy import (
     ColumnElement,
     CursorResult,
     Select,
+    Update,
     and_,
     bindparam,
     case,
@@ -31,6 +32,24 @@ from exceptiondrive_records.work.tables import Leader, WorkItem, WorkState
 from exceptiondrive_schemas.jobs import Lane
 
 Item = TypeVar("Item", bound=WorkItem)
+_IS_LEASED = WorkItem.state == WorkState.LEASED
+_ASKED_AGAIN = (
+    ("asked", WorkItem.asked + 1),
+    ("state", case((_IS_LEASED, WorkItem.state), else_=WorkState.QUEUED.value)),
+    ("attempts", case((_IS_LEASED, WorkItem.attempts), else_=0)),
+    ("finished_at", None),
+)
+_LEAVE = (
+    update(WorkItem)
+    .where(WorkItem.id == bindparam("item"), WorkItem.fence == bindparam("held"), _IS_LEASED)
+    .values(lease_until=None)
+    .execution_options(synchronize_session=False)
+)
+_IS_OVER = WorkItem.asked == bindparam("was_asked")
+_FINISH = _LEAVE.values(
+    state=case((_IS_OVER, bindparam("ends_as")), else_=WorkState.QUEUED.value),
+    finished_at=case((_IS_OVER, NOW), else_=None),
+)
 
 
 def new_item(
@@ -54,15 +73,7 @@ def ask(
     What is being done now is done once more after that.
     """
     values = _new_values(kind, key, database_now(session), lane=lane) | columns
-    is_leased = WorkItem.state == WorkState.LEASED
-    changes = {
-        "asked": WorkItem.asked + 1,
-        "state": case((is_leased, WorkItem.state), else_=WorkState.QUEUED.value),
-        "attempts": case((is_leased, WorkItem.attempts), else_=0),
-        "finished_at": None,
-        "lane": lane,
-    }
-    upsert(session, kind, values, changes, keys=("kind", "key"))
+    upsert(session, kind, values, _ASKED_AGAIN, takes=("lane",), keys=("kind", "key"))
 
 
 def is_free(kind: type[WorkItem], now: Moment) -> ColumnElement[bool]:
@@ -153,12 +164,13 @@ def finish(
     """
     now = database_now(session)
     assert item.leased_at is not None
-    is_over = WorkItem.asked == item.asked
     return _leave(
         session,
         item,
-        state=case((is_over, state.value), else_=WorkState.QUEUED.value),
-        finished_at=case((is_over, now), else_=None),
+        _FINISH,
+        now=now,
+        was_asked=item.asked,
+        ends_as=state.value,
         available_at=now + timedelta(seconds=pause_s),
         took_s=(now - item.leased_at).total_seconds(),
         note=note,
@@ -172,6 +184,7 @@ def try_later(session: Session, item: WorkItem, wait_s: float, *, note: str | No
     return _leave(
         session,
         item,
+        _LEAVE,
         state=WorkState.QUEUED,
         available_at=now + timedelta(seconds=wait_s),
         took_s=(now - item.leased_at).total_seconds(),
@@ -179,17 +192,8 @@ def try_later(session: Session, item: WorkItem, wait_s: float, *, note: str | No
     )
 
 
-def _leave(session: Session, item: WorkItem, **values: object) -> bool:
-    changed = session.execute(
-        update(WorkItem)
-        .where(
-            WorkItem.id == item.id,
-            WorkItem.fence == item.fence,
-            WorkItem.state == WorkState.LEASED,
-        )
-        .values(lease_until=None, **values)
-        .execution_options(synchronize_session=False)
-    )
+def _leave(session: Session, item: WorkItem, how: Update, **given: object) -> bool:
+    changed = session.execute(how, {"item": item.id, "held": item.fence, **given})
     if cast("CursorResult[Any]", changed).rowcount == 1:
         return True
     detail = {"item": item.id, "fence": item.fence}

@@ -4,9 +4,8 @@ They are no submissions: nobody uploaded them, and they depend on split and prot
 board makes its own, from the private store where they are kept, and an old board keeps its.
 """
 
-import hashlib
-
 from exceptiondrive_records.splits.drawings import find_public_split
+from exceptiondrive_schemas.base import bytes_digest
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.references import REFERENCES
@@ -15,7 +14,7 @@ from exceptiondrive_worker.boards.comparisons import entry_uncertainties
 from exceptiondrive_worker.boards.entries import ScoredReference
 from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.context import WorkerContext
-from exceptiondrive_worker.splits.private_store import pack_columns
+from exceptiondrive_worker.splits.private_store import pack_columns, unpack_columns
 from exceptiondrive_worker.splits.store import LoadedSplit
 from exceptiondrive_worker.stages import Target
 
@@ -26,14 +25,13 @@ def scored_references(
     """Score the references of a challenge, so far as the split has what they are made of."""
     n_samples = len(split.manifest.sample_ids)
     made = {
-        reference: answers
+        reference: pack_columns(answers)
         for reference in REFERENCES.get(challenge.id, ())
         if (answers := reference_answers(reference, n_samples, protocol.geometry, split.recorded_m))
     }
-    digests = [hashlib.sha256(pack_columns(answers)).hexdigest() for answers in made.values()]
     targets = [
-        Target(f"sha256:{digest}", challenge, split, protocol, made=answers)
-        for digest, answers in zip(digests, made.values(), strict=True)
+        Target(bytes_digest(packed), challenge, split, protocol, made=unpack_columns(packed))
+        for packed in made.values()
     ]
     scored = [context.stages.score(target) for target in targets]
     uncertainties = entry_uncertainties(
