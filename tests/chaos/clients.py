@@ -3,11 +3,12 @@
 import random
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import httpx
 from tests.chaos.history import BoardSeen, Call, History, Sighting
+from tests.chaos.splits import Drive
 from tests.chaos.topology import PHASE, TEAMS, Topology
 from tests.support import documents
 from tests.support.documents import digest_of
@@ -19,10 +20,22 @@ _PAUSE_S = 0.5
 _GIVE_UP_AFTER_S = 90.0
 
 
-def planning_file(sample_ids: Sequence[str], speed_mps: float) -> bytes:
-    """Everybody drives straight ahead; the speed makes the file its own."""
+def planning_file(
+    sample_ids: Sequence[str], speed_mps: float, drives: Mapping[str, Drive] | None = None
+) -> bytes:
+    """Everybody drives straight ahead; the speed makes the file its own.
+
+    Args:
+        sample_ids: What is answered.
+        speed_mps: In every edited scene.
+        drives: The source of each sample, as it was recorded there: a source that fits no record is
+            looked at three times as long.
+    """
     return documents.planning_file(
-        dict.fromkeys(sample_ids, speed_mps), source_mps=5.0, split="sample"
+        dict.fromkeys(sample_ids, speed_mps),
+        source_mps=5.0,
+        split="sample",
+        changes={key: {"source": drive} for key, drive in (drives or {}).items()},
     )
 
 
@@ -45,7 +58,7 @@ class Clients:
     def new_file(self) -> bytes:
         self._number += 1
         speed_mps = round(1 + self._number * 0.01 + self._random.random() / 1000, 6)
-        return planning_file(self.topology.sample_ids, speed_mps)
+        return planning_file(self.topology.sample_ids, speed_mps, self.topology.drives)
 
     def stream(self, n: int, every_s: float = 0.15) -> None:
         """Submit `n` files of all teams in turn, in the background."""
@@ -138,16 +151,20 @@ class Clients:
         return {"Authorization": f"Bearer {self.topology.tokens[team]}"}
 
     def _read(self) -> None:
-        """Look at every team's submissions and at the board, in turn, until closed."""
+        """Look at every team's submissions and at the board, in turn, until closed.
+
+        On a busy machine less often: looking is not to be most of what the servers do.
+        """
         with httpx.Client(base_url=f"{self.topology.url}/api/v1", timeout=_TIMEOUT_S) as http:
-            turn = 0
-            while not self._stopped.wait(0.1):
-                turn += 1
+            turn, took_s = 0, 0.0
+            while not self._stopped.wait(min(max(0.1, 2 * took_s), 0.5)):
+                turn, began = turn + 1, time.monotonic()
                 try:
                     self._look_at_board(http)
                     self._look_at_submissions(http, TEAMS[turn % len(TEAMS)])
                 except httpx.HTTPError:
                     self.history.unanswered_reads += 1
+                took_s = time.monotonic() - began
 
     def _look_at_board(self, http: httpx.Client) -> None:
         began_s = self.history.now_s()

@@ -1,4 +1,4 @@
-"""The split of a topology: as large as a real one, or with the canary in it."""
+"""The split of a topology: as large as a real one, or with the canary in it; and what was driven there."""
 
 import gzip
 import json
@@ -11,6 +11,15 @@ def _rewrite(path: Path, document: object) -> None:
     """Write another split; the datasheet beside it counted the one before."""
     path.write_bytes(gzip.compress(json.dumps(document).encode()))
     path.with_name("datasheet.json").unlink(missing_ok=True)
+
+
+Drive = list[list[float]]
+
+
+def drives_in(path: Path) -> dict[str, Drive]:
+    """Return the recorded drive of each sample."""
+    document = json.loads(gzip.decompress(path.read_bytes()))
+    return {sample["sample_id"]: sample["recorded"] for sample in document["samples"]}
 
 
 def multiply(path: Path, copies: int) -> None:

@@ -22,7 +22,7 @@ from tests.chaos.postgres import Postgres
 from tests.chaos.processes import Process, Supervisor, signal_process
 from tests.chaos.proxy import Proxy
 from tests.chaos.saboteur import ORDERS
-from tests.chaos.splits import multiply, plant_canary
+from tests.chaos.splits import drives_in, multiply, plant_canary
 from tests.chaos.users import Users, as_user
 from tests.support.processes import free_port
 
@@ -368,6 +368,7 @@ class Topology:
             multiply(split, self._split_copies)
         if self._has_canary:
             plant_canary(split)
+        self.drives = drives_in(split)
         if self.users is not None:
             for path in (split.parent, split):
                 os.chown(path, self.users.worker, self.users.group)
