@@ -17,7 +17,7 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import Any
 
-from sqlalchemy import select
+from sqlalchemy import bindparam, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.roles import OrganizerRole, checked_phases
@@ -35,6 +35,11 @@ _ACTOR = "token:"
 _PERSON = "person:"
 _TEAM = "team:"
 _USE_IS_COARSE = timedelta(minutes=10)
+_TOKEN_AND_TEAM = (
+    select(Token, Team)
+    .outerjoin(Team, Team.id == Token.team_id)
+    .where(Token.id == bindparam("token"))
+)
 
 
 class Scope(StrEnum):
@@ -169,9 +174,7 @@ def verify_token(session: Session, text: str) -> Principal | None:
     """Return who the token speaks for, or None; unknown ids cost the same work as wrong secrets."""
     parts = text.split("_")
     token_id = parts[2] if len(parts) == 5 and len(text) < 100 else ""
-    row = session.execute(
-        select(Token, Team).outerjoin(Team, Team.id == Token.team_id).where(Token.id == token_id)
-    ).first()
+    row = session.execute(_TOKEN_AND_TEAM, {"token": token_id}).first()
     token, team = (row[0], row[1]) if row else (None, None)
     expected = token.secret_digest if token is not None else _UNKNOWN
     is_right = hmac.compare_digest(_digest(text), expected)

@@ -26,6 +26,9 @@ SPLIT_FLOOR_HELD = "split floor held"
 _CHAIN_LOCK = 0x45446175  # any constant: the advisory lock of the chain on PostgreSQL
 
 
+_HEAD = select(AuditLine.id, AuditLine.hash).order_by(AuditLine.id.desc()).limit(1)
+
+
 @dataclass(frozen=True)
 class _Pending:
     actor: str
@@ -60,8 +63,7 @@ def seal_audit_lines(session: Session) -> None:
         return
     if session.get_bind().dialect.name == "postgresql":
         session.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _CHAIN_LOCK})
-    last = session.scalars(select(AuditLine).order_by(AuditLine.id.desc()).limit(1)).first()
-    number, head = (last.id, last.hash) if last else (0, GENESIS)
+    number, head = session.execute(_HEAD).first() or (0, GENESIS)
     at = database_now(session)
     for line in pending:
         number += 1

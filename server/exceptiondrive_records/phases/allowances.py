@@ -2,7 +2,7 @@
 
 from datetime import datetime
 
-from sqlalchemy import update
+from sqlalchemy import bindparam, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.participation.tables import Allowance
@@ -10,10 +10,14 @@ from exceptiondrive_records.phases.policy import has_closed, has_revealed, is_op
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 
+_ALLOWANCE = select(Allowance).where(
+    Allowance.team_id == bindparam("team"), Allowance.phase_id == bindparam("phase")
+)
+
 
 def allowance_of(session: Session, team_id: int, phase_id: str) -> Allowance | None:
     """Return what a team was granted in a phase."""
-    return session.get(Allowance, (team_id, phase_id))
+    return session.scalars(_ALLOWANCE, {"team": team_id, "phase": phase_id}).first()
 
 
 def is_open_to(session: Session, phase: Phase, allowance: Allowance | None, now: datetime) -> bool:

@@ -2,7 +2,7 @@
 
 from datetime import datetime
 
-from sqlalchemy import ColumnElement, Select, exists, func, select
+from sqlalchemy import ColumnElement, Select, and_, bindparam, exists, func, select
 from sqlalchemy.orm import Session, aliased
 
 from exceptiondrive_records.db.errors import NotAllowed
@@ -29,6 +29,34 @@ def is_disqualified() -> ColumnElement[bool]:
     )
 
 
+_OF_FILE = (
+    select(Submission.id)
+    .where(
+        Submission.team_id == bindparam("team"),
+        Submission.phase_id == bindparam("phase"),
+        Submission.file_digest == bindparam("file"),
+        is_disqualified(),
+    )
+    .limit(1)
+)
+_IN_FORCE = and_(
+    Disqualification.team_id == bindparam("team"),
+    Disqualification.reinstated_at.is_(None),
+    Disqualification.phase_id.is_(None) | (Disqualification.phase_id == bindparam("phase")),
+)
+_OF_TEAM = (
+    select(Disqualification)
+    .where(_IN_FORCE, Disqualification.submission_id.is_(None))
+    .order_by(Disqualification.id)
+    .limit(1)
+)
+_SINCE = select(func.min(Disqualification.disqualified_at)).where(
+    _IN_FORCE,
+    Disqualification.submission_id.is_(None)
+    | (Disqualification.submission_id == bindparam("submission")),
+)
+
+
 def disqualified_ids(session: Session, phase_id: str) -> frozenset[str]:
     """Return the submissions to a phase that stand on no board of it from now on."""
     query = select(Submission.id).where(Submission.phase_id == phase_id, is_disqualified())
@@ -37,14 +65,8 @@ def disqualified_ids(session: Session, phase_id: str) -> frozenset[str]:
 
 def disqualified_since(session: Session, submission: Submission) -> datetime | None:
     """Return since when a submission stands on no board; None: it may stand."""
-    query = select(func.min(Disqualification.disqualified_at)).where(
-        Disqualification.team_id == submission.team_id,
-        Disqualification.reinstated_at.is_(None),
-        Disqualification.phase_id.is_(None) | (Disqualification.phase_id == submission.phase_id),
-        Disqualification.submission_id.is_(None)
-        | (Disqualification.submission_id == submission.id),
-    )
-    return session.scalar(query)
+    given = {"team": submission.team_id, "phase": submission.phase_id, "submission": submission.id}
+    return session.scalar(_SINCE, given)
 
 
 def require_not_disqualified(
@@ -62,13 +84,8 @@ def require_not_disqualified(
             f"Your team is disqualified {where} since {found.disqualified_at:%Y-%m-%d}; the reason "
             "stands in your notices. Ask the organizers."
         )
-    of_file = select(Submission.id).where(
-        Submission.team_id == team_id,
-        Submission.phase_id == phase.id,
-        Submission.file_digest == file_digest,
-        is_disqualified(),
-    )
-    submission_id = session.scalar(of_file.limit(1))
+    given = {"team": team_id, "phase": phase.id, "file": file_digest}
+    submission_id = session.scalar(_OF_FILE, given)
     if submission_id is not None:
         raise NotAllowed(
             f"These bytes were disqualified as submission {submission_id!r}; the reason stands in "
@@ -83,13 +100,7 @@ def team_disqualified_since(session: Session, team_id: int, phase: Phase) -> dat
 
 
 def _of_team(session: Session, team_id: int, phase: Phase) -> Disqualification | None:
-    query = select(Disqualification).where(
-        Disqualification.team_id == team_id,
-        Disqualification.submission_id.is_(None),
-        Disqualification.reinstated_at.is_(None),
-        Disqualification.phase_id.is_(None) | (Disqualification.phase_id == phase.id),
-    )
-    return session.scalars(query.order_by(Disqualification.id).limit(1)).first()
+    return session.scalars(_OF_TEAM, {"team": team_id, "phase": phase.id}).first()
 
 
 def disqualification_notes(session: Session, phase: Phase) -> tuple[DisqualificationNote, ...]:

@@ -1,6 +1,8 @@
 """What a team may still submit: submissions per UTC day and in total; rejected ones are capped."""
 
-from sqlalchemy import func, select
+from functools import cache
+
+from sqlalchemy import Select, bindparam, func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now, next_day, start_of_day
@@ -24,21 +26,8 @@ WAITING = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED, SubmissionStatus.
 def quota_of(session: Session, team_id: int, phase: Phase) -> Quota:
     """Return what the team has used and may still use."""
     now = database_now(session)
-    today = start_of_day(now)
-    is_asked_about = Submission.confirmed_as.is_not(None)
-    is_counted = Submission.status.not_in(COSTS_NOTHING) & ~is_asked_about
-    is_rejected = (Submission.status == SubmissionStatus.REJECTED) | is_asked_about
-    is_of_today = Submission.received_at >= today
-    counts = (
-        is_counted,
-        is_counted & is_of_today,
-        is_rejected & is_of_today,
-        Submission.status.in_(WAITING),
-    )
-    query = select(*(func.count().filter(which) for which in counts)).where(
-        Submission.team_id == team_id, Submission.phase_id == phase.id
-    )
-    used_total, used_today, rejected_today, waiting = map(int, session.execute(query).one())
+    given = {"team": team_id, "phase": phase.id, "today": start_of_day(now)}
+    used_total, used_today, rejected_today, waiting = session.execute(_counts(), given).one()
     own = allowance_of(session, team_id, phase.id) or Allowance()
     per_day = own.quota_per_day or phase.quota_per_day
     total = own.quota_total or phase.quota_total
@@ -58,6 +47,20 @@ def quota_of(session: Session, team_id: int, phase: Phase) -> Quota:
         waiting=waiting,
         closes_at=own.closes_at,
     )
+
+
+@cache
+def _counts() -> Select[int, int, int, int]:
+    is_asked_about = Submission.confirmed_as.is_not(None)
+    is_counted = Submission.status.not_in(COSTS_NOTHING) & ~is_asked_about
+    is_rejected = (Submission.status == SubmissionStatus.REJECTED) | is_asked_about
+    is_of_today = Submission.received_at >= bindparam("today")
+    return select(
+        func.count().filter(is_counted),
+        func.count().filter(is_counted & is_of_today),
+        func.count().filter(is_rejected & is_of_today),
+        func.count().filter(Submission.status.in_(WAITING)),
+    ).where(Submission.team_id == bindparam("team"), Submission.phase_id == bindparam("phase"))
 
 
 def require_quota(session: Session, team_id: int, phase: Phase) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from sqlalchemy import ColumnElement, func, select, tuple_
+from sqlalchemy import ColumnElement, and_, bindparam, func, select, tuple_
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
@@ -144,6 +144,18 @@ def require_same_words(first: Submission, told: Mapping[str, object]) -> None:
 
 _SAME_BYTES_AGAIN = (SubmissionStatus.WITHDRAWN, SubmissionStatus.FAILED)
 """After these the same bytes are a new submission."""
+_OF_TEAM = and_(Submission.team_id == bindparam("team"), Submission.phase_id == bindparam("phase"))
+_SAME_BYTES = select(Submission).where(
+    _OF_TEAM,
+    Submission.file_digest == bindparam("file"),
+    Submission.status.not_in(_SAME_BYTES_AGAIN),
+)
+_LAST_FACTS = (
+    select(Submission.facts)
+    .where(_OF_TEAM, Submission.method == bindparam("method"))
+    .order_by(Submission.received_at.desc(), Submission.id.desc())
+    .limit(1)
+)
 KEYS_ARE_KEPT = timedelta(hours=24)
 """So long an upload that is sent again is known by its `Idempotency-Key`."""
 LONGEST_CONFIRMATION = timedelta(hours=1)
@@ -312,16 +324,8 @@ def confirm(session: Session, submission_id: str) -> Submission:
 def _last_facts(
     session: Session, team_id: int, phase_id: str, method: object
 ) -> MethodFacts | None:
-    query = (
-        select(Submission.facts)
-        .where(
-            Submission.team_id == team_id,
-            Submission.phase_id == phase_id,
-            Submission.method == method,
-        )
-        .order_by(Submission.received_at.desc(), Submission.id.desc())
-    )
-    return session.scalars(query.limit(1)).first()
+    given = {"team": team_id, "phase": phase_id, "method": method}
+    return session.scalars(_LAST_FACTS, given).first()
 
 
 def _granted_until(session: Session, team_id: int, phase: Phase) -> datetime | None:
@@ -540,14 +544,8 @@ def _same_upload(
 def _same_bytes(
     session: Session, team_id: int, phase: Phase, file_digest: str
 ) -> Submission | None:
-    return session.scalars(
-        select(Submission).where(
-            Submission.phase_id == phase.id,
-            Submission.team_id == team_id,
-            Submission.file_digest == file_digest,
-            Submission.status.not_in(_SAME_BYTES_AGAIN),
-        )
-    ).first()
+    given = {"team": team_id, "phase": phase.id, "file": file_digest}
+    return session.scalars(_SAME_BYTES, given).first()
 
 
 def _require_open(

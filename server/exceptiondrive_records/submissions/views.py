@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from statistics import median
 
-from sqlalchemy import select
+from sqlalchemy import bindparam, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.boards import entries_on, entry_ids
@@ -42,6 +42,13 @@ from exceptiondrive_schemas.method_facts import MethodFacts
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 
 _RECENT = 20
+_RECENT_RUNS = (
+    select(Job.leased_at, Job.finished_at)
+    .where(Job.lane == Lane.LIVE, Job.state == WorkState.DONE, Job.finished_at.is_not(None))
+    .order_by(Job.finished_at.desc())
+    .limit(_RECENT)
+)
+_FIRST_JOB = select(Job).where(Job.submission_id == bindparam("submission"), Job.is_first)
 
 
 def view(
@@ -141,8 +148,7 @@ def queue_place(
     """
     if submission.status not in WAITING:
         return None
-    query = select(Job).where(Job.submission_id == submission.id, Job.is_first)
-    job = session.scalars(query).first()
+    job = session.scalars(_FIRST_JOB, {"submission": submission.id}).first()
     if job is None or job.state.is_final:
         return None
     position = 0 if job.state is WorkState.LEASED else jobs_ahead(session, job)
@@ -173,15 +179,9 @@ def published_sheet(session: Session, submission: Submission, phase: Phase) -> S
 
 def recent_scoring_s(session: Session) -> float | None:
     """Return the median duration of the last live scoring runs, measured by the database's clock."""
-    query = (
-        select(Job.leased_at, Job.finished_at)
-        .where(Job.lane == Lane.LIVE, Job.state == WorkState.DONE, Job.finished_at.is_not(None))
-        .order_by(Job.finished_at.desc())
-        .limit(_RECENT)
-    )
     durations_s = [
         (finished_at - leased_at).total_seconds()
-        for leased_at, finished_at in session.execute(query)
+        for leased_at, finished_at in session.execute(_RECENT_RUNS)
         if leased_at is not None and finished_at is not None
     ]
     return median(durations_s) if durations_s else None

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 
-from sqlalchemy import delete, select
+from sqlalchemy import bindparam, delete, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
@@ -18,6 +18,11 @@ _SCORER_COUNTS_FOR = timedelta(hours=1)
 _FORGET_AFTER = _SCORER_COUNTS_FOR
 MISSED_FOR_S = 120.0
 """A worker that fell silent is missed for so long; then it counts as gone."""
+
+
+_IS_YOUNG = WorkerHeartbeat.at > bindparam("since")
+_LANES_AND_SLOTS = select(WorkerHeartbeat.lanes, WorkerHeartbeat.slots).where(_IS_YOUNG)
+_SCORERS = select(WorkerHeartbeat.scorer_version).where(_IS_YOUNG).distinct()
 
 
 @dataclass(frozen=True)
@@ -56,9 +61,9 @@ def live_workers(
 ) -> LiveWorkers:
     """Return the workers of a lane whose last sign of life is younger than `ttl_s`."""
     oldest = database_now(session) - timedelta(seconds=ttl_s)
-    rows = session.scalars(select(WorkerHeartbeat).where(WorkerHeartbeat.at > oldest))
-    alive = [row for row in rows if lane.value in row.lanes]
-    return LiveWorkers(workers=len(alive), slots=sum(row.slots for row in alive))
+    found = session.execute(_LANES_AND_SLOTS, {"since": oldest})
+    slots = [slots for lanes, slots in found if lane.value in lanes]
+    return LiveWorkers(workers=len(slots), slots=sum(slots))
 
 
 def missing_splits(session: Session, *, ttl_s: float = HEARTBEAT_TTL_S) -> dict[str, int]:
@@ -71,9 +76,7 @@ def missing_splits(session: Session, *, ttl_s: float = HEARTBEAT_TTL_S) -> dict[
 def scorers_at_work(session: Session) -> list[str]:
     """Return the scorer versions on the list of workers, the newest last."""
     oldest = database_now(session) - _SCORER_COUNTS_FOR
-    found = session.scalars(
-        select(WorkerHeartbeat.scorer_version).where(WorkerHeartbeat.at > oldest).distinct()
-    )
+    found = session.scalars(_SCORERS, {"since": oldest})
     return sorted((version for version in found if version is not None), key=_numbers)
 
 

@@ -37,7 +37,7 @@ from exceptiondrive_records.submissions.submissions import (
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import require_approved
-from exceptiondrive_records.work.dispatch import mark_queued, wake_lanes
+from exceptiondrive_records.work.dispatch import wake_lanes
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.api.submission import Quota, SubmissionView
 from exceptiondrive_schemas.board import Links
@@ -334,8 +334,8 @@ def _store(services: Services, stream: BinaryIO) -> int:
 
 
 def _wake(services: Services) -> None:
-    """Wake a worker; where the broker is away, the reconciler does it soon."""
-    live = (Lane.LIVE,)
-    if wake_lanes(services.database, services.dispatcher, services.settings, live):
-        with services.database.write() as session:
-            mark_queued(session)
+    """Wake a worker; where the broker is away, the reconciler does it soon.
+
+    The reconciler shows as queued what still waits then: accepting is one transaction that writes.
+    """
+    wake_lanes(services.database, services.dispatcher, services.settings, (Lane.LIVE,))
