@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from exceptiondrive_scoring.aliases import Columns, FloatArray
+from exceptiondrive_scoring.aliases import BoolArray, Columns, FloatArray
 
 FINGERPRINT_SAMPLES = 256
 FARTHEST = 2.0
@@ -98,11 +98,25 @@ def distances(a: NDArray[np.floating], b: NDArray[np.floating]) -> FloatArray:
         a: (..., N, P, C), NaN where missing; broadcast against `b`.
         b: (..., N, P, C). Missing in both is no distance, in one the farthest.
     """
-    apart = np.linalg.norm(a - b, axis=-1).mean(axis=-1)
-    is_missing = np.isnan(a).any(axis=(-1, -2)), np.isnan(b).any(axis=(-1, -2))
+    apart = _lengths(a - b).mean(axis=-1)
+    is_missing = _is_missing(a), _is_missing(b)
     apart = np.where(is_missing[0] & is_missing[1], 0.0, apart)
     apart = np.where(is_missing[0] ^ is_missing[1], FARTHEST, apart)
     return np.minimum(apart, FARTHEST)
+
+
+def _lengths(vectors: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Lengths (...) of vectors (..., C), summed coordinate by coordinate: numpy is slow along a short axis."""
+    squares = vectors * vectors
+    total = squares[..., 0].copy()
+    for coordinate in range(1, vectors.shape[-1]):
+        total += squares[..., coordinate]
+    return np.asarray(np.sqrt(total))
+
+
+def _is_missing(ways: NDArray[np.floating]) -> BoolArray:
+    """Whether any coordinate of a sample is NaN, (..., N)."""
+    return np.asarray(np.isnan(ways).reshape(*ways.shape[:-2], -1).any(axis=-1))
 
 
 def alikeness(
@@ -131,17 +145,22 @@ def _aligned(
     By medians, so that a few moved samples do not count. Beyond what still is a copy it is left as
     it is.
     """
-    ends, of_others = (np.linalg.norm(ways[..., -1, :], axis=-1) for ways in (a, others))
+    ends, of_others = (_lengths(ways[..., -1, :]) for ways in (a, others))
     moves = (ends[None] > 1) & (of_others > 1)
     ratio = np.where(moves, of_others / np.where(moves, ends[None], 1), np.nan)
     scales = np.array([np.median(row[~np.isnan(row)]) if moves_.any() else 1.0
                        for row, moves_ in zip(ratio, moves, strict=True)])  # fmt: skip
     scales = np.where((scales >= LEAST_SCALE) & (scales <= 1 / LEAST_SCALE), scales, 1.0)
     scaled = a[None] * scales[:, None, None, None]
-    gaps = (others - scaled).reshape(len(others), -1, a.shape[-1])
-    shifts = np.array([np.median(row[~np.isnan(row).any(axis=-1)], axis=0)
-                       if not np.isnan(row).all() else np.zeros(a.shape[-1])
-                       for row in gaps])  # fmt: skip
+    points = (others - scaled).reshape(len(others), -1, a.shape[-1])
+    gaps = np.ascontiguousarray(np.moveaxis(points, -1, 1))  # (K, C, N * P)
+    unknown = np.isnan(gaps).any(axis=1)
+    if unknown.any():
+        shifts = np.array([np.median(row[:, ~missing], axis=-1) if not missing.all()
+                           else np.zeros(a.shape[-1])
+                           for row, missing in zip(gaps, unknown, strict=True)])  # fmt: skip
+    else:
+        shifts = np.median(gaps, axis=-1)
     shifts = np.where(np.linalg.norm(shifts, axis=-1, keepdims=True) <= FARTHEST_SHIFT, shifts, 0.0)
     return scales, scaled + shifts[:, None, None, :]
 
