@@ -1,4 +1,7 @@
-"""How cost grows: with the number of samples, of waypoints, and of scenes that are drawn."""
+"""How cost grows: with the number of samples, of waypoints, and of scenes that are drawn.
+
+A sheet is all that follows from measurements; of new clearances, what they change of it.
+"""
 
 from functools import partial
 
@@ -9,7 +12,10 @@ from benchmarks.report import ms, show, times
 from benchmarks.timing import cpu_seconds, interleave, peak_mib, ratio, typical
 from benchmarks.uncertainty import bootstrap_of, sums_of
 from benchmarks.workload import BENCHMARK_SAMPLES, SAMPLES_PER_SCENE, make_workload
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.split import SplitRef
+from exceptiondrive_scoring.challenge import SCORING, exact_sheet, graded_sheet, settle
 from exceptiondrive_scoring.measure import measure
 
 SAMPLE_FACTORS = (1, 2, 4, 8, 16, 40)
@@ -25,6 +31,7 @@ def run(protocol: ProtocolDocument) -> None:
     _grow("Measure as N grows (T = 6)", "N", cases, protocol)
     cases = {str(n): (BENCHMARK_SAMPLES, n) for n in WAYPOINTS}
     _grow(f"Measure as T grows (N = {BENCHMARK_SAMPLES:,}, 3 s)", "T", cases, protocol)
+    _grow_sheets(protocol)
     _grow_scenes(protocol)
 
 
@@ -55,6 +62,29 @@ def _grow(
             )
         )
     show(title, (name, "ms", "us a sample", "x naive", "UR", "peak MiB"), rows)
+
+
+def _grow_sheets(protocol: ProtocolDocument) -> None:
+    rows = []
+    scoring, ref = SCORING[PLANNING.id], SplitRef(name="workload", revision="")
+    for factor in SAMPLE_FACTORS:
+        workload = make_workload(protocol, BENCHMARK_SAMPLES * factor)
+        split = workload.split
+        measured = scoring.measure(workload.pairs.columns(), split, protocol.geometry)
+        settled = settle(scoring, measured, split, ref, protocol)
+        sheet = partial(exact_sheet, scoring, measured, split, ref, protocol)
+        regraded = partial(graded_sheet, scoring, settled, split, ref, protocol)
+        found = interleave({"sheet": sheet, "regraded": regraded}, rounds=5)
+        rows.append(
+            (
+                f"{split.n_samples:,}",
+                *(ms(typical(found[name])) for name in found),
+                *(f"{typical(found[name]) / split.n_samples * 1e6:.2f}" for name in found),
+                f"{peak_mib(sheet):.1f}",
+            )
+        )
+    head = ("N", "ms", "new d_safe, ms", "us a sample", "new d_safe, us", "peak MiB")
+    show("Sheet of measurements as N grows", head, rows)
 
 
 def _grow_scenes(protocol: ProtocolDocument) -> None:

@@ -23,8 +23,8 @@ PAUSE_S = (0.25, 0.6)
 KILL_AFTER_EVERY = 8
 SEED = 20261121
 UPDATES = {
-    "d_safe": ("1.1", "d_safe_m = 2.0", "d_safe_m = 2.5"),
-    "geometry": ("1.2", "footprint_width_m = 1.85", "footprint_width_m = 1.95"),
+    "d_safe": ("1.0.1", "d_safe_m = 2.0", "d_safe_m = 2.5"),
+    "geometry": ("1.0.2", "footprint_width_m = 1.85", "footprint_width_m = 1.95"),
 }
 """Name of the update: version, and the line of protocol 1.0 that it replaces."""
 N_STAGES = 4 + 5 * len(UPDATES) + 1

@@ -244,6 +244,11 @@ class ProtocolDocument(Document):
         )
 
     @cached_property
+    def plausibility_digest(self) -> str:
+        """Digest of what `grade` reads where it reads no required clearance."""
+        return content_digest(_stated(self.plausibility))
+
+    @cached_property
     def ranking_digest(self) -> str:
         """Digest of what `rank` reads besides score sheets."""
         return content_digest(

@@ -39,7 +39,7 @@ from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.challenge import SCORING
-from exceptiondrive_scoring.grade import SampleScores, sample_scores
+from exceptiondrive_scoring.grade import Regrading, SampleScores, sample_scores
 from exceptiondrive_scoring.plausibility import OfControls
 from exceptiondrive_scoring.similarity import AlikeRule
 from exceptiondrive_worker import upload_reader
@@ -126,6 +126,7 @@ class GapScoring:
 
     challenge = GAPS
     alike: AlikeRule | None = None
+    regrading: Regrading | None = None
 
     def columns(self, document: CheckedDocument, sample_ids: Any) -> dict[str, NDArray[Any]]:
         return {"gap_m": np.array([document.answers[each] for each in sample_ids])}

@@ -6,12 +6,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.challenges import PLANNING, Challenge
 from exceptiondrive_schemas.faults import CheckReport
-from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.protocol import (
+    GradingSection,
+    PlausibilitySection,
+    ProtocolDocument,
+)
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring.challenge import SCORING
@@ -34,12 +39,16 @@ class Counted:
         self.private = PrivateStore(folder)
         self.upload = upload
         planning = SCORING[PLANNING.id]
+        regrading = planning.regrading
+        assert regrading is not None
+        regrade = self._counting("regrade", regrading.grade, bound=False)
         counted: Any = type(
             "CountedPlanning",
             (type(planning),),
             {
                 "measure": self._counting("measure", planning.measure),
                 "grade": self._counting("grade", planning.grade),
+                "regrading": replace(regrading, grade=regrade),
             },
         )()
         self.stages = Stages(
@@ -65,7 +74,9 @@ class Counted:
         return digest, dict(self.done)
 
 
-EVERYTHING = {"load": 1, "read": 1, "measure": 1, "grade": 1}
+GRADED = {"grade": 1, "regrade": 1}
+"""Every metric, then those that required clearances change."""
+EVERYTHING = {"load": 1, "read": 1, "measure": 1, **GRADED}
 
 
 @pytest.fixture
@@ -128,24 +139,67 @@ def test_new_required_clearances_touch_neither_upload_nor_geometry(
     other = target.protocol.model_copy(update={"tasks": tasks, "version": "1.1"})
     changed = replace(target, protocol=other, split=load_split(tiny, other))
     digest, work = counted.score(changed)
-    assert work == {"grade": 1}
+    assert work == {"regrade": 1}
     assert digest != first
 
 
+def test_new_required_clearances_of_samples_touch_no_other_metric(
+    counted: Counted, target: Target, tiny: Split
+) -> None:
+    counted.score(target)
+    samples = (sample.model_copy(update={"d_safe_m": 9.0}) for sample in tiny.samples)
+    stricter = load_split(tiny.model_copy(update={"samples": tuple(samples)}), target.protocol)
+    assert counted.score(replace(target, split=stricter))[1] == {"regrade": 1}
+
+
 @pytest.mark.parametrize(
-    "sections",
+    ("sections", "work"),
     [
-        {"grading": {"d_safe_scale": 2.0}},
-        {"grading": {"headline": "micro"}},
-        {"plausibility": {"flag_blind": 0.5}},
+        ({"grading": {"d_safe_scale": 2.0}}, {"regrade": 1}),
+        ({"grading": {"headline": "micro"}}, {"regrade": 1}),
+        ({"plausibility": {"flag_blind": 0.5}}, GRADED),
     ],
     ids=["scale", "headline", "plausibility"],
 )
 def test_other_grading_is_only_graded(
-    counted: Counted, target: Target, tiny: Split, sections: dict[str, dict[str, Any]]
+    counted: Counted,
+    target: Target,
+    tiny: Split,
+    sections: dict[str, dict[str, Any]],
+    work: dict[str, int],
 ) -> None:
     counted.score(target)
-    assert counted.score(under(target, tiny, **sections))[1] == {"grade": 1}
+    assert counted.score(under(target, tiny, **sections))[1] == work
+
+
+def _changed(value: Any) -> Any:
+    """Another value of the same kind."""
+    if isinstance(value, float):
+        return value * 0.4
+    if isinstance(value, int):
+        return value + 1
+    if isinstance(value, tuple):
+        return value[:-1]
+    if isinstance(value, dict):
+        return {key: number + index for index, (key, number) in enumerate(value.items())}
+    return {"macro_family": "micro"}[value]
+
+
+@pytest.mark.parametrize(
+    ("section", "name"),
+    [
+        *(("grading", name) for name in GradingSection.model_fields),
+        *(("plausibility", name) for name in PlausibilitySection.model_fields),
+    ],
+)
+def test_a_sheet_from_what_was_kept_is_that_of_a_fresh_store(
+    counted: Counted, target: Target, tiny: Split, tmp_path: Path, section: str, name: str
+) -> None:
+    counted.score(target)
+    value = _changed(getattr(getattr(target.protocol, section), name))
+    other = under(target, tiny, **{section: {name: value}})
+    fresh = Counted(tmp_path / "fresh", counted.upload)
+    assert counted.score(other)[0] == fresh.score(other)[0]
 
 
 @pytest.mark.parametrize(
@@ -171,7 +225,7 @@ def test_other_geometry_measures_stored_answers_and_never_reads_the_upload(
     counted: Counted, target: Target, tiny: Split, update: dict[str, Any]
 ) -> None:
     counted.score(target)
-    assert counted.score(under(target, tiny, geometry=update))[1] == {"measure": 1, "grade": 1}
+    assert counted.score(under(target, tiny, geometry=update))[1] == {"measure": 1, **GRADED}
 
 
 def test_other_regions_measure_stored_answers(
@@ -181,7 +235,7 @@ def test_other_regions_measure_stored_answers(
     further = {s.sample_id: {"task": s.task, "scene_id": s.scene_id} for s in tiny.samples}
     further["a"]["region"] = [[20, -1], [22, -1], [22, 1], [20, 1]]  # type: ignore[assignment]
     moved = replace(target, split=load_split(make_split(further), target.protocol))
-    assert counted.score(moved)[1] == {"measure": 1, "grade": 1}
+    assert counted.score(moved)[1] == {"measure": 1, **GRADED}
 
 
 def test_other_tasks_of_the_split_are_only_graded(
@@ -190,7 +244,7 @@ def test_other_tasks_of_the_split_are_only_graded(
     counted.score(target)
     relabelled = {s.sample_id: {"task": "RS2", "scene_id": s.scene_id} for s in tiny.samples}
     other = replace(target, split=load_split(make_split(relabelled), target.protocol))
-    assert counted.score(other)[1] == {"grade": 1}
+    assert counted.score(other)[1] == GRADED
 
 
 def test_another_number_of_waypoints_needs_the_upload_again_and_rejects_it(
@@ -206,7 +260,8 @@ def test_another_number_of_waypoints_needs_the_upload_again_and_rejects_it(
 @pytest.mark.parametrize(
     ("shelf", "work"),
     [
-        (Shelf.SHEETS, {"grade": 1}),
+        (Shelf.SHEETS, {"regrade": 1}),
+        (Shelf.SETTLED, {}),
         (Shelf.MEASUREMENTS, {}),
         (Shelf.ANSWERS, {}),
         (Shelf.READS, {"load": 1, "read": 1}),
@@ -219,6 +274,18 @@ def test_a_damaged_file_is_made_again_where_it_is_needed(
     for path in (counted.private.root / shelf).iterdir():
         path.write_bytes(path.read_bytes()[:-1])
     assert counted.score(target) == (first, work)
+
+
+def test_what_another_version_kept_of_a_sheet_is_graded_again(
+    counted: Counted, target: Target, tiny: Split
+) -> None:
+    counted.score(target)
+    (path,) = (counted.private.root / Shelf.SETTLED).iterdir()
+    columns = counted.private.read_columns(Shelf.SETTLED, path.name)
+    assert columns is not None
+    columns["sheet"] = np.array(b'{"rows": 3}')
+    counted.private.write_columns(Shelf.SETTLED, path.name, columns)
+    assert counted.score(under(target, tiny, grading={"d_safe_scale": 2.0}))[1] == GRADED
 
 
 def test_a_store_that_is_damaged_throughout_is_made_again(counted: Counted, target: Target) -> None:
@@ -239,7 +306,7 @@ def test_scene_sums_are_kept_and_made_again_from_the_upload_at_worst(
     for path in counted.private.root.glob("*/*"):
         path.unlink()
     assert (counted.stages.scene_sums(target, key).sums == first.sums).all()
-    assert counted.done == EVERYTHING
+    assert counted.done == {name: EVERYTHING[name] for name in ("load", "read", "measure", "grade")}
 
 
 def test_an_upload_that_needs_too_much_memory_is_rejected(tmp_path: Path, target: Target) -> None:

@@ -61,18 +61,28 @@ class TaskGroups:
     Attributes:
         order: (N,) samples, task by task, else in canonical order.
         starts: (G,) where each task begins in `order`.
-        sizes: (G,) number of samples.
         task_index: (G,) position in `taxonomy.tasks`.
-        family_starts: Where each family that has samples begins among the G tasks.
-        family_index: Position of each of those families in `taxonomy.families`.
+        family_starts: (F,) where each family that has samples begins among the G tasks.
+        family_index: (F,) position of each of those families in `taxonomy.families`.
     """
 
     order: IntArray
     starts: IntArray
-    sizes: IntArray
     task_index: IntArray
     family_starts: IntArray
     family_index: IntArray
+
+    @cached_property
+    def sizes(self) -> IntArray:
+        """(F + G + 1,) number of samples of each family, of each task, and of all."""
+        sizes: IntArray = self.with_totals(np.diff(self.starts, append=len(self.order)))
+        return sizes
+
+    def with_totals(self, of_tasks: NDArray[Any]) -> NDArray[Any]:
+        """Sums of each family, of each task, and of all: (..., F + G + 1) from those of tasks, (..., G)."""
+        of_families = np.add.reduceat(of_tasks, self.family_starts, axis=-1)
+        of_all = of_tasks.sum(axis=-1, keepdims=True)
+        return np.concatenate([of_families, of_tasks, of_all], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -115,7 +125,6 @@ class SplitArrays:
         return TaskGroups(
             order=order,
             starts=starts,
-            sizes=np.diff(starts, append=self.n_samples),
             task_index=self.task_index[order[starts]],
             family_starts=family_starts,
             family_index=family_index[family_starts],

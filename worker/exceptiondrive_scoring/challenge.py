@@ -6,12 +6,15 @@ what a store keeps, and what every function here takes.
 
 import typing
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pkgutil import resolve_name
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
-from exceptiondrive_schemas.challenges import Challenge, ChallengeId
+from exceptiondrive_schemas.base import canonical_json
+from exceptiondrive_schemas.challenges import Challenge, ChallengeId, Metric
 from exceptiondrive_schemas.check import CheckedDocument
 from exceptiondrive_schemas.check.rules import SCORED_BY
 from exceptiondrive_schemas.drawing import EntryDrawings
@@ -27,11 +30,11 @@ from exceptiondrive_schemas.score_sheet import (
 )
 from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_scoring import SCORER_VERSION
-from exceptiondrive_scoring.aliases import Columns
+from exceptiondrive_scoring.aliases import Columns, FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays
-from exceptiondrive_scoring.grade import SampleScores
+from exceptiondrive_scoring.grade import Regrading, SampleScores
 from exceptiondrive_scoring.plausibility import OfControls
-from exceptiondrive_scoring.sheet import Row, aggregate
+from exceptiondrive_scoring.sheet import Breakdown, Row, breakdown, group_means
 from exceptiondrive_scoring.similarity import AlikeRule
 
 
@@ -45,6 +48,10 @@ class ChallengeScoring(typing.Protocol):
     @property
     def alike(self) -> AlikeRule | None:
         """When two submissions are alike; None: they are not compared."""
+
+    @property
+    def regrading(self) -> Regrading | None:
+        """How new required clearances are graded from few columns; None: everything is graded anew."""
 
     def columns(
         self, document: CheckedDocument, sample_ids: Sequence[str]
@@ -121,6 +128,108 @@ def document_columns(
     return SCORING[document.challenge].columns(document, sample_ids)
 
 
+@dataclass(frozen=True)
+class Settled:
+    """What of a sheet no required clearance changes, and what those are asked of. Withheld.
+
+    Attributes:
+        sheet: The sheet without its breakdown; in `micro` what is said of controls.
+        means: (R, M) as of `group_means`; NaN where the challenge's `regrading` gives the metric.
+        measured: What `regrading`, `extra` and `clearance_curve` read, each (N,).
+    """
+
+    sheet: ScoreSheet
+    means: FloatArray
+    measured: Columns
+
+    @classmethod
+    def from_columns(cls, columns: Columns) -> "Settled":
+        """Read what `columns` wrote.
+
+        Raises:
+            ValidationError: Another version wrote it.
+        """
+        measured = dict(columns)
+        sheet, means = measured.pop("sheet"), measured.pop("means")
+        return cls(ScoreSheet.model_validate_json(sheet.item()), means, measured)
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """What a store keeps: `sheet` as JSON, `means`, and the measurements."""
+        return {"sheet": np.array(canonical_json(self.sheet)), "means": self.means, **self.measured}
+
+
+def settle(
+    scoring: ChallengeScoring,
+    measured: Columns,
+    split: SplitArrays,
+    split_ref: SplitRef,
+    protocol: ProtocolDocument,
+    of_controls: OfControls | None = None,
+) -> Settled:
+    """Grade and aggregate all that follows whatever clearances are required; as `exact_sheet`."""
+    means = group_means(scoring.grade(measured, split, protocol), split)
+    coverage = scoring.coverage(measured)
+    edited, source = coverage["edited"] or 0.0, coverage.get("source")
+    said = of_controls or OfControls({})
+    plausibility = scoring.plausibility(measured, split, protocol)
+    sheet = ScoreSheet(
+        challenge=scoring.challenge.id,
+        protocol=ProtocolRef(version=protocol.version, digest=protocol.digest),
+        split=split_ref,
+        scorer_version=SCORER_VERSION,
+        n=split.n_samples,
+        coverage=Coverage(
+            edited=edited,
+            source=source,
+            n_edited=round(edited * split.n_samples),
+            n_source=None if source is None else round(source * split.n_samples),
+        ),
+        micro=said.metrics,
+        macro_family={},
+        families={},
+        tasks={},
+        plausibility=plausibility.model_copy(update={"flags": (*plausibility.flags, *said.flags)}),
+    )
+    if scoring.regrading is not None:
+        means[:, _places(scoring.challenge, scoring.regrading.metrics)] = np.nan
+        measured = {name: measured[name] for name in scoring.regrading.columns}
+    return Settled(sheet, means, measured)
+
+
+def graded_breakdown(
+    scoring: ChallengeScoring, settled: Settled, split: SplitArrays, protocol: ProtocolDocument
+) -> Breakdown:
+    """Grade and aggregate what required clearances change, and put it beside the rest."""
+    means = settled.means
+    if scoring.regrading is not None:
+        scores = scoring.regrading.grade(settled.measured, split, protocol)
+        means = means.copy()
+        means[:, _places(scoring.challenge, scores.metrics)] = group_means(scores, split)
+    return breakdown(scoring.challenge.metrics, means, split, protocol.taxonomy)
+
+
+def graded_sheet(
+    scoring: ChallengeScoring,
+    settled: Settled,
+    split: SplitArrays,
+    split_ref: SplitRef,
+    protocol: ProtocolDocument,
+) -> ScoreSheet:
+    """Put the exact sheet together from what is settled and what required clearances change."""
+    measured, found = settled.measured, graded_breakdown(scoring, settled, split, protocol)
+    graded = {
+        "protocol": ProtocolRef(version=protocol.version, digest=protocol.digest),
+        "split": split_ref,
+        "micro": found.micro | settled.sheet.micro,
+        "macro_family": found.macro_family,
+        "families": _rows(found.families),
+        "tasks": _rows(found.tasks),
+        "extra": scoring.extra(measured, split, protocol),
+        "clearance_curve": scoring.clearance_curve(measured, split, protocol),
+    }
+    return ScoreSheet.model_validate(dict(settled.sheet) | graded)
+
+
 def exact_sheet(
     scoring: ChallengeScoring,
     measured: Columns,
@@ -139,32 +248,13 @@ def exact_sheet(
         protocol: Everything besides.
         of_controls: What `scoring.of_controls` says, where the split has controls.
     """
-    scores = scoring.grade(measured, split, protocol)
-    breakdown = aggregate(scores, split, protocol.taxonomy)
-    coverage = scoring.coverage(measured)
-    edited, source = coverage["edited"] or 0.0, coverage.get("source")
-    said = of_controls or OfControls({})
-    plausibility = scoring.plausibility(measured, split, protocol)
-    return ScoreSheet(
-        challenge=scoring.challenge.id,
-        protocol=ProtocolRef(version=protocol.version, digest=protocol.digest),
-        split=split_ref,
-        scorer_version=SCORER_VERSION,
-        n=breakdown.n,
-        coverage=Coverage(
-            edited=edited,
-            source=source,
-            n_edited=round(edited * breakdown.n),
-            n_source=None if source is None else round(source * breakdown.n),
-        ),
-        micro=breakdown.micro | said.metrics,
-        macro_family=breakdown.macro_family,
-        families=_rows(breakdown.families),
-        tasks=_rows(breakdown.tasks),
-        plausibility=plausibility.model_copy(update={"flags": (*plausibility.flags, *said.flags)}),
-        extra=scoring.extra(measured, split, protocol),
-        clearance_curve=scoring.clearance_curve(measured, split, protocol),
-    )
+    settled = settle(scoring, measured, split, split_ref, protocol, of_controls)
+    return graded_sheet(scoring, settled, split, split_ref, protocol)
+
+
+def _places(challenge: Challenge, metrics: Sequence[Metric]) -> list[int]:
+    keys = challenge.metric_keys
+    return [keys.index(metric.key) for metric in metrics]
 
 
 def _rows(rows: dict[str, Row]) -> dict[str, BreakdownRow]:

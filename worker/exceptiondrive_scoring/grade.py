@@ -1,16 +1,16 @@
 """Grade: measurements to metric values of each sample. No geometry, no uploads."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from exceptiondrive_schemas.challenges import PLANNING, Metric
 from exceptiondrive_schemas.protocol import PlausibilitySection, ProtocolDocument
-from exceptiondrive_scoring.aliases import BoolArray, FloatArray
+from exceptiondrive_scoring.aliases import BoolArray, Columns, FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
 from exceptiondrive_scoring.kinematics import PathFit, positions_of_waypoints, progress_along, steps
-from exceptiondrive_scoring.measure import Measurements
+from exceptiondrive_scoring.measure import Clearances, Measurements
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,24 @@ class SampleScores:
     def defined(self) -> BoolArray:
         """(N, M) whether the value is defined."""
         return ~np.isnan(self.values)
+
+
+@dataclass(frozen=True)
+class Regrading:
+    """How new required clearances are graded, where a few measurements suffice for it.
+
+    All else in a sheet follows from the measurements, the plausibility section, and the task and
+    family of each sample, and is kept under those alone.
+
+    Attributes:
+        columns: The measurements that `grade`, `extra` and `clearance_curve` read.
+        metrics: Those that required clearances change.
+        grade: Gives their values from these columns; the same bits as among all metrics.
+    """
+
+    columns: tuple[str, ...]
+    metrics: tuple[Metric, ...]
+    grade: Callable[[Columns, SplitArrays, ProtocolDocument], SampleScores]
 
 
 def clearance_compliance(
@@ -103,25 +121,36 @@ def grade(
 
     A missing edited trajectory is an intrusion; a missing source leaves the shift undefined.
     """
-    required_m = split.d_safe_m * protocol.grading.d_safe_scale
-    clearance, intrusion = measurements.clearance_m, measurements.intrusion
-    is_kept = ~intrusion & (clearance >= required_m)
+    intrusion = measurements.intrusion
     has_reacted = measurements.shift_m >= protocol.plausibility.reaction_shift_m
     by_key: dict[str, FloatArray | BoolArray] = {
-        "hcc": clearance_compliance(clearance, intrusion, required_m),
+        **kept_clearances(measurements, split, protocol),
         "ur": intrusion,
-        "hpr": proximity_response(clearance, intrusion, required_m),
         "cts": measurements.shift_m,
         "cts_x": measurements.shift_x_m,
         "cts_y": measurements.shift_y_m,
         "progress": measured_progress(measurements, protocol.plausibility),
-        "clear": is_kept,
-        "close": ~intrusion & ~is_kept,
         "hit_reacting": intrusion & has_reacted,
         "hit_unmoved": intrusion & ~has_reacted,
         **source_fit(measurements),
     }
     return sample_scores(PLANNING.metrics, by_key)
+
+
+def kept_clearances(
+    clearances: Clearances, split: SplitArrays, protocol: ProtocolDocument
+) -> dict[str, FloatArray | BoolArray]:
+    """Return the metrics that required clearances change, each (N,)."""
+    required_m = split.d_safe_m * protocol.grading.d_safe_scale
+    clearance_m, intrusion = clearances.clearance_m, clearances.intrusion
+    is_clear = ~intrusion
+    is_kept = is_clear & (clearance_m >= required_m)
+    return {
+        "hcc": clearance_compliance(clearance_m, intrusion, required_m),
+        "hpr": proximity_response(clearance_m, intrusion, required_m),
+        "clear": is_kept,
+        "close": is_clear & ~is_kept,
+    }
 
 
 def sample_scores(

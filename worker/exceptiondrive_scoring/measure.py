@@ -27,12 +27,25 @@ from exceptiondrive_scoring.region import PreparedRegions, prepare_regions
 
 
 @dataclass(frozen=True)
-class Measurements:
-    """What geometry gives, per sample; all arrays (N,). Withheld: never leaves the worker.
+class Clearances:
+    """All that required clearances are asked of, per sample; both arrays (N,). Withheld.
 
     Attributes:
         clearance_m: Distance of collision tube and region; NaN where edited is missing.
         intrusion: Clearance within the contact tolerance; True where edited is missing.
+    """
+
+    clearance_m: FloatArray
+    intrusion: BoolArray
+
+
+@dataclass(frozen=True)
+class Measurements(Clearances):
+    """What geometry gives, per sample; all arrays (N,). Withheld: never leaves the worker.
+
+    Attributes:
+        clearance_m: As in `Clearances`.
+        intrusion: The same.
         shift_m: Mean distance of edited and source; NaN where either is missing.
         shift_x_m: Its longitudinal part.
         shift_y_m: Its lateral part.
@@ -55,8 +68,6 @@ class Measurements:
         source_l2_3s_m: The same at 3 s.
     """
 
-    clearance_m: FloatArray
-    intrusion: BoolArray
     shift_m: FloatArray
     shift_x_m: FloatArray
     shift_y_m: FloatArray

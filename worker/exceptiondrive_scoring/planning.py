@@ -15,22 +15,36 @@ from exceptiondrive_scoring.aliases import Columns, FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
 from exceptiondrive_scoring.drawing import Drawer
 from exceptiondrive_scoring.grade import (
+    Regrading,
     SampleScores,
     clearance_compliance,
     grade,
+    kept_clearances,
     progress_of_pairs,
     sample_scores,
 )
-from exceptiondrive_scoring.measure import Measurements, measure
+from exceptiondrive_scoring.measure import Clearances, Measurements, measure
 from exceptiondrive_scoring.plausibility import OfControls, plausibility, raised
-from exceptiondrive_scoring.sheet import aggregate
+from exceptiondrive_scoring.sheet import group_means
 from exceptiondrive_scoring.similarity import AlikeRule
 
 ROW_PREFIX = "d_safe_x"
+BY_CLEARANCE = tuple(PLANNING.metric(key) for key in ("hcc", "hpr", "clear", "close"))
 
 
 def _edited(answers: Columns) -> FloatArray:
     return np.asarray(answers["edited"], dtype=np.float64)
+
+
+def _clearances(measurements: Columns) -> Clearances:
+    return Clearances(measurements["clearance_m"], measurements["intrusion"])
+
+
+def _grade_clearances(
+    measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
+) -> SampleScores:
+    by_key = kept_clearances(_clearances(measurements), split, protocol)
+    return sample_scores(BY_CLEARANCE, by_key)
 
 
 class PlanningScoring:
@@ -40,6 +54,7 @@ class PlanningScoring:
     alike = AlikeRule(
         _edited, tolerance=0.05, equal_share=0.9, mean_distance=0.25, may_be_scaled=True
     )
+    regrading = Regrading(("clearance_m", "intrusion"), BY_CLEARANCE, _grade_clearances)
 
     def columns(
         self, document: CheckedDocument, sample_ids: Sequence[str]
@@ -99,13 +114,13 @@ class PlanningScoring:
         self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
     ) -> dict[str, MetricRow]:
         """HCC with other required clearances."""
-        return clearance_sensitivity(Measurements.from_columns(measurements), split, protocol)
+        return clearance_sensitivity(_clearances(measurements), split, protocol)
 
     def clearance_curve(
         self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument
     ) -> ClearanceCurve | None:
         """Share of samples that keep at least each multiple of the required clearance."""
-        return clearance_curve(Measurements.from_columns(measurements), split, protocol)
+        return clearance_curve(_clearances(measurements), split, protocol)
 
     def drawings(
         self,
@@ -122,7 +137,7 @@ class PlanningScoring:
 
 
 def clearance_sensitivity(
-    measurements: Measurements, split: SplitArrays, protocol: ProtocolDocument
+    clearances: Clearances, split: SplitArrays, protocol: ProtocolDocument
 ) -> dict[str, dict[str, float | None]]:
     """Score HCC with every required clearance multiplied (docs/protocol.md section 3).
 
@@ -130,18 +145,24 @@ def clearance_sensitivity(
         A row for each of `grading.sensitivity_factors`, such as `d_safe_x0.5`, with `hcc_micro` and
         `hcc_macro_family`.
     """
-    rows = {}
-    for factor in protocol.grading.sensitivity_factors:
-        means = aggregate(_hcc_at(factor, measurements, split, protocol), split, protocol.taxonomy)
-        rows[f"{ROW_PREFIX}{factor:g}"] = {
-            "hcc_micro": means.micro["hcc"],
-            "hcc_macro_family": means.macro_family["hcc"],
-        }
-    return rows
+    factors = protocol.grading.sensitivity_factors
+    if not factors:
+        return {}
+    required_m = split.d_safe_m * protocol.grading.d_safe_scale
+    by_factor = [
+        clearance_compliance(clearances.clearance_m, clearances.intrusion, required_m * factor)
+        for factor in factors
+    ]
+    scores = SampleScores((PLANNING.metric("hcc"),) * len(factors), np.array(by_factor).T)
+    *_, micro, macro_family = group_means(scores, split).tolist()
+    return {
+        f"{ROW_PREFIX}{factor:g}": {"hcc_micro": total, "hcc_macro_family": mean}
+        for factor, total, mean in zip(factors, micro, macro_family, strict=True)
+    }
 
 
 def clearance_curve(
-    measurements: Measurements, split: SplitArrays, protocol: ProtocolDocument
+    clearances: Clearances, split: SplitArrays, protocol: ProtocolDocument
 ) -> ClearanceCurve:
     """Count what is kept of the required clearance, in steps (docs/protocol.md section 9).
 
@@ -150,8 +171,8 @@ def clearance_curve(
     """
     step, until = protocol.grading.clearance_curve_step, protocol.grading.clearance_curve_until
     edges = np.arange(round(until / step) + 1) * step
-    kept = measurements.clearance_m / (split.d_safe_m * protocol.grading.d_safe_scale)
-    n_reached = np.where(measurements.intrusion, 0, np.searchsorted(edges, kept, side="right"))
+    kept = clearances.clearance_m / (split.d_safe_m * protocol.grading.d_safe_scale)
+    n_reached = np.where(clearances.intrusion, 0, np.searchsorted(edges, kept, side="right"))
     n_families, n_bins = len(protocol.families), len(edges) + 1
     cell = split.family_index * n_bins + n_reached
     in_bin = np.bincount(cell, minlength=n_families * n_bins).reshape(n_families, n_bins)
@@ -164,11 +185,3 @@ def clearance_curve(
         micro=tuple((total[1:] / total[0]).tolist()),
         macro_family=tuple(by_family.mean(axis=0).tolist()),
     )
-
-
-def _hcc_at(
-    factor: float, measurements: Measurements, split: SplitArrays, protocol: ProtocolDocument
-) -> SampleScores:
-    required_m = split.d_safe_m * protocol.grading.d_safe_scale * factor
-    hcc = clearance_compliance(measurements.clearance_m, measurements.intrusion, required_m)
-    return sample_scores((PLANNING.metric("hcc"),), {"hcc": hcc})

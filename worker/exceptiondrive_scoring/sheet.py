@@ -9,9 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from exceptiondrive_schemas.challenges import Metric
 from exceptiondrive_schemas.taxonomy import Taxonomy
 from exceptiondrive_scoring.aliases import FloatArray, IntArray
-from exceptiondrive_scoring.arrays import SplitArrays, TaskGroups
+from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.grade import SampleScores
 
 ROUNDING = 1e-9
@@ -52,28 +53,52 @@ class Breakdown:
 def aggregate(scores: SampleScores, split: SplitArrays, taxonomy: Taxonomy) -> Breakdown:
     """Totals, families and tasks of one submission (docs/protocol.md section 3).
 
-    Samples are summed once, by task; families and the total are sums of those. A metric that is no
-    mean is taken from the samples of each group. The macro average of a metric is taken over the
-    families that define it.
+    The macro average of a metric is taken over the families that define it.
     """
-    keys, groups = scores.metric_keys, split.by_task
-    task_ids = [taxonomy.tasks[index].id for index in groups.task_index.tolist()]
-    family_ids = [taxonomy.families[index].id for index in groups.family_index.tolist()]
-    tasks = _sums_by_task(scores, groups)
-    families = tasks.regrouped(groups.family_starts)
-    means = np.concatenate([families.means(), tasks.means(), tasks.total().means()])
-    for m, metric in enumerate(scores.metrics):
-        if metric.order_level is not None:
-            means[:, m] = _order_statistics(scores.values[:, m], metric.order_level, split)
-    n_families = len(family_ids)
-    macro = _mean_of_defined(means[:n_families])
-    *rows, micro = [dict(zip(keys, row, strict=True)) for row in _plain(means)]
+    return breakdown(scores.metrics, group_means(scores, split), split, taxonomy)
+
+
+def group_means(scores: SampleScores, split: SplitArrays) -> FloatArray:
+    """Values of each metric by group, unrounded.
+
+    Samples are summed once, by task; families and the total are sums of those. A metric that is no
+    mean is taken from the samples of each group.
+
+    Returns:
+        (R, M), NaN where undefined: of the families that have samples, of their tasks, over all
+        samples, and the mean of the families.
+    """
+    groups = split.by_task
+    values = scores.values.T.take(groups.order, 1, mode="clip")  # no index is out of range
+    undefined, counts = np.isnan(values), groups.sizes
+    if undefined.any():
+        values[undefined] = 0.0
+        missing = np.add.reduceat(undefined, groups.starts, axis=1, dtype=np.intp)
+        counts = counts - groups.with_totals(missing)
+    sums = groups.with_totals(np.add.reduceat(values, groups.starts, axis=1))
+    with np.errstate(invalid="ignore"):  # 0 / 0
+        means = (sums / counts).T
+        for m, metric in enumerate(scores.metrics):
+            if metric.order_level is not None:
+                means[:, m] = _order_statistics(scores.values[:, m], metric.order_level, split)
+        return np.concatenate([means, _mean_of_defined(means[: len(groups.family_index)])])
+
+
+def breakdown(
+    metrics: Sequence[Metric], means: FloatArray, split: SplitArrays, taxonomy: Taxonomy
+) -> Breakdown:
+    """Name what `group_means` gives for these metrics."""
+    keys, groups = [metric.key for metric in metrics], split.by_task
+    *values, macro_family = [dict(zip(keys, row, strict=True)) for row in _plain(means)]
+    *rows, total = map(Row, groups.sizes.tolist(), values)
+    families = [taxonomy.families[index].id for index in groups.family_index.tolist()]
+    tasks = [taxonomy.tasks[index].id for index in groups.task_index.tolist()]
     return Breakdown(
-        n=split.n_samples,
-        micro=micro,
-        macro_family=dict(zip(keys, _plain(macro)[0], strict=True)),
-        families=_rows(family_ids, families.sizes, rows[:n_families]),
-        tasks=_rows(task_ids, tasks.sizes, rows[n_families:]),
+        n=total.n,
+        micro=total.metrics,
+        macro_family=macro_family,
+        families=dict(zip(families, rows[: len(families)], strict=True)),
+        tasks=dict(zip(tasks, rows[len(families) :], strict=True)),
     )
 
 
@@ -110,48 +135,12 @@ def _order_statistics(values: FloatArray, level: float, split: SplitArrays) -> l
     return [float(order_statistic(*part, level)[0]) for part in each_once]
 
 
-class _Sums(NamedTuple):
-    """By group: number of samples, (G,); sums, (M, G); values they are made of, (M, G) or (1, G)."""
-
-    sizes: IntArray
-    sums: FloatArray
-    counts: IntArray
-
-    def regrouped(self, starts: IntArray) -> "_Sums":
-        """Neighbouring groups put together, a new group beginning at each start."""
-        return _Sums(*(np.add.reduceat(part, starts, axis=-1) for part in self))
-
-    def total(self) -> "_Sums":
-        """All groups put together."""
-        return _Sums(*(part.sum(axis=-1, keepdims=True) for part in self))
-
-    def means(self) -> FloatArray:
-        """(G, M), NaN where nothing is defined."""
-        with np.errstate(invalid="ignore"):  # 0 / 0
-            means: FloatArray = (self.sums / self.counts).T
-        return means
-
-
-def _sums_by_task(scores: SampleScores, groups: TaskGroups) -> _Sums:
-    values = scores.values.T.take(groups.order, 1, mode="clip")  # no index is out of range
-    undefined = np.isnan(values)
-    counts = groups.sizes[None]
-    if undefined.any():
-        values[undefined] = 0.0
-        counts = counts - np.add.reduceat(undefined, groups.starts, axis=1, dtype=np.intp)
-    return _Sums(groups.sizes, np.add.reduceat(values, groups.starts, axis=1), counts)
-
-
 def _mean_of_defined(rows: FloatArray) -> FloatArray:
     """Unweighted mean over the first axis of what is not NaN, (1, M)."""
     undefined = np.isnan(rows)
     sums = np.where(undefined, 0.0, rows).sum(axis=0)
-    counts = len(rows) - undefined.sum(axis=0)
-    return _Sums(counts, sums[:, None], counts[:, None]).means()
-
-
-def _rows(ids: Sequence[str], sizes: IntArray, means: Sequence[MetricValues]) -> dict[str, Row]:
-    return {key: Row(*row) for key, *row in zip(ids, sizes.tolist(), means, strict=True)}
+    means: FloatArray = sums / (len(rows) - undefined.sum(axis=0))
+    return means[None]
 
 
 def _plain(means: FloatArray) -> Any:

@@ -16,7 +16,7 @@ from exceptiondrive_schemas.submission_files import ReminderRecord
 from exceptiondrive_schemas.taxonomy import Strategy, Taxonomy
 from exceptiondrive_scoring.aliases import BoolArray, Columns, FloatArray, IntArray
 from exceptiondrive_scoring.arrays import STRATEGIES, SplitArrays
-from exceptiondrive_scoring.grade import SampleScores, sample_scores
+from exceptiondrive_scoring.grade import Regrading, SampleScores, sample_scores
 from exceptiondrive_scoring.plausibility import OfControls, raised
 from exceptiondrive_scoring.similarity import AlikeRule
 
@@ -203,6 +203,7 @@ class StrategyScoring:
     alike = AlikeRule(
         _letters, tolerance=0.0, equal_share=0.995, mean_distance=None, probe_share=0.99
     )
+    regrading: Regrading | None = None
 
     def columns(
         self, document: CheckedDocument, sample_ids: Sequence[str]

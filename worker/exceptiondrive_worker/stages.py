@@ -1,15 +1,17 @@
 """The stages from an upload to a score sheet, each result kept under the hash of what made it.
 
-    upload --read--> answers --measure--> measurements --grade, aggregate--> exact score sheet
+    upload --read--> answers --measure--> measurements --settle--> settled --grade--> exact sheet
 
-A stage runs only where its result is not in the private store: new d_safe values touch no
-geometry, a new geometry touches no upload.
+A stage runs only where its result is not in the private store: new d_safe values touch neither
+geometry nor what they do not change, a new geometry touches no upload.
 """
 
 import hashlib
 import hmac
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from pydantic import ValidationError
 
@@ -23,7 +25,13 @@ from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_scoring.aliases import Columns, IntArray
 from exceptiondrive_scoring.bootstrap import SceneSums, scene_sums
-from exceptiondrive_scoring.challenge import SCORING, ChallengeScoring, exact_sheet
+from exceptiondrive_scoring.challenge import (
+    SCORING,
+    ChallengeScoring,
+    Settled,
+    graded_sheet,
+    settle,
+)
 from exceptiondrive_scoring.grade import SampleScores
 from exceptiondrive_worker.splits.private_store import (
     PrivateStore,
@@ -72,7 +80,12 @@ class Scored:
         sample may have, and no rounding of what is published would bound that.
         """
         key = self.regions_digest.encode("ascii")
-        return f"sha256:{hmac.digest(key, canonical_json(self.sheet), 'sha256').hex()}"
+        return f"sha256:{hmac.digest(key, self.exact_json, 'sha256').hex()}"
+
+    @cached_property
+    def exact_json(self) -> bytes:
+        """The exact sheet in canonical JSON."""
+        return canonical_json(self.sheet)
 
 
 class RejectedUpload(Exception):  # noqa: N818 - the file is wrong, not the program
@@ -126,17 +139,45 @@ class Stages:
         digest, target = self._with_answers(target)
         measurement_key = self._measurement_key(target, digest)
         sheet_key = _graded_key("sheet", measurement_key, target)
-        sheet = self._kept_sheet(sheet_key)
-        if sheet is None:
-            sheet = self._grade(target, measurement_key)
-            self._private.write(Shelf.SHEETS, sheet_key, canonical_json(sheet))
+        kept = self._kept_sheet(sheet_key)
+        sheet = self._grade(target, measurement_key) if kept is None else kept
         protocol = target.protocol
         refs = {
             "protocol": ProtocolRef(version=protocol.version, digest=protocol.digest),
             "split": target.split.manifest.ref,
         }
         found = sheet.model_copy(update=refs)
-        return Scored(found, measurement_key, target.split.regions_digest)
+        scored = Scored(found, measurement_key, target.split.regions_digest)
+        if kept is None:
+            self._private.write(Shelf.SHEETS, sheet_key, scored.exact_json)
+        return scored
+
+    def settled(self, target: Target) -> Settled:
+        """Return what no required clearance changes in the sheet of an upload.
+
+        Raises:
+            RejectedUpload: The upload has faults.
+        """
+        digest, target = self._with_answers(target)
+        return self._settled(target, self._measurement_key(target, digest))
+
+    def _settled(self, target: Target, measurement_key: str) -> Settled:
+        """Kept where the challenge can grade the rest from it."""
+        split, scoring = target.split, self._scoring_of(target)
+        is_kept, key = scoring.regrading is not None, _settled_key(measurement_key, target)
+        kept = self._private.read_columns(Shelf.SETTLED, key) if is_kept else None
+        if kept is not None:
+            with suppress(ValidationError):  # written by another version
+                return Settled.from_columns(kept)
+        of_controls = None
+        if len(split.control_rows):
+            answers = _rows(self.answers(target), split.control_rows)
+            of_controls = scoring.of_controls(answers, target.protocol)
+        measured, ref = self._measured(target, measurement_key), split.manifest.ref
+        settled = settle(scoring, measured, split.arrays, ref, target.protocol, of_controls)
+        if is_kept:
+            self._private.write_columns(Shelf.SETTLED, key, settled.columns())
+        return settled
 
     def measurements(self, target: Target) -> Columns:
         """Return the measurements of an upload.
@@ -266,19 +307,9 @@ class Stages:
             return None  # written by another version
 
     def _grade(self, target: Target, measurement_key: str) -> ScoreSheet:
-        split, scoring = target.split, self._scoring_of(target)
-        of_controls = None
-        if len(split.control_rows):
-            answers = _rows(self.answers(target), split.control_rows)
-            of_controls = scoring.of_controls(answers, target.protocol)
-        return exact_sheet(
-            scoring,
-            self._measured(target, measurement_key),
-            split.arrays,
-            split.manifest.ref,
-            target.protocol,
-            of_controls,
-        )
+        split, settled = target.split, self._settled(target, measurement_key)
+        ref = split.manifest.ref
+        return graded_sheet(self._scoring_of(target), settled, split.arrays, ref, target.protocol)
 
 
 def _rows(answers: Columns, rows: IntArray | None) -> Columns:
@@ -301,6 +332,17 @@ def _read_key(target: Target) -> str:
         manifest.name,
         str(target.protocol.geometry.waypoints),
         target.split.samples_digest,
+    )
+
+
+def _settled_key(measurement_key: str, target: Target) -> str:
+    return content_key(
+        "settled",
+        SCORER_VERSION,
+        target.challenge.id,
+        measurement_key,
+        target.protocol.plausibility_digest,
+        target.split.groups_digest,
     )
 
 

@@ -39,6 +39,8 @@ class Shelf(StrEnum):
     """What was submitted, as columns in the split's order; the key is their own digest."""
     MEASUREMENTS = "measurements"
     """Per sample: clearance, intrusion, shifts. Key: answers, regions, geometry."""
+    SETTLED = "settled"
+    """What no required clearance changes in a sheet. Key: measurement, plausibility, groups."""
     SHEETS = "sheets"
     """Exact totals and breakdown. Key: measurement, grading, tasks of the split."""
     SUMS = "sums"
@@ -99,10 +101,10 @@ class PrivateStore:
 
     def read(self, shelf: Shelf, key: str) -> bytes | None:
         """Return the bytes kept under `key`, or None where they are absent or damaged."""
-        path = self._path(shelf, key)
         try:
-            framed = path.read_bytes()
-            _note_use(path)
+            with open(self._path(shelf, key), "rb", buffering=0) as file:
+                framed = file.read()
+                _note_use(file.fileno())
         except FileNotFoundError:
             return None
         digest, data = framed[:_DIGEST_BYTES], framed[_DIGEST_BYTES:]
@@ -139,14 +141,14 @@ class PrivateStore:
             except FileNotFoundError:
                 continue
 
-    def _path(self, shelf: Shelf, key: str) -> Path:
-        return self.root / shelf / key
+    def _path(self, shelf: Shelf, key: str) -> str:
+        return os.path.join(self.root, shelf, key)
 
 
-def _note_use(path: Path) -> None:
-    """Let the file's time tell, to a day, when it was last used: pruning begins with the oldest."""
-    if time.time() - path.stat().st_mtime > _USED_TO_S:
-        os.utime(path)
+def _note_use(file: int) -> None:
+    """Let the open file's time tell, to a day, when it was last used: pruning begins with the oldest."""
+    if time.time() - os.fstat(file).st_mtime > _USED_TO_S:
+        os.utime(file)
 
 
 VERIFY_PREFIX = "verify-"

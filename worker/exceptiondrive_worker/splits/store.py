@@ -15,6 +15,7 @@ from collections import Counter
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -77,7 +78,13 @@ class LoadedSplit:
         ids = self.manifest.sample_ids
         return tuple(ids) if self.rows is None else tuple(ids[row] for row in self.rows.tolist())
 
-    @property
+    @cached_property
+    def groups_digest(self) -> str:
+        """Digest of which samples are summed together, and of which are controls."""
+        groups = (self.arrays.task_index, self.arrays.family_index)
+        return array_digest(*groups, self.control_rows)
+
+    @cached_property
     def rows_digest(self) -> str | None:
         """Digest of which samples count; None where all do."""
         return None if self.rows is None else array_digest(self.rows)
