@@ -119,13 +119,11 @@ def test_pip_installs_the_client_from_the_server_alone(
     system: System, tmp_path: Path, way: str
 ) -> None:
     """As on a closed network: nothing but the server is asked, here without the dependencies."""
-    venv.create(tmp_path / "bare", with_pip=True)
-    python = str(tmp_path / "bare/bin/python")
+    venv.create(tmp_path / "bare")
+    pip = [sys.executable, "-m", "pip", "--python", str(tmp_path / "bare/bin/python")]
     options = way.format(system.url).split()
     command = [
-        python,
-        "-m",
-        "pip",
+        *pip,
         "install",
         "--no-deps",
         "--isolated",
@@ -135,7 +133,7 @@ def test_pip_installs_the_client_from_the_server_alone(
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     listed = subprocess.run(
-        [python, "-m", "pip", "list", "--format", "json"],
+        [*pip, "list", "--format", "json"],
         capture_output=True, text=True, check=True,
     )  # fmt: skip
     assert "exceptiondrive" in {one["name"] for one in json.loads(listed.stdout)}

@@ -202,8 +202,9 @@ def open_folder() -> Iterator[Path]:
 def doctor_as(user: int, withheld: Path) -> str:
     """What the command says of a folder to a user of the machine."""
     code = (
-        "import os, sys; from exceptiondrive_server.operations import doctor;"  # while it can read
-        "from exceptiondrive_server.operations.cli import main;"
+        "import os, sys; from exceptiondrive_server.operations.cli import main;"
+        # whatever is imported later, while it can read: the other user may not enter this Python
+        "from exceptiondrive_server.operations.doctor import redis; redis.Redis();"
         "user = int(sys.argv.pop(1)); os.setgroups([]); os.setgid(user); os.setuid(user); main()"
     )
     words = [str(user), "doctor", "--data", "/nowhere", "--withheld", str(withheld)]

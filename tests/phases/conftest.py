@@ -221,7 +221,10 @@ def life(database_url: str, tmp_path: Path, snapshots: Snapshots) -> Iterator[Li
         "file_store_url": (tmp_path / "uploads").as_uri(),
     }
     worker = WorkerSettings(
-        splits_dir=tmp_path / "splits", private_dir=tmp_path / "private", **common
+        splits_dir=tmp_path / "splits",
+        private_dir=tmp_path / "private",
+        retry_backoff_s=0.01,  # `work` does what it can until nothing is left, and waits for it
+        **common,
     )
     server = ServerSettings(receipt_key_file=tmp_path / "key.pem", **common)
     app = create_app(server)

@@ -16,6 +16,8 @@ from urllib.parse import unquote, urlsplit
 
 import redis
 from kombu.utils.url import parse_url
+from redis.backoff import NoBackoff
+from redis.retry import Retry
 from sqlalchemy import make_url, select, text
 from sqlalchemy.exc import SQLAlchemyError
 
@@ -249,10 +251,14 @@ def _broker(url: str) -> Iterator[Finding]:
         yield Finding(Severity.OK, "the broker answers and evicts nothing")
 
 
+_ONCE = Retry(NoBackoff(), 0)
+"""On a Unix socket redis-py would try a broker that is away for five seconds; over TCP it does not."""
+
+
 def _client(url: str) -> redis.Redis:
     if url.startswith("redis+socket://"):
         path = "/" + str(parse_url(url)["virtual_host"]).lstrip("/")
-        return redis.Redis(unix_socket_path=path, socket_timeout=2)
+        return redis.Redis(unix_socket_path=path, socket_timeout=2, retry=_ONCE)
     return redis.Redis.from_url(url, socket_timeout=2, socket_connect_timeout=2)
 
 
