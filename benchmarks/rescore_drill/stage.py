@@ -63,7 +63,7 @@ def prepare_records(
                 title="Drill",
                 split="carla-pairs",
                 protocol="1.0",
-                quota_per_day=100_000,
+                quota_per_day=10_000,
                 quota_total=None,
                 rejected_per_day=10_000,
             ),

@@ -8,6 +8,7 @@ from sqlalchemy.orm import Session
 
 from benchmarks.rescore_drill.reader import Reader
 from exceptiondrive_records.audit.log import count_audit_lines, verify_audit
+from exceptiondrive_records.boards.boards import served_body
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.operations.invariants import unfinished, violations
@@ -61,8 +62,8 @@ def demand_end_state(
         verdict = verify_audit(session)
         demand(verdict.is_whole, f"the audit chain breaks at line {verdict.broken_at}")
         recorded = {
-            hashlib.sha256(body.encode()).hexdigest()
-            for body in session.scalars(select(BoardRow.body))
+            hashlib.sha256(served_body(row).encode()).hexdigest()
+            for row in session.scalars(select(BoardRow))
         }
     demand(not reader.torn, f"a reader saw something else than a board: {reader.torn[:3]}")
     demand(reader.digests <= recorded, "a reader saw a board that is not recorded")
