@@ -23,20 +23,27 @@ from sqlalchemy.util import LRUCache
 from exceptiondrive_records.db import database
 
 HEAVIEST = (
-    "tests/chaos/test_faults_sqlite_1.py",
     "tests/chaos/test_faults_sqlite_2.py",
-    "tests/end_to_end/test_on_the_sample.py",
-    "tests/rescoring/test_organizer_in_a_browser.py",
+    "tests/chaos/test_faults_sqlite_1.py",
     "tests/server/pages/test_in_a_browser.py",
-    "tests/access/test_real_server.py",
-    "tests/operating/test_running_server.py",
-    "tests/records/test_lifecycle_machine.py",
-    "tests/phases/test_in_a_browser.py",
     "tests/server/test_openapi.py",
-    "tests/end_to_end/test_main_job.py",
+    "tests/access/test_real_server.py",
+    "tests/end_to_end/test_on_the_sample.py",
+    "tests/end_to_end/test_quick_start.py",
+    "tests/phases/test_kept_pages.py",
     "tests/chaos/test_faults_postgres.py",
+    "tests/operating/test_bare_walk.py",
+    "tests/end_to_end/test_main_job.py",
     "tests/operating/test_production_topology.py",
+    "tests/phases/test_in_a_browser.py",
+    "tests/end_to_end/test_season.py",
+    "tests/phases/test_hidden.py",
+    "tests/records/test_lifecycle_machine.py",
     "tests/worker/test_with_real_broker.py",
+    "tests/launcher/test_launch.py",
+    "tests/rescoring/test_organizer_in_a_browser.py",
+    "tests/end_to_end/test_building_a_split.py",
+    "tests/operating/test_running_server.py",
 )
 """More than 20 s each, by measurement."""
 # None: as OpenSSL was built; others as the HTTP libraries choose, which take the environment's word
