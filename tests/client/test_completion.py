@@ -79,7 +79,7 @@ def test_ids_of_the_team_are_offered(running: "Running", planning_file: object) 
     }
     line = f"exceptiondrive status {own[:3]}"
     assert completed("bash", line, **environment).stdout.split() == [own]
-    assert f'"{own}":"Planner, queued"' in completed("zsh", line, **environment).stdout
+    assert f'"{own}":"Planner, received"' in completed("zsh", line, **environment).stdout
 
 
 def test_organizers_are_offered_teams(running: "Running") -> None:

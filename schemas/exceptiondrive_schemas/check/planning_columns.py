@@ -93,7 +93,7 @@ def _are_short(
     if max(sizes, default=0) + len(BARE_PREDICTION) + n_blanks <= MAX_VALUE_CHARACTERS:
         return True
     predictions = WHOLE_PREDICTIONS.decode(text).predictions
-    return max(len(bytes(each)) for each in predictions) <= MAX_VALUE_CHARACTERS
+    return all(len(bytes(each)) <= MAX_VALUE_CHARACTERS for each in predictions)
 
 
 def _side(texts: Sequence[bytes], n_waypoints: int) -> Side | None:
