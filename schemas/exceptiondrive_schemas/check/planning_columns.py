@@ -88,9 +88,10 @@ def _are_short(
     text: bytes, sample_ids: Sequence[str], sources: Sequence[bytes], edits: Sequence[bytes]
 ) -> bool:
     """Whether no prediction is longer than the precise checker takes, blanks included."""
-    sizes = [sum(map(len, parts)) for parts in zip(sample_ids, sources, edits, strict=True)]
-    n_blanks = len(text) - sum(sizes) - len(BARE_PREDICTION) * len(sizes)
-    if max(sizes, default=0) + len(BARE_PREDICTION) + n_blanks <= MAX_VALUE_CHARACTERS:
+    parts = (sample_ids, sources, edits)
+    longest = len(BARE_PREDICTION) + sum(max(map(len, part), default=0) for part in parts)
+    n_bare = len(BARE_PREDICTION) * len(sample_ids) + sum(sum(map(len, part)) for part in parts)
+    if longest + len(text) - n_bare <= MAX_VALUE_CHARACTERS:  # blanks, were they all in one
         return True
     predictions = WHOLE_PREDICTIONS.decode(text).predictions
     return all(len(bytes(each)) <= MAX_VALUE_CHARACTERS for each in predictions)
