@@ -49,7 +49,8 @@ def headline(board: Board | None, challenge: Challenge, n_tasks: int, digits: Di
         return Headline(words.headline.question, ("No board has been published yet.",), ())
     ranked = [entry for entry in board.entries if entry.rank is not None]
     n_listed = sum([is_listed(entry) for entry in board.entries])
-    note = f"{words.subjects} ranked" + ("" if ranked else " yet")
+    subject = words.subject if len(ranked) == 1 else words.subjects
+    note = f"{subject} ranked" + ("" if ranked else " yet")
     note += f", {n_listed} without a rank" if n_listed else ""
     facts = (
         Fact("Samples scored", grouped(board.n_samples), words.sample_note),

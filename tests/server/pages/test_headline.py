@@ -57,6 +57,12 @@ def test_the_facts_count_what_stands_on_the_board(lively_board: Board) -> None:
     }
 
 
+def test_one_planner_is_one(lively_board: Board) -> None:
+    (first,) = (entry for entry in lively_board.entries if entry.rank == 1)
+    board = lively_board.model_copy(update={"entries": (first,)})
+    assert headline(board, PLANNING, 21, Digits()).facts[2].note == "planner ranked"
+
+
 @pytest.mark.parametrize("flags", [(), ("stands_still",)])
 def test_what_takes_no_rank_is_counted_whyever(lively_board: Board, flags: tuple[str, ...]) -> None:
     *_, last = (entry for entry in lively_board.entries if entry.rank is not None)
