@@ -38,7 +38,7 @@ from benchmarks.load_traffic import FLOOD, Readers, Reading, Uploads, arrivals, 
 from benchmarks.report import note
 from exceptiondrive_records.accounts.tokens import issue_token
 from exceptiondrive_records.boards.tables import BoardRow
-from exceptiondrive_records.operations.invariants import unfinished, violations
+from exceptiondrive_records.operations.invariants import violations
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import create_team
@@ -79,7 +79,6 @@ class Rush:
     jobs: list[ScoredJob] = field(default_factory=list)
     taken_s: float = 0.0
     drained_s: float = 0.0
-    described_s: float = 0.0
     attempts: int = 0
     boards: int = 0
     last_build_s: float | None = None
@@ -162,8 +161,6 @@ def _rush(topology: Topology, plan: Plan) -> Rush:
     watcher.join()
     rush.reader = next(iter(readers.values())).tool
     rush.readings = {name: reader.stop() for name, reader in readers.items()}
-    topology.wait_until(lambda: _is_done(topology), "files to be described", timeout_s=3600)
-    rush.described_s = time.monotonic() - began
     _read_records(topology, rush)
     return rush
 
@@ -197,11 +194,6 @@ def _is_ranked(topology: Topology) -> bool:
     waits = [kind.state.in_(OPEN_STATES) for kind in (Job, BoardRequest)]
     with topology.database.read() as session:
         return not any(session.scalar(select(exists().where(each))) for each in waits)
-
-
-def _is_done(topology: Topology) -> bool:
-    with topology.database.read() as session:
-        return not unfinished(session)
 
 
 def _read_records(topology: Topology, rush: Rush) -> None:
@@ -256,7 +248,7 @@ def _section(rush: Rush) -> str:
         "",
         f"- Accepted {len(seen.took_s)} of {plan.uploads} in {rush.taken_s:.0f} s "
         + f"({len(seen.took_s) / rush.taken_s:.1f}/s); all scored after {rush.drained_s:.0f} s "
-        + f"({len(jobs) / rush.drained_s:.1f}/s), described after {rush.described_s:.0f} s.",
+        + f"({len(jobs) / rush.drained_s:.1f}/s).",
         f"- Sent away, by status: {seen.refused or 'nobody'}; without `Retry-After`: "
         + f"{seen.refusals_without_retry_after}.",
         f"- {looks} looks at page and board by {rush.reader}, {errors} failed; "

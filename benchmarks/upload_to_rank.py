@@ -32,7 +32,7 @@ from exceptiondrive_records.accounts.tokens import issue_token
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, Profile, WorkItem
+from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkItem
 from exceptiondrive_schemas.api.phase_settings import NewPhase
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_worker.sample.files import OPEN_FLOORS
@@ -102,8 +102,8 @@ def _upload_all(http: httpx.Client, files: list[bytes], records: Database) -> No
 
 
 def _wait_until_all_is_done(records: Database) -> None:
-    """Wait until every file is scored and described and stands on a board; no server is asked."""
-    kinds = [kind.__mapper__.polymorphic_identity for kind in (Job, BoardRequest, Profile)]
+    """Wait until every file is scored and stands on a board; no server is asked."""
+    kinds = [kind.__mapper__.polymorphic_identity for kind in (Job, BoardRequest)]
     is_open = WorkItem.kind.in_(kinds) & WorkItem.state.in_(OPEN_STATES)
     while True:
         with records.read() as session:

@@ -496,9 +496,16 @@ class Client(Connection):
         """Return a submission to follow."""
         return Submission(self, self.status(submission_id))
 
-    def status(self, submission_id: str) -> SubmissionView:
-        """Return where a submission stands, by its id or the address of its page."""
-        return self._get(SubmissionView, self._path_of(submission_id))
+    def status(self, submission_id: str, *, profile: bool = False) -> SubmissionView:
+        """Return where a submission stands, by its id or the address of its page.
+
+        Args:
+            submission_id: Id or address.
+            profile: Ask, too, what its scored planning file looks like: `report.profile`, which
+                `awaits_profile` until it is worked out.
+        """
+        query = {"profile": True} if profile else None
+        return self._get(SubmissionView, self._path_of(submission_id), query)
 
     def _path_of(self, submission: str) -> str:
         return f"/submissions/{quoted(self._id_of(submission))}"

@@ -299,6 +299,8 @@ class Challenge(Document):
     """Metrics over the controls of a split: in the total `micro` alone, where it has controls."""
     has_waypoints: bool = False
     """Whether its files hold as many waypoints as the protocol says."""
+    has_profile: bool = False
+    """Whether what its files look like can be told (`check.source_fit`)."""
     is_ordered_by_protocol: bool = False
     """Whether every protocol must say what ranks it; else `primary_order` does where it does not.
     For a challenge that came after the first protocols were stored, which never change."""
@@ -355,6 +357,7 @@ PLANNING = Challenge(
     words=PLANNING_WORDS,
     is_ordered_by_protocol=True,
     has_waypoints=True,
+    has_profile=True,
     metrics=(
         Metric(
             key="hcc",

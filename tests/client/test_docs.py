@@ -117,10 +117,12 @@ def test_the_sdk_of_the_document_runs_and_says_what_the_commands_say(
     split = ("--split", "sample.split.json")
     assert told(names["report"]) == said("check", "planner.json.gz")
     assert told(names["sheet"]) == said("evaluate", "planner.json.gz", *split)
-    assert told(names["view"]) == said("status", names["view"].id)
     assert names["view"].rank == 1
     assert told(names["board"]) == said("leaderboard", "--phase", "dev")
     assert [told(each) for each in names["mine"]] == said("submissions")
+    shown = said("status", names["view"].id)
+    assert shown.pop("awaits_profile"), "the command asks, too, what the file looks like"
+    assert told(names["view"]) == {**shown, "awaits_profile": False}
 
 
 def test_the_planner_of_the_quickstart_writes_a_sound_file(

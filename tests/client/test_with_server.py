@@ -61,6 +61,7 @@ def test_from_file_to_rank(working: "Running", planning_file: MakeFile, split_fi
     view = json.loads(done.stdout)
     assert (view["status"], view["rank"], view["team"]) == ("scored", 1, "Alpha")
     told = json.loads(run(working, "check", path, "--phase", "dev", "--json").stdout)
+    assert view["report"] is None, "whoever submitted was told before"
     while (seen := json.loads(run(working, "status", view["id"], "--json").stdout))[
         "awaits_profile"
     ]:

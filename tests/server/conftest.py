@@ -135,7 +135,7 @@ class Api:
         with self.database.write() as session:
             add_phase(session, phase_id, **more)
 
-    def score(self, submission_id: str, hcc: float = 0.5, *, has_profile: bool = False) -> None:
+    def score(self, submission_id: str, hcc: float = 0.5) -> None:
         """Do what a worker does when it has scored."""
         with self.database.write() as session:
             job = session.query(Job).filter_by(submission_id=submission_id).one()
@@ -149,7 +149,6 @@ class Api:
                 exact_digest="sha256:exact",
                 measurement_key="m",
                 scorer_version="1",
-                has_profile=has_profile,
             )
 
     def describe(self, report: "CheckReport") -> None:

@@ -6,13 +6,13 @@ from datetime import timedelta
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from sqlalchemy import update
+from sqlalchemy import select, update
 from tests.support.work import claim_this
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work import jobs
-from exceptiondrive_records.work.tables import BoardRequest, Job, WorkState
+from exceptiondrive_records.work.tables import BoardRequest, Job, Profile, WorkState
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.faults import CheckReport, Fault, FaultCode, FaultGroup
 from exceptiondrive_schemas.file_profile import FileProfile
@@ -123,7 +123,7 @@ def test_the_page_of_a_scored_file_says_what_it_looks_like(
 ) -> None:
     place = alpha.submit("a").headers["location"]
     report = REPORT.model_copy(update={"faults": (), "profile": SLOW})
-    api.score(place.removeprefix("/submissions/"), has_profile=True)
+    api.score(place.removeprefix("/submissions/"))
     with api.database.write() as session:  # the board is there: the page waits for the file alone
         session.execute(update(BoardRequest).values(state=WorkState.DONE))
     waiting = " ".join(alpha.get(place).text.split())
@@ -419,3 +419,28 @@ def test_an_empty_file_and_a_missing_field_are_refused_in_place(alpha: "TeamBrow
     assert answer.status_code == 400
     assert "<li><b>method</b>:" in answer.text
     assert ">Still here.</textarea>" in answer.text
+
+
+def test_what_a_file_looks_like_is_worked_out_for_who_asks(
+    api: "Api", alpha: "TeamBrowser"
+) -> None:
+    def n_asked() -> int:
+        with api.database.read() as session:
+            return session.query(Profile).count()
+
+    place = alpha.submit("a").headers["location"]
+    name = place.removeprefix("/submissions/")
+    alpha.get(place)
+    assert n_asked() == 0, "a score comes first"
+    api.score(name)
+    assert not api.get(f"/submissions/{name}", "alpha").json()["awaits_profile"]
+    assert n_asked() == 0, "a program that waits for its score asks for no more"
+    assert api.get(f"/submissions/{name}?profile=true", "alpha").json()["awaits_profile"]
+    alpha.get(place)
+    assert n_asked() == 1
+    with api.database.write() as session:
+        session.execute(update(Profile).values(state=WorkState.FAILED))
+    assert "This is being worked out" not in alpha.get(place).text
+    assert not api.get(f"/submissions/{name}?profile=true", "alpha").json()["awaits_profile"]
+    with api.database.read() as session:
+        assert session.scalars(select(Profile.state)).all() == [WorkState.FAILED]

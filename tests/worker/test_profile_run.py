@@ -1,4 +1,4 @@
-"""What a scored file looks like is told after the score, which waits for nothing."""
+"""What a scored file looks like is told to who asks, after the scores, which wait for nothing."""
 
 from collections.abc import Callable
 from datetime import timedelta
@@ -6,15 +6,16 @@ from typing import Any
 
 import pytest
 from sqlalchemy import select, update
-from tests.support.worker import score_submission
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.views import view
-from exceptiondrive_records.work.profiles import give_up_profiles
+from exceptiondrive_records.work.lease import new_item
+from exceptiondrive_records.work.profiles import ask_for_profile, give_up_profiles
 from exceptiondrive_records.work.tables import Job, Profile, WorkState
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.profile_run import describe_next
 from exceptiondrive_worker.work import work
@@ -35,6 +36,11 @@ def profile_of(world: World, submission_id: str) -> Profile:
         return item
 
 
+def ask(world: World, submission_id: str) -> None:
+    with world.database.write() as session:
+        ask_for_profile(session, submission_id)
+
+
 def awaits_profile(world: World, submission_id: str) -> bool:
     with world.database.read() as session:
         return view(session, world.submission(submission_id)).awaits_profile
@@ -45,6 +51,10 @@ def test_a_scored_file_is_described_once_for_its_team(
 ) -> None:
     submission_id = phase.score(planning_file(tiny))
     assert phase.submission(submission_id).status is SubmissionStatus.SCORED
+    assert not describe_next(phase.context), "nobody asked"
+    assert not awaits_profile(phase, submission_id)
+    ask(phase, submission_id)
+    ask(phase, submission_id)
     assert phase.submission(submission_id).report is None
     assert awaits_profile(phase, submission_id)
     assert describe_next(phase.context)
@@ -59,7 +69,8 @@ def test_a_scored_file_is_described_once_for_its_team(
 
 def test_scores_come_before_profiles(phase: World, tiny: Split, planning_file: MakeFile) -> None:
     for n, team in enumerate(("alpha", "beta", "gamma"), 1):
-        phase.submit(planning_file(tiny, edited_mps=float(n)), team=team)
+        submission_id, _ = phase.submit(planning_file(tiny, edited_mps=float(n)), team=team)
+        ask(phase, submission_id)
     while work(phase.context, Lane.LIVE):
         pass
     with phase.database.read() as session:
@@ -69,21 +80,36 @@ def test_scores_come_before_profiles(phase: World, tiny: Split, planning_file: M
     assert max(scored) <= min(described)
 
 
-def test_the_file_of_a_rescoring_is_not_described_again(
+def test_a_rescored_file_is_looked_at_once(
     phase: World, tiny: Split, planning_file: MakeFile
 ) -> None:
-    submission_id, job_id = phase.submit(planning_file(tiny))
+    submission_id = phase.score(planning_file(tiny))
+    team_id = phase.submission(submission_id).team_id
     with phase.database.write() as session:
-        session.execute(update(Job).values(is_first=False))
-    score_submission(phase.context, job_id)
+        again = new_item(
+            Job,
+            "again",
+            database_now(session),
+            lane=Lane.RESCORE,
+            submission_id=submission_id,
+            team_id=team_id,
+            protocol_digest=packaged_protocol().digest,
+            split_revision=tiny.revision,
+            is_first=False,
+        )
+        session.add(again)
+    ask(phase, submission_id)
+    assert profile_of(phase, submission_id).protocol_digest == packaged_protocol().digest
+    assert describe_next(phase.context)
+    assert phase.submission(submission_id).report.profile is not None
     assert not describe_next(phase.context)
-    assert phase.submission(submission_id).report is None
 
 
 def test_a_withdrawn_submission_is_told_nothing(
     phase: World, tiny: Split, planning_file: MakeFile
 ) -> None:
     submission_id = phase.score(planning_file(tiny))
+    ask(phase, submission_id)
     with phase.database.write() as session:
         withdraw(session, submission_id, actor="alpha")
     assert describe_next(phase.context)
@@ -94,6 +120,7 @@ def test_a_file_that_cannot_be_described_stays_scored(
     phase: World, tiny: Split, planning_file: MakeFile
 ) -> None:
     submission_id = phase.score(planning_file(tiny))
+    ask(phase, submission_id)
     (phase.settings.splits_dir / tiny.name / "split.json").unlink()
     phase.reopen_context()
     for _ in range(phase.settings.max_attempts):
@@ -109,6 +136,7 @@ def test_a_file_that_ends_its_worker_each_time_is_given_up(
     phase: World, tiny: Split, planning_file: MakeFile
 ) -> None:
     submission_id = phase.score(planning_file(tiny))
+    ask(phase, submission_id)
     with phase.database.write() as session:
         past = database_now(session) - timedelta(hours=1)
         session.execute(

@@ -1,7 +1,7 @@
 """The profile run: what a scored planning file looks like, in the client's own words.
 
-It is for who uploads with a browser; the client says the same before anything is sent. No score
-waits for it.
+It is for who opens the page of a submission, or asks for it by the API; the client says the same before
+anything is sent. No score waits for it.
 """
 
 from __future__ import annotations  # array[float] is no runtime type before 3.12
@@ -19,7 +19,7 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.lease import try_later
 from exceptiondrive_records.work.profiles import claim_profile, finish_profile
 from exceptiondrive_records.work.tables import Profile
-from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.check.answers import TrajectoryPair
 from exceptiondrive_schemas.check.source_fit import file_profile
 from exceptiondrive_schemas.faults import CheckReport
@@ -30,9 +30,6 @@ from exceptiondrive_scoring.arrays import TrajectoryPairs
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.failures import Failure, job_boundary
 from exceptiondrive_worker.stages import Stages, Target
-
-PROFILED = frozenset({PLANNING.id})
-"""Challenges whose files have a profile: trajectories beside recorded drives."""
 
 _log = structlog.get_logger("exceptiondrive.worker")
 

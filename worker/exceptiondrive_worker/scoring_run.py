@@ -33,7 +33,6 @@ from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.failures import Failure, job_boundary, places
-from exceptiondrive_worker.profile_run import PROFILED
 from exceptiondrive_worker.splits.faults import SplitRefusedError
 from exceptiondrive_worker.splits.floors import FloorsUnreadableError
 from exceptiondrive_worker.splits.floors_held import (
@@ -162,7 +161,6 @@ def _score(context: WorkerContext, job: Job) -> None:
                 exact_digest=scored.digest,
                 measurement_key=scored.measurement_key,
                 scorer_version=SCORER_VERSION,
-                has_profile=challenge.id in PROFILED,
             )
         _log.info("scored", **_ids(job), outcome=outcome.value)
 

@@ -158,7 +158,7 @@ def status(
     Exit code 0 whenever it could be shown, whatever its status.
     """
     with open_client(server) as client:
-        view = client.status(submission_id)
+        view = client.status(submission_id, profile=True)
         if json:
             show_document(view)
         else:

@@ -134,6 +134,8 @@ def submission_view(
         yield from report_view(view.report)
     elif view.report is not None and with_file:
         yield from file_view(view.report)
+    elif view.awaits_profile and with_file:
+        yield "What the file looks like is being worked out: ask again in a moment."
     if question := question_of(view):
         yield question
     if view.is_asked:

@@ -90,7 +90,8 @@ class SubmissionView(Document):
     awaits_board: bool = False
     """It is scored, and the board that will show it is being built."""
     awaits_profile: bool = False
-    """It is scored, and what its file looks like (`report.profile`) is being worked out."""
+    """It is scored, and what its file looks like (`report.profile`), for which somebody asked, is being
+    worked out."""
     is_duplicate: bool = False
     """The same bytes were there before: this is the first submission, and no quota was spent."""
     is_late: bool = False

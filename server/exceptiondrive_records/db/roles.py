@@ -107,7 +107,7 @@ WORK_RIGHTS = MappingProxyType(
         "board": (RIU, RIU, RIU),
         "delivery": (RIUD, RI, RIU),
         "lead": (R, NONE, RIUD),
-        "profile": (R, RIU, RU),  # workers alone ask for it, with the first score
+        "profile": (RI, RU, RU),
         "recheck": (RIU, RU, RU),
         "trial": (RI, RU, R),  # see `_ASKED_FOR`
         "score": (RIUD, RU, RIUD),  # workers score what others ask for

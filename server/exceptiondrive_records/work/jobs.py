@@ -15,7 +15,6 @@ from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.fair_share import fair_order, waits
 from exceptiondrive_records.work.lease import claim, finish, new_item, try_later
-from exceptiondrive_records.work.profiles import ask_for_profile
 from exceptiondrive_records.work.tables import OPEN_STATES, Job, WorkState
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.faults import CheckReport
@@ -109,7 +108,6 @@ def finish_scored(
     exact_digest: str,
     measurement_key: str,
     scorer_version: str,
-    has_profile: bool = False,
 ) -> Finish:
     """Record a score sheet: job, sheet, status, audit line and board request, or none of them.
 
@@ -120,7 +118,6 @@ def finish_scored(
         exact_digest: Of the unrounded sheet, which stays with the worker, keyed by the regions.
         measurement_key: Key of the measurements in the worker's private store.
         scorer_version: Which code scored.
-        has_profile: Whether a file of this challenge is looked at afterwards, once.
     """
     if not finish(session, job):
         return Finish.LEASE_LOST
@@ -144,8 +141,6 @@ def finish_scored(
         )
     if job.is_first:
         _set_status(session, job.submission_id, SubmissionStatus.SCORED)
-        if has_profile:
-            ask_for_profile(session, job)
     phase = session.scalars(_PHASE_OF_SUBMISSION, {"submission": job.submission_id}).one()
     is_shown = key[1:] == (phase.protocol_digest, phase.split_revision)
     if job.is_first or is_shown:  # a draft's board is asked for once, at its end

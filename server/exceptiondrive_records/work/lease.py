@@ -76,6 +76,14 @@ def ask(
     upsert(session, kind, values, _ASKED_AGAIN, takes=("lane",), keys=("kind", "key"))
 
 
+def ask_once(
+    session: Session, kind: type[WorkItem], key: str, *, lane: Lane | None = None, **columns: object
+) -> None:
+    """Ask for something to be done, unless it was asked for before."""
+    values = _new_values(kind, key, database_now(session), lane=lane) | columns
+    insert_if_absent(session, kind, **values)
+
+
 def is_free(kind: type[WorkItem], now: Moment) -> ColumnElement[bool]:
     """Whether nobody has an item: it waits, or its lease has run out."""
     is_expired = and_(kind.state == WorkState.LEASED, kind.lease_until < now)

@@ -1,28 +1,35 @@
-"""Profiles of scored files: what a file looks like is worked out after its score."""
+"""Profiles of scored files: what a file looks like is worked out when its team asks."""
 
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.work.lease import ask, claim_oldest, finish, is_free
+from exceptiondrive_records.work.lease import ask_once, claim_oldest, finish, is_free
 from exceptiondrive_records.work.tables import OPEN_STATES, Job, Profile, WorkState
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
 
 
-def ask_for_profile(session: Session, job: Job) -> None:
-    """Let the file of a job be looked at, under what the job was scored under."""
-    ask(
+def ask_for_profile(session: Session, submission_id: str) -> None:
+    """Let a scored file be looked at, once, under what it was first scored under."""
+    first = select(Job).where(Job.submission_id == submission_id, Job.is_first)
+    job = session.scalars(first).one()
+    ask_once(
         session,
         Profile,
-        job.submission_id,
+        submission_id,
         lane=Lane.LIVE,
-        submission_id=job.submission_id,
+        submission_id=submission_id,
         protocol_digest=job.protocol_digest,
         split_revision=job.split_revision,
     )
+
+
+def was_profile_asked_for(session: Session, submission_id: str) -> bool:
+    """Whether anybody asked what a file looks like, whatever came of it."""
+    return session.scalar(select(Profile.id).where(Profile.key == submission_id)) is not None
 
 
 def claim_profile(session: Session, lease_s: float, max_attempts: int) -> Profile | None:

@@ -30,6 +30,7 @@ from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.api.submission import SubmissionPage, SubmissionStatus, SubmissionView
 from exceptiondrive_schemas.method_facts import SubmissionChange, SubmissionEditView
 from exceptiondrive_server.submissions.download import own_upload
+from exceptiondrive_server.submissions.profile import asked_for_profile
 from exceptiondrive_server.submissions.upload import (
     confirmed_upload,
     received_upload,
@@ -147,17 +148,25 @@ def get_submissions(
     responses={200: QUOTA_HEADERS, **problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND)},
 )
 def get_submission(
-    response: Response, services: ServicesOf, principal: Reader, submission_id: SubmissionId
+    response: Response,
+    services: ServicesOf,
+    principal: Reader,
+    submission_id: SubmissionId,
+    profile: Annotated[
+        bool, Query(description="let what a scored file looks like be worked out: `report.profile`")
+    ] = False,
 ) -> SubmissionView:
     """Show where a submission stands; another team's is not found.
 
-    The headers say what its team may still submit in the phase.
+    The headers say what its team may still submit in the phase. What a scored planning file looks like
+    is worked out once somebody asks for it here or opens its page; `awaits_profile` until it is there.
     """
     with services.database.read() as session:
         found = find_submission(session, submission_id, team_id=own_team(principal))
         quota = quota_of(session, found.team_id, find_phase(session, found.phase_id))
         response.headers.update(quota_headers(quota))
-        return view(session, found)
+        seen = view(session, found)
+    return asked_for_profile(services, seen) if profile else seen
 
 
 @router.get(

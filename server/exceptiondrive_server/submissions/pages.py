@@ -38,6 +38,7 @@ from exceptiondrive_server.boards.queries import featured_protocol, phase_link
 from exceptiondrive_server.guide.client_files import client_wheel
 from exceptiondrive_server.submissions.events import follow_submission
 from exceptiondrive_server.submissions.facts_form import FACT_FIELDS
+from exceptiondrive_server.submissions.profile import asked_for_profile
 from exceptiondrive_server.submissions.queries import phase_rules, score_tables
 from exceptiondrive_server.submissions.quick_start import quick_start
 from exceptiondrive_server.submissions.receipts_api import statement_of
@@ -278,6 +279,7 @@ def show_submission(
         sheet = score_tables(session, seen)
         edits = edits_of(session, seen.id)
         notices = notices_about(session, seen.id)
+    seen = asked_for_profile(services, seen)
     without_score = (SubmissionStatus.REJECTED, SubmissionStatus.FAILED, SubmissionStatus.WITHDRAWN)
     return private_page(
         request,

@@ -253,7 +253,7 @@ def take_upload(
         is_duplicate=accepted.is_duplicate,
     )
     if accepted.job_id is not None:
-        _wake(services)
+        wake(services)
     with services.database.read() as session:
         submission = find_submission(session, accepted.submission.id)
         taken = view(session, submission, is_duplicate=accepted.is_duplicate)
@@ -272,7 +272,7 @@ def confirmed_upload(
         require_unrevoked(session, principal)
         find_submission(session, submission_id, team_id=own_team(principal))
         counted_id = confirm(session, submission_id).id
-    _wake(services)
+    wake(services)
     with services.database.read() as session:
         return view(session, find_submission(session, counted_id))
 
@@ -333,7 +333,7 @@ def _store(services: Services, stream: BinaryIO) -> int:
     return size_bytes
 
 
-def _wake(services: Services) -> None:
+def wake(services: Services) -> None:
     """Wake a worker; where the broker is away, the reconciler does it soon.
 
     The reconciler shows as queued what still waits then: accepting is one transaction that writes.

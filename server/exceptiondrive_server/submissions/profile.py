@@ -1,0 +1,23 @@
+"""What a scored file looks like: worked out for who asks, since most are told before they submit."""
+
+from exceptiondrive_records.work.profiles import ask_for_profile, was_profile_asked_for
+from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
+from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_server.submissions.upload import wake
+from exceptiondrive_server.web.services import Services
+
+
+def asked_for_profile(services: Services, seen: SubmissionView) -> SubmissionView:
+    """Ask what the file of a submission looks like, unless it is told or somebody asked before."""
+    is_told = seen.report is not None or seen.awaits_profile
+    if is_told or seen.status is not SubmissionStatus.SCORED:
+        return seen
+    if not CHALLENGES[seen.challenge].has_profile:
+        return seen
+    with services.database.read() as session:
+        if was_profile_asked_for(session, seen.id):  # and nothing came of it
+            return seen
+    with services.database.write() as session:
+        ask_for_profile(session, seen.id)
+    wake(services)
+    return seen.model_copy(update={"awaits_profile": True})
