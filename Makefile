@@ -62,9 +62,8 @@ test: $(STAMP) $(VENV)/.system  ## all tests; T=path picks some, N=2 says how ma
 pythons: $(STAMP)  ## the tests of client, scoring and worker on every other Python found, 3.10 to 3.14; T=path picks some, ENDS=1 the client's on the oldest and newest
 	$(BIN)/python -m tests.on_every_python $(if $(ENDS),--ends) $(filter-out tests,$(T))
 
-bench: $(STAMP)  ## measured ratios of every stage, side by side in one run; then upload to published rank
+bench: $(STAMP)  ## every figure of docs/performance.md in one run, and at its end what was asked beside what was measured
 	$(BIN)/python -m benchmarks
-	$(BIN)/python -m benchmarks.upload_to_rank
 
 chaos: $(STAMP)  ## inject every fault of docs/faults.md into real processes; F="F01 F24" picks some, RESUME=1 goes on, WITHOUT=1 takes injections out
 	$(BIN)/python -m tests.chaos $(if $(RESUME),--resume) $(if $(WITHOUT),--without) $(F)

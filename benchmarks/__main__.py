@@ -16,8 +16,9 @@ from benchmarks import (
     rescoring,
     uncertainty,
     upload,
+    upload_to_rank,
 )
-from benchmarks.report import note
+from benchmarks.report import note, show_targets
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_worker.process import keep_memory
 
@@ -30,6 +31,7 @@ SECTIONS = {
     "boards": page.run,
     "processes": processes.run,
     "commands": command_line.run,
+    "upload_to_rank": upload_to_rank.run,
 }
 
 
@@ -48,6 +50,7 @@ def main() -> None:
     )
     for section in chosen:
         SECTIONS[section](packaged_protocol())
+    show_targets()
 
 
 if __name__ == "__main__":

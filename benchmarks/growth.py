@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from benchmarks.naive import naive_clearances_m
-from benchmarks.report import ms, show, times
+from benchmarks.report import at_most, ms, show, times
 from benchmarks.timing import cpu_seconds, interleave, peak_mib, ratio, typical
 from benchmarks.uncertainty import bootstrap_of, sums_of
 from benchmarks.workload import BENCHMARK_SAMPLES, SAMPLES_PER_SCENE, make_workload
@@ -38,7 +38,7 @@ def run(protocol: ProtocolDocument) -> None:
 def _grow(
     title: str, name: str, cases: dict[str, tuple[int, int]], protocol: ProtocolDocument
 ) -> None:
-    rows = []
+    rows, each_us = [], []
     for case, (n_samples, n_waypoints) in cases.items():
         workload = make_workload(protocol, n_samples, n_waypoints)
         regions = workload.split.prepared_regions
@@ -49,6 +49,7 @@ def _grow(
         naive = partial(naive_clearances_m, edited, corners, protocol.geometry)
         found = interleave({"ours": ours, "naive": naive}, rounds=5)
         seconds = typical(found["ours"])
+        each_us.append(seconds / n_samples / n_waypoints * 1e6)
         unsafe = float(np.mean(measure(workload.pairs, regions, protocol.geometry).intrusion))
         factor = ratio(found["naive"], found["ours"]) * n_samples / NAIVE_SAMPLES
         rows.append(
@@ -62,6 +63,7 @@ def _grow(
             )
         )
     show(title, (name, "ms", "us a sample", "x naive", "UR", "peak MiB"), rows)
+    at_most(f"{title}: a waypoint of the longest", each_us[-1] / each_us[0], 1.5, "x the shortest")
 
 
 def _grow_sheets(protocol: ProtocolDocument) -> None:

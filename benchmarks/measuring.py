@@ -8,7 +8,7 @@ from unittest.mock import patch
 import numpy as np
 
 from benchmarks.naive import naive_clearances_m, vectorised_clearances_m
-from benchmarks.report import ms, note, show, times
+from benchmarks.report import at_least, ms, note, show, times
 from benchmarks.timing import Rounds, cpu_seconds, interleave, ratio, repeated, typical
 from benchmarks.workload import Workload, make_workload
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -106,6 +106,7 @@ def _compare(title: str, workload: Workload, protocol: ProtocolDocument) -> None
         ("", "ms", "x naive", "x roofline"),
         rows,
     )
+    at_least(f"measure, {title}", ratio(naive, scaled["measure"]), 150, "x the naive loop")
 
 
 def _grade(measured: Measurements, workload: Workload, protocol: ProtocolDocument) -> None:

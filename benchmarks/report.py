@@ -1,6 +1,7 @@
-"""Tables on the terminal, and as Markdown for docs/performance.md."""
+"""Tables on the terminal, and what was asked beside what this run measured."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from rich.console import Console
 from rich.table import Table
@@ -31,3 +32,36 @@ def ms(seconds: float) -> str:
 def times(factor: float) -> str:
     """A factor, `12.3x`."""
     return f"{factor:,.0f}x" if factor >= 10 else f"{factor:.2f}x"
+
+
+class Target(NamedTuple):
+    """What was asked of a figure, and what this run measured."""
+
+    what: str
+    measured: str
+    asked: str
+    is_met: bool
+
+
+_targets: list[Target] = []
+
+
+def at_most(what: str, measured: float, asked: float, unit: str) -> None:
+    """Note a figure that must not be larger."""
+    _note(what, measured, "at most", asked, unit, is_met=measured <= asked)
+
+
+def at_least(what: str, measured: float, asked: float, unit: str) -> None:
+    """Note a figure that must not be smaller."""
+    _note(what, measured, "at least", asked, unit, is_met=measured >= asked)
+
+
+def _note(what: str, measured: float, bound: str, asked: float, unit: str, *, is_met: bool) -> None:
+    _targets.append(Target(what, f"{measured:,.3g} {unit}", f"{bound} {asked:,.3g} {unit}", is_met))
+
+
+def show_targets() -> None:
+    """Print all that was noted, in one table."""
+    rows = [(what, had, asked, "yes" if is_met else "NO") for what, had, asked, is_met in _targets]
+    if rows:
+        show("What was asked, and this run", ("", "measured", "asked", "met"), rows)

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.report import ms, note, show, times
+from benchmarks.report import at_most, ms, note, show, times
 from benchmarks.timing import Job, cpu_seconds, peak_mib, typical
 from benchmarks.workload import SEED, Workload, make_workload
 from exceptiondrive_schemas.challenges import PLANNING
@@ -29,6 +29,11 @@ def run(protocol: ProtocolDocument) -> None:
         job = partial(bootstrap_of, sums, n_entries, protocol)
         bootstrapping, measuring = _seconds(job, n_entries, workload, protocol)
         ranking = cpu_seconds(partial(rank_intervals, job(), "descending"))
+        mib = peak_mib(job)
+        if n_entries == TARGET_ENTRIES:
+            what = f"bootstrap of {n_entries} entries"
+            at_most(what, bootstrapping / measuring, 1 / 3, "x measuring them")
+            at_most(what, mib, 100, "MiB")
         rows.append(
             (
                 f"{n_entries:,}",
@@ -36,7 +41,7 @@ def run(protocol: ProtocolDocument) -> None:
                 ms(bootstrapping / n_entries),
                 times(bootstrapping / measuring),
                 ms(ranking),
-                f"{peak_mib(job):.0f}",
+                f"{mib:.0f}",
             )
         )
     show(
@@ -46,8 +51,8 @@ def run(protocol: ProtocolDocument) -> None:
         rows,
     )
     note(
-        f"target: {TARGET_ENTRIES} entries within 0.33x of measuring them, under 100 MiB. A new entry "
-        "on a board costs the first row and its comparisons: kept draws of the others are reused."
+        "a new entry on a board costs the first row and its comparisons: kept draws of the others are "
+        "reused"
     )
 
 
