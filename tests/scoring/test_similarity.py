@@ -16,6 +16,7 @@ from exceptiondrive_scoring.planning import PlanningScoring
 from exceptiondrive_scoring.similarity import (
     FARTHEST,
     FINGERPRINT_SAMPLES,
+    FIRST_LOOK,
     SLACK,
     AlikeRule,
     alikeness,
@@ -97,6 +98,45 @@ def test_distance_is_symmetric_and_bounded(a: int, b: int) -> None:
     apart = distances(ways(a, 20), ways(b, 20))
     assert (apart == distances(ways(b, 20), ways(a, 20))).all()
     assert ((apart >= 0) & (apart <= FARTHEST)).all()
+
+
+@given(
+    st.integers(0, 1000),
+    st.sampled_from([5, 63, 64, 65, 256]),
+    st.sampled_from([0.0, 0.01, 0.04, 0.06]),
+    st.floats(0.0, 0.4),
+    st.sampled_from([0.0, 0.05, 0.5]),
+    st.sampled_from([np.float32, np.float64]),
+)
+def test_a_first_look_passes_over_no_copy(
+    seed: int, n_samples: int, noise_m: float, changed: float, missing: float, kind: type
+) -> None:
+    rng = np.random.default_rng(seed)
+    one = ways(seed, n_samples)
+    one[rng.random(n_samples) < missing / 2] = np.nan
+    others = np.repeat(one[None], 6, axis=0) * rng.uniform(0.75, 1.3, (6, 1, 1, 1))
+    others += rng.normal(0, 0.5, (6, 1, 1, 2)) + rng.normal(0, noise_m, others.shape)
+    others[rng.random((6, n_samples)) < changed] += [3.0, 1.0]
+    others[rng.random((6, n_samples)) < missing / 2] = np.nan
+    told_from = PLANNING.least_share - SLACK
+    one, others = one.astype(kind), others.astype(kind)
+    whole, looked = alikeness(one, others, PLANNING), alikeness(one, others, PLANNING, told_from)
+    for each, first in zip(whole, looked, strict=True):
+        assert first.aligned_share in (each.aligned_share, 0.0)
+        assert each.aligned_share < told_from or first == each
+        for rule in (PLANNING.is_alike, PLANNING.is_probe):
+            assert rule(first, SLACK) == rule(each, SLACK)
+
+
+def test_a_first_look_is_enough_where_it_sees_no_copy() -> None:
+    one = ways(0, 256)
+    is_new = np.arange(256)[:, None, None] < FIRST_LOOK
+    part = np.where(is_new, ways(1, 256), one) * 1.1
+    (whole,) = alikeness(one, part[None], PLANNING)
+    (looked,) = alikeness(one, part[None], PLANNING, PLANNING.least_share - SLACK)
+    assert (whole.equal_share, looked.equal_share) == (0.0, 0.0)
+    assert whole.aligned_share == 0.75
+    assert looked.aligned_share == 0.0
 
 
 def test_which_samples_are_fingerprinted_follows_from_the_seed_alone() -> None:

@@ -6,6 +6,7 @@ thousand submissions at once; only candidates are compared sample by sample.
 """
 
 import hashlib
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -23,6 +24,10 @@ SLACK = 0.1
 
 LEAST_SCALE, FARTHEST_SHIFT = 0.8, 1.0
 """A copy scaled by more, or shifted by more metres, is a driver of its own."""
+FIRST_LOOK = 64
+"""So many samples prove of most submissions that none is a copy of the other, scaled and shifted."""
+ROUNDING = 1e-3
+"""Metres: more than what 32 bits round off a fingerprint."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +71,11 @@ class AlikeRule:
     mean_distance: float | None
     probe_share: float = 0.9
     may_be_scaled: bool = False
+
+    @property
+    def least_share(self) -> float:
+        """The smallest share of samples alike that makes submissions alike, or the later a probe."""
+        return min(self.equal_share, self.probe_share)
 
     def is_alike(self, found: Alikeness, slack: float = 0.0) -> bool:
         """Whether submissions of two teams are to be reported."""
@@ -120,15 +130,29 @@ def _is_missing(ways: NDArray[np.floating]) -> BoolArray:
 
 
 def alikeness(
-    a: NDArray[np.floating], others: NDArray[np.floating], rule: AlikeRule
+    a: NDArray[np.floating],
+    others: NDArray[np.floating],
+    rule: AlikeRule,
+    told_from: float = 0.0,
 ) -> list[Alikeness]:
-    """Compare one submission (N, P, C) with K others (K, N, P, C)."""
+    """Compare one submission (N, P, C) with K others (K, N, P, C).
+
+    Args:
+        a: The submission.
+        others: With whom.
+        rule: What is alike.
+        told_from: An aligned share below this may be told as 0: most others are far from a copy, and
+            a few samples prove it.
+    """
     apart = distances(a[None], others)
     shares, means = _share(apart, rule), apart.mean(axis=-1)
     aligned, scales = np.zeros(len(others)), np.ones(len(others))
     if rule.may_be_scaled:
-        scales, moved = _aligned(a, others)
-        aligned = _share(distances(moved, others), rule)
+        scales = _scales(a, others)
+        tried = _may_align(a, others, scales, rule, told_from)
+        if tried.any():
+            some = others[tried]
+            aligned[tried] = _share(distances(_moved(a, some, scales[tried]), some), rule)
     columns = (shares, means, aligned, scales)
     return [Alikeness(*map(float, row)) for row in zip(*columns, strict=True)]
 
@@ -137,24 +161,57 @@ def _share(apart: FloatArray, rule: AlikeRule) -> FloatArray:
     return np.asarray((apart <= rule.tolerance + 1e-9).mean(axis=-1))
 
 
-def _aligned(
-    a: NDArray[np.floating], others: NDArray[np.floating]
-) -> tuple[FloatArray, NDArray[np.floating]]:
-    """Scale and shift a submission as a whole onto each of K others.
+def _scales(a: NDArray[np.floating], others: NDArray[np.floating]) -> FloatArray:
+    """Return by what a submission is scaled onto each of K others; 1 where that is no copy any more.
 
-    By medians, so that a few moved samples do not count. Beyond what still is a copy it is left as
-    it is.
+    By the median, so that a few moved samples do not count.
     """
     ends, of_others = (_lengths(ways[..., -1, :]) for ways in (a, others))
     moves = (ends[None] > 1) & (of_others > 1)
-    ratio = np.where(moves, of_others / np.where(moves, ends[None], 1), np.nan)
-    scales = np.array([np.median(row[~np.isnan(row)]) if moves_.any() else 1.0
-                       for row, moves_ in zip(ratio, moves, strict=True)])  # fmt: skip
-    scales = np.where((scales >= LEAST_SCALE) & (scales <= 1 / LEAST_SCALE), scales, 1.0)
+    ratio = np.sort(np.where(moves, of_others / np.where(moves, ends[None], 1), np.nan), axis=-1)
+    n_known = np.count_nonzero(~np.isnan(ratio), axis=-1)  # those that are not come last
+    middle = np.maximum(n_known[:, None] - [1, 0], 0) // 2
+    scales = np.take_along_axis(ratio, middle, axis=-1).mean(axis=-1)
+    return np.where((scales >= LEAST_SCALE) & (scales <= 1 / LEAST_SCALE), scales, 1.0)
+
+
+def _may_align(
+    a: NDArray[np.floating],
+    others: NDArray[np.floating],
+    scales: FloatArray,
+    rule: AlikeRule,
+    share: float,
+) -> BoolArray:
+    """Whether so large a share of samples may be alike once scaled and shifted, (K,).
+
+    Samples that are alike have been moved alike, by their points on average. Where too few of the first
+    ones have, along some coordinate, the rest cannot make up for it.
+    """
+    n_samples, n_first = len(a), min(len(a), FIRST_LOOK)
+    first = others[:, :n_first]
+    gaps = first - a[None, :n_first] * scales[:, None, None, None].astype(a.dtype)
+    is_missing = _is_missing(a[None, :n_first]) & _is_missing(first)  # alike, however moved
+    n_needed = n_first - math.floor((1 - share) * n_samples + 1e-9) - is_missing.sum(axis=-1)
+    moved = np.sort(gaps.mean(axis=-2), axis=1)  # (K, n, C), those that are missing last
+    begin = np.arange(n_first)[None, :, None]
+    end = np.minimum(begin + n_needed[:, None, None] - 1, n_first - 1)
+    spread = np.take_along_axis(moved, np.maximum(end, begin), axis=1) - moved
+    is_whole = begin + n_needed[:, None, None] <= n_first
+    fits = ((spread <= 2 * rule.tolerance + ROUNDING) & is_whole).any(axis=1).all(axis=-1)
+    return np.asarray(fits | (n_needed <= 0))
+
+
+def _moved(
+    a: NDArray[np.floating], others: NDArray[np.floating], scales: FloatArray
+) -> NDArray[np.floating]:
+    """Scale and shift a submission as a whole onto each of K others, by medians.
+
+    Beyond what still is a copy it is not shifted.
+    """
     scaled = a[None] * scales[:, None, None, None]
     points = (others - scaled).reshape(len(others), -1, a.shape[-1])
     gaps = np.ascontiguousarray(np.moveaxis(points, -1, 1))  # (K, C, N * P)
-    unknown = np.isnan(gaps).any(axis=1)
+    unknown = np.asarray(np.isnan(gaps).any(axis=1))
     if unknown.any():
         shifts = np.array([np.median(row[:, ~missing], axis=-1) if not missing.all()
                            else np.zeros(a.shape[-1])
@@ -162,7 +219,7 @@ def _aligned(
     else:
         shifts = np.median(gaps, axis=-1)
     shifts = np.where(np.linalg.norm(shifts, axis=-1, keepdims=True) <= FARTHEST_SHIFT, shifts, 0.0)
-    return scales, scaled + shifts[:, None, None, :]
+    return np.asarray(scaled + shifts[:, None, None, :])
 
 
 def compare_pair(a: FloatArray, b: FloatArray, rule: AlikeRule) -> tuple[Alikeness, int]:

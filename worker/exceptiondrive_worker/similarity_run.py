@@ -168,7 +168,7 @@ class _Comparing:
         others: list[_Candidate] = []
         for start in range(0, len(crowd.files), AT_ONCE):
             some = np.stack(crowd.fingerprints[start : start + AT_ONCE])
-            found = alikeness(fingerprint, some, self._rule)
+            found = alikeness(fingerprint, some, self._rule, self._rule.least_share - SLACK)
             for each, by_fingerprint in zip(
                 crowd.files[start : start + AT_ONCE], found, strict=True
             ):
