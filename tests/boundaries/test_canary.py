@@ -222,7 +222,7 @@ def test_no_canary_leaves_the_worker(
     def board_has_both() -> bool:
         with site.database.read() as session:
             row = current_board(session, "dev")
-        return row is not None and good in row.body and hit in row.body
+            return row is not None and good in row.body and hit in row.body
 
     wait_for(board_has_both)
     # a split that is refused, and one that cannot be read: operators are told sample ids alone

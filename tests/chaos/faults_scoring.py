@@ -47,8 +47,8 @@ def no_score(run: Run) -> str:
     run.settle()
     with run.topology.database.read() as session:
         board = current_board(session, PHASE)
-    assert board is not None
-    entries = json.loads(board.body)["entries"]
+        assert board is not None
+        entries = json.loads(board.body)["entries"]
     rows = {entry["submission_id"]: entry for entry in entries if entry["submission_id"]}
     ranks = [entry["rank"] for entry in entries if entry["source"] == "scored"]
     assert run.status_of(failed) is SubmissionStatus.FAILED

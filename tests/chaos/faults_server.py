@@ -258,11 +258,8 @@ def taken_out_by_mistake(run: Run) -> str:
 def _on_board(run: Run) -> set[str]:
     with run.topology.database.read() as session:
         board = current_board(session, PHASE)
-    return (
-        set()
-        if board is None
-        else {entry["submission_id"] for entry in json.loads(board.body)["entries"]}
-    )
+        entries = [] if board is None else json.loads(board.body)["entries"]
+    return {entry["submission_id"] for entry in entries}
 
 
 def _n_rows(run: Run, call: Call) -> int:

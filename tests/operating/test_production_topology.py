@@ -109,8 +109,8 @@ def test_the_main_job_is_served_while_a_worker_is_killed(run: Run) -> None:
     assert run.n_sheets() == before + 12
     with run.topology.database.read() as session:
         row = current_board(session, PHASE)
-    assert row is not None
-    entries = Board.model_validate_json(row.body).entries
+        assert row is not None
+        entries = Board.model_validate_json(row.body).entries
     ranked = [entry.rank for entry in entries if entry.submission_id]
     assert ranked
     assert None not in ranked

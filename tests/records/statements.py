@@ -1,6 +1,7 @@
 """Which SQL a reading sends: some readings must not grow with what they do not show."""
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -22,3 +23,8 @@ def statements(database: Database) -> Iterator[list[str]]:
         yield seen
     finally:
         event.remove(database.engine, "before_cursor_execute", note)
+
+
+def of_board_texts(sent: Iterable[str]) -> list[str]:
+    """Return the statements that read the text of a board, which may be as long as the board."""
+    return [statement for statement in sent if re.search(r"boards\.body\b", statement)]

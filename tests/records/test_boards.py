@@ -6,9 +6,9 @@ from typing import Any
 from weakref import ref
 
 import pytest
-from sqlalchemy import text, update
+from sqlalchemy import inspect, select, text, update
 from sqlalchemy.exc import DatabaseError
-from tests.records.statements import statements
+from tests.records.statements import of_board_texts, statements
 from tests.support.work import claim_board_of
 
 from exceptiondrive_records.audit.log import count_audit_lines
@@ -284,7 +284,7 @@ def test_the_history_of_boards_reads_none_of_them(world: World) -> None:
     assert [line.board for line in lines] == [3, 2, 1]
     assert lines[0].shown_until is None
     assert lines[1].shown_until == lines[0].shown_from
-    assert not [statement for statement in three if "boards.body" in statement]
+    assert not of_board_texts(three)
     publish(world, board(world, "d"))
     with statements(world.database) as four, world.database.read() as session:
         board_history(session, "dev")
@@ -362,3 +362,12 @@ def test_protocols_are_found_by_the_flips_and_not_by_asking_every_board(world: W
     with statements(world.database) as sent, world.database.read() as session:
         assert boards.public_protocols(session, "dev") == [world.protocol_digest]
     assert "EXISTS" not in sent[-1]
+
+
+def test_nothing_stands_behind_the_text_of_a_board(world: World) -> None:
+    columns = inspect(world.database.engine).get_columns("boards")
+    assert columns[-1]["name"] == "body", "SQLite goes through all of it to reach what follows"
+
+
+def test_names_of_the_forgotten_are_found_from_their_teams_and_not_from_every_entry() -> None:
+    assert "JOIN board_entries" not in str(select(BoardRow.forgotten))

@@ -4,7 +4,7 @@ from datetime import timedelta
 from typing import Any
 
 from sqlalchemy import update
-from tests.records.statements import statements
+from tests.records.statements import of_board_texts, statements
 from tests.records.test_boards import board, publish
 
 from exceptiondrive_records.submissions.submissions import find_submission, withdraw
@@ -156,5 +156,5 @@ def test_a_list_of_submissions_reads_the_board_of_their_phase_once(world: World)
         with statements(world.database) as sent, world.database.read() as session:
             found = views(session, [find_submission(session, each) for each in ids])
         assert [one.rank for one in found] == [1, 2, 3]
-        bodies.append(len([statement for statement in sent if "boards.body," in statement]))
+        bodies.append(len(of_board_texts(sent)))
     assert bodies == [1, 0], "a board never changes: its body is read once, whoever asks"

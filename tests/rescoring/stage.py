@@ -158,8 +158,8 @@ class Stage:
     def board(self) -> str:
         with self.database.read() as session:
             row = current_board(session, "dev")
-        assert row is not None
-        return row.body
+            assert row is not None
+            return row.body
 
     def put_split(self, split: Split, file_name: str = "split.json") -> str:
         """Put a split file where workers look, register it, and return its revision."""

@@ -8,6 +8,7 @@ from datetime import UTC, datetime, timedelta, timezone
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from tests.records.statements import of_board_texts, statements
 
 from exceptiondrive_schemas.board import Board, BoardEntry
 
@@ -270,6 +271,15 @@ def test_pages_stay_with_their_board_when_another_is_the_current_one(
         "ST-P3",
     ]
     assert methods(lively.get("/leaderboard?phase=dev&limit=2")) == ["alone"]
+
+
+def test_a_page_of_a_board_that_was_read_reads_none_of_its_text(lively: "Api") -> None:
+    first = lively.get("/leaderboard?phase=dev&limit=2")
+    following = first.links["next"]["url"].removeprefix("/api/v1")
+    with statements(lively.services.database) as sent:
+        assert len(pages(lively, following)) > 1
+    assert sent
+    assert not of_board_texts(sent)
 
 
 @pytest.mark.parametrize("after", ["1", "1.", "x.1", "0.1", "1.1.1", "1.-1"])

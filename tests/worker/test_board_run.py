@@ -44,8 +44,8 @@ def whole_board(world: World) -> Board:
     build_board_of(world.context, "dev", protocol_digest(world))
     with world.database.read() as session:
         row = current_board(session, "dev")
-    assert row is not None
-    return Board.model_validate_json(row.body)
+        assert row is not None
+        return Board.model_validate_json(row.body)
 
 
 def n_boards(world: World) -> int:

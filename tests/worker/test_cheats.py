@@ -107,8 +107,8 @@ class Contest:
         build_board_of(self.world.context, phase_id, digest)
         with self.world.database.read() as session:
             row = current_board(session, phase_id)
-        assert row is not None
-        return Board.model_validate_json(row.body)
+            assert row is not None
+            return Board.model_validate_json(row.body)
 
     def outcome(self, name: str) -> Outcome:
         rows = {

@@ -45,8 +45,8 @@ def build(world: World) -> Board:
     build_board_of(world.context, "dev", digest)
     with world.database.read() as session:
         row = current_board(session, "dev")
-    assert row is not None
-    return Board.model_validate_json(row.body)
+        assert row is not None
+        return Board.model_validate_json(row.body)
 
 
 def by_method(board: Board) -> dict[tuple[str, str], PairedComparison]:

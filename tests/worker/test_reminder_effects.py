@@ -118,8 +118,8 @@ def build(world: World) -> Board:
     build_board_of(world.context, "dev", digest)
     with world.database.read() as session:
         row = current_board(session, "dev")
-    assert row is not None
-    return Board.model_validate_json(row.body)
+        assert row is not None
+        return Board.model_validate_json(row.body)
 
 
 def entry_of(board: Board, method: str) -> BoardEntry:

@@ -66,8 +66,8 @@ def board_of(world: World) -> Board:
     build_board_of(world.context, "dev", digest)
     with world.database.read() as session:
         row = current_board(session, "dev")
-    assert row is not None
-    return Board.model_validate_json(row.body)
+        assert row is not None
+        return Board.model_validate_json(row.body)
 
 
 def teams(board: Board) -> list[BoardEntry]:

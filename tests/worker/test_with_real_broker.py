@@ -50,7 +50,7 @@ def test_an_upload_becomes_an_entry_of_a_board(
     def ranks() -> dict[str, int | None]:
         with world.database.read() as session:
             row = current_board(session, "dev")
-        rows = () if row is None else Board.model_validate_json(row.body).entries
+            rows = () if row is None else Board.model_validate_json(row.body).entries
         return {row.submission_id: row.rank for row in rows if row.submission_id}
 
     wait_until(ranks, "a board with the entry")

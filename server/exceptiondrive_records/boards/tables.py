@@ -3,7 +3,7 @@
 from datetime import datetime
 from typing import ClassVar
 
-from sqlalchemy import ForeignKey, Index, Text, UniqueConstraint, func, select
+from sqlalchemy import ForeignKey, Index, Text, UniqueConstraint, exists, func, select
 from sqlalchemy.orm import Mapped, column_property, mapped_column
 
 from exceptiondrive_records.db.base import Base
@@ -28,7 +28,6 @@ class BoardRow(Base):
     """Digest of what the board says (`Board.content_digest`), whatever its number and date."""
     body_digest: Mapped[str]
     """Digest of `body`: the strong ETag."""
-    body: Mapped[str] = mapped_column(Text)
     published_at: Mapped[datetime]
     """When it was built. Readers are told `told_at`."""
     told_at: ClassVar[Mapped[datetime]]
@@ -37,6 +36,9 @@ class BoardRow(Base):
     """`main`, or `late`: the board with late entries among the others."""
     leader: Mapped[BoardLeader | None] = mapped_column(DocumentText(BoardLeader), default=None)
     """Who leads it, for the history: so that no board need be read for that."""
+    body: Mapped[str] = mapped_column(Text, deferred=True)
+    """Read when it is asked for: 22 MB of a board of 10,000. It stands last, for SQLite goes through
+    all of a text to reach a column behind it."""
     forgotten: ClassVar[Mapped[str | None]]
     """Its submissions of forgotten teams, each with the name that is told of its team, one a line;
     None where there are none."""
@@ -94,10 +96,15 @@ class BoardEntryRow(Base):
 _FORGOTTEN = (
     select(func.aggregate_strings(Submission.id + " " + Team.name, "\n"))
     .join(Team, Team.id == Submission.team_id)
-    .join(BoardEntryRow, BoardEntryRow.submission_id == Submission.id)
-    .where(BoardEntryRow.board_id == BoardRow.id, Team.forgotten_at.is_not(None))
+    .where(
+        Team.id.in_(select(Team.id).where(Team.forgotten_at.is_not(None))),
+        exists()
+        .where(BoardEntryRow.board_id == BoardRow.id, BoardEntryRow.submission_id == Submission.id)
+        .correlate_except(BoardEntryRow),
+    )
     .correlate(BoardRow)
 )
+"""From the few forgotten teams to the board: the other way reads each entry, for every page of a board."""
 BoardRow.forgotten = column_property(_FORGOTTEN.scalar_subquery())
 
 

@@ -104,7 +104,7 @@ def facts_on(session: Session, board: Board) -> FactsOfBoard:
     """
     phase = session.get_one(Phase, board.phase)
     what = "facts", newest_edit_at(session, phase.id), is_anonymous(phase)
-    ids = [entry.submission_id for entry in board.entries]
+    ids = (entry.submission_id for entry in board.entries)
     return of_board(board, what, lambda: facts_of_entries(session, phase.id, ids))
 
 

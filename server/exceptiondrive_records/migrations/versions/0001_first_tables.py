@@ -474,10 +474,10 @@ def create_boards() -> None:
         sa.Column("number", sa.Integer(), nullable=False),
         sa.Column("digest", sa.String(), nullable=False),
         sa.Column("body_digest", sa.String(), nullable=False),
-        sa.Column("body", sa.Text(), nullable=False),
         sa.Column("published_at", TIME, nullable=False),
         sa.Column("view", sa.String(), nullable=False),
         sa.Column("leader", sa.Text()),
+        sa.Column("body", sa.Text(), nullable=False),
         sa.UniqueConstraint("phase_id", "number"),
     )
     op.create_table(
