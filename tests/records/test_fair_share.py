@@ -115,7 +115,8 @@ def test_the_query_orders_all_that_waits_as_the_model_does(
         order = [session.get_one(Job, job_id).team_id for job_id in found]
         ages = [session.get_one(Job, job_id).created_at for job_id in found]
         running = sum(n_running for n_running, *_ in teams)
-        places = [jobs_ahead(session, session.get_one(Job, job_id)) for job_id in found]
+        ahead = jobs_ahead(session, [session.get_one(Job, job_id) for job_id in found])
+        places = [ahead[job_id] for job_id in found]
     queues = [
         TeamQueue(
             team_id, n_running, n_waiting, at(since_s), at(served_s or 0)

@@ -148,42 +148,52 @@ def names_of(session: Session, submission_ids: list[str]) -> list[Names]:
     return [Names(*row) for row in session.execute(query)]
 
 
-def replaced_by(session: Session, submission: Submission) -> str | None:
-    """Return what stands on the board in place of a scored submission of the same team.
+def replacements(
+    session: Session, phase: Phase, submissions: Sequence[Submission], now: datetime
+) -> dict[str, str]:
+    """Return what stands on the board in place of scored submissions of the same team, by their ids.
 
     A later run of the same method, or the one that stands for the team where the phase shows one of
-    each; None where it stands itself, or is no entry at all. Late ones stand apart, and so do those
+    each; left out is what stands itself, or is no entry at all. Late ones stand apart, and so do those
     whose score is kept back: which of two is the better would tell it.
     """
-    phase = session.get_one(Phase, submission.phase_id)
-    if submission.status is not SubmissionStatus.SCORED or not _is_public(phase, submission):
-        return None
-    if score_kept_back_since(session, phase, submission) is not None:
-        return None
-    team = session.get_one(Team, submission.team_id)
-    is_late_one = is_late(phase, submission)
-    shows_one = phase.policy.entries_shown == "chosen" and not is_late_one and not team.is_reference
+
+    def counts(each: Submission) -> bool:
+        is_told = score_kept_back_since(phase, each, now) is None
+        return is_told and _is_public(phase, each)
+
+    asked = [each for each in submissions if _is_scored(each) and counts(each)]
+    if not asked:
+        return {}
+    is_one_each = phase.policy.entries_shown == "chosen"
     query = (
-        select(Submission)
+        select(Submission, Team)
+        .join(Team, Team.id == Submission.team_id)
         .where(
             Submission.phase_id == phase.id,
-            Submission.team_id == team.id,
+            Submission.team_id.in_({each.team_id for each in asked}),
             stood_at_deadline(phase),
-            *([] if shows_one else [Submission.method == submission.method]),
+            *([] if is_one_each else [Submission.method.in_({each.method for each in asked})]),
         )
         .order_by(Submission.received_at, Submission.id)
     )
-    stood = [
-        _Scored(each, team, "")
-        for each in session.scalars(query)
-        if _is_public(phase, each)
-        and is_late(phase, each) == is_late_one
-        and score_kept_back_since(session, phase, each) is None
-    ]
-    key = phase.protocol_digest, phase.split_revision
-    due = _of_teams(stood) if shows_one else _of_methods(stood, _picker(session, phase, *key))
-    standing = [each.submission for each in due]
-    return next((each.id for each in standing if each is not submission and _is_scored(each)), None)
+    groups: dict[tuple[bool, bool], list[_Scored]] = {}
+    place_of: dict[str, tuple[bool, int, str]] = {}
+    for submission, team in session.execute(query):
+        if counts(submission):
+            is_late_one = is_late(phase, submission)
+            shows_one = is_one_each and not is_late_one and not team.is_reference
+            groups.setdefault((is_late_one, shows_one), []).append(_Scored(submission, team, ""))
+            place_of[submission.id] = is_late_one, team.id, "" if shows_one else submission.method
+    pick = _picker(session, phase, phase.protocol_digest, phase.split_revision)
+    standing = {
+        place_of[each.submission.id]: each.submission
+        for (_, shows_one), stood in groups.items()
+        for each in (_of_teams(stood) if shows_one else _of_methods(stood, pick))
+        if _is_scored(each.submission)
+    }
+    found = {each.id: standing.get(place_of[each.id]) for each in asked if each.id in place_of}
+    return {name: one.id for name, one in found.items() if one is not None and one.id != name}
 
 
 def _is_scored(submission: Submission) -> bool:

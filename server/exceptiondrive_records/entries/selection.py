@@ -1,8 +1,9 @@
 """What a team says of its entries: which one stands for it, and which are public."""
 
+from collections.abc import Sequence
 from datetime import timedelta
 
-from sqlalchemy import ColumnElement, func, select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
@@ -64,35 +65,37 @@ def choose(
     return submission
 
 
-def rule_of(session: Session, submission: Submission) -> tuple[RunRule, bool]:
-    """Return which run stands, as the team said last, and whether it named this very submission.
+def rules_of(
+    session: Session, phase: Phase, submissions: Sequence[Submission]
+) -> dict[str, tuple[RunRule, bool]]:
+    """Return which run stands, as teams said last, and whether they named this very submission.
 
-    Of the method, or of the team where the phase shows one entry of each; newest where nothing was
-    said.
+    Of the method, or of the team where the phase shows one entry of each; left out is of what nothing
+    was said: there the newest stands.
     """
-    phase = session.get_one(Phase, submission.phase_id)
-    of_method = [] if phase.policy.entries_shown == "chosen" else [_is_run_of(submission)]
-    if of_method and phase.policy.run_choice == "newest":
-        return "newest", False
+    is_of_team = phase.policy.entries_shown == "chosen"
+    if not is_of_team and phase.policy.run_choice == "newest":
+        return {}
     query = (
-        select(Submission.id, Submission.chosen_rule)
+        select(Submission.id, Submission.team_id, Submission.method, Submission.chosen_rule)
         .where(
-            Submission.team_id == submission.team_id,
-            Submission.phase_id == submission.phase_id,
+            Submission.team_id.in_({each.team_id for each in submissions}),
+            Submission.phase_id == phase.id,
             stood_at_deadline(phase),
             Submission.chosen_at.is_not(None),
-            *of_method,
         )
-        .order_by(Submission.chosen_at.desc(), Submission.received_at.desc(), Submission.id.desc())
+        .order_by(Submission.chosen_at, Submission.received_at, Submission.id)
     )
-    said = session.execute(query.limit(1)).first()
-    if said is None:
-        return "newest", False
-    return said.chosen_rule, said.chosen_rule == "this" and said.id == submission.id
-
-
-def _is_run_of(submission: Submission) -> ColumnElement[bool]:
-    return Submission.method == submission.method
+    said = {  # the last word of each
+        (team_id, "" if is_of_team else method): (rule, submission_id)
+        for submission_id, team_id, method, rule in session.execute(query)
+    }
+    found = {}
+    for each in submissions:
+        word = said.get((each.team_id, "" if is_of_team else each.method))
+        if word is not None:
+            found[each.id] = word[0], word == ("this", each.id)
+    return found
 
 
 def publish(session: Session, submission_id: str, *, actor: str) -> Submission:

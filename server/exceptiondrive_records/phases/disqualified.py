@@ -1,8 +1,9 @@
 """Who is disqualified: asked before an upload is taken, and whenever a board is made."""
 
+from collections.abc import Sequence
 from datetime import datetime
 
-from sqlalchemy import ColumnElement, Select, and_, bindparam, exists, func, select
+from sqlalchemy import ColumnElement, Select, and_, bindparam, exists, select
 from sqlalchemy.orm import Session, aliased
 
 from exceptiondrive_records.db.errors import NotAllowed
@@ -50,10 +51,9 @@ _OF_TEAM = (
     .order_by(Disqualification.id)
     .limit(1)
 )
-_SINCE = select(func.min(Disqualification.disqualified_at)).where(
-    _IN_FORCE,
-    Disqualification.submission_id.is_(None)
-    | (Disqualification.submission_id == bindparam("submission")),
+_OF_TEAMS = select(Disqualification).where(
+    Disqualification.team_id.in_(bindparam("teams", expanding=True)),
+    Disqualification.reinstated_at.is_(None),
 )
 
 
@@ -63,10 +63,21 @@ def disqualified_ids(session: Session, phase_id: str) -> frozenset[str]:
     return frozenset(session.scalars(query))
 
 
-def disqualified_since(session: Session, submission: Submission) -> datetime | None:
-    """Return since when a submission stands on no board; None: it may stand."""
-    given = {"team": submission.team_id, "phase": submission.phase_id, "submission": submission.id}
-    return session.scalar(_SINCE, given)
+def disqualified_since(session: Session, submissions: Sequence[Submission]) -> dict[str, datetime]:
+    """Return since when submissions stand on no board, by their ids; left out are those that may stand."""
+    teams = list({each.team_id for each in submissions})
+    rows = session.scalars(_OF_TEAMS, {"teams": teams}).all()
+    found = {
+        each.id: [
+            row.disqualified_at
+            for row in rows
+            if row.team_id == each.team_id
+            and row.phase_id in (None, each.phase_id)
+            and row.submission_id in (None, each.id)
+        ]
+        for each in submissions
+    }
+    return {name: min(times) for name, times in found.items() if times}
 
 
 def require_not_disqualified(

@@ -213,11 +213,9 @@ def without_breakdown(sheet: ScoreSheet) -> ScoreSheet:
     return sheet.model_copy(update={"families": {}, "tasks": {}, "extra": extra})
 
 
-def score_kept_back_since(
-    session: Session, phase: Phase, submission: Submission
-) -> datetime | None:
+def score_kept_back_since(phase: Phase, submission: Submission, now: datetime) -> datetime | None:
     """Return since when the team is not shown this score; None while it is shown."""
-    since = frozen_since(phase, database_now(session))
+    since = frozen_since(phase, now)
     if since is None or phase.policy.frozen_scores == "shown" or submission.received_at < since:
         return None
     return since

@@ -1,15 +1,17 @@
 """Submissions as their team sees them: with place in the queue, sheet and rank."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from functools import cached_property
 from statistics import median
 
 from sqlalchemy import bindparam, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.boards import entries_on, entry_ids
-from exceptiondrive_records.boards.ranking import replaced_by
+from exceptiondrive_records.boards.ranking import replacements
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.entries.selection import rule_of
+from exceptiondrive_records.entries.selection import rules_of
 from exceptiondrive_records.phases.disqualified import disqualified_since
 from exceptiondrive_records.phases.policy import (
     frozen_since,
@@ -28,15 +30,16 @@ from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.board_requests import is_board_wanted
 from exceptiondrive_records.work.fair_share import jobs_ahead
 from exceptiondrive_records.work.heartbeats import LiveWorkers, live_workers
-from exceptiondrive_records.work.profiles import is_profile_coming
+from exceptiondrive_records.work.profiles import profiles_coming
 from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_schemas.api.phase_settings import RunRule
 from exceptiondrive_schemas.api.submission import (
     Failure,
     QueuePlace,
     SubmissionStatus,
     SubmissionView,
 )
-from exceptiondrive_schemas.board import Links
+from exceptiondrive_schemas.board import BoardEntry, Links
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.method_facts import MethodFacts
 from exceptiondrive_schemas.score_sheet import ScoreSheet
@@ -48,7 +51,16 @@ _RECENT_RUNS = (
     .order_by(Job.finished_at.desc())
     .limit(_RECENT)
 )
-_FIRST_JOB = select(Job).where(Job.submission_id == bindparam("submission"), Job.is_first)
+_FIRST_JOBS = select(Job).where(
+    Job.submission_id.in_(bindparam("submissions", expanding=True)), Job.is_first
+)
+_TEAMS = select(Team).where(Team.id.in_(bindparam("teams", expanding=True)))
+_PHASES = select(Phase).where(Phase.id.in_(bindparam("phases", expanding=True)))
+_SHEETS = select(ScoreSheetRow).where(
+    ScoreSheetRow.submission_id.in_(bindparam("submissions", expanding=True)),
+    ScoreSheetRow.protocol_digest == bindparam("protocol"),
+    ScoreSheetRow.split_revision == bindparam("revision"),
+)
 
 
 def view(
@@ -66,16 +78,100 @@ def view(
         is_duplicate: Whether these bytes came a second time.
         heartbeat_ttl_s: How old the last sign of life of a worker may be.
     """
-    team = session.get_one(Team, submission.team_id)
-    phase = session.get_one(Phase, submission.phase_id)
-    is_scored = submission.status is SubmissionStatus.SCORED
-    can_be_confirmed = submission.can_be_confirmed(database_now(session))
-    hidden_since = score_kept_back_since(session, phase, submission)
-    shows_sheet = is_scored and hidden_since is None
-    shown = entries_on(session, phase.current_board_id).get(submission.id) if is_scored else None
-    replaced = replaced_by(session, submission)
-    disqualified_at = disqualified_since(session, submission)
-    run_rule, is_chosen = rule_of(session, submission)
+    (seen,) = views(session, [submission], heartbeat_ttl_s=heartbeat_ttl_s)
+    return seen.model_copy(update={"is_duplicate": True}) if is_duplicate else seen
+
+
+def views(
+    session: Session, submissions: Sequence[Submission], *, heartbeat_ttl_s: float = 15.0
+) -> tuple[SubmissionView, ...]:
+    """Return submissions as their teams see them: each question is asked once for all of a phase."""
+    now = database_now(session)
+    teams = session.scalars(_TEAMS, {"teams": list({each.team_id for each in submissions})})
+    team_of = {team.id: team for team in teams}
+    phases = session.scalars(_PHASES, {"phases": list({each.phase_id for each in submissions})})
+    seen_in = {
+        phase.id: _Seen(
+            session, phase, [each for each in submissions if each.phase_id == phase.id], now
+        )
+        for phase in phases
+    }
+    disqualified = disqualified_since(session, submissions)
+    places = queue_places(session, submissions, heartbeat_ttl_s=heartbeat_ttl_s)
+    told = [each.id for each in submissions if _is_scored(each) and each.report is None]
+    awaited = profiles_coming(session, told) if told else set()
+    return tuple(
+        _view(
+            each,
+            team_of[each.team_id],
+            seen_in[each.phase_id],
+            queue=places.get(each.id),
+            disqualified_at=disqualified.get(each.id),
+            awaits_profile=each.id in awaited,
+        )
+        for each in submissions
+    )
+
+
+class _Seen:
+    """What the records say of submissions to one phase, asked for all of them when it is first asked for."""
+
+    def __init__(
+        self, session: Session, phase: Phase, submissions: Sequence[Submission], now: datetime
+    ) -> None:
+        self._session, self._submissions = session, submissions
+        self.phase, self.now = phase, now
+
+    @cached_property
+    def entries(self) -> Mapping[str, BoardEntry]:
+        """Of the current board."""
+        return entries_on(self._session, self.phase.current_board_id)
+
+    @cached_property
+    def sheets(self) -> Mapping[str, ScoreSheet]:
+        """Without those whose score is kept back."""
+        told = [each for each in self._submissions if _is_scored(each) and not self.hides(each)]
+        return published_sheets(self._session, self.phase, {each.id for each in told}, self.now)
+
+    @cached_property
+    def replaced_by(self) -> Mapping[str, str]:
+        """See `replacements`."""
+        return replacements(self._session, self.phase, self._submissions, self.now)
+
+    @cached_property
+    def rules(self) -> Mapping[str, tuple[RunRule, bool]]:
+        """See `rules_of`."""
+        return rules_of(self._session, self.phase, self._submissions)
+
+    @cached_property
+    def is_board_coming(self) -> bool:
+        """Whether the board is being built that will show what came in time."""
+        if frozen_since(self.phase, self.now) is not None:
+            return False
+        key = key_of_phase(self.phase)
+        return is_board_wanted(
+            self._session, self.phase.id, key.protocol_digest, key.split_revision
+        )
+
+    def hides(self, submission: Submission) -> datetime | None:
+        """Since when a score is kept back."""
+        return score_kept_back_since(self.phase, submission, self.now)
+
+
+def _view(
+    submission: Submission,
+    team: Team,
+    seen: _Seen,
+    *,
+    queue: QueuePlace | None,
+    disqualified_at: datetime | None,
+    awaits_profile: bool,
+) -> SubmissionView:
+    phase, is_scored = seen.phase, _is_scored(submission)
+    can_be_confirmed = submission.can_be_confirmed(seen.now)
+    shown = seen.entries.get(submission.id) if is_scored else None
+    replaced = seen.replaced_by.get(submission.id)
+    run_rule, is_chosen = seen.rules.get(submission.id, ("newest", False))
     is_published = not phase.policy.entries_private or submission.published_at is not None
     return SubmissionView(
         id=submission.id,
@@ -93,10 +189,10 @@ def view(
         status=submission.status,
         received_at=submission.received_at,
         status_at=submission.status_at,
-        queue=queue_place(session, submission, heartbeat_ttl_s=heartbeat_ttl_s),
+        queue=queue,
         report=submission.report,
         failure=_failure(submission),
-        sheet=published_sheet(session, submission, phase) if shows_sheet else None,
+        sheet=seen.sheets.get(submission.id) if is_scored else None,
         rank=shown.rank if shown else None,
         rank_interval=shown.rank_interval if shown else None,
         intervals=shown.intervals if shown else {},
@@ -106,11 +202,9 @@ def view(
         and replaced is None
         and is_published
         and disqualified_at is None
-        and _is_board_coming(session, phase, submission),
-        awaits_profile=is_scored
-        and submission.report is None
-        and is_profile_coming(session, submission.id),
-        is_duplicate=is_duplicate,
+        and not is_late(phase, submission)
+        and seen.is_board_coming,
+        awaits_profile=awaits_profile,
         confirm_until=submission.confirm_until if can_be_confirmed else None,
         confirmed_as=submission.confirmed_as,
         is_late=is_late(phase, submission),
@@ -118,7 +212,7 @@ def view(
         is_chosen=is_chosen,
         run_rule=run_rule,
         is_published=is_published,
-        score_kept_back_since=hidden_since,
+        score_kept_back_since=seen.hides(submission),
         disqualified_at=disqualified_at,
         known_as=pseudonym_of_team(phase, team.id)
         if is_anonymous(phase) and not team.is_reference
@@ -126,55 +220,54 @@ def view(
     )
 
 
-def views(session: Session, submissions: Sequence[Submission]) -> tuple[SubmissionView, ...]:
-    """Return several submissions as their team sees them."""
-    return tuple(view(session, each) for each in submissions)
+def _is_scored(submission: Submission) -> bool:
+    return submission.status is SubmissionStatus.SCORED
 
 
-def _is_board_coming(session: Session, phase: Phase, submission: Submission) -> bool:
-    """Whether the board is being built that will show what came in time."""
-    if is_late(phase, submission) or frozen_since(phase, database_now(session)) is not None:
-        return False
-    key = key_of_phase(phase)
-    return is_board_wanted(session, phase.id, key.protocol_digest, key.split_revision)
+def queue_places(
+    session: Session, submissions: Sequence[Submission], *, heartbeat_ttl_s: float = 15.0
+) -> dict[str, QueuePlace]:
+    """Return how many live jobs come before each in fair order now, and how long that may take.
 
-
-def queue_place(
-    session: Session, submission: Submission, *, heartbeat_ttl_s: float = 15.0
-) -> QueuePlace | None:
-    """Return how many live jobs come before it in fair order now, and how long that may take.
-
-    None when it has ended.
+    By the ids of submissions; left out are those that have ended.
     """
-    if submission.status not in WAITING:
-        return None
-    job = session.scalars(_FIRST_JOB, {"submission": submission.id}).first()
-    if job is None or job.state.is_final:
-        return None
-    position = 0 if job.state is WorkState.LEASED else jobs_ahead(session, job)
+    waiting = [each.id for each in submissions if each.status in WAITING]
+    if not waiting:
+        return {}
+    found = session.scalars(_FIRST_JOBS, {"submissions": waiting})
+    jobs = [job for job in found if not job.state.is_final]
+    queued = [job for job in jobs if job.state is not WorkState.LEASED]
+    ahead = jobs_ahead(session, queued) if queued else {}
     alive = live_workers(session, Lane.LIVE, ttl_s=heartbeat_ttl_s)
-    return QueuePlace(
-        position=position,
-        expected_wait_s=_expected_wait_s(session, position, alive),
-        attempts=job.attempts,
-        workers_alive=alive.workers,
-    )
+    scoring_s = recent_scoring_s(session)
+    return {
+        job.submission_id: QueuePlace(
+            position=ahead.get(job.id, 0),
+            expected_wait_s=_expected_wait_s(scoring_s, ahead.get(job.id, 0), alive),
+            attempts=job.attempts,
+            workers_alive=alive.workers,
+        )
+        for job in jobs
+    }
 
 
-def published_sheet(session: Session, submission: Submission, phase: Phase) -> ScoreSheet | None:
-    """Return the sheet under the protocol and split revision that the phase shows, as it may be.
+def published_sheets(
+    session: Session, phase: Phase, submission_ids: set[str], now: datetime
+) -> dict[str, ScoreSheet]:
+    """Return the sheets under the protocol and split revision that the phase shows, as they may be.
 
-    After a reveal of the split that is the final entry's alone: else a team would learn which of
-    its entries is the best on the private part.
+    By the ids of submissions. After a reveal of the split those of final entries alone: else a team
+    would learn which of its entries is the best on the private part.
     """
     board_id = phase.current_board_id
-    if is_split_revealed(session, phase) and (
-        board_id is None or submission.id not in entry_ids(session, board_id)
-    ):
-        return None
-    key = (submission.id, phase.protocol_digest, phase.split_revision)
-    row = session.get(ScoreSheetRow, key)
-    return None if row is None else shown_sheet(phase, row, database_now(session))
+    if submission_ids and is_split_revealed(session, phase):
+        final = set() if board_id is None else entry_ids(session, board_id)
+        submission_ids = submission_ids & final
+    if not submission_ids:
+        return {}
+    shown = {"protocol": phase.protocol_digest, "revision": phase.split_revision}
+    rows = session.scalars(_SHEETS, {"submissions": list(submission_ids), **shown})
+    return {row.submission_id: shown_sheet(phase, row, now) for row in rows}
 
 
 def recent_scoring_s(session: Session) -> float | None:
@@ -187,9 +280,8 @@ def recent_scoring_s(session: Session) -> float | None:
     return median(durations_s) if durations_s else None
 
 
-def _expected_wait_s(session: Session, position: int, alive: LiveWorkers) -> float | None:
+def _expected_wait_s(scoring_s: float | None, position: int, alive: LiveWorkers) -> float | None:
     """Until a slot is free: `position` jobs come first, and the slots work side by side."""
-    scoring_s = recent_scoring_s(session)
     if scoring_s is None or alive.slots == 0:
         return None
     return round(max(0, position - alive.slots + 1) * scoring_s / alive.slots, 1)

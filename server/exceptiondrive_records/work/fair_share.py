@@ -5,6 +5,7 @@ one whose file waits longest; within a team the oldest file goes first. So a flo
 first file by more than the jobs that run already.
 """
 
+from collections.abc import Iterable
 from functools import cache
 
 from sqlalchemy import ColumnElement, Select, and_, exists, func, or_, select
@@ -62,12 +63,12 @@ def fair_order(waiting: ColumnElement[bool], lane: Lane, now: Moment) -> Select[
     )
 
 
-def jobs_ahead(session: Session, job: Job) -> int:
-    """Return how many live jobs run, or are scored before this one, which waits."""
+def jobs_ahead(session: Session, jobs: Iterable[Job]) -> dict[str, int]:
+    """Return how many live jobs run, or are scored before each of these, which wait; by their ids."""
     now = {"now": database_now(session)}
-    ids = session.scalars(_live_order(), now).all()
+    place = {job_id: n for n, job_id in enumerate(session.scalars(_live_order(), now))}
     n_running = session.scalar(_N_LIVE_RUNNING, now) or 0
-    return n_running + (ids.index(job.id) if job.id in ids else len(ids))
+    return {job.id: n_running + place.get(job.id, len(place)) for job in jobs}
 
 
 @cache

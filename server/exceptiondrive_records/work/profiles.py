@@ -1,6 +1,8 @@
 """Profiles of scored files: what a file looks like is worked out when its team asks."""
 
-from sqlalchemy import select, update
+from collections.abc import Iterable
+
+from sqlalchemy import bindparam, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
@@ -10,6 +12,10 @@ from exceptiondrive_records.work.tables import OPEN_STATES, Job, Profile, WorkSt
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
+
+_COMING = select(Profile.key).where(
+    Profile.key.in_(bindparam("submissions", expanding=True)), Profile.state.in_(OPEN_STATES)
+)
 
 
 def ask_for_profile(session: Session, submission_id: str) -> None:
@@ -72,10 +78,6 @@ def give_up_profiles(session: Session, max_attempts: int) -> None:
     )
 
 
-def is_profile_coming(session: Session, submission_id: str) -> bool:
-    """Whether what a file looks like is still being worked out."""
-    query = select(Profile.id).where(
-        Profile.key == submission_id,
-        Profile.state.in_(OPEN_STATES),
-    )
-    return session.scalar(query) is not None
+def profiles_coming(session: Session, submission_ids: Iterable[str]) -> set[str]:
+    """Return those of submissions of which it is still being worked out what their files look like."""
+    return set(session.scalars(_COMING, {"submissions": list(submission_ids)}))

@@ -25,7 +25,7 @@ from exceptiondrive_records.splits.pictures import outline_of_pictures, pictures
 from exceptiondrive_records.splits.tables import SamplePictureRow, SplitRow
 from exceptiondrive_records.submissions.edits import facts_of_entries
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
-from exceptiondrive_records.submissions.views import published_sheet
+from exceptiondrive_records.submissions.views import published_sheets
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES
@@ -321,4 +321,5 @@ def _published(session: Session, submission_id: str) -> tuple[list[BoardRow], Sc
     phase = find_phase(session, submission.phase_id)
     shown = (phase.current_board_id, phase.late_board_id)
     rows = boards_with(session, submission_id, shown)
-    return rows, published_sheet(session, submission, phase)
+    sheets = published_sheets(session, phase, {submission_id}, database_now(session))
+    return rows, sheets.get(submission_id)

@@ -16,14 +16,14 @@ from exceptiondrive_records.boards.boards import (
     served_body,
 )
 from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol, find_protocol_row
 from exceptiondrive_records.rescoring.views import board_history
 from exceptiondrive_records.splits.splits import find_split
-from exceptiondrive_records.submissions.submissions import find_submission
-from exceptiondrive_records.submissions.views import published_sheet
+from exceptiondrive_records.submissions.views import published_sheets
 from exceptiondrive_schemas.base import Document, canonical_json
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.method_facts import EntryFacts
@@ -126,8 +126,8 @@ def _boards(session: Session, phase: Phase, row: BoardRow) -> list[BoardRow]:
 def _sheets(session: Session, phase: Phase, board: Board) -> dict[str, ScoreSheet]:
     """The sheets of the entries on a board, by submission, as the page of each entry shows them."""
     ids = [entry.submission_id for entry in board.entries if entry.submission_id]
-    found = {key: published_sheet(session, find_submission(session, key), phase) for key in ids}
-    return {key: sheet for key, sheet in found.items() if sheet is not None}
+    found = published_sheets(session, phase, set(ids), database_now(session))
+    return {key: found[key] for key in ids if key in found}
 
 
 def _tables(board: Board, sheets: dict[str, ScoreSheet]) -> Members:

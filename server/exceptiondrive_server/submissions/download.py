@@ -15,7 +15,7 @@ from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.errors import NotFound, StoreError, UploadTooLarge
 from exceptiondrive_records.submissions.submissions import find_submission, list_submissions
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.submissions.views import view
+from exceptiondrive_records.submissions.views import views
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
@@ -122,7 +122,8 @@ def _archived(
                 after=after,
                 limit=BATCH,
             )
-            batch = [(view(session, one), session.get_one(Team, one.team_id).slug) for one in found]
+            slugs = [session.get_one(Team, one.team_id).slug for one in found]
+            batch = list(zip(views(session, found), slugs, strict=True))
         for one, slug in batch:
             data, missing = read_upload(services, one)
             path = None

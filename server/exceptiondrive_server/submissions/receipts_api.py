@@ -5,12 +5,13 @@ from typing import Annotated
 from fastapi import APIRouter, Path
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.policy import is_anonymous, score_kept_back_since
 from exceptiondrive_records.submissions.submissions import find_submission
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
-from exceptiondrive_records.submissions.views import published_sheet
+from exceptiondrive_records.submissions.views import published_sheets
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.base import content_digest
@@ -79,8 +80,9 @@ def statement_of(session: Session, submission: Submission) -> ReceiptStatement:
     phase = find_phase(session, submission.phase_id)
     key = (submission.id, phase.protocol_digest, phase.split_revision)
     row = session.get(ScoreSheetRow, key)
-    sheet = published_sheet(session, submission, phase)
-    is_hidden = score_kept_back_since(session, phase, submission) is not None
+    now = database_now(session)
+    sheet = published_sheets(session, phase, {submission.id}, now).get(submission.id)
+    is_hidden = score_kept_back_since(phase, submission, now) is not None
     if row is None or sheet is None or is_hidden:
         raise NotFound("receipt of a score for submission", submission.id)
     return ReceiptStatement(
