@@ -63,12 +63,11 @@ class Split(Document):
         document["samples"].sort(key=lambda sample: sample["sample_id"])
         return content_digest(document)
 
-    @property
+    @cached_property
     def counted(self) -> tuple[SplitSample, ...]:
         """The N samples that count, by sample id."""
-        return tuple(
-            sorted(filter(lambda it: it.counts, self.samples), key=lambda it: it.sample_id)
-        )
+        found = [each for each in self.samples if each.counts]
+        return tuple(sorted(found, key=lambda each: each.sample_id))
 
     @property
     def controls(self) -> tuple[SplitSample, ...]:

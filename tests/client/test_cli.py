@@ -184,6 +184,24 @@ def test_evaluate_says_which_samples_of_a_file_count(
     assert "4 samples, 3 of them in the score, the others controls or withdrawn" in words
 
 
+def test_evaluate_works_out_nothing_that_it_does_not_say(
+    planning_file: MakeFile, split_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from exceptiondrive_schemas import split
+    from exceptiondrive_schemas.check.planning_rules import PlanningRules
+
+    def must_not_be_asked(*_: object) -> None:
+        raise AssertionError("nobody is told that")
+
+    command = ("evaluate", planning_file(), "--split", split_file)
+    before = run(*command)
+    monkeypatch.setattr(split, "content_digest", must_not_be_asked)
+    monkeypatch.setattr(PlanningRules, "unranked_because", must_not_be_asked)
+    done = run(*command)
+    assert (done.exit_code, done.stdout) == (0, before.stdout)
+    assert isinstance(run(*command, "--json").exception, AssertionError), "the sheet names it"
+
+
 def test_evaluate_json_is_the_exact_sheet(planning_file: MakeFile, split_file: Path) -> None:
     from exceptiondrive import evaluate_file
     from exceptiondrive_schemas.score_sheet import ScoreSheet

@@ -27,7 +27,8 @@ def check_both_ways(data: bytes, **options: Any) -> Checked:
         assert isinstance(at_once.document, PlanningDocument)
         sample_ids = list(precise.document.answers)
         assert list(at_once.document.answers) == sample_ids
-        both = (each.columns(sample_ids) for each in (at_once.document, precise.document))
-        for one, other in zip(*(columns.values() for columns in both), strict=True):
-            assert one.tobytes() == other.tobytes()  # equal to the sign of a zero
+        for names in (sample_ids, sample_ids[::-1]):  # in the order of the file, and in another
+            both = (each.columns(names) for each in (at_once.document, precise.document))
+            for one, other in zip(*(columns.values() for columns in both), strict=True):
+                assert one.tobytes() == other.tobytes()  # equal to the sign of a zero
     return precise

@@ -65,14 +65,13 @@ STEPS_AFTER_S = 1.0
 class StepLine:
     """A line that says which step goes on, and for how long all of them have."""
 
-    def __init__(self, *, is_shown: bool) -> None:
+    def __init__(self) -> None:
         self._line = Progress(
             SpinnerColumn(),
             TextColumn("{task.description}"),
             TimeElapsedColumn(),
             console=console(stderr=True),
             transient=True,
-            disable=not (is_shown and has_terminal()),
         )
         self._task = self._line.add_task("", total=None)
         self._later = Timer(STEPS_AFTER_S, self._line.start)

@@ -4,7 +4,7 @@ from __future__ import annotations  # array[float] is no runtime type before 3.1
 
 import math
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
@@ -18,6 +18,39 @@ class TrajectoryPair(NamedTuple):
 
     source: array[float] | None
     edited: array[float] | None
+
+
+class PairsOfColumns(Mapping[str, TrajectoryPair]):
+    """Pairs by sample id of a file that leaves no trajectory out, cut out of its columns one by one.
+
+    Args:
+        sample_ids: Of N samples, each once.
+        source: N * T * 2 numbers, metres, one trajectory behind the other.
+        edited: The same.
+        n_waypoints: T.
+    """
+
+    def __init__(
+        self,
+        sample_ids: Sequence[str],
+        source: array[float],
+        edited: array[float],
+        n_waypoints: int,
+    ) -> None:
+        self.columns = {"source": source, "edited": edited}
+        self._width = 2 * n_waypoints
+        self._rows = dict(zip(sample_ids, range(len(sample_ids)), strict=True))
+
+    def __getitem__(self, sample_id: str) -> TrajectoryPair:
+        start = self._rows[sample_id] * self._width
+        of_sample = slice(start, start + self._width)
+        return TrajectoryPair(self.columns["source"][of_sample], self.columns["edited"][of_sample])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._rows)
+
+    def __len__(self) -> int:
+        return len(self._rows)
 
 
 class StrategyAnswer(NamedTuple):
@@ -56,10 +89,13 @@ class PlanningDocument(CheckedDocument):
             Two flat arrays of N * T * 2 float64, metres, NaN where missing; as numpy:
             `np.frombuffer(column).reshape(-1, T, 2)`.
         """
+        answers = self.answers
+        if isinstance(answers, PairsOfColumns) and list(answers) == sample_ids:
+            return answers.columns
         missing = array("d", [math.nan]) * (2 * self.n_waypoints)
         source, edited = array("d"), array("d")
         for sample_id in sample_ids:
-            pair = self.answers[sample_id]
+            pair = answers[sample_id]
             source.extend(missing if pair.source is None else pair.source)
             edited.extend(missing if pair.edited is None else pair.edited)
         return {"source": source, "edited": edited}

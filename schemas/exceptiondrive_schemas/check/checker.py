@@ -248,15 +248,18 @@ class SubmissionReader:
         manifest: Manifest | None,
         challenge: ChallengeId | None,
         faults: FaultList,
+        foretells_rank: bool,
     ) -> None:
         self._data = data
         self._stream = JsonStream(data)
         self._protocol = protocol
         self._manifest = manifest
+        self._foretells_rank = foretells_rank
         self._wanted = (manifest and manifest.challenge) or challenge
         self._ids = SampleIds(manifest, faults)
         self._rules: PredictionRules | None = None
-        self._answers: dict[str, Any] = {}
+        self._one_by_one: dict[str, Any] = {}
+        self._answers: Mapping[str, Any] = self._one_by_one
         self._seen: set[str] = set()
         self._reading: Path = ()
         self._n_ids_as_keys = 0
@@ -484,7 +487,7 @@ class SubmissionReader:
             self._check_keys(value, rules, path, shown_id)
         answer = rules.answer(value, path, shown_id)
         if sample_id is not None:
-            self._answers[sample_id] = answer
+            self._one_by_one[sample_id] = answer
 
     def _check_keys(
         self, value: dict[str, Any], rules: PredictionRules, path: Path, sample_id: str | None
@@ -536,7 +539,8 @@ class SubmissionReader:
         challenge = self.challenge or PLANNING.id
         rules = self._rules or RULES[challenge](self._protocol, self.faults)
         self.notes += rules.notes(len(self._answers), self.profile)
-        self.unranked_because = rules.unranked_because(len(self._answers), self.profile)
+        if self._foretells_rank:
+            self.unranked_because = rules.unranked_because(len(self._answers), self.profile)
         return rules.document(self.split, self._answers)
 
     @property
@@ -609,6 +613,7 @@ def check(
     challenge: ChallengeId | None = None,
     max_upload_bytes: int = MAX_UPLOAD_BYTES,
     max_inflated_bytes: int = MAX_INFLATED_BYTES,
+    foretells_rank: bool = True,
 ) -> Checked:
     """Check a submission file and keep what it says.
 
@@ -622,6 +627,7 @@ def check(
         challenge: The challenge that the file must be for, where the manifest names none; any, if None.
         max_upload_bytes: Most bytes of the file itself.
         max_inflated_bytes: Most bytes of JSON in it.
+        foretells_rank: Whether to say why it would not be ranked; a score, if it follows, tells that better.
     """
     faults = FaultList()
     try:
@@ -638,6 +644,7 @@ def check(
         manifest=manifest,
         challenge=challenge,
         faults=faults,
+        foretells_rank=foretells_rank,
     )
     document = reader.read()
     return Checked(_report(data, faults, reader), document)

@@ -5,15 +5,19 @@ from __future__ import annotations  # array[float] is no runtime type before 3.1
 import math
 from array import array
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from exceptiondrive_schemas.check.answers import PlanningDocument, TrajectoryPair
+from exceptiondrive_schemas.check.answers import (
+    PairsOfColumns,
+    PlanningDocument,
+    TrajectoryPair,
+)
 from exceptiondrive_schemas.check.fault_list import FaultList, Path, kind, shown
 from exceptiondrive_schemas.check.frame import FrameCheck
 from exceptiondrive_schemas.check.motion import motion_flags, wrong_first_steps
-from exceptiondrive_schemas.check.planning_columns import PlanningColumns, Side
+from exceptiondrive_schemas.check.planning_columns import PlanningColumns
 from exceptiondrive_schemas.check.source_fit import AT_ORIGIN_M, file_profile
 from exceptiondrive_schemas.check.tracks import PairTracks, Tracks
 from exceptiondrive_schemas.check.trajectory_forms import (
@@ -82,21 +86,33 @@ class PlanningRules:
             self._n_missing[key] += trajectory is None
         return pair
 
-    def take(self, columns: PlanningColumns) -> dict[str, TrajectoryPair] | None:
+    def take(self, columns: PlanningColumns) -> Mapping[str, TrajectoryPair] | None:
         """Take all predictions of a file at once.
 
         Returns:
             Sample id to pair; None where a number may be out of bounds, and nothing is taken.
         """
-        sides = [_trajectories(side, self._geometry.waypoints) for side in columns[2:]]
-        pairs = list(map(TrajectoryPair, *sides))
-        tracks = PairTracks.of(pairs, self._geometry.waypoints)
+        n_waypoints, sides = self._geometry.waypoints, (columns.source, columns.edited)
+        source, edited = (_flat(side.numbers) for side in sides)
+        answers: Mapping[str, TrajectoryPair]
+        if all(all(side.is_given) for side in sides):
+            answers = PairsOfColumns(columns.sample_ids, source, edited, n_waypoints)
+            tracks = PairTracks(
+                Tracks.cut(source, n_waypoints), Tracks.cut(edited, n_waypoints), len(answers)
+            )
+        else:
+            sources = _trajectories(columns.source.is_given, source, 2 * n_waypoints)
+            edits = _trajectories(columns.edited.is_given, edited, 2 * n_waypoints)
+            answers = dict(
+                zip(columns.sample_ids, map(TrajectoryPair, sources, edits), strict=True)
+            )
+            tracks = PairTracks.of(answers.values(), n_waypoints)
         if not (self._is_within_bounds(tracks.source) and self._is_within_bounds(tracks.edited)):
             return None
         self._tracks = tracks
         for key, side in zip(self._n_missing, sides, strict=True):
-            self._n_missing[key] = side.count(None)
-        return dict(zip(columns.sample_ids, pairs, strict=True))
+            self._n_missing[key] = side.is_given.count(False)
+        return answers
 
     def _is_within_bounds(self, tracks: Tracks) -> bool:
         """Whether certainly no coordinate and no step is too large."""
@@ -418,16 +434,25 @@ CLEARLY_MOVES_M = 5.0
 """Farther than a column of times, headings or heights goes in a few seconds."""
 
 
-def _trajectories(side: Side, n_waypoints: int) -> list[array[float] | None]:
-    """Return N flat trajectories, None where null stands; no negative zeros."""
-    width, flat = 2 * n_waypoints, array("d", side.numbers)
-    if 0.0 in flat:
-        flat = array("d", map((0.0).__add__, flat))
-    given = [flat[start : start + width] for start in range(0, len(flat), width)]
-    if len(given) == len(side.is_given):
-        return [*given]
-    following = iter(given)
-    return [next(following) if is_given else None for is_given in side.is_given]
+_NEGATIVE_ZERO = array("d", [-0.0]).tobytes()
+
+
+def _flat(numbers: Sequence[float]) -> array[float]:
+    """Return an array without negative zeros."""
+    flat = array("d", numbers)
+    as_bytes, size, at = flat.tobytes(), flat.itemsize, -1
+    while (at := as_bytes.find(_NEGATIVE_ZERO, at + 1)) >= 0:
+        if at % size == 0:  # else it reaches from one number into the next
+            flat[at // size] = 0.0
+    return flat
+
+
+def _trajectories(
+    is_given: Sequence[bool], flat: array[float], width: int
+) -> list[array[float] | None]:
+    """Return N flat trajectories, None where null stands."""
+    given = (flat[start : start + width] for start in range(0, len(flat), width))
+    return [next(given) if is_there else None for is_there in is_given]
 
 
 def _is_row_of_three(point: Any) -> bool:

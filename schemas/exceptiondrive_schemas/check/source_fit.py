@@ -146,7 +146,7 @@ def file_profile(
         return None
     compared = [
         Compared(recorded[sample_id], source, of_edit)
-        for sample_id, (source, of_edit) in sorted(whole.items())
+        for sample_id, (source, of_edit) in sorted(whole.items() if recorded else ())
         if source and recorded and sample_id in recorded
     ]
     best = _best_mend(compared, geometry, plausibility, n_given)
@@ -158,7 +158,7 @@ def file_profile(
     mend = (
         _start_mend((at_source, at_edit), geometry, plausibility)
         or best
-        or _row_mend(whole, recorded)
+        or _row_mend(whole, tracks, recorded)
         or _id_mend(beside, driven)
         or _edited_mend(*of_pairs, plausibility)
     )
@@ -689,10 +689,16 @@ def _lead_mend(tried: Sequence[Compared], error: float, geometry: GeometrySectio
     )
 
 
-def _row_mend(whole: Mapping[str, Whole], recorded: Mapping[str, Points] | None) -> Mend | None:
+def _row_mend(
+    whole: Mapping[str, Whole], tracks: PairTracks, recorded: Mapping[str, Points] | None
+) -> Mend | None:
     """Name trajectories that stand one row off: each is that of the sample before or behind it."""
-    sources = _firsts(source for source, _ in whole.values())
-    of_edited = _neighbour(sources, _firsts(of_edit for _, of_edit in whole.values()))
+    if tracks.n_both == len(whole):  # all rows stand in the columns, in their order
+        sources, edits = ((side.x_m[0], side.y_m[0]) for side in (tracks.source, tracks.edited))
+    else:
+        sources = _firsts(source for source, _ in whole.values())
+        edits = _firsts(of_edit for _, of_edit in whole.values())
+    of_edited = _neighbour(sources, edits)
     found = None
     if recorded:
         drives = (recorded[name][0] if name in recorded else None for name in whole)

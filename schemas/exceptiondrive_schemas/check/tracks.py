@@ -48,6 +48,12 @@ class Tracks:
             joined.extend(flat)
         if len(joined) != width * len(trajectories):
             raise ValueError("the trajectories have different numbers of waypoints")
+        return cls.cut(joined, n_waypoints)
+
+    @classmethod
+    def cut(cls, joined: array[float], n_waypoints: int) -> Tracks:
+        """Put whole trajectories beside each other that stand one behind the other."""
+        width = 2 * n_waypoints
         columns = [joined[start::width] for start in range(width)]
         return cls(columns[::2], columns[1::2])
 
