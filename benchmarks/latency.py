@@ -106,10 +106,10 @@ def _case(
     target, warm = done + n_uploads, done + slots
     topology.wait_until(lambda: _n_scored(topology) >= warm, "the first scores", 600)
     first, before, began_s = _n_scored(topology), _cpu_s(), time.monotonic()
-    messages = topology.database_proxy.n_delayed
+    round_trips = topology.database_proxy.n_round_trips
     topology.wait_until(lambda: _n_scored(topology) >= target, "all scores", 1200)
     took_s, n_scored = time.monotonic() - began_s, target - first
-    messages = topology.database_proxy.n_delayed - messages
+    round_trips = topology.database_proxy.n_round_trips - round_trips
     found = Case(
         slots,
         latency_ms,
@@ -117,7 +117,7 @@ def _case(
         n_uploads / accepted_s,
         _since(before, n_scored),
         accept_cpu_s,
-        messages / 2 / n_scored,
+        round_trips / n_scored,
     )
     _set_latency(topology, 0.0)
     topology.remove_worker(worker)

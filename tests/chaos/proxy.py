@@ -2,12 +2,28 @@
 
 import contextlib
 import random
+import select
 import socket
 import threading
 import time
+from collections import deque
 from pathlib import Path
 
 _CHUNK_BYTES = 65536
+
+
+class _Stream:
+    """One connection in both directions."""
+
+    def __init__(self) -> None:
+        self.doomed = threading.Event()
+        """Once a byte was swallowed it cannot go on."""
+        self._speaker: socket.socket | None = None
+
+    def turns_to(self, speaker: socket.socket) -> float:
+        """Return how much of a round trip it is that this side speaks: half, after the other one."""
+        is_other, self._speaker = self._speaker is not speaker, speaker
+        return 0.5 if is_other else 0.0
 
 
 class Proxy:
@@ -23,6 +39,7 @@ class Proxy:
         self.reset_share = 0.0
         self.n_resets = 0
         self.n_delayed = 0
+        self.n_round_trips = 0.0
         self.n_swallowed_bytes = 0
         self.is_silent = False
         threading.Thread(target=self._accept, daemon=True).start()
@@ -55,14 +72,25 @@ class Proxy:
                 far.close()
                 continue
             self._open |= {near, far}
-            doomed = threading.Event()  # once a byte was swallowed, the stream cannot go on
+            stream = _Stream()
             for source, sink in ((near, far), (far, near)):
-                arguments = (source, sink, doomed)
+                arguments = (source, sink, stream)
                 threading.Thread(target=self._forward, args=arguments, daemon=True).start()
 
-    def _forward(self, source: socket.socket, sink: socket.socket, doomed: threading.Event) -> None:
+    def _forward(self, source: socket.socket, sink: socket.socket, stream: _Stream) -> None:
+        late: deque[tuple[float, bytes]] = deque()
+        """What is under way, and when it arrives: what follows closely is not held up by it."""
+        doomed, heard = stream.doomed, select.poll()
+        heard.register(source, select.POLLIN)
         with contextlib.suppress(OSError):
-            while data := source.recv(_CHUNK_BYTES):
+            while True:
+                while late and late[0][0] <= time.monotonic():
+                    sink.sendall(late.popleft()[1])
+                if not heard.poll(1000 * (late[0][0] - time.monotonic()) if late else None):
+                    continue
+                data = source.recv(_CHUNK_BYTES)
+                if not data:
+                    break
                 if self.is_silent or doomed.is_set():
                     doomed.set()
                     self.n_swallowed_bytes += len(data)
@@ -70,9 +98,11 @@ class Proxy:
                 if self.reset_share and self._random.random() < self.reset_share:
                     self.n_resets += 1
                     break
-                if self.delay_s:
-                    time.sleep(self.delay_s)
-                    self.n_delayed += 1
+                self.n_round_trips += stream.turns_to(source)
+                self.n_delayed += self.delay_s > 0
+                late.append((time.monotonic() + self.delay_s, data))
+            for due_s, data in late:
+                time.sleep(max(0.0, due_s - time.monotonic()))
                 sink.sendall(data)
         for end in (source, sink):
             self._open.discard(end)
