@@ -68,7 +68,7 @@ def _always_newer(_: Any) -> Callable[..., Any]:
 
 def _kept_by_halves(_: Any) -> Callable[..., Any]:
     """What a transaction did before it broke off stays."""
-    from exceptiondrive_records.audit.log import seal_audit_lines
+    from exceptiondrive_records.db.database import _end
 
     @contextmanager
     def write(database: Any) -> Iterator[Any]:
@@ -77,7 +77,7 @@ def _kept_by_halves(_: Any) -> Callable[..., Any]:
                 yield session
             finally:
                 session.flush()
-                seal_audit_lines(session)
+                _end(session)
                 session.commit()
 
     return write

@@ -1,13 +1,14 @@
 """The audit chain: whole under parallel writers, and broken by any change."""
 
 from concurrent.futures import ThreadPoolExecutor
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
+from typing import Any
 
 import pytest
 from sqlalchemy import text
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.audit.log import GENESIS, audit, audit_page, verify_audit
+from exceptiondrive_records.audit.log import GENESIS, ISO_AT, audit, audit_page, verify_audit
 from exceptiondrive_records.db.database import Database
 
 
@@ -31,6 +32,38 @@ def test_parallel_writers_make_one_chain_without_a_gap(database: Database) -> No
         assert verdict.is_whole
         assert verdict.n_lines == 64
         assert {line.detail["number"] for line in audit_page(session)} == set(range(64))
+
+
+ODD: list[dict[str, Any]] = [
+    {},
+    {"b": [1e-7, 1e22, 0.1, -0.0, 3, None, True], "a": {"z": {}, "y": [[]]}},
+    {"words": "q\" \\ \n\t \u2028 \x7f ü € \U0001f600 %s %(x)s 'x' $1", 'k"é': "\x00"},
+    {"number": 2**70, "empty": "", "dates": "2026-01-01T00:00:00+00:00"},
+]
+
+
+def test_whatever_a_line_says_the_database_and_python_hash_it_alike(database: Database) -> None:
+    """Where PostgreSQL chains, several lines of one transaction as well as those of several."""
+    for details in (ODD, ODD[1:], ODD[:1]):
+        with database.write() as session:
+            for detail in details:
+                audit(session, "o'brien \\ü", 'said "so"', "sübject\n", detail)
+    with database.read() as session:
+        assert verify_audit(session).is_whole
+        lines = audit_page(session)
+    assert [line.detail for line in reversed(lines)] == [*ODD, *ODD[1:], *ODD[:1]]
+    assert [line.at for line in lines] == sorted((line.at for line in lines), reverse=True)
+
+
+@pytest.mark.parametrize(
+    "database_url", [pytest.param("postgres", marks=pytest.mark.postgres)], indirect=True
+)
+@pytest.mark.parametrize("microsecond", [0, 1, 120000, 999999])
+def test_the_database_writes_a_time_as_python_does(database: Database, microsecond: int) -> None:
+    at = datetime(2026, 1, 31, 23, 5, 9, microsecond, tzinfo=UTC)
+    with database.read() as session:
+        said = session.scalar(text(f"SELECT {ISO_AT} FROM (SELECT :at AS at) AS one"), {"at": at})
+    assert said == at.isoformat()
 
 
 def test_a_transaction_that_fails_leaves_no_line(database: Database) -> None:

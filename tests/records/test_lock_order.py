@@ -18,7 +18,7 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.board_requests import claim_board, want_board
 from exceptiondrive_records.work.jobs import Finish
-from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_records.work.tables import BoardRequest, Job, WorkState
 from exceptiondrive_schemas.api.phase_settings import NewPhase
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.challenges import PLANNING
@@ -115,7 +115,8 @@ def test_who_builds_boards_waits_for_no_request_that_another_holds(world: World)
             actor="test",
         )
     with world.database.write() as held, world.database.write() as session:
-        want_board(held, "other", world.protocol_digest)
+        of_other = update(BoardRequest).where(BoardRequest.phase_id == "other")
+        held.execute(of_other.values(attempts=BoardRequest.attempts))
         session.execute(text("SET LOCAL lock_timeout = '2s'"))
         taken = claim_board(session, Lane.LIVE, 30)
         assert taken is not None

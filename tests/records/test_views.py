@@ -121,6 +121,7 @@ def test_a_worker_lives_while_its_sign_of_life_is_young(world: World) -> None:
     with world.database.write() as session:
         beat(session, "old", (Lane.LIVE,), slots=1)
         beat(session, "young", (Lane.LIVE, Lane.RESCORE), slots=2)
+    with world.database.write() as session:
         row = session.get_one(WorkerHeartbeat, "old")
         session.execute(
             update(WorkerHeartbeat)

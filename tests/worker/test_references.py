@@ -83,6 +83,7 @@ def test_a_reference_that_another_board_says_otherwise_of_is_found(
     with world.database.write() as session:
         assert list(broken_boards(session)) == []
         want_board(session, "dev", board.protocol.digest)
+    with world.database.write() as session:
         claim = claim_board_of(session, "dev", board.protocol.digest)
         assert claim is not None
         lower = {"metrics": freeze.metrics | {"hcc": 0.5}}

@@ -36,7 +36,7 @@ _log = structlog.get_logger("exceptiondrive.worker")
 
 def describe_next(context: WorkerContext) -> bool:
     """Describe the scored file that waits longest; whether there was one."""
-    with context.database.write() as session:
+    with context.database.claim() as session:
         settings = context.settings
         item = claim_profile(session, settings.lease_s, settings.max_attempts)
     if item is None:

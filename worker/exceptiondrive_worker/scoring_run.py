@@ -6,7 +6,7 @@ import structlog
 from sqlalchemy import ColumnElement, Select, select, tuple_
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.db.clock import NOW, database_now
+from exceptiondrive_records.db.clock import NOW
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.phases.policy import is_late
 from exceptiondrive_records.phases.scoring_keys import ScoringKey, accepted_under
@@ -83,7 +83,7 @@ def score_next(context: WorkerContext, lane: Lane, *which: ColumnElement[bool]) 
 
 def _wanted(session: Session, lane: Lane, *which: ColumnElement[bool]) -> dict[ScoringKey, str]:
     """What waiting jobs are scored under: protocol and revision, to the name of the split."""
-    found = session.execute(_keys_of_waiting(lane, *which), {"now": database_now(session)})
+    found = session.execute(_keys_of_waiting(lane, *which))
     return {ScoringKey(digest, revision): name for digest, revision, name in found}
 
 

@@ -1,16 +1,19 @@
 """The audit chain: each line carries the hash of the one before it.
 
 Lines are gathered while a write transaction runs and chained just before it commits, so that the
-head of the chain is locked last and shortly, and never in a circle with other locks.
+head of the chain is locked last and shortly, and never in a circle with other locks. PostgreSQL works the
+hashes out itself, so that nobody has to hear of the head while it is locked.
 """
 
 import hashlib
-from collections.abc import Mapping
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import func, select, text
+import psycopg
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.tables import AuditLine
@@ -27,6 +30,24 @@ _CHAIN_LOCK = 0x45446175  # any constant: the advisory lock of the chain on Post
 
 
 _HEAD = select(AuditLine.id, AuditLine.hash).order_by(AuditLine.id.desc()).limit(1)
+_DIGITS = """to_char(at AT TIME ZONE 'UTC', 'YYYY-MM-DD"T"HH24:MI:SS.US')"""
+ISO_AT = f"replace({_DIGITS}, '.000000', '') || '+00:00'"
+"""A column `at` as `datetime.isoformat` writes it, in the SQL of PostgreSQL."""
+_CHAIN_IN_SQL = f"""
+WITH line AS (
+    SELECT statement_timestamp() AS at, coalesce(head.id, 0) + 1 AS id, coalesce(head.hash, '{GENESIS}') AS previous
+    FROM (SELECT 1) AS one LEFT JOIN (SELECT id, hash FROM audit_lines ORDER BY id DESC LIMIT 1) AS head ON true
+), told AS (
+    SELECT *, {ISO_AT} AS iso FROM line
+)
+INSERT INTO audit_lines (id, at, actor, action, subject, detail, previous_hash, hash)
+SELECT id, at, %(actor)s, %(action)s, %(subject)s, %(detail)s::json, previous,
+    encode(sha256(convert_to(
+        previous || %(before_at)s || iso || %(before_id)s || id || %(before_end)s, 'UTF8'
+    )), 'hex')
+FROM told
+"""
+"""As `line_hash`: keys of canonical JSON stand in the order of the alphabet."""
 
 
 @dataclass(frozen=True)
@@ -56,16 +77,42 @@ def audit_once(
         audit(session, actor, action, subject, detail)
 
 
-def seal_audit_lines(session: Session) -> None:
-    """Chain the lines of this transaction; called by `Database.write` before it commits."""
-    pending: list[_Pending] = session.info.pop(_PENDING, [])
-    if not pending:
-        return
-    if session.get_bind().dialect.name == "postgresql":
-        session.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _CHAIN_LOCK})
+def take_audit_lines(session: Session) -> list[_Pending]:
+    """Return the lines of this transaction, to be chained by `Database.write` before it commits."""
+    lines: list[_Pending] = session.info.pop(_PENDING, [])
+    return lines
+
+
+def chain_in_sql(driver: "psycopg.Connection[Any]", lines: Sequence[_Pending]) -> None:
+    """Chain lines on PostgreSQL, where one transaction at a time does; nothing is waited for."""
+    told = [_in_sql(line) for line in lines]
+    if told:
+        driver.execute(f"SELECT pg_advisory_xact_lock({_CHAIN_LOCK})")
+    for line in told:
+        driver.execute(_CHAIN_IN_SQL, line)
+
+
+def _in_sql(line: _Pending) -> dict[str, str]:
+    actor, action, subject, detail = (
+        canonical_json(value).decode()
+        for value in (line.actor, line.action, line.subject, line.detail)
+    )
+    return {
+        "actor": line.actor,
+        "action": line.action,
+        "subject": line.subject,
+        "detail": json.dumps(line.detail),
+        "before_at": f'{{"action":{action},"actor":{actor},"at":"',
+        "before_id": f'","detail":{detail},"id":',
+        "before_end": f',"subject":{subject}}}',
+    }
+
+
+def chain_audit_lines(session: Session, lines: Sequence[_Pending]) -> None:
+    """Chain lines on SQLite, where one transaction writes at a time."""
     number, head = session.execute(_HEAD).first() or (0, GENESIS)
     at = database_now(session)
-    for line in pending:
+    for line in lines:
         number += 1
         row = AuditLine(
             id=number,

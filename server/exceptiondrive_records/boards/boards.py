@@ -55,6 +55,9 @@ def publish_board(
 
     Returns:
         The row that holds the board; None when the lease was lost and nothing was recorded.
+
+    Raises:
+        LeaseLost: At the end of the transaction: it was lost meanwhile, and nothing is recorded.
     """
     phase = lock_phase(session, claim.phase_id)
     if not finish_board(session, claim):

@@ -1,19 +1,65 @@
 """The one clock that leases and quotas know: the database's."""
 
 from datetime import UTC, datetime, timedelta
+from typing import Any
 
-from sqlalchemy import ColumnElement, bindparam, func, select
+from sqlalchemy import ColumnElement, Double, Function, func, literal_column, select
+from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.orm import Session
+from sqlalchemy.sql.compiler import SQLCompiler
+from sqlalchemy.sql.functions import GenericFunction
 
 from exceptiondrive_records.db.columns import UtcDateTime
 
-NOW = bindparam("now", type_=UtcDateTime())
-"""The time in a statement that is made once, as making some takes longer than asking the database;
-whoever sends it gives `{"now": database_now(session)}`."""
 Moment = datetime | ColumnElement[datetime]
 """A time in a condition: one that is known, or `NOW`."""
 _SQLITE_NOW = select(func.strftime("%Y-%m-%dT%H:%M:%f", "now"))
 _POSTGRESQL_NOW = select(func.clock_timestamp())
+
+
+class seconds_from_now(GenericFunction[datetime]):  # noqa: N801 - it is called in statements
+    """The time when a statement begins, and so many seconds later, in a statement.
+
+    It costs no question of its own, and a statement that holds it is made once.
+    """
+
+    type = UtcDateTime()
+    inherit_cache = True
+
+
+class seconds_since(GenericFunction[float]):  # noqa: N801
+    """The seconds from a time in a column to the time when a statement begins."""
+
+    type = Double()
+    inherit_cache = True
+
+
+NOW = seconds_from_now(literal_column("0"))
+"""The time when a statement begins, in a statement."""
+
+
+@compiles(seconds_from_now)
+def _later(element: Function[datetime], compiler: SQLCompiler, **how: Any) -> str:
+    seconds = compiler.process(element.clauses, **how)
+    return f"(statement_timestamp() + make_interval(secs => {seconds}))"
+
+
+@compiles(seconds_from_now, "sqlite")
+def _later_in_sqlite(element: Function[datetime], compiler: SQLCompiler, **how: Any) -> str:
+    seconds = compiler.process(element.clauses, **how)
+    return f"strftime('%Y-%m-%d %H:%M:%f000', 'now', printf('%f seconds', {seconds}))"
+
+
+@compiles(seconds_since)
+def _passed(element: Function[float], compiler: SQLCompiler, **how: Any) -> str:
+    since = compiler.process(element.clauses, **how)
+    return f"extract(epoch FROM statement_timestamp() - {since})"
+
+
+@compiles(seconds_since, "sqlite")
+def _passed_in_sqlite(element: Function[float], compiler: SQLCompiler, **how: Any) -> str:
+    since = compiler.process(element.clauses, **how)
+    return f"round((julianday('now') - julianday({since})) * 86400, 3)"
 
 
 def database_now(session: Session) -> datetime:

@@ -5,33 +5,36 @@ not honoured when a read transaction is upgraded (docs/decisions/0003-sql-is-the
 """
 
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Engine, create_engine, event, make_url
+from sqlalchemy import Connection, Engine, Executable, create_engine, event, make_url
 from sqlalchemy.dialects.postgresql import insert as postgres_insert
 from sqlalchemy.dialects.sqlite import insert as sqlite_insert
 from sqlalchemy.engine.interfaces import DBAPIConnection
-from sqlalchemy.exc import DBAPIError, IntegrityError, OperationalError
+from sqlalchemy.exc import DataError, DBAPIError, IntegrityError, OperationalError
 from sqlalchemy.orm import Session, sessionmaker
 
-from exceptiondrive_records.audit.log import seal_audit_lines
+from exceptiondrive_records.audit.log import chain_audit_lines, chain_in_sql, take_audit_lines
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
+from exceptiondrive_records.db.last import take_last
+from exceptiondrive_records.db.postgresql import WRITES, in_one_go, postgresql_engine
 
 __all__ = ["Database", "database_now", "flush_or_refuse"]
 
-_WRITES = "exceptiondrive_writes"
 BUSY_TIMEOUT_MS = 15_000
 _AUTOCOMMIT = "AUTOCOMMIT"
+_BY_ITSELF = {"isolation_level": _AUTOCOMMIT}
 _STATE = {"sqlite": "PRAGMA data_version", "postgresql": "SELECT pg_current_snapshot()"}
 """What changes with every commit: SQLite counts those of other connections; the snapshot of PostgreSQL
 names the transactions whose work can be seen, and is the same only where the same can be seen."""
 _INSUFFICIENT_PRIVILEGE = "42501"
+_DIVISION_BY_ZERO = "22012"
 _UNDEFINED_TABLE = "42P01"
 _UNDEFINED_COLUMN = "42703"
 _CONFLICTS = {
@@ -50,9 +53,13 @@ class Database:
 
     def __init__(self, url: str) -> None:
         self.engine = _engine(url)
-        self._reads = sessionmaker(self.engine, expire_on_commit=False)
-        writes = self.engine.execution_options(**{_WRITES: True})
+        is_server = self.engine.dialect.name == "postgresql"
+        reads = self.engine.execution_options(**_BY_ITSELF) if is_server else self.engine
+        self._reads = sessionmaker(reads, expire_on_commit=False)
+        event.listen(self._reads, "before_flush", _refuse_to_write)
+        writes = reads.execution_options(**{WRITES: True})
         self._writes = sessionmaker(writes, expire_on_commit=False)
+        self._claims = sessionmaker(reads if is_server else writes, expire_on_commit=False)
         self._watcher = _Watcher(self.engine)
 
     def state(self) -> str:
@@ -64,7 +71,14 @@ class Database:
 
     @contextmanager
     def read(self) -> Iterator[Session]:
-        """Give a session for one short read transaction; nothing is kept."""
+        """Give a session to read with.
+
+        SQLite reads in one transaction. On PostgreSQL each statement sees what is committed when it begins,
+        as in a transaction of its default isolation, whose two ends would cost a round trip each.
+
+        Raises:
+            RuntimeError: An object was added, changed or deleted.
+        """
         with self._reads() as session:
             yield session
 
@@ -74,12 +88,54 @@ class Database:
         with self._writes() as session, session.begin():
             yield session
             session.flush()
-            seal_audit_lines(session)
+            _end(session)
+
+    @contextmanager
+    def claim(self) -> Iterator[Session]:
+        """Give a session for ONE statement, as `write` without audit lines.
+
+        PostgreSQL keeps it at once: what it claims is locked for no round trip.
+        """
+        with self._claims() as session, session.begin():
+            yield session
 
     def dispose(self) -> None:
         """Close all connections."""
         self._watcher.close()
         self.engine.dispose()
+
+
+def _end(session: Session) -> None:
+    """Do what comes last and chain the audit lines; on PostgreSQL commit in the same breath.
+
+    There what is sent together has to end itself where a condition fails: nothing divides by zero.
+    """
+    last, lines = take_last(session), take_audit_lines(session)
+    if not last and not lines:
+        return
+    connection = session.connection()
+    if connection.dialect.name == "sqlite":
+        for each in last:
+            found = connection.execute(each.what, each.given)
+            if each.refusal is not None and not found.scalar():
+                raise each.refusal
+        chain_audit_lines(session, lines)
+        session.flush()
+        return
+    refusal = next((each.refusal for each in last if each.refusal is not None), None)
+    try:
+        with in_one_go(connection) as driver:
+            for each in last:
+                connection.execute(each.what, each.given)
+            chain_in_sql(driver, lines)
+    except DataError as error:
+        if refusal is None or _code_of(error) != _DIVISION_BY_ZERO:
+            raise
+        raise refusal from None
+
+
+def _refuse_to_write(session: Session, *_: Any) -> None:
+    raise RuntimeError("this session reads: nothing may be changed in it")
 
 
 class _Watcher:
@@ -163,13 +219,7 @@ def _code_of(error: Exception) -> str | None:
 def _engine(url: str) -> Engine:
     if make_url(url).get_backend_name() == "sqlite":
         return _sqlite_engine(url)
-    return create_engine(
-        url,
-        pool_size=5,
-        max_overflow=20,
-        pool_pre_ping=True,
-        connect_args={"options": "-c timezone=UTC -c lock_timeout=30s", "connect_timeout": 5},
-    )
+    return postgresql_engine(url)
 
 
 def _sqlite_engine(url: str) -> Engine:
@@ -196,7 +246,7 @@ def _prepare_sqlite(connection: DBAPIConnection, record: Any) -> None:
 def _begin_sqlite(connection: Connection) -> None:
     if connection.get_execution_options().get("isolation_level") == _AUTOCOMMIT:
         return
-    writes = connection.get_execution_options().get(_WRITES, False)
+    writes = connection.get_execution_options().get(WRITES, False)
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
 
 
@@ -215,36 +265,40 @@ def insert_if_absent(session: Session, table: type[Base], **values: Any) -> None
 def upsert(
     session: Session,
     table: type[Base],
-    values: Mapping[str, Any],
+    made: Changes,
     changes: Changes,
     *,
     takes: tuple[str, ...],
     keys: tuple[str, ...],
-) -> None:
-    """Insert a row; where one of the same keys is there, change that one instead.
+) -> Executable:
+    """Return what inserts a row or, where one of the same keys is there, changes that one instead.
+
+    It is made once and takes the values of the new row.
 
     Args:
-        session: Of a write transaction.
+        session: Of the database that it is for.
         table: Which.
-        values: Of the new row.
-        changes: Of the one that is there; where they are kept, the statement is made once.
+        made: Of the new row, what the database works out.
+        changes: Of the one that is there.
         takes: What that one takes over of the new row.
         keys: What is unique.
     """
-    session.execute(_upserting(_insert(session), table, changes, takes, keys), dict(values))
+    return _upserting(_insert(session), table, made, changes, takes, keys)
 
 
 @lru_cache
 def _upserting(
     insert: Any,
     table: type[Base],
+    made: Changes,
     changes: Changes,
     takes: tuple[str, ...],
     keys: tuple[str, ...],
-) -> Any:
-    new = insert(table.__table__)
+) -> Executable:
+    new = insert(table.__table__).values(dict(made))
     taken = {name: new.excluded[name] for name in takes}
-    return new.on_conflict_do_update(index_elements=keys, set_=dict(changes) | taken)
+    how: Executable = new.on_conflict_do_update(index_elements=keys, set_=dict(changes) | taken)
+    return how
 
 
 def _insert(session: Session) -> Any:

@@ -11,10 +11,10 @@ from functools import lru_cache
 from sqlalchemy import ColumnElement, Select, and_, or_, select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.db.clock import NOW, Moment, database_now
+from exceptiondrive_records.db.clock import NOW, Moment
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.work.fair_share import live_work_open
-from exceptiondrive_records.work.lease import ask, claim, finish, is_free
+from exceptiondrive_records.work.lease import ask, claim, finish_last, is_free
 from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest
 from exceptiondrive_schemas.jobs import Lane
 
@@ -80,8 +80,7 @@ def claim_board(
 
 def is_any_due(session: Session, lane: Lane, *which: ColumnElement[bool]) -> bool:
     """Whether a board of a lane is due; `which` as for `claim_board`."""
-    due = session.scalars(_due_longest_first(lane, *which), {"now": database_now(session)})
-    return due.first() is not None
+    return session.scalars(_due_longest_first(lane, *which)).first() is not None
 
 
 @lru_cache
@@ -91,10 +90,8 @@ def _due_longest_first(lane: Lane, *which: ColumnElement[bool]) -> Select[str]:
 
 
 def finish_board(session: Session, request: BoardRequest) -> bool:
-    """End a build; whether its lease was still held."""
-    assert request.leased_at is not None
-    build_s = (database_now(session) - request.leased_at).total_seconds()
-    return finish(session, request, pause_s=pause_after(build_s))
+    """End a build at the end of this transaction, as `finish_last`: every score wants its row."""
+    return finish_last(session, request, pause_after)
 
 
 def is_due(lane: Lane, now: Moment) -> ColumnElement[bool]:

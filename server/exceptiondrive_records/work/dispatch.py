@@ -152,8 +152,7 @@ def mark_queued(session: Session) -> int:
 
 
 def _items_due(session: Session, lane: Lane, settings: RecordsSettings) -> int:
-    query = _number_due(lane, settings.max_attempts)
-    return sum(session.execute(query, {"now": database_now(session)}).one())
+    return sum(session.execute(_number_due(lane, settings.max_attempts)).one())
 
 
 @cache

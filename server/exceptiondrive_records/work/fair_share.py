@@ -11,7 +11,7 @@ from functools import cache
 from sqlalchemy import ColumnElement, Select, and_, exists, func, or_, select
 from sqlalchemy.orm import Session, aliased
 
-from exceptiondrive_records.db.clock import NOW, Moment, database_now
+from exceptiondrive_records.db.clock import NOW, Moment
 from exceptiondrive_records.work.lease import is_claimable
 from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
@@ -65,9 +65,8 @@ def fair_order(waiting: ColumnElement[bool], lane: Lane, now: Moment) -> Select[
 
 def jobs_ahead(session: Session, jobs: Iterable[Job]) -> dict[str, int]:
     """Return how many live jobs run, or are scored before each of these, which wait; by their ids."""
-    now = {"now": database_now(session)}
-    place = {job_id: n for n, job_id in enumerate(session.scalars(_live_order(), now))}
-    n_running = session.scalar(_N_LIVE_RUNNING, now) or 0
+    place = {job_id: n for n, job_id in enumerate(session.scalars(_live_order()))}
+    n_running = session.scalar(_N_LIVE_RUNNING) or 0
     return {job.id: n_running + place.get(job.id, len(place)) for job in jobs}
 
 
@@ -78,12 +77,12 @@ def _live_order() -> Select[str]:
 
 def is_live_job_waiting(session: Session) -> bool:
     """Whether any live job waits for a worker now."""
-    return bool(session.scalar(_IS_LIVE_JOB_WAITING, {"now": database_now(session)}))
+    return bool(session.scalar(_IS_LIVE_JOB_WAITING))
 
 
 def is_live_work_open(session: Session) -> bool:
     """Whether a live job waits for a worker now, or is being scored under a lease that holds."""
-    return bool(session.scalar(_IS_LIVE_WORK_OPEN, {"now": database_now(session)}))
+    return bool(session.scalar(_IS_LIVE_WORK_OPEN))
 
 
 def live_work_open(now: Moment) -> ColumnElement[bool]:

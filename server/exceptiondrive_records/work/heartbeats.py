@@ -3,26 +3,31 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import timedelta
 
-from sqlalchemy import bindparam, delete, select
+from sqlalchemy import Double, bindparam, delete, select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.clock import NOW, seconds_from_now
+from exceptiondrive_records.db.database import upsert
+from exceptiondrive_records.db.last import do_last
 from exceptiondrive_records.work.tables import WorkerHeartbeat
 from exceptiondrive_schemas.jobs import Lane
 
 HEARTBEAT_TTL_S = 15.0
-_SCORER_COUNTS_FOR = timedelta(hours=1)
+_SCORER_COUNTS_FOR_S = 3600.0
 """A newer scorer that was killed keeps older ones away for so long."""
-_FORGET_AFTER = _SCORER_COUNTS_FOR
 MISSED_FOR_S = 120.0
 """A worker that fell silent is missed for so long; then it counts as gone."""
 
 
-_IS_YOUNG = WorkerHeartbeat.at > bindparam("since")
+_IS_YOUNG = WorkerHeartbeat.at > seconds_from_now(-bindparam("ttl_s", type_=Double()))
 _LANES_AND_SLOTS = select(WorkerHeartbeat.lanes, WorkerHeartbeat.slots).where(_IS_YOUNG)
 _SCORERS = select(WorkerHeartbeat.scorer_version).where(_IS_YOUNG).distinct()
+_AT = (("at", NOW),)
+_FORGET = delete(WorkerHeartbeat).where(
+    WorkerHeartbeat.at < seconds_from_now(-_SCORER_COUNTS_FOR_S)
+)
+_MISSING = select(WorkerHeartbeat.missing_splits).where(_IS_YOUNG)
 
 
 @dataclass(frozen=True)
@@ -42,41 +47,37 @@ def beat(
     missing_splits: Sequence[str] = (),
 ) -> None:
     """Record a sign of life, every few seconds; forget workers that are long gone."""
-    now = database_now(session)
-    session.merge(
-        WorkerHeartbeat(
-            worker_id=worker_id,
-            at=now,
-            lanes=[lane.value for lane in lanes],
-            slots=slots,
-            scorer_version=scorer_version,
-            missing_splits=list(missing_splits),
-        )
-    )
-    session.execute(delete(WorkerHeartbeat).where(WorkerHeartbeat.at < now - _FORGET_AFTER))
+    values = {
+        "worker_id": worker_id,
+        "lanes": [lane.value for lane in lanes],
+        "slots": slots,
+        "scorer_version": scorer_version,
+        "missing_splits": list(missing_splits),
+    }
+    takes = ("lanes", "slots", "scorer_version", "missing_splits")
+    sign = upsert(session, WorkerHeartbeat, _AT, _AT, takes=takes, keys=("worker_id",))
+    do_last(session, sign, values)
+    do_last(session, _FORGET)
 
 
 def live_workers(
     session: Session, lane: Lane = Lane.LIVE, *, ttl_s: float = HEARTBEAT_TTL_S
 ) -> LiveWorkers:
     """Return the workers of a lane whose last sign of life is younger than `ttl_s`."""
-    oldest = database_now(session) - timedelta(seconds=ttl_s)
-    found = session.execute(_LANES_AND_SLOTS, {"since": oldest})
+    found = session.execute(_LANES_AND_SLOTS, {"ttl_s": ttl_s})
     slots = [slots for lanes, slots in found if lane.value in lanes]
     return LiveWorkers(workers=len(slots), slots=sum(slots))
 
 
 def missing_splits(session: Session, *, ttl_s: float = HEARTBEAT_TTL_S) -> dict[str, int]:
     """Return the splits of which living workers find no file, with how many of them do not."""
-    oldest = database_now(session) - timedelta(seconds=ttl_s)
-    rows = session.scalars(select(WorkerHeartbeat).where(WorkerHeartbeat.at > oldest))
-    return dict(sorted(Counter(name for row in rows for name in row.missing_splits).items()))
+    lists = session.scalars(_MISSING, {"ttl_s": ttl_s})
+    return dict(sorted(Counter(name for names in lists for name in names).items()))
 
 
 def scorers_at_work(session: Session) -> list[str]:
     """Return the scorer versions on the list of workers, the newest last."""
-    oldest = database_now(session) - _SCORER_COUNTS_FOR
-    found = session.scalars(_SCORERS, {"since": oldest})
+    found = session.scalars(_SCORERS, {"ttl_s": _SCORER_COUNTS_FOR_S})
     return sorted((version for version in found if version is not None), key=_numbers)
 
 

@@ -5,11 +5,12 @@ from enum import StrEnum
 from functools import lru_cache
 from typing import Any
 
-from sqlalchemy import ColumnElement, Select, and_, bindparam, select, update
+from sqlalchemy import ColumnElement, Select, and_, bindparam, insert, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import NOW, database_now
+from exceptiondrive_records.db.last import do_last
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.board_requests import want_board
@@ -26,13 +27,21 @@ _OPEN = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED, SubmissionStatus.SC
 _OPEN_SUBMISSION = (
     update(Submission)
     .where(Submission.id == bindparam("submission"), Submission.status.in_(_OPEN))
+    .values(status_at=NOW)
     .execution_options(synchronize_session=False)
 )
-_PHASE_OF_SUBMISSION = (
-    select(Phase)
+_IS_OF_JOB = (
+    (ScoreSheetRow.submission_id == Submission.id)
+    & (ScoreSheetRow.protocol_digest == bindparam("protocol"))
+    & (ScoreSheetRow.split_revision == bindparam("revision"))
+)
+_PHASE_AND_KEPT_DIGEST = (
+    select(Phase, ScoreSheetRow.exact_digest)
     .join(Submission, Submission.phase_id == Phase.id)
+    .outerjoin(ScoreSheetRow, _IS_OF_JOB)
     .where(Submission.id == bindparam("submission"))
 )
+_NEW_SHEET = insert(ScoreSheetRow).values(created_at=NOW)
 CONFIRM_WITHIN = timedelta(hours=24)
 """For so long a file waits for the word of its team."""
 EXHAUSTED_CODE = "attempts_exhausted"
@@ -121,28 +130,26 @@ def finish_scored(
     """
     if not finish(session, job):
         return Finish.LEASE_LOST
-    key = (job.submission_id, job.protocol_digest, job.split_revision)
-    kept = session.get(ScoreSheetRow, key)
-    if kept is not None and kept.exact_digest != exact_digest:
-        detail = {"held": kept.exact_digest, "came": exact_digest}
+    key = (job.protocol_digest, job.split_revision)
+    given = {"submission": job.submission_id, "protocol": key[0], "revision": key[1]}
+    phase, kept_digest = session.execute(_PHASE_AND_KEPT_DIGEST, given).one()
+    if kept_digest is None:
+        made = {
+            "submission_id": job.submission_id,
+            "protocol_digest": job.protocol_digest,
+            "split_revision": job.split_revision,
+            "sheet": sheet,
+            "exact_digest": exact_digest,
+            "measurement_key": measurement_key,
+            "scorer_version": scorer_version,
+        }
+        do_last(session, _NEW_SHEET, made)
+    elif kept_digest != exact_digest:
+        detail = {"held": kept_digest, "came": exact_digest}
         audit(session, _ACTOR, "scores differ for one key", job.submission_id, detail)
-    if kept is None:
-        session.add(
-            ScoreSheetRow(
-                submission_id=job.submission_id,
-                protocol_digest=job.protocol_digest,
-                split_revision=job.split_revision,
-                sheet=sheet,
-                exact_digest=exact_digest,
-                measurement_key=measurement_key,
-                scorer_version=scorer_version,
-                created_at=database_now(session),
-            )
-        )
     if job.is_first:
         _set_status(session, job.submission_id, SubmissionStatus.SCORED)
-    phase = session.scalars(_PHASE_OF_SUBMISSION, {"submission": job.submission_id}).one()
-    is_shown = key[1:] == (phase.protocol_digest, phase.split_revision)
+    is_shown = key == (phase.protocol_digest, phase.split_revision)
     if job.is_first or is_shown:  # a draft's board is asked for once, at its end
         want_board(session, phase.id, job.protocol_digest, job.split_revision)
     detail = {"protocol": job.protocol_digest, "exact_digest": exact_digest}
@@ -254,6 +261,6 @@ def _set_failed(session: Session, submission_id: str, code: str, message: str) -
 def _set_status(
     session: Session, submission_id: str, status: SubmissionStatus, **values: Any
 ) -> None:
-    """Unless the submission has ended otherwise."""
-    given = {"submission": submission_id, "status": status, "status_at": database_now(session)}
-    session.execute(_OPEN_SUBMISSION, given | values)
+    """At the end of this transaction, unless the submission has ended otherwise."""
+    given = {"submission": submission_id, "status": status}
+    do_last(session, _OPEN_SUBMISSION, given | values)

@@ -4,19 +4,22 @@ Every step is one compare-and-set by the database's clock. Choosing and claiming
 so that two that come at once take two items, and neither waits for the other.
 """
 
-from datetime import datetime, timedelta
+from collections.abc import Callable
+from datetime import datetime
 from functools import cache, lru_cache
 from typing import Any, TypeVar, cast
 
 from sqlalchemy import (
     ColumnElement,
     CursorResult,
+    Double,
     Select,
     Update,
     and_,
     bindparam,
     case,
     delete,
+    exists,
     or_,
     select,
     update,
@@ -24,10 +27,16 @@ from sqlalchemy import (
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
-from exceptiondrive_records.db.clock import NOW, Moment, database_now
+from exceptiondrive_records.db.clock import (
+    NOW,
+    Moment,
+    seconds_from_now,
+    seconds_since,
+)
 from exceptiondrive_records.db.columns import UtcDateTime
 from exceptiondrive_records.db.database import insert_if_absent, upsert
 from exceptiondrive_records.db.identifiers import random_id
+from exceptiondrive_records.db.last import do_last, require_last
 from exceptiondrive_records.work.tables import Leader, WorkItem, WorkState
 from exceptiondrive_schemas.jobs import Lane
 
@@ -39,10 +48,20 @@ _ASKED_AGAIN = (
     ("attempts", case((_IS_LEASED, WorkItem.attempts), else_=0)),
     ("finished_at", None),
 )
+_NEW = (("created_at", NOW), ("available_at", NOW))
+_IS_CLAIM = and_(WorkItem.id == bindparam("item"), WorkItem.fence == bindparam("held"))
+_IS_LEFT = exists().where(_IS_CLAIM, ~_IS_LEASED)
+_HELD_FOR_S = select(seconds_since(bindparam("claimed_at", type_=UtcDateTime()))).where(
+    _IS_CLAIM, _IS_LEASED
+)
 _LEAVE = (
     update(WorkItem)
-    .where(WorkItem.id == bindparam("item"), WorkItem.fence == bindparam("held"), _IS_LEASED)
-    .values(lease_until=None)
+    .where(_IS_CLAIM, _IS_LEASED)
+    .values(
+        lease_until=None,
+        available_at=seconds_from_now(bindparam("rests_s", type_=Double())),
+        took_s=seconds_since(bindparam("claimed_at", type_=UtcDateTime())),
+    )
     .execution_options(synchronize_session=False)
 )
 _IS_OVER = WorkItem.asked == bindparam("was_asked")
@@ -50,6 +69,8 @@ _FINISH = _LEAVE.values(
     state=case((_IS_OVER, bindparam("ends_as")), else_=WorkState.QUEUED.value),
     finished_at=case((_IS_OVER, NOW), else_=None),
 )
+
+_FINISH_AFTER = _FINISH.values(took_s=bindparam("took_s"))
 
 
 def new_item(
@@ -62,25 +83,26 @@ def new_item(
     **columns: object,
 ) -> Item:
     """Return a waiting item, not yet added to a session."""
-    return kind(**_new_values(kind, key, now, lane=lane, is_held=is_held), **columns)
+    values = _new_values(kind, key, lane=lane, is_held=is_held)
+    return kind(**values, created_at=now, available_at=now, **columns)
 
 
 def ask(
     session: Session, kind: type[WorkItem], key: str, *, lane: Lane | None = None, **columns: object
 ) -> None:
-    """Ask for something to be done, again if it was asked for before.
+    """Ask, at the end of this transaction, for something to be done, again if it was asked for before.
 
     What is being done now is done once more after that.
     """
-    values = _new_values(kind, key, database_now(session), lane=lane) | columns
-    upsert(session, kind, values, _ASKED_AGAIN, takes=("lane",), keys=("kind", "key"))
+    how = upsert(session, kind, _NEW, _ASKED_AGAIN, takes=("lane",), keys=("kind", "key"))
+    do_last(session, how, _new_values(kind, key, lane=lane) | columns, is_shared=True)
 
 
 def ask_once(
     session: Session, kind: type[WorkItem], key: str, *, lane: Lane | None = None, **columns: object
 ) -> None:
     """Ask for something to be done, unless it was asked for before."""
-    values = _new_values(kind, key, database_now(session), lane=lane) | columns
+    values = _new_values(kind, key, lane=lane) | dict(_NEW) | columns
     insert_if_absent(session, kind, **values)
 
 
@@ -108,9 +130,8 @@ def claim(session: Session, kind: type[Item], first: Select[str], lease_s: float
     Returns:
         The item as it was claimed: with its fence it is the proof of the lease.
     """
-    now = database_now(session)
-    times = {"now": now, "until": now + timedelta(seconds=lease_s)}
-    taken: Item | None = session.scalars(_claiming(kind, first), times).first()
+    given = {"lease_s": lease_s}
+    taken: Item | None = session.scalars(_claiming(kind, first), given).first()
     if taken is not None:
         session.expunge(taken)
     return taken
@@ -127,7 +148,7 @@ def _claiming(kind: type[WorkItem], first: Select[str]) -> Any:
             attempts=kind.attempts + 1,
             fence=kind.fence + 1,
             leased_at=NOW,
-            lease_until=bindparam("until", type_=UtcDateTime()),
+            lease_until=seconds_from_now(bindparam("lease_s", type_=Double())),
         )
         .returning(kind)
         .execution_options(populate_existing=True, synchronize_session=False)
@@ -170,54 +191,71 @@ def finish(
     Returns:
         Whether the lease was still held; otherwise nothing was changed but the audit log.
     """
-    now = database_now(session)
-    assert item.leased_at is not None
-    return _leave(
-        session,
-        item,
-        _FINISH,
-        now=now,
-        was_asked=item.asked,
-        ends_as=state.value,
-        available_at=now + timedelta(seconds=pause_s),
-        took_s=(now - item.leased_at).total_seconds(),
-        note=note,
-    )
+    how = {"was_asked": item.asked, "ends_as": state.value, "note": note}
+    return _leave(session, item, _FINISH, rests_s=pause_s, **how)
+
+
+class LeaseLost(Exception):  # noqa: N818 - nothing is wrong: another one does it now
+    """Somebody else claimed an item while its end was recorded: nothing was."""
+
+
+def finish_last(session: Session, item: WorkItem, pause_after: Callable[[float], float]) -> bool:
+    """End an item at the end of this transaction, all of which is kept only while the lease is held.
+
+    Args:
+        session: Of a write transaction.
+        item: As it was claimed.
+        pause_after: Seconds that it took, to how many it rests before it is done once more.
+
+    Returns:
+        Whether the lease is still held; otherwise nothing was changed but the audit log.
+
+    Raises:
+        LeaseLost: At the end of the transaction.
+    """
+    claim = _claim_of(item)
+    took_s = session.scalar(_HELD_FOR_S, claim)
+    if took_s is None:
+        _tell_stale(session, item)
+        return False
+    how = {"was_asked": item.asked, "ends_as": WorkState.DONE.value, "note": None}
+    how |= {"took_s": took_s, "rests_s": pause_after(took_s)}
+    do_last(session, _FINISH_AFTER, claim | how, is_shared=True)
+    require_last(session, _IS_LEFT, claim, LeaseLost(item.subject))
+    return True
 
 
 def try_later(session: Session, item: WorkItem, wait_s: float, *, note: str | None = None) -> bool:
     """Give an item back, to be tried again after a while; whether the lease was still held."""
-    now = database_now(session)
-    assert item.leased_at is not None
-    return _leave(
-        session,
-        item,
-        _LEAVE,
-        state=WorkState.QUEUED,
-        available_at=now + timedelta(seconds=wait_s),
-        took_s=(now - item.leased_at).total_seconds(),
-        note=note,
-    )
+    return _leave(session, item, _LEAVE, rests_s=wait_s, state=WorkState.QUEUED, note=note)
 
 
 def _leave(session: Session, item: WorkItem, how: Update, **given: object) -> bool:
-    changed = session.execute(how, {"item": item.id, "held": item.fence, **given})
+    changed = session.execute(how, _claim_of(item) | given)
     if cast("CursorResult[Any]", changed).rowcount == 1:
         return True
+    _tell_stale(session, item)
+    return False
+
+
+def _tell_stale(session: Session, item: WorkItem) -> None:
+    """Say in the audit log that somebody came whose lease was lost."""
     detail = {"item": item.id, "fence": item.fence}
     audit(session, "worker", "stale fence rejected", item.subject, detail)
-    return False
+
+
+def _claim_of(item: WorkItem) -> dict[str, Any]:
+    return {"item": item.id, "held": item.fence, "claimed_at": item.leased_at}
 
 
 def take_lead(session: Session, name: str, holder: str, lease_s: float) -> bool:
     """Become or stay the leader; False while another holder's lease runs."""
-    now = database_now(session)
-    values = _new_values(Leader, name, now) | {"holder": holder, "lease_until": now}
-    insert_if_absent(session, Leader, **values)
+    values = _new_values(Leader, name) | dict(_NEW)
+    insert_if_absent(session, Leader, **values, holder=holder, lease_until=NOW)
     taken = session.execute(
         update(Leader)
-        .where(Leader.key == name, (Leader.holder == holder) | (Leader.lease_until <= now))
-        .values(state=WorkState.LEASED, holder=holder, lease_until=now + timedelta(seconds=lease_s))
+        .where(Leader.key == name, (Leader.holder == holder) | (Leader.lease_until <= NOW))
+        .values(state=WorkState.LEASED, holder=holder, lease_until=seconds_from_now(lease_s))
         .returning(Leader.id)
         .execution_options(synchronize_session=False)
     ).first()
@@ -232,11 +270,11 @@ def give_up_lead(session: Session, name: str, holder: str) -> None:
 def _new_values(
     kind: type[WorkItem],
     key: str,
-    now: datetime,
     *,
     lane: Lane | None = None,
     is_held: bool = False,
 ) -> dict[str, Any]:
+    """All but the times and what a kind has of its own."""
     return {
         "id": random_id(24),
         "kind": kind.__mapper__.polymorphic_identity,
@@ -246,6 +284,4 @@ def _new_values(
         "asked": 1,
         "attempts": 0,
         "fence": 0,
-        "created_at": now,
-        "available_at": now,
     }

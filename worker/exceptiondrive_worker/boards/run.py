@@ -53,7 +53,7 @@ def build_next_board(context: WorkerContext, lane: Lane, *which: ColumnElement[b
     with context.database.read() as session:
         if not is_any_due(session, lane, *which):
             return False
-    with context.database.write() as session:
+    with context.database.claim() as session:
         request = claim_board(session, lane, context.settings.board_lease_s, *which)
     if request is None:
         return False

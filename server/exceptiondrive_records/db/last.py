@@ -1,0 +1,68 @@
+"""What a write transaction does last: changes whose outcome nobody asks for, and a condition of all of it.
+
+`Database.write` sends them with the audit lines and the commit, on PostgreSQL all in one go. So a row that
+every transaction wants is held for no round trip, however far the database is.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import ColumnElement, Executable, case, literal, select
+from sqlalchemy.orm import Session
+
+_LAST = "exceptiondrive_last"
+
+
+@dataclass(frozen=True)
+class _Last:
+    what: Executable
+    given: dict[str, Any]
+    is_shared: bool
+    refusal: Exception | None = None
+    """The statement is a condition: where it does not hold it divides by zero, which is an error in
+    PostgreSQL and NULL in SQLite."""
+
+
+def do_last(
+    session: Session,
+    what: Executable,
+    given: Mapping[str, Any] | None = None,
+    *,
+    is_shared: bool = False,
+) -> None:
+    """Do something at the end of this write transaction.
+
+    Args:
+        session: Of the transaction.
+        what: A statement of which nothing is read.
+        given: Its values.
+        is_shared: Whether it takes a row that others wait for: these come after all others.
+    """
+    _of(session).append(_Last(what, dict(given or {}), is_shared))
+
+
+def require_last(
+    session: Session, holds: ColumnElement[bool], given: Mapping[str, Any], refusal: Exception
+) -> None:
+    """Keep this write transaction only if a condition holds at its end, when its shared rows are held.
+
+    Args:
+        session: Of the transaction.
+        holds: The condition.
+        given: Its values.
+        refusal: Raised otherwise.
+    """
+    what = select(literal(1) // case((holds, 1), else_=0))
+    _of(session).append(_Last(what, dict(given), is_shared=True, refusal=refusal))
+
+
+def _of(session: Session) -> list[_Last]:
+    kept: list[_Last] = session.info.setdefault(_LAST, [])
+    return kept
+
+
+def take_last(session: Session) -> list[_Last]:
+    """Return what is to be done now, in its order; it is not asked for again."""
+    last: list[_Last] = session.info.pop(_LAST, [])
+    return sorted(last, key=lambda each: each.is_shared)

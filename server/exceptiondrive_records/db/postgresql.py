@@ -1,0 +1,119 @@
+"""PostgreSQL over a network: as few round trips as there are answers to wait for."""
+
+import select
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import psycopg
+from psycopg.pq import TransactionStatus
+from sqlalchemy import Connection, Engine, create_engine, event
+from sqlalchemy.engine.interfaces import DBAPIConnection
+from sqlalchemy.exc import DBAPIError, InvalidatePoolError
+from sqlalchemy.pool import ConnectionPoolEntry
+
+TRUSTED_FOR_S = 5.0
+"""A connection that was used within so many seconds, and of which nothing was heard since, is taken as it
+is. One that its server ended has something to be heard."""
+WRITES = "exceptiondrive_writes"
+"""Option of the connections of write transactions. Their driver opens none by itself."""
+BEGIN = "BEGIN"
+_GIVEN_BACK = "exceptiondrive_given_back_s"
+
+
+def postgresql_engine(url: str) -> Engine:
+    """Return an engine whose connections are asked whether they live where there is any doubt."""
+    engine = create_engine(
+        url,
+        pool_size=5,
+        max_overflow=20,
+        connect_args={"options": "-c timezone=UTC -c lock_timeout=30s", "connect_timeout": 5},
+    )
+
+    def note_when(connection: DBAPIConnection | None, entry: ConnectionPoolEntry) -> None:
+        entry.info[_GIVEN_BACK] = time.monotonic()
+
+    def ask_if_in_doubt(connection: Any, entry: ConnectionPoolEntry, _: Any) -> None:
+        given_back_s = entry.info.pop(_GIVEN_BACK, None)
+        if given_back_s is None or _is_trusted(connection, given_back_s):
+            return
+        try:
+            engine.dialect.do_ping(connection)
+        except psycopg.Error:
+            raise InvalidatePoolError from None  # the pool opens another one
+
+    event.listen(engine, "checkin", note_when)
+    event.listen(engine, "checkout", ask_if_in_doubt)
+    event.listen(engine, "do_execute", _begin_with_it)
+    event.listen(engine, "do_executemany", _begin_with_them)
+    return engine
+
+
+def _is_trusted(connection: "psycopg.Connection[Any]", given_back_s: float) -> bool:
+    if connection.closed or time.monotonic() > given_back_s + TRUSTED_FOR_S:
+        return False
+    heard = select.poll()
+    heard.register(connection.fileno(), select.POLLIN)
+    return not heard.poll(0)
+
+
+def _begin_with_it(cursor: Any, statement: Any, parameters: Any, context: Any) -> bool:
+    if _must_begin(cursor, context):
+        with cursor.connection.pipeline():
+            cursor.connection.execute(BEGIN)
+            cursor.execute(statement, parameters)
+        return True
+    return False
+
+
+def _begin_with_them(cursor: Any, statement: Any, parameters: Any, context: Any) -> bool:
+    if _must_begin(cursor, context):
+        with cursor.connection.pipeline():
+            cursor.connection.execute(BEGIN)
+            cursor.executemany(statement, parameters)
+        return True
+    return False
+
+
+def _must_begin(cursor: Any, context: Any) -> bool:
+    """Whether this is the first statement of a write transaction: BEGIN goes with it.
+
+    What is read row by row needs a transaction too, and gets one here.
+    """
+    connection = cursor.connection
+    if not connection.autocommit or has_begun(connection):
+        return False
+    if isinstance(cursor, psycopg.ServerCursor):
+        connection.execute(BEGIN)
+        return False
+    return bool(context.root_connection.get_execution_options().get(WRITES))
+
+
+def has_begun(driver: "psycopg.Connection[Any]") -> bool:
+    """Whether a transaction is open, or about to be."""
+    return driver.info.transaction_status != TransactionStatus.IDLE
+
+
+@contextmanager
+def in_one_go(connection: Connection) -> Iterator["psycopg.Connection[Any]"]:
+    """Send what is executed inside and commit it, without waiting for an answer in between.
+
+    The first error is raised at the end, and nothing of the transaction is kept then.
+
+    Raises:
+        DBAPIError: As for a statement by itself.
+    """
+    driver: psycopg.Connection[Any] = connection.connection.driver_connection  # type: ignore[assignment]
+    try:
+        with driver.pipeline():
+            if not has_begun(driver):
+                driver.execute(BEGIN)
+            yield driver
+            driver.execute("COMMIT")
+    except psycopg.Error as error:
+        if driver.closed:
+            connection.invalidate(error)
+        raise DBAPIError.instance(
+            None, None, error, psycopg.Error, dialect=connection.dialect
+        ) from error
