@@ -53,6 +53,14 @@ def _any_number_of_places(_: Any) -> Callable[..., Any]:
     return lambda places, team_id: nullcontext()
 
 
+def _any_number_a_day(_: Any) -> Callable[..., int]:
+    """It is counted twice: before anything is scored, and when it is recorded."""
+    from exceptiondrive_records.submissions import sheets
+
+    setattr(sheets, "require_room_last", _nothing(None))  # noqa: B010 - it is a replacement
+    return lambda *arguments, **keywords: 0
+
+
 def _unescaped(environment: Any) -> Callable[..., Any]:
     return lambda **keywords: environment(**{**keywords, "autoescape": False})
 
@@ -187,8 +195,14 @@ PROTECTIONS = (
     Protection(
         "split-day",
         "exceptiondrive_records.submissions.sheets:scored_within_a_day",
-        _always(0),
+        _any_number_a_day,
         "tests/worker/test_split_floors.py::test_only_so_many_submissions_a_day_are_scored_over_all_phases_and_teams",
+    ),
+    Protection(
+        "split-day-at-once",
+        "exceptiondrive_records.submissions.sheets:require_room_last",
+        _nothing,
+        "tests/worker/test_split_floors.py::test_two_submissions_at_once_take_no_more_than_is_left_of_a_day",
     ),
     Protection(
         "outcome-cells",

@@ -65,6 +65,7 @@ def test_the_board_of_a_draft_is_built_behind_the_live_ones(
         shown = session.get_one(Phase, "dev").protocol_digest
         for digest in (shown, draft):
             want_board(session, "dev", digest)
+    with stage.database.read() as session:
         wanted = select(BoardRequest).where(BoardRequest.state.in_(OPEN_STATES))
         lanes = {row.protocol_digest: row.lane for row in session.scalars(wanted)}
     assert lanes == {shown: Lane.LIVE, draft: Lane.RESCORE}

@@ -474,6 +474,30 @@ def test_two_protocols_at_once_take_no_more_than_is_left(
     assert held(world)[-1][1]["asked"] == ["it would be protocol number 2, at most 1 may be"]
 
 
+def test_two_submissions_at_once_take_no_more_than_is_left_of_a_day(
+    world: World, tiny: Split, planning_file: Callable[..., bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both are let begin, since neither has a sheet; the later one records none."""
+    write_floors(world, "max_scored_per_day = 2", tiny.name)
+    world.add_phase(tiny, "one")
+    assert code_of(world, world.score(planning_file(tiny), phase_id="one")) is None
+    jobs = [
+        world.submit(planning_file(tiny, edited_mps=1.1 + n / 10), phase_id="one") for n in range(2)
+    ]
+    together, score = Barrier(2), world.context.stages.score
+
+    def score_beside_the_other(target: Target) -> Any:
+        together.wait(60)
+        return score(target)
+
+    monkeypatch.setattr(world.context.stages, "score", score_beside_the_other)
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(lambda job: score_submission(world.context, job[1]), jobs))
+    codes = {code_of(world, submission_id) for submission_id, _ in jobs}
+    assert codes == {None, FailureCode.SPLIT_DAY_FULL.value}
+    assert "at most 2 a day" in held(world)[-1][1]["asked"][0]
+
+
 @pytest.mark.parametrize("part", ["private", None])
 def test_the_private_part_is_closed_until_its_date(
     world: World,

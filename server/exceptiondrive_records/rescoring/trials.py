@@ -6,6 +6,7 @@ Only workers open splits; what comes back is why it cannot be scored, and of how
 from sqlalchemy import bindparam, select, update
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.db.last import do_last
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.work.lease import claim_oldest, finish, new_item
@@ -37,8 +38,13 @@ def claim_trial(session: Session, lease_s: float) -> Trial | None:
 
 
 def lock_protocols(session: Session, split_name: str) -> None:
-    """Let the protocols of a split be counted one at a time, until the write transaction ends."""
+    """Let what is told of a split be counted one at a time, until the write transaction ends."""
     session.execute(_LOCKED_REVISIONS, {"split": split_name}).all()
+
+
+def lock_protocols_last(session: Session, split_name: str) -> None:
+    """As `lock_protocols`, from the end of the write transaction on."""
+    do_last(session, _LOCKED_REVISIONS, {"split": split_name}, is_shared=True)
 
 
 def count_trial(session: Session, item: Trial, ref: SplitRef, protocol_digest: str) -> None:

@@ -5,7 +5,9 @@ from datetime import datetime, timedelta
 from sqlalchemy import bindparam, func, select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.db.clock import seconds_from_now
 from exceptiondrive_records.db.columns import UtcDateTime
+from exceptiondrive_records.db.last import require_last
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
 
@@ -22,11 +24,10 @@ _FIRSTS = (
     .group_by(ScoreSheetRow.submission_id)
     .subquery()
 )
-_N_FIRSTS = (
-    select(func.count())
-    .select_from(_FIRSTS)
-    .where(_FIRSTS.c.at > bindparam("since", type_=UtcDateTime()))
-)
+_N_FIRSTS = select(func.count()).select_from(_FIRSTS)
+_N_FIRSTS_SINCE = _N_FIRSTS.where(_FIRSTS.c.at > bindparam("since", type_=UtcDateTime()))
+_N_FIRSTS_TODAY = _N_FIRSTS.where(_FIRSTS.c.at > seconds_from_now(-_A_DAY.total_seconds()))
+_IS_ROOM = _N_FIRSTS_TODAY.scalar_subquery() < bindparam("most")
 
 
 def protocols_of_split(session: Session, name: str) -> set[str]:
@@ -47,4 +48,20 @@ def scored_within_a_day(session: Session, name: str, now: datetime, *, besides: 
         besides: A submission that is not counted.
     """
     given = {"split": name, "besides": besides, "since": now - _A_DAY}
-    return session.scalar(_N_FIRSTS, given) or 0
+    return session.scalar(_N_FIRSTS_SINCE, given) or 0
+
+
+def require_room_last(
+    session: Session, name: str, most: int, *, besides: str, refusal: Exception
+) -> None:
+    """Keep this write transaction only if `scored_within_a_day` is less than `most` at its end.
+
+    Args:
+        session: Of the transaction; who comes here has locked the split last.
+        name: Of the split, at any revision.
+        most: Submissions within 24 hours.
+        besides: A submission that is not counted.
+        refusal: Raised otherwise.
+    """
+    given = {"split": name, "besides": besides, "most": most}
+    require_last(session, _IS_ROOM, given, refusal)

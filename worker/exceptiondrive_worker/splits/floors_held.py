@@ -8,11 +8,19 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.log import SPLIT_FLOOR_HELD, audit_once
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.rescoring.trials import lock_protocols, tried_protocols
+from exceptiondrive_records.rescoring.trials import (
+    lock_protocols,
+    lock_protocols_last,
+    tried_protocols,
+)
 from exceptiondrive_records.splits.confirmations import keys_that_confirm
 from exceptiondrive_records.splits.drawings import find_public_split
 from exceptiondrive_records.splits.splits import find_split, part_revision
-from exceptiondrive_records.submissions.sheets import protocols_of_split, scored_within_a_day
+from exceptiondrive_records.submissions.sheets import (
+    protocols_of_split,
+    require_room_last,
+    scored_within_a_day,
+)
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_worker.splits.floors import (
@@ -46,7 +54,29 @@ def hold_floors(
     """
     if find_public_split(session, ref) is not None:
         return
-    scored = protocols_of_split(session, ref.name)
+    _hold(session, floors, ref, protocol, protocols_of_split(session, ref.name))
+    if submission_id is not None:
+        now = database_now(session)
+        n_scored = scored_within_a_day(session, ref.name, now, besides=submission_id)
+        if n_scored >= floors.max_scored_per_day:
+            raise _day_full(floors, f"{n_scored} of {now:%Y-%m-%d}")
+
+
+def _day_full(floors: SplitFloors, scored: str) -> SplitDayFullError:
+    most = floors.max_scored_per_day
+    return SplitDayFullError(
+        f"another submission, after {scored}; at most {most} a day may be scored"
+    )
+
+
+def _hold(
+    session: Session,
+    floors: SplitFloors,
+    ref: SplitRef,
+    protocol: ProtocolDocument,
+    scored: set[str],
+) -> None:
+    """All but the number of submissions; `scored` are the protocols that have sheets of the split."""
     protocols = scored | tried_protocols(session, ref.name) | {protocol.digest}
     found = [
         *breaches(floors, protocol),
@@ -56,18 +86,11 @@ def hold_floors(
         found.append(
             f"it would be protocol number {len(protocols)}, at most {floors.max_protocols} may be"
         )
-    opens, now = floors.private_part_from, database_now(session)
-    if opens is not None and now < opens and _has_private(session, ref):
+    opens = floors.private_part_from
+    if opens is not None and database_now(session) < opens and _has_private(session, ref):
         found.append(f"the private part is closed until {opens:%Y-%m-%d %H:%M %Z}")
     if found:
         raise FloorHeldError(*found)
-    if submission_id is not None:
-        n_scored = scored_within_a_day(session, ref.name, now, besides=submission_id)
-        if n_scored >= floors.max_scored_per_day:
-            raise SplitDayFullError(
-                f"another submission, after {n_scored} of {now:%Y-%m-%d}; at most "
-                f"{floors.max_scored_per_day} a day may be scored"
-            )
 
 
 def _has_private(session: Session, ref: SplitRef) -> bool:
@@ -84,13 +107,26 @@ def hold_floors_alone(
     protocol: ProtocolDocument,
     submission_id: str | None = None,
 ) -> None:
-    """Hold them before the write transaction records: two together take no more than is left.
+    """Hold them when the write transaction records: two together take no more than is left.
+
+    A sheet takes a place among the protocols only where it is the first one under its protocol: then the
+    split is locked from here on. The places of a day are counted last, under a lock held for no round trip.
 
     Raises:
-        FloorHeldError: As `hold_floors`.
+        FloorHeldError: As `hold_floors`; `SplitDayFullError` at the end of the transaction.
     """
-    lock_protocols(session, ref.name)
-    hold_floors(session, floors, ref, protocol, submission_id)
+    if find_public_split(session, ref) is not None:
+        return
+    scored = protocols_of_split(session, ref.name)
+    if protocol.digest not in scored:
+        lock_protocols(session, ref.name)
+        scored = protocols_of_split(session, ref.name)
+    _hold(session, floors, ref, protocol, scored)
+    if submission_id is not None:
+        most = floors.max_scored_per_day
+        refusal = _day_full(floors, f"{most} within a day")
+        lock_protocols_last(session, ref.name)
+        require_room_last(session, ref.name, most, besides=submission_id, refusal=refusal)
 
 
 @contextmanager
