@@ -26,7 +26,11 @@ def submit(api: "Api", numbers: range) -> None:
         sent = api.submit(f"{number}", phase="many", method=f"Method {number // 2}")
         assert sent.status_code == 202, sent.text
         if number % 3:
-            api.score(sent.json()["id"], has_profile=number % 2 == 0)
+            api.score(name := sent.json()["id"])
+            if number % 2:
+                assert api.get(f"/submissions/{name}?profile=true", "alpha").json()[
+                    "awaits_profile"
+                ]
 
 
 @pytest.mark.parametrize("policy", POLICIES)
