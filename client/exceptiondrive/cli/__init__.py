@@ -100,6 +100,8 @@ COMMANDS = {
 """Where each command lives and what `--help` says of it; a test holds the words to the command."""
 
 
+BLAS_THREADS = "OPENBLAS_NUM_THREADS"
+"""numpy would start a thread for each core, and no command multiplies matrices."""
 NO_PLUGINS = "PYDANTIC_DISABLE_PLUGINS"
 """Else pydantic looks through the metadata of every installed package for plugins of its own."""
 COLLECT_AFTER = 1_000_000
@@ -178,6 +180,7 @@ def main() -> None:
     """
     gc.set_threshold(COLLECT_AFTER)
     os.environ.setdefault(NO_PLUGINS, "__all__")
+    os.environ.setdefault(BLAS_THREADS, "1")
     for stream in (sys.stdout, sys.stderr):
         reconfigure = getattr(stream, "reconfigure", None)
         if reconfigure is not None:
