@@ -10,7 +10,9 @@ import platform
 from benchmarks import (
     command_line,
     growth,
+    long_boards,
     measuring,
+    new_clearance,
     page,
     processes,
     rescoring,
@@ -32,6 +34,8 @@ SECTIONS = {
     "processes": processes.run,
     "commands": command_line.run,
     "upload_to_rank": upload_to_rank.run,
+    "new_clearance": new_clearance.run,
+    "long_boards": long_boards.run,
 }
 
 

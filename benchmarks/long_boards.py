@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from datetime import datetime, timedelta
 from multiprocessing import get_context
 from pathlib import Path
@@ -27,7 +27,7 @@ from tests.support.worker import build_board_of
 
 from benchmarks.load_traffic import file_maker
 from benchmarks.processes import ROOT, peak_mib_so_far
-from benchmarks.report import note, show
+from benchmarks.report import at_most, note, show
 from exceptiondrive_records.boards.boards import current_board, flip_board
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.clock import database_now
@@ -43,7 +43,7 @@ from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.base import bytes_digest, canonical_json
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_scoring.bootstrap import GRID
 from exceptiondrive_server.app import create_app
@@ -65,6 +65,8 @@ ENTRIES_AFTER_IT = 30_000
 """Of boards that the server shows besides: as many boards of this length."""
 N_LOG_N = 1.13
 """The exponent of n log n between 1,000 and 10,000."""
+MOST_EXPONENT = 1.2
+"""A little above it: one run moves by so much."""
 _STEPS = {
     "entries_for_board": "read entries",
     "_scored": "read intervals",
@@ -85,7 +87,16 @@ def main() -> None:
         measure = {"worker": _worker, "server": _server}[given.part]
         sys.stdout.write(json.dumps(measure(given.folder, given.entries[0])) + "\n")
         return
-    found = {n_entries: _measured(n_entries) for n_entries in given.entries}
+    _measure(given.entries)
+
+
+def run(_: ProtocolDocument) -> None:
+    """Print how long boards cost."""
+    _measure(GROWTH)
+
+
+def _measure(lengths: Sequence[int]) -> None:
+    found = {n_entries: _measured(n_entries) for n_entries in lengths}
     for part, title in (
         ("worker", "From a new score to the published board, CPU ms"),
         ("server", "In a server, CPU ms unless it says otherwise"),
@@ -96,17 +107,25 @@ def main() -> None:
         ]
         heads = [f"{n:,}" for n in found] + ["exponents"]
         show(title, ("", *heads), rows)
+        for name in names:
+            values = [found[n][part][name] for n in found]
+            if exponents := _exponents(values, list(found)):
+                at_most(f"{name}, growth with the longest board", exponents[-1], MOST_EXPONENT, "")
     note(f"exponents: from each length to the next; n log n is about {N_LOG_N} at the last")
 
 
-def _line(values: list[float], lengths: list[int]) -> list[str]:
-    exponents = [
+def _exponents(values: list[float], lengths: list[int]) -> list[float]:
+    return [
         math.log(after / before) / math.log(longer / shorter)
         for before, after, shorter, longer in zip(
             values, values[1:], lengths, lengths[1:], strict=False
         )
         if before and after
     ]
+
+
+def _line(values: list[float], lengths: list[int]) -> list[str]:
+    exponents = _exponents(values, lengths)
     return [*(f"{value:,.3g}" if value < 100 else f"{value:,.0f}" for value in values),
             ", ".join(f"{each:.2f}" for each in exponents)]  # fmt: skip
 

@@ -15,7 +15,7 @@ from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.drawings import find_public_split
 from exceptiondrive_records.submissions.submissions import list_submissions
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.submissions.views import view
+from exceptiondrive_records.submissions.views import views
 from exceptiondrive_records.work.fair_share import waits
 from exceptiondrive_records.work.jobs import (
     claim_job,
@@ -185,7 +185,7 @@ def _require_nothing_to_ask(context: WorkerContext, target: Target, submission_i
             status=SubmissionStatus.SCORED,
             limit=MAX_LOOKED_AT,
         )
-        own = [view(session, each) for each in scored if each.id != submission_id]
+        own = views(session, [each for each in scored if each.id != submission_id])
         is_open = not is_late(phase, submission)
     replaced = replaced_entry(own, submission.method, phase.policy, is_open=is_open)
     asked = tuple(to_confirm(report.unranked_because, replaced).values())
