@@ -92,7 +92,7 @@ def _sabotage_server() -> Callable[[], None]:
 
     submitting: Any = module
 
-    accept, wake = submitting.accept, submitting._wake
+    accept, wake = submitting.accept, submitting.wake
 
     def sabotaged_accept(*arguments: Any, **named: Any) -> Any:
         if _once("kill-before-commit"):
@@ -105,7 +105,7 @@ def _sabotage_server() -> Callable[[], None]:
         wake(*arguments)
 
     submitting.accept = sabotaged_accept
-    submitting._wake = sabotaged_wake
+    submitting.wake = sabotaged_wake
     return operator_cli.main
 
 
