@@ -24,6 +24,7 @@ from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.operations.dashboard import dashboard
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.submissions.sheets import protocols_of_split, scored_within_a_day
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
@@ -39,7 +40,7 @@ from exceptiondrive_schemas.protocol import (
     packaged_protocol_toml,
     parse_protocol,
 )
-from exceptiondrive_schemas.split import Split
+from exceptiondrive_schemas.split import Split, SplitRef
 from exceptiondrive_schemas.taxonomy import Family, Task
 from exceptiondrive_worker.failures import FailureCode
 from exceptiondrive_worker.splits.admin import SplitsRefusedError, publish_split_file
@@ -48,6 +49,7 @@ from exceptiondrive_worker.splits.floors import (
     breaches,
     read_floors,
 )
+from exceptiondrive_worker.splits.floors_held import hold_floors_alone
 from exceptiondrive_worker.splits.store import read_split
 from exceptiondrive_worker.stages import Target
 
@@ -496,6 +498,28 @@ def test_two_submissions_at_once_take_no_more_than_is_left_of_a_day(
     codes = {code_of(world, submission_id) for submission_id, _ in jobs}
     assert codes == {None, FailureCode.SPLIT_DAY_FULL.value}
     assert "at most 2 a day" in held(world)[-1][1]["asked"][0]
+
+
+@pytest.mark.parametrize(
+    "database_url", [pytest.param("postgres", marks=pytest.mark.postgres)], indirect=True
+)
+def test_scores_of_one_split_wait_for_none_that_is_still_on_its_way(
+    make_world: Callable[..., World],
+    database_url: str,
+    tiny: Split,
+    planning_file: Callable[..., bytes],
+) -> None:
+    """However far the database is: the split is locked when a sheet is recorded, not before."""
+    world = make_world(database_url)
+    world.add_phase(tiny, "one")
+    assert code_of(world, world.score(planning_file(tiny), phase_id="one")) is None
+    of_split = world.context.splits.floors(tiny.name)
+    ref = SplitRef(name=tiny.name, revision=tiny.revision)
+    with world.database.write() as session:
+        protocol = find_protocol(session, session.get_one(Phase, "one").protocol_digest)
+        hold_floors_alone(session, of_split, ref, protocol, "another")
+        second = world.score(planning_file(tiny, edited_mps=1.2), phase_id="one")
+    assert code_of(world, second) is None  # or it has waited for a lock, until it gave up
 
 
 @pytest.mark.parametrize("part", ["private", None])
