@@ -2,20 +2,21 @@
 
 For each number of worker processes and each latency, full-size files wait in the queue; then real
 Celery workers start and score them all, with PostgreSQL and broker behind proxies that hold every
-message for half a round trip. The queueing model (benchmarks/queueing.py) takes its demands from
-one process without latency and from the messages counted, and stands beside what was measured. Only
-ratios within one run mean anything.
+message for half a round trip. What a score, a board and the time itself cost, in CPU and in round
+trips, is the least-squares fit to all cases; the queueing model (benchmarks/queueing.py) takes its
+demands from there and stands beside what was measured. Only ratios within one run mean anything.
 """
 
 import argparse
 import os
 import time
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from statistics import median
 
-from sqlalchemy import func, make_url, select
-from sqlalchemy import text as sql_text
+import numpy as np
+from sqlalchemy import func, select
 from tests.chaos.topology import PHASE, Topology
 
 from benchmarks.load import TIMES, add_teams
@@ -23,28 +24,29 @@ from benchmarks.load_traffic import Uploads, file_maker, upload
 from benchmarks.queueing import Demands, mean_wait_s, throughputs
 from benchmarks.report import ms, note, show, times
 from benchmarks.upload_to_rank import cpu_by_process_s
-from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.db.roles import Role
-from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.work.board_requests import pause_after
+from exceptiondrive_records.work.tables import BoardRequest, Job
 
 CASES = (
     (1, 0.0),
-    (1, 1.0),
     (2, 0.0),
     (4, 0.0),
     (8, 0.0),
-    (1, 20.0),
+    (1, 1.0),
     (4, 1.0),
+    (8, 1.0),
+    (1, 20.0),
     (4, 20.0),
     (8, 20.0),
+    (16, 20.0),
 )
-"""Worker processes, ms of a round trip. The first two give the model its demands."""
-ALONE_ROUND_TRIPS = 6
-"""While a score holds the row of its phase's board request and the head of the chain: the request, the
-lock, the last line, the time, the lines, the commit (records: `finish_scored`, `seal_audit_lines`)."""
+"""Worker processes, ms of a round trip; the first is given to the model."""
 LAN_MS = 0.5
 _TEAMS = 8
 _CLIENTS = 4
+_WARM_UP = 12
+"""Files scored first, and counted nowhere: what is made once is made then."""
 
 
 @dataclass(frozen=True)
@@ -53,20 +55,36 @@ class Case:
 
     slots: int
     latency_ms: float
-    per_s: float
-    accepted_per_s: float
+    took_s: float
+    n_scored: int
+    n_boards: int
+    round_trips: float
+    """To the database, of all processes."""
     cpu_s: dict[str, float]
-    """Of each process for one score."""
+    """Of each process, in all."""
+    accepted_per_s: float
     accept_cpu_s: dict[str, float]
     """Of each process for one upload."""
-    round_trips: float
-    """To the database for one score; 0 where none was counted."""
+
+    @property
+    def per_s(self) -> float:
+        """Scores a second."""
+        return self.n_scored / self.took_s
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What each score and each board adds, and each second."""
+
+    of_score: float
+    of_board: float
+    of_second: float
 
 
 def main() -> None:
     """Run the cases and print them beside the model."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.latency", description=__doc__)
-    parser.add_argument("--uploads", type=int, default=80, help="of each case")
+    parser.add_argument("--uploads", type=int, default=120, help="of each case")
     parser.add_argument("--copies", type=int, default=8, help="of the 420 samples, in the split")
     given = parser.parse_args()
     topology = Topology(
@@ -78,20 +96,21 @@ def main() -> None:
     )
     try:
         tokens = list(add_teams(topology, _TEAMS).values())
+        _case(topology, tokens, _WARM_UP, 2, 0.0)
         cases = []
         for slots, latency_ms in CASES:
             cases.append(_case(topology, tokens, given.uploads, slots, latency_ms))
             note(f"{slots} processes, {latency_ms:g} ms: {cases[-1].per_s:.2f} a second")
-        round_trip_s = _round_trip_s(topology)
+        alone_s = _alone_s(topology)
     finally:
         topology.close()
-    _report(cases, round_trip_s)
+    _report(cases, alone_s)
 
 
 def _case(
     topology: Topology, tokens: list[str], n_uploads: int, slots: int, latency_ms: float
 ) -> Case:
-    """Let files wait, then score them all."""
+    """Let files wait, then score them all; counted is from when all processes have one to when one has none."""
     make_file = file_maker(topology.sample_ids)
     files = [make_file() for _ in range(n_uploads)]
     before, began_s, done = _cpu_s(), time.monotonic(), _n_scored(topology)
@@ -100,25 +119,27 @@ def _case(
             token = tokens[number % len(tokens)]
             pool.submit(upload, topology.url, PHASE, token, data, Uploads())
     accepted_s = time.monotonic() - began_s
-    accept_cpu_s = _since(before, n_uploads)
+    accept_cpu_s = {name: s / n_uploads for name, s in _since(before).items()}
     _set_latency(topology, latency_ms)
     worker = topology.add_worker(slots=slots)
-    target, warm = done + n_uploads, done + slots
-    topology.wait_until(lambda: _n_scored(topology) >= warm, "the first scores", 600)
-    first, before, began_s = _n_scored(topology), _cpu_s(), time.monotonic()
-    round_trips = topology.database_proxy.n_round_trips
-    topology.wait_until(lambda: _n_scored(topology) >= target, "all scores", 1200)
-    took_s, n_scored = time.monotonic() - began_s, target - first
-    round_trips = topology.database_proxy.n_round_trips - round_trips
+    topology.wait_until(lambda: _n_scored(topology) >= done + slots, "the first scores", 600)
+    first, boards, before, began_s = _counts(topology)
+    trips = topology.database_proxy.n_round_trips
+    enough = max(done + n_uploads - slots, first + 1)
+    topology.wait_until(lambda: _n_scored(topology) >= enough, "scores", 1200)
+    last, boards_after, _, ended_s = _counts(topology)
     found = Case(
         slots,
         latency_ms,
-        n_scored / took_s,
+        ended_s - began_s,
+        last - first,
+        boards_after - boards,
+        topology.database_proxy.n_round_trips - trips,
+        _since(before),
         n_uploads / accepted_s,
-        _since(before, n_scored),
         accept_cpu_s,
-        round_trips / n_scored,
     )
+    topology.wait_until(lambda: _n_scored(topology) >= done + n_uploads, "all scores", 600)
     _set_latency(topology, 0.0)
     topology.remove_worker(worker)
     return found
@@ -127,6 +148,13 @@ def _case(
 def _set_latency(topology: Topology, latency_ms: float) -> None:
     for proxy in (topology.proxy, topology.database_proxy):
         proxy.delay_s = latency_ms / 2000
+
+
+def _counts(topology: Topology) -> tuple[int, int, dict[str, float], float]:
+    """Scores, boards and CPU so far, and the time."""
+    with topology.database.read() as session:
+        n_boards = session.scalar(select(func.sum(BoardRequest.fence))) or 0
+    return _n_scored(topology), n_boards, _cpu_s(), time.monotonic()
 
 
 def _n_scored(topology: Topology) -> int:
@@ -139,94 +167,168 @@ def _cpu_s() -> dict[str, float]:
     return cpu_by_process_s(os.getpid())
 
 
-def _since(before: dict[str, float], n: int) -> dict[str, float]:
-    return {name: (s - before.get(name, 0.0)) / n for name, s in _cpu_s().items()}
+def _since(before: dict[str, float]) -> dict[str, float]:
+    return {name: s - before.get(name, 0.0) for name, s in _cpu_s().items()}
 
 
-def _round_trip_s(topology: Topology) -> float:
-    """Seconds of the least question to the database, through the proxy without latency."""
-    database = Database(make_url(topology.role_urls[Role.WORKER]).render_as_string(False))
+def _alone_s(topology: Topology) -> float:
+    """Seconds of a transaction that writes an audit line and nothing else: it has the chain for itself."""
     took_s = []
-    with database.read() as session:
-        for _ in range(100):
-            began_s = time.perf_counter()
-            session.execute(sql_text("SELECT 1"))
-            took_s.append(time.perf_counter() - began_s)
-    database.dispose()
+    for number in range(100):
+        began_s = time.perf_counter()
+        with topology.database.write() as session:
+            audit(session, "benchmark", "counted", "latency", {"number": number})
+        took_s.append(time.perf_counter() - began_s)
     return median(took_s)
 
 
-def _report(cases: list[Case], round_trip_s: float) -> None:
-    one, counted = cases[0], cases[1]
-    cores = os.cpu_count() or 1
-    cpu_s = sum(one.cpu_s.values())
-    alone_s = ALONE_ROUND_TRIPS * round_trip_s
-    waits_s = max(0.0, 1 / one.per_s - cpu_s - alone_s)
+def _cost(cases: Sequence[Case], of: Callable[[Case], float]) -> Cost:
+    """Fit what scores, boards and seconds cost; none of them gives anything back."""
+    counts = np.array([(case.n_scored, case.n_boards, case.took_s) for case in cases], float)
+    spent = np.array([of(case) for case in cases])
+    found, *_ = np.linalg.lstsq(counts, spent)
+    return Cost(*(max(0.0, float(each)) for each in found))
 
-    def demands(latency_ms: float) -> Demands:
+
+@dataclass(frozen=True)
+class Model:
+    """Demands, and what boards and the time itself leave of cores and slots.
+
+    Attributes:
+        cpu_s: CPU seconds.
+        trips: Round trips to the database.
+        alone_s: Seconds that a score has the chain for itself.
+        waits_s: Seconds that a score waits for anything but cores, chain and latency.
+    """
+
+    cpu_s: Cost
+    trips: Cost
+    alone_s: float
+    waits_s: float = 0.0
+
+    def per_s(self, cores: int, slots: int, latency_ms: float) -> float:
+        """Scores a second."""
         late_s = latency_ms / 1000
-        others = counted.round_trips - ALONE_ROUND_TRIPS
-        return Demands(cpu_s, alone_s + ALONE_ROUND_TRIPS * late_s, waits_s + others * late_s)
+        build_s = self.cpu_s.of_board + self.trips.of_board * late_s
+        boards_per_s = 1 / (build_s + pause_after(build_s))
+        cores_left = cores - self.cpu_s.of_second - boards_per_s * self.cpu_s.of_board
+        demands = Demands(
+            self.cpu_s.of_score * cores / max(cores_left, 0.1),
+            self.alone_s,
+            self.waits_s + self.trips.of_score * late_s,
+        )
+        rates = [0.0, *throughputs(demands, cores, slots)]
+        slots_left = slots - boards_per_s * build_s
+        return float(np.interp(slots_left, range(len(rates)), rates))
 
-    shares = ", ".join(f"{name} {ms(s)}" for name, s in one.cpu_s.items())
-    accepting = ", ".join(f"{name} {ms(s)}" for name, s in one.accept_cpu_s.items())
-    note(f"one score: {1000 * cpu_s:.0f} ms of CPU ({shares}), {waits_s * 1000:.0f} ms of waiting,")
-    note(f"{counted.round_trips:.0f} round trips to the database, {ms(round_trip_s)} ms each at no")
-    note(f"latency; one upload: CPU ms {accepting}; {one.accepted_per_s:.1f} accepted a second")
+
+def _fitted(cases: Sequence[Case], alone_s: float, cores: int) -> Model:
+    """Take costs from all cases; the wait from the first, so that the model has its rate."""
+    cpu_s = _cost(cases, lambda case: sum(case.cpu_s.values()))
+    trips = _cost(cases, lambda case: case.round_trips)
+    first, low_s, high_s = cases[0], 0.0, 10.0
+    for _ in range(40):
+        middle_s = (low_s + high_s) / 2
+        rate = Model(cpu_s, trips, alone_s, middle_s).per_s(cores, first.slots, first.latency_ms)
+        low_s, high_s = (middle_s, high_s) if rate > first.per_s else (low_s, middle_s)
+    return Model(cpu_s, trips, alone_s, low_s)
+
+
+def _report(cases: list[Case], alone_s: float) -> None:
+    cores = os.cpu_count() or 1
+    model = _fitted(cases, alone_s, cores)
+    for name, cost, unit in (("CPU", model.cpu_s, 1000), ("round trips", model.trips, 1)):
+        of = (cost.of_score, cost.of_board, cost.of_second)
+        told = ", ".join(
+            f"{unit * each:.0f} a {what}"
+            for each, what in zip(of, ("score", "board", "second"), strict=True)
+        )
+        note(f"{name}{', ms' if unit > 1 else ''}: {told}")
+    note(f"alone with the chain {ms(alone_s)} ms; other waits {ms(model.waits_s)} ms")
     rows = []
     for case in cases:
-        rates = throughputs(demands(case.latency_ms), cores, case.slots)
-        at_once = next(c for c in cases if c.slots == case.slots and not c.latency_ms)
-        base = throughputs(demands(0.0), cores, case.slots)
-        wait = mean_wait_s(0.7 * rates[-1], rates)
+        rate = model.per_s(cores, case.slots, case.latency_ms)
+        same = next((c for c in cases if c.slots == case.slots and not c.latency_ms), None)
+        one = next(c for c in cases if c.latency_ms == case.latency_ms)
         rows.append(
             (
                 f"{case.slots}",
                 f"{case.latency_ms:g}",
                 f"{case.per_s:.2f}",
-                f"{rates[-1]:.2f}",
+                f"{rate:.2f}",
+                f"{rate / case.per_s - 1:+.0%}",
                 times(case.per_s / one.per_s),
-                times(rates[-1] / throughputs(demands(0.0), cores, 1)[-1]),
-                f"{case.per_s / at_once.per_s:.2f}",
-                f"{rates[-1] / base[-1]:.2f}",
-                f"{wait:.2f}",
+                "" if same is None else f"{case.per_s / same.per_s:.2f}",
+                f"{case.n_boards}",
+                f"{case.round_trips / case.n_scored:.0f}",
+                f"{1000 * sum(case.cpu_s.values()) / case.n_scored:.0f}",
             )
         )
     show(
         f"Scores a second on {cores} cores, measured and by the model",
-        ("processes", "ms", "measured", "model", "x one", "model", "of no ms", "model", "wait s"),
+        (
+            "processes",
+            "ms",
+            "measured",
+            "model",
+            "off",
+            "x one",
+            "of 0 ms",
+            "boards",
+            "trips a score",
+            "CPU ms",
+        ),
         rows,
     )
-    note("wait: by the model, from arrival to score at 70 % of that throughput; not measured")
-    _far(one, counted.round_trips, round_trip_s)
+    _far(cases, model)
 
 
-def _far(one: Case, round_trips: float, round_trip_s: float) -> None:
+def _far(cases: list[Case], model: Model) -> None:
     """Print what the model says where every process has a core of its own."""
-    trip_s = LAN_MS / 1000 + round_trip_s
-    database_s = one.cpu_s.get("database", 0.0) + one.accept_cpu_s.get("database", 0.0)
-    alone_s = 2 * ALONE_ROUND_TRIPS * trip_s  # accepting passes the chain too
-    worker_s = one.cpu_s["workers"]
+
+    def cpu_s(name: str) -> float:
+        of_score = _cost(cases, lambda case: case.cpu_s.get(name, 0.0)).of_score
+        return of_score + median(case.accept_cpu_s.get(name, 0.0) for case in cases)
+
+    of_worker = _cost(cases, lambda case: case.cpu_s.get("workers", 0.0))
     rows = []
     for slots in (10, 100):
-        found = Demands(worker_s, alone_s, (round_trips - ALONE_ROUND_TRIPS) * trip_s)
-        rate = throughputs(found, slots, slots)[-1]
-        server_s = one.accept_cpu_s.get("server", 0.0)
-        rows.append(
-            (
-                f"{slots}",
-                f"{3600 * rate:,.0f}",
-                f"{rate * alone_s:.0%}",
-                f"{rate * database_s:.2f}",
-                f"{rate * one.cpu_s.get('broker', 0.0):.2f}",
-                f"{rate * server_s:.2f}",
+        for latency_ms in (LAN_MS, 20.0):
+            found = Model(
+                of_worker, model.trips, 2 * model.alone_s
+            )  # accepting passes the chain too
+            rate = found.per_s(slots, slots, latency_ms)
+            demands = Demands(
+                of_worker.of_score, 2 * model.alone_s, model.trips.of_score * latency_ms / 1000
             )
-        )
+            wait_s = mean_wait_s(0.7 * rate, throughputs(demands, slots, slots))
+            rows.append(
+                (
+                    f"{slots}",
+                    f"{latency_ms:g}",
+                    f"{3600 * rate:,.0f}",
+                    f"{rate * 2 * model.alone_s:.0%}",
+                    f"{rate * cpu_s('database'):.2f}",
+                    f"{rate * cpu_s('broker'):.2f}",
+                    f"{rate * cpu_s('server'):.2f}",
+                    f"{wait_s:.2f}",
+                )
+            )
     show(
-        f"By the model: every process on a core of its own, {LAN_MS:g} ms to the database",
-        ("processes", "uploads an hour", "chain busy", "cores: database", "broker", "server"),
+        "By the model: every process on a core of its own",
+        (
+            "processes",
+            "ms",
+            "uploads an hour",
+            "chain busy",
+            "cores: database",
+            "broker",
+            "server",
+            "wait s",
+        ),
         rows,
     )
+    note("wait: from arrival to score at 70 % of that throughput; not measured")
 
 
 if __name__ == "__main__":
