@@ -3,22 +3,27 @@
 Statements are compiled once per process: a test has a database of its own and so an engine of its own,
 which would compile each statement anew, a quarter of the processor time of a test on the API.
 Certificates of authorities are read once per process, not for every client (45 ms each); one that a
-test names is read every time: it may have been replaced. Files that take longest come first: xdist
-would start with those of most tests, and a browser or a deployment of its own has few. What collecting
-the tests has made stays to the end, so the collector of garbage looks at none of it.
+test names is read every time: it may have been replaced. Applications answer on one event loop, as in
+a server: a `TestClient` would start one, and a thread with it, for every request (0.8 ms each). Files that
+take longest come first: xdist would start with those of most tests, and a browser or a deployment of
+its own has few. What collecting the tests has made stays to the end, so the collector of garbage looks
+at none of it.
 """
 
 import gc
 import os
 import ssl
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from functools import cache
 from typing import Any
 
 import certifi
 import pytest
+from anyio.from_thread import BlockingPortal, start_blocking_portal
 from sqlalchemy import Engine
 from sqlalchemy.util import LRUCache
+from starlette.testclient import TestClient
 
 from exceptiondrive_records.db import database
 
@@ -50,12 +55,18 @@ HEAVIEST = (
 OF_THE_MACHINE = (None, certifi.where(), os.environ.get("SSL_CERT_FILE"))
 FIRST: dict[str, Any] = {}
 """By backend, the engine whose dialect and cache the later ones take over."""
+TO_THE_END = ExitStack()
 
 
 def pytest_configure(config: pytest.Config) -> None:
     database._engine = sharing(database._engine)  # type: ignore[assignment]
     ssl.create_default_context = read_once(ssl.create_default_context)
+    TestClient._portal_factory = loop_of  # type: ignore[assignment, method-assign]
     gc.disable()
+
+
+def pytest_unconfigure() -> None:
+    TO_THE_END.close()
 
 
 def pytest_collection_finish() -> None:
@@ -94,3 +105,15 @@ def read_once(make: Callable[..., ssl.SSLContext]) -> Callable[..., ssl.SSLConte
         return (once if is_lasting else make)(*purpose, **certificates)
 
     return made
+
+
+@contextmanager
+def loop_of(client: TestClient) -> Iterator[BlockingPortal]:
+    """Yield the event loop of a client that is entered, and that of all others."""
+    yield client.portal or shared_loop()
+
+
+@cache
+def shared_loop() -> BlockingPortal:
+    """Start the event loop of all clients of this process."""
+    return TO_THE_END.enter_context(start_blocking_portal())
