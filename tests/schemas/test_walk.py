@@ -16,6 +16,7 @@ import tarfile
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 import pytest
@@ -1013,7 +1014,9 @@ OWN: dict[str, Row] = {
 ALL_FILES = WALK | MORE | SECOND_WALK | THIRD_WALK | OWN
 
 
+@cache
 def report_of(name: str) -> CheckReport:
+    """Return the report of a file, which is checked once in a process."""
     return check_bytes(ALL_FILES[name].make(), protocol=packaged_protocol(), manifest=MANIFEST)
 
 

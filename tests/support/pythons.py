@@ -15,15 +15,21 @@ NAMES = [f"python3.{minor}" for minor in range(6, 20)]
 
 @cache
 def pythons() -> dict[Version, Path]:
-    """Return one interpreter of each minor version, oldest first."""
+    """Return one interpreter of each minor version, oldest first.
+
+    Shims of pyenv are passed over: those of what is installed are in its folder.
+    """
     of_pyenv = sorted((HOME / ".pyenv/versions").glob("3.*/bin/python"))
-    on_path = [Path(path) for name in NAMES if (path := shutil.which(name)) is not None]
+    outside = os.pathsep.join(each for each in os.get_exec_path() if not each.endswith("/shims"))
+    on_path = [
+        Path(path) for name in NAMES if (path := shutil.which(name, path=outside)) is not None
+    ]
     found = {version: path for path in [*on_path, *of_pyenv] if (version := version_of(path))}
     return dict(sorted(found.items()))
 
 
 def version_of(python: Path) -> Version | None:
-    """Ask an interpreter for its version; None where it does not run, as a shim of pyenv does."""
+    """Ask an interpreter for its version; None where it does not run."""
     try:
         done = subprocess.run([python, "-V"], capture_output=True, text=True, check=False)
     except OSError:
