@@ -202,4 +202,5 @@ def test_a_dead_worker_does_not_stay_in_the_metrics(api: "Api") -> None:
     assert "dead-worker" not in api.get("/metrics").text
     with api.database.write() as session:
         beat(session, "new-worker")
+    with api.database.read() as session:
         assert [sign.worker_id for sign in session.query(WorkerHeartbeat)] == ["new-worker"]
