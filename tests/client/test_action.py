@@ -84,6 +84,7 @@ class Runner:
                 "GITHUB_ACTION_PATH": str(ROOT),
                 "GITHUB_OUTPUT": str(output),
                 "GITHUB_STEP_SUMMARY": str(self.temp / "summary"),
+                "PIP_NO_COMPILE": "1",  # bytecode of what is never imported costs seconds
                 **environment,
             },
             capture_output=True,

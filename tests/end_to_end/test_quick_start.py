@@ -1,7 +1,8 @@
 """A newcomer pastes the quick start of a phase into a shell, block by block, against a real system.
 
-The client is the wheel that the server itself hands out, in an environment of its own. The machine's
-registry gives the dependencies; where it cannot be reached, the tests skip and say so.
+The client is the wheel that the server itself hands out, in an environment of its own, which all phases
+install alike. The machine's registry gives the dependencies; where it cannot be reached, the tests skip
+and say so.
 """
 
 import hashlib
@@ -24,6 +25,7 @@ from tests.support.processes import wait_until
 from tests.support.system import System, running_system
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # pip installs
+ENVIRONMENT = "exceptiondrive-client"
 
 
 @pytest.fixture(scope="module")
@@ -54,11 +56,36 @@ def blocks(system: System, phase: str) -> list[str]:
     return [html.unescape(re.sub("<[^>]+>", "", block)) for block in found]
 
 
+def installs(system: System, phase: str) -> list[str]:
+    """The lines of the page that make and fill an environment."""
+    lines = "\n".join(blocks(system, phase)).splitlines()
+    return [line for line in lines if "venv" in line or "pip" in line]
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the first phase installs; what the next ones install is there already."""
+    return tmp_path_factory.mktemp("installed")
+
+
+@pytest.fixture
+def folder(installed: Path) -> Iterator[Path]:
+    """Where a newcomer works: nothing is there but what an earlier phase has installed."""
+    yield installed
+    for path in installed.iterdir():
+        if path.is_file():
+            path.unlink()
+        elif path.name != ENVIRONMENT:
+            shutil.rmtree(path)
+
+
 def paste(block: str, system: System, folder: Path, token: str) -> str:
     """Run a block in a shell that is in the environment which the first block makes."""
-    activate = folder / "exceptiondrive-client/bin/activate"
+    activate = folder / ENVIRONMENT / "bin/activate"
     ready = f". {activate}\n" if activate.exists() else ""
-    environment = {**system.environment(), "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
+    # bytecode of what is never imported would be half of an installation
+    pip = {"PIP_DISABLE_PIP_VERSION_CHECK": "1", "PIP_NO_COMPILE": "1"}
+    environment = {**system.environment(), **pip}
     environment.pop("EXCEPTIONDRIVE_SERVER")  # the commands name it
     done = subprocess.run(
         ["bash", "-c", f"set -e\n{ready}{block}"],
@@ -77,18 +104,19 @@ def paste(block: str, system: System, folder: Path, token: str) -> str:
 
 
 @pytest.mark.parametrize("phase", ["withheld", "sample", "sample-strategy"])
-def test_the_quick_start_runs_as_pasted(system: System, tmp_path: Path, phase: str) -> None:
+def test_the_quick_start_runs_as_pasted(system: System, folder: Path, phase: str) -> None:
     token = system.make_team(f"new-{phase}")
+    assert len(installs(system, phase)) == 3
+    assert installs(system, phase) == installs(system, "withheld"), "they share an environment"
     assert re.findall("--allow[a-z-]*|--replace|--force", "".join(blocks(system, phase))) == [
         "--allow-unranked"
     ], "for the stand-in, which takes no rank; the page says to leave it out"
-    told = [paste(block, system, tmp_path, token) for block in blocks(system, phase)]
+    told = [paste(block, system, folder, token) for block in blocks(system, phase)]
     assert len(told) == 5
     mine = system.submissions(token)
     assert [(one["phase"], one["status"]) for one in mine] == [(phase, "scored")]
     assert "HCC" in told[3] or phase == "sample-strategy"
-    installed = tmp_path / "exceptiondrive-client/bin/exceptiondrive"
-    assert installed.exists()
+    assert (folder / ENVIRONMENT / "bin/exceptiondrive").exists()
 
 
 def test_the_quick_start_of_a_withheld_phase_scores_a_public_split(system: System) -> None:
