@@ -18,6 +18,8 @@ import pytest
 from exceptiondrive import Client
 
 if TYPE_CHECKING:
+    from tests.support.snapshots import Snapshots
+
     from exceptiondrive_worker.context import WorkerContext
 
 IS_ALONE = find_spec("exceptiondrive_server") is None
@@ -182,7 +184,7 @@ class Running:
 
 @pytest.fixture
 def running(
-    tmp_path: Path, sqlite_url: str, broker_url: str, split_file: Path
+    tmp_path: Path, sqlite_url: str, broker_url: str, split_file: Path, snapshots: "Snapshots"
 ) -> Iterator[Running]:
     """Start the application, without a worker."""
     import structlog
@@ -203,7 +205,7 @@ def running(
     (folder / "split.json").write_bytes(split_file.read_bytes())
     worker = WorkerSettings(**places, splits_dir=folder.parent, private_dir=tmp_path / "private")
     context = open_context(worker)
-    tokens = _fill_records(context)
+    tokens = snapshots.fill("client", sqlite_url, tmp_path, lambda: _fill_records(context))
     application = create_app(ServerSettings(**places, receipt_key_file=tmp_path / "key.pem"))
     # CliRunner would take the server's lines for the CLI's
     with served(application) as url, structlog.testing.capture_logs():

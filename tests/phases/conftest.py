@@ -212,8 +212,20 @@ class Life:
         return done
 
 
+Beginning = tuple[str, Callable[[Life], None]]
+"""A name, and what makes it out of three teams."""
+
+
 @pytest.fixture
-def life(database_url: str, tmp_path: Path, snapshots: Snapshots) -> Iterator[Life]:
+def beginning() -> Beginning:
+    """What has happened before each test of a file; a file may say so, and it is made once a process."""
+    return "three teams", lambda life: None
+
+
+@pytest.fixture
+def life(
+    database_url: str, tmp_path: Path, snapshots: Snapshots, beginning: Beginning
+) -> Iterator[Life]:
     """Three teams, an organizer, a split with parts; SQLite, then PostgreSQL."""
     common: dict[str, Any] = {
         "database_url": database_url,
@@ -231,14 +243,17 @@ def life(database_url: str, tmp_path: Path, snapshots: Snapshots) -> Iterator[Li
     client = TestClient(app, base_url="https://server.test", follow_redirects=False)
     made = Life(worker, open_context(worker), server, client)
 
-    def three_teams() -> dict[str, str]:
+    name, go_on = beginning
+
+    def begin() -> dict[str, str]:
         with made.database.write() as session:
-            tokens = found(session, TEAMS).tokens
+            made.tokens = found(session, TEAMS).tokens
         made.add_split(split_of(SAMPLES, "parted"))
         made.add_split(split_of({k: (t, m, None) for k, (t, m, _) in SAMPLES.items()}, "plain"))
-        return tokens
+        go_on(made)
+        return made.tokens
 
-    made.tokens = snapshots.fill("three teams", database_url, tmp_path, three_teams)
+    made.tokens = snapshots.fill(name, database_url, tmp_path, begin)
     yield made
     made.context.close()
     app.state.services.close()

@@ -12,7 +12,7 @@ from tests.phases.browsing import send, visitor
 from tests.phases.test_export import files_of
 
 if TYPE_CHECKING:
-    from tests.phases.conftest import Life
+    from tests.phases.conftest import Beginning, Life
 
 PATH = "/phases/test/reported"
 REVISION = "sha256:" + "a" * 64
@@ -30,12 +30,19 @@ def rows_of(board: Any) -> list[Any]:
 
 
 @pytest.fixture
+def beginning() -> "Beginning":
+    def two_entries(life: "Life") -> None:
+        life.make_phase(split="plain")
+        for team, speed in (("alpha", 2.0), ("beta", 4.0)):
+            assert life.upload(team, speed, "=1+1", split="plain").status_code == 202
+        life.work()
+
+    return "reported", two_entries
+
+
+@pytest.fixture
 def scored(life: "Life") -> "Life":
     """A phase with two entries on its board."""
-    life.make_phase(split="plain")
-    for team, speed in (("alpha", 2.0), ("beta", 4.0)):
-        assert life.upload(team, speed, "=1+1", split="plain").status_code == 202
-    life.work()
     return life
 
 
