@@ -451,15 +451,10 @@ def test_only_so_many_protocols_ever_ask(
     assert held(world)[-1][1]["asked"] == ["it would be protocol number 3, at most 2 may be"]
 
 
-def test_two_protocols_at_once_take_no_more_than_is_left(
-    world: World, tiny: Split, planning_file: Callable[..., bytes], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Both are let begin, since neither has a sheet; the later one records none."""
-    write_floors(world, "max_protocols = 1", tiny.name)
-    jobs = []
-    for number in range(2):
-        open_phase(world, changed(f"9.{number}"), tiny, f"phase-{number}")
-        jobs.append(world.submit(planning_file(tiny), phase_id=f"phase-{number}"))
+def score_at_once(
+    world: World, jobs: list[tuple[str, str]], monkeypatch: pytest.MonkeyPatch
+) -> set[str | None]:
+    """Score two jobs, each when both were let begin; return what became of their submissions."""
     together, score = Barrier(2), world.context.stages.score
 
     def score_beside_the_other(target: Target) -> Any:
@@ -469,7 +464,19 @@ def test_two_protocols_at_once_take_no_more_than_is_left(
     monkeypatch.setattr(world.context.stages, "score", score_beside_the_other)
     with ThreadPoolExecutor(2) as pool:
         list(pool.map(lambda job: score_submission(world.context, job[1]), jobs))
-    codes = {code_of(world, submission_id) for submission_id, _ in jobs}
+    return {code_of(world, submission_id) for submission_id, _ in jobs}
+
+
+def test_two_protocols_at_once_take_no_more_than_is_left(
+    world: World, tiny: Split, planning_file: Callable[..., bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both are let begin, since neither has a sheet; the later one records none."""
+    write_floors(world, "max_protocols = 1", tiny.name)
+    jobs = []
+    for number in range(2):
+        open_phase(world, changed(f"9.{number}"), tiny, f"phase-{number}")
+        jobs.append(world.submit(planning_file(tiny), phase_id=f"phase-{number}"))
+    codes = score_at_once(world, jobs, monkeypatch)
     assert codes == {None, FailureCode.SPLIT_FLOOR.value}
     with world.database.read() as session:
         assert len(protocols_of_split(session, tiny.name)) == 1
@@ -486,16 +493,7 @@ def test_two_submissions_at_once_take_no_more_than_is_left_of_a_day(
     jobs = [
         world.submit(planning_file(tiny, edited_mps=1.1 + n / 10), phase_id="one") for n in range(2)
     ]
-    together, score = Barrier(2), world.context.stages.score
-
-    def score_beside_the_other(target: Target) -> Any:
-        together.wait(60)
-        return score(target)
-
-    monkeypatch.setattr(world.context.stages, "score", score_beside_the_other)
-    with ThreadPoolExecutor(2) as pool:
-        list(pool.map(lambda job: score_submission(world.context, job[1]), jobs))
-    codes = {code_of(world, submission_id) for submission_id, _ in jobs}
+    codes = score_at_once(world, jobs, monkeypatch)
     assert codes == {None, FailureCode.SPLIT_DAY_FULL.value}
     assert "at most 2 a day" in held(world)[-1][1]["asked"][0]
 
