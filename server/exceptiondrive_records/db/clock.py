@@ -13,7 +13,6 @@ from exceptiondrive_records.db.columns import UtcDateTime
 
 Moment = datetime | ColumnElement[datetime]
 """A time in a condition: one that is known, or `NOW`."""
-_SQLITE_NOW = select(func.strftime("%Y-%m-%dT%H:%M:%f", "now"))
 _POSTGRESQL_NOW = select(func.clock_timestamp())
 
 
@@ -63,11 +62,13 @@ def _passed_in_sqlite(element: Function[float], compiler: SQLCompiler, **how: An
 
 
 def database_now(session: Session) -> datetime:
-    """Return the time of the database's own clock, aware UTC."""
+    """Return the time of the database's own clock, aware UTC.
+
+    SQLite runs in this process: its clock is this machine's, and tells whole milliseconds.
+    """
     if session.get_bind().dialect.name == "sqlite":
-        text = session.scalar(_SQLITE_NOW)
-        assert text is not None
-        return datetime.fromisoformat(text).replace(tzinfo=UTC)
+        here = datetime.now(UTC)
+        return here.replace(microsecond=here.microsecond // 1000 * 1000)
     now = session.scalar(_POSTGRESQL_NOW)
     assert isinstance(now, datetime)
     return now.astimezone(UTC)
