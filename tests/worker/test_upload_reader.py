@@ -3,7 +3,9 @@
 import gzip
 import json
 import random
+import zlib
 from collections.abc import Callable
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -12,8 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.support import extract, realdata
 from tests.support.two_readings import check_both_ways
+from zlib_ng import zlib_ng
 
 from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, STRATEGY, Challenge, ChallengeId
+from exceptiondrive_schemas.check import UnreadableFileError, inflate
 from exceptiondrive_schemas.faults import CheckReport, FaultCode
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.split import Manifest, Split
@@ -258,6 +262,34 @@ def test_any_number_is_read_alike(numbers: list[str]) -> None:
     for number in numbers:
         text = text.replace("-0.25", number, 1)
     assert_one_verdict(text.encode(), PLANNING)
+
+
+def inflated(data: bytes, library: ModuleType) -> bytes | str:
+    try:
+        return inflate(data, max_inflated_bytes=20_000, library=library)
+    except UnreadableFileError as refused:
+        return str(refused)
+
+
+@given(data=st.data())
+def test_a_damaged_gzip_stream_is_judged_alike_by_worker_and_client(data: st.DataObject) -> None:
+    text = json.dumps(planning_file()).encode() * data.draw(st.integers(1, 4))
+    level = data.draw(st.integers(0, 9))
+    stream = bytearray(gzip.compress(text, level, mtime=0))
+    for place in data.draw(st.lists(st.integers(0, len(stream) - 1), max_size=3)):
+        stream[place] ^= 1 << data.draw(st.integers(0, 7))
+    end = data.draw(st.integers(0, len(stream)) | st.just(len(stream)))
+    behind = data.draw(st.sampled_from([b"", b"\0", b"x" * 100, gzip.compress(text, mtime=0)]))
+    sent = bytes(stream[:end]) + behind
+    assert inflated(sent, zlib) == inflated(sent, zlib_ng)
+
+
+@pytest.mark.parametrize("place", range(10))
+@pytest.mark.parametrize("bit", range(8))
+def test_each_bit_of_a_gzip_head_is_judged_alike(place: int, bit: int) -> None:
+    stream = bytearray(gzip.compress(json.dumps(planning_file()).encode(), mtime=0))
+    stream[place] ^= 1 << bit
+    assert inflated(bytes(stream), zlib) == inflated(bytes(stream), zlib_ng)
 
 
 REAL_FILES = [(split, method) for split, methods in realdata.PLANNERS.items() for method in methods]

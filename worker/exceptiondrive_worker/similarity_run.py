@@ -65,18 +65,21 @@ def compare_submissions(context: WorkerContext, phase_id: str, like: Target) -> 
     for file in files:
         if file.is_compared:
             compared.add(file, comparing.fingerprint(file))
-    n_compared = 0
-    for file in fresh:
-        if _live_job_waits(context) or (n_compared and time.monotonic() > until):
-            break
-        fingerprint = comparing.fingerprint(file)
-        alike = [] if fingerprint is None else comparing.alike(file, fingerprint, compared)
+    found: list[tuple[str, Sequence[AlikeSubmission]]] = []
+    try:
+        for file in fresh:
+            if _live_job_waits(context) or (found and time.monotonic() > until):
+                break
+            fingerprint = comparing.fingerprint(file)
+            alike = [] if fingerprint is None else comparing.alike(file, fingerprint, compared)
+            compared.add(file, fingerprint)
+            found.append((file.submission_id, alike))
+    finally:  # what ends this ends it after the files that were compared
         with context.database.write() as session:
-            keep_alike(session, file.submission_id, alike)
-        compared.add(file, fingerprint)
-        n_compared += 1
-    _log.info("submissions compared", phase=phase_id, number=n_compared)
-    return n_compared
+            for submission_id, alike in found:
+                keep_alike(session, submission_id, alike)
+    _log.info("submissions compared", phase=phase_id, number=len(found))
+    return len(found)
 
 
 def _live_job_waits(context: WorkerContext) -> bool:

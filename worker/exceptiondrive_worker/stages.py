@@ -270,10 +270,11 @@ class Stages:
     def _read(self, target: Target) -> tuple[str, Columns]:
         """Read the upload, keep its answers, and note which upload holds them."""
         packed = pack_columns(self._upload(target) if target.made is None else target.made)
-        digest = hashlib.sha256(packed).hexdigest()
-        self._private.write(Shelf.ANSWERS, digest, packed)
-        self._private.write(Shelf.READS, _read_key(target), digest.encode("ascii"))
-        return digest, unpack_columns(packed)
+        digest = hashlib.sha256(packed)
+        name = digest.hexdigest()
+        self._private.write(Shelf.ANSWERS, name, packed, digest.digest())
+        self._private.write(Shelf.READS, _read_key(target), name.encode("ascii"))
+        return name, unpack_columns(packed)
 
     def _upload(self, target: Target) -> Columns:
         data = self._load_upload(target.file_digest)

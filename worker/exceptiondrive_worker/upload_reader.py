@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from numpy.typing import NDArray
+from zlib_ng import zlib_ng
 
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, Challenge, ChallengeId
 from exceptiondrive_schemas.check import (
@@ -60,7 +61,10 @@ def read_upload(
     """
     try:
         text = inflate(
-            data, max_upload_bytes=max_upload_bytes, max_inflated_bytes=max_inflated_bytes
+            data,
+            max_upload_bytes=max_upload_bytes,
+            max_inflated_bytes=max_inflated_bytes,
+            library=zlib_ng,
         )
         fast_reader = FAST_READERS.get(challenge.id)
         columns = fast_reader(text, manifest, protocol) if fast_reader else None

@@ -7,6 +7,7 @@ import codecs
 import json
 import zlib
 from dataclasses import dataclass
+from types import ModuleType
 
 from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.printable import counted
@@ -108,6 +109,7 @@ def inflate(
     *,
     max_upload_bytes: int = MAX_UPLOAD_BYTES,
     max_inflated_bytes: int = MAX_INFLATED_BYTES,
+    library: ModuleType = zlib,
 ) -> bytes:
     """Return the JSON bytes of an upload, which may be gzip-compressed.
 
@@ -115,6 +117,7 @@ def inflate(
         data: The file as uploaded; gzip is recognised by its first bytes, never by a name.
         max_upload_bytes: Most bytes of the file itself.
         max_inflated_bytes: Most bytes of what it holds; no more are ever inflated.
+        library: What inflates: `zlib`, or a module with its names and its judgement.
 
     Raises:
         UnreadableFileError: Empty, too large, damaged, or a file of another kind.
@@ -125,7 +128,7 @@ def inflate(
             f"at most {counted(max_upload_bytes, 'byte')}",
             counted(len(data), "byte"),
         )
-    inflated = _gunzip(data, max_inflated_bytes) if data.startswith(GZIP_MAGIC) else data
+    inflated = _gunzip(data, max_inflated_bytes, library) if data.startswith(GZIP_MAGIC) else data
     if len(inflated) > max_inflated_bytes:
         raise UnreadableFileError(
             FaultCode.INFLATES_TOO_LARGE,
@@ -140,11 +143,11 @@ def inflate(
     return inflated
 
 
-def _gunzip(data: bytes, max_inflated_bytes: int) -> bytes:
-    inflater = zlib.decompressobj(wbits=GZIP_WINDOW_BITS)
+def _gunzip(data: bytes, max_inflated_bytes: int, library: ModuleType) -> bytes:
+    inflater = library.decompressobj(wbits=GZIP_WINDOW_BITS)
     try:
-        inflated = inflater.decompress(data, max_inflated_bytes + 1)
-    except zlib.error:
+        inflated: bytes = inflater.decompress(data, max_inflated_bytes + 1)
+    except library.error:
         raise _damaged("data that cannot be inflated, or that fails its checksum") from None
     if len(inflated) > max_inflated_bytes:
         return inflated

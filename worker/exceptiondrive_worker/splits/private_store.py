@@ -110,13 +110,16 @@ class PrivateStore:
         digest, data = framed[:_DIGEST_BYTES], framed[_DIGEST_BYTES:]
         return data if hashlib.sha256(data).digest() == digest else None
 
-    def write(self, shelf: Shelf, key: str, data: bytes) -> None:
-        """Keep `data` under `key`; a reader sees all of it or none."""
+    def write(self, shelf: Shelf, key: str, data: bytes, digest: bytes | None = None) -> None:
+        """Keep `data` under `key`; a reader sees all of it or none.
+
+        `digest` is its SHA-256, where it is known.
+        """
         folder = self.root / shelf
         handle, temporary = tempfile.mkstemp(prefix=TEMPORARY_PREFIX, dir=folder)
         try:
             with os.fdopen(handle, "wb") as file:
-                file.write(hashlib.sha256(data).digest())
+                file.write(digest or hashlib.sha256(data).digest())
                 file.write(data)
             os.replace(temporary, self._path(shelf, key))
         except BaseException:
