@@ -227,7 +227,7 @@ def accept(
         ConcurrentQuotaExceeded: Too many submissions of the team still wait.
     """
     phase = find_phase(session, phase_id)
-    lock_team(session, team_id)
+    team = lock_team(session, team_id)
     told = {
         "method": checked_name("method name", method),
         "description": checked_description(description),
@@ -237,7 +237,7 @@ def accept(
     }
     first = require_acceptable(
         session,
-        team_id,
+        team,
         phase,
         file_digest,
         linked_to=linked_to,
@@ -335,7 +335,7 @@ def _granted_until(session: Session, team_id: int, phase: Phase) -> datetime | N
 
 def require_acceptable(
     session: Session,
-    team_id: int,
+    team: Team,
     phase: Phase,
     file_digest: str,
     *,
@@ -352,22 +352,19 @@ def require_acceptable(
     Raises:
         RecordsError: As `accept`, but for texts and links.
     """
-    team = session.get(Team, team_id)
-    if team is None:
-        raise NotFound("team", str(team_id))
     require_approved(team)
-    require_not_disqualified(session, team_id, phase, file_digest)
+    require_not_disqualified(session, team.id, phase, file_digest)
     now = database_now(session)
-    first = _same_upload(session, team_id, phase, file_digest, idempotency_key, now)
-    first = first or _same_bytes(session, team_id, phase, file_digest)
+    first = _same_upload(session, team.id, phase, file_digest, idempotency_key, now)
+    first = first or _same_bytes(session, team.id, phase, file_digest)
     if first is not None and not _gives_way(first, now, asks_first=asks_first):
         require_same_link(first, linked_to)
         return first
-    require_terms(session, team_id, phase)
-    allowance = allowance_of(session, team_id, phase.id)
+    require_terms(session, team.id, phase)
+    allowance = allowance_of(session, team.id, phase.id)
     _require_open(session, phase, allowance, arrival(session, phase, arrived_at, now))
-    require_quota(session, team_id, phase)
-    require_counterpart(session, team_id, phase, linked_to)
+    require_quota(session, team.id, phase)
+    require_counterpart(session, team.id, phase, linked_to)
     return first
 
 

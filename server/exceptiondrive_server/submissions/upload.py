@@ -229,7 +229,7 @@ def take_upload(
     with services.database.read() as session:  # before a byte is stored
         require_acceptable(
             session,
-            team_id,
+            session.get_one(Team, team_id),
             shown_phase(session, fields.phase),
             digest,
             linked_to=fields.linked_to or None,

@@ -9,6 +9,7 @@ passes, and what shows smaller cells does not. A public split has nothing to hol
 import json
 from collections.abc import Iterator
 from datetime import datetime
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -115,8 +116,7 @@ def read_floors(folder: Path) -> SplitFloors:
         FloorsUnreadableError: The file is no floors; each problem is named.
     """
     try:
-        document = tomllib.loads((folder / FLOORS_FILE).read_text("utf-8"))
-        return SplitFloors.model_validate_json(json.dumps(document, default=str))
+        return _floors_of((folder / FLOORS_FILE).read_text("utf-8"))
     except FileNotFoundError:
         return SplitFloors()
     except ValidationError as error:
@@ -128,6 +128,13 @@ def read_floors(folder: Path) -> SplitFloors:
         raise FloorsUnreadableError(
             f"{FLOORS_FILE} of {folder.name} cannot be read ({type(error).__name__})"
         ) from None
+
+
+@lru_cache(maxsize=64)
+def _floors_of(text: str) -> SplitFloors:
+    """Every score reads the file; it is parsed when its text is new."""
+    document = tomllib.loads(text)
+    return SplitFloors.model_validate_json(json.dumps(document, default=str))
 
 
 def breaches(floors: SplitFloors, protocol: ProtocolDocument) -> Iterator[str]:
