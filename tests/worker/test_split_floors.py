@@ -27,9 +27,11 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.submissions.sheets import protocols_of_split, scored_within_a_day
-from exceptiondrive_records.submissions.tables import ScoreSheetRow
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_records.work.jobs import new_job
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import (
     GeometrySection,
     GradingSection,
@@ -436,6 +438,38 @@ def test_only_so_many_submissions_a_day_are_scored_over_all_phases_and_teams(
             for at in (now, now + timedelta(days=1))
         ]
     assert found == [2, 0]
+
+
+def test_what_is_scored_anew_takes_no_place_of_the_day(
+    world: World, tiny: Split, planning_file: Callable[..., bytes]
+) -> None:
+    write_floors(world, "max_scored_per_day = 2", tiny.name)
+    world.add_phase(tiny, "one")
+    first, second, third = [
+        world.score(planning_file(tiny, edited_mps=1.0 + number / 10), phase_id="one")
+        for number in range(3)
+    ]
+    assert code_of(world, third) == FailureCode.SPLIT_DAY_FULL.value
+    open_phase(world, changed("9.1"), tiny)
+    write_floors(world, "max_scored_per_day = 1", tiny.name)
+    with world.database.write() as session:
+        digest = session.get_one(Phase, "made").protocol_digest
+        jobs = [
+            new_job(
+                session.get_one(Submission, submission_id),
+                digest,
+                tiny.revision,
+                Lane.RESCORE,
+                False,
+                database_now(session),
+            )
+            for submission_id in (first, second)
+        ]
+        session.add_all(jobs)
+    assert all(score_submission(world.context, job.id) for job in jobs)
+    with world.database.read() as session:
+        anew = select(ScoreSheetRow.submission_id).where(ScoreSheetRow.protocol_digest == digest)
+        assert set(session.scalars(anew)) == {first, second}
 
 
 def test_only_so_many_protocols_ever_ask(

@@ -13,6 +13,7 @@ from exceptiondrive_records.phases.scoring_keys import ScoringKey, accepted_unde
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.drawings import find_public_split
+from exceptiondrive_records.submissions.sheets import is_scored
 from exceptiondrive_records.submissions.submissions import list_submissions
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import views
@@ -133,10 +134,11 @@ def _score(context: WorkerContext, job: Job) -> None:
         read_under = accepted_under(session, submission.id) or protocol
         ref = SplitRef(name=phase.split_name, revision=job.split_revision)
         is_public = find_public_split(session, ref) is not None
+        newcomer = None if is_scored(session, ref.name, submission.id) else submission.id
     floors = context.splits.floors(ref.name)
     with held_floors_are_told(context.database, ref, protocol, phase.id):
         with context.database.read() as session:
-            hold_floors(session, floors, ref, protocol, submission.id)
+            hold_floors(session, floors, ref, protocol, newcomer)
         challenge = CHALLENGES[phase.challenge]
         split = context.splits.find(phase.split_name, job.split_revision, protocol)
         target = Target(submission.file_digest, challenge, split, protocol, read_under)
@@ -153,7 +155,7 @@ def _score(context: WorkerContext, job: Job) -> None:
             scored.sheet, has_public_drives=split.manifest.recorded is not None
         )
         with context.database.write() as session:
-            hold_floors_alone(session, floors, ref, protocol, submission.id)
+            hold_floors_alone(session, floors, ref, protocol, newcomer)
             outcome = finish_scored(
                 session,
                 job,

@@ -2,37 +2,62 @@
 
 from datetime import datetime, timedelta
 
-from sqlalchemy import bindparam, func, select
-from sqlalchemy.orm import Session
+from sqlalchemy import BindParameter, ColumnElement, Select, bindparam, exists, func, select
+from sqlalchemy.orm import Session, aliased
 
-from exceptiondrive_records.db.clock import seconds_from_now
+from exceptiondrive_records.db.clock import Moment, seconds_from_now
 from exceptiondrive_records.db.columns import UtcDateTime
 from exceptiondrive_records.db.last import require_last
+from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
 
 _A_DAY = timedelta(days=1)
 
 
-_OF_SPLIT = ScoreSheetRow.split_revision.in_(
-    select(SplitRow.revision).where(SplitRow.name == bindparam("split"))
+def _of_split(sheet: type[ScoreSheetRow]) -> ColumnElement[bool]:
+    revisions = select(SplitRow.revision).where(SplitRow.name == bindparam("split"))
+    return sheet.split_revision.in_(revisions)
+
+
+_IS_SCORED = select(
+    exists().where(ScoreSheetRow.submission_id == bindparam("submission"), _of_split(ScoreSheetRow))
 )
-_PROTOCOLS = select(ScoreSheetRow.protocol_digest).where(_OF_SPLIT).distinct()
-_FIRSTS = (
-    select(func.min(ScoreSheetRow.created_at).label("at"))
-    .where(_OF_SPLIT, ScoreSheetRow.submission_id != bindparam("besides"))
-    .group_by(ScoreSheetRow.submission_id)
-    .subquery()
+_PROTOCOLS = select(ProtocolRow.digest).where(
+    exists().where(ScoreSheetRow.protocol_digest == ProtocolRow.digest, _of_split(ScoreSheetRow))
 )
-_N_FIRSTS = select(func.count()).select_from(_FIRSTS)
-_N_FIRSTS_SINCE = _N_FIRSTS.where(_FIRSTS.c.at > bindparam("since", type_=UtcDateTime()))
-_N_FIRSTS_TODAY = _N_FIRSTS.where(_FIRSTS.c.at > seconds_from_now(-_A_DAY.total_seconds()))
+
+
+def _n_firsts(since: Moment | BindParameter[datetime]) -> Select[int]:
+    """Who has a sheet since then, and none before: as many sheets are looked at as came since."""
+    earlier = aliased(ScoreSheetRow)
+    had_one = exists().where(
+        earlier.submission_id == ScoreSheetRow.submission_id,
+        _of_split(earlier),
+        earlier.created_at <= since,
+    )
+    return select(func.count(ScoreSheetRow.submission_id.distinct())).where(
+        _of_split(ScoreSheetRow),
+        ScoreSheetRow.created_at > since,
+        ScoreSheetRow.submission_id != bindparam("besides"),
+        ~had_one,
+    )
+
+
+_N_FIRSTS_SINCE = _n_firsts(bindparam("since", type_=UtcDateTime()))
+_N_FIRSTS_TODAY = _n_firsts(seconds_from_now(-_A_DAY.total_seconds()))
 _IS_ROOM = _N_FIRSTS_TODAY.scalar_subquery() < bindparam("most")
 
 
 def protocols_of_split(session: Session, name: str) -> set[str]:
     """Return the digests of the protocols that a split was scored under, at any revision."""
     return set(session.scalars(_PROTOCOLS, {"split": name}))
+
+
+def is_scored(session: Session, name: str, submission_id: str) -> bool:
+    """Whether a submission has a sheet of a split, at any revision; sheets stay for ever."""
+    given = {"split": name, "submission": submission_id}
+    return bool(session.scalar(_IS_SCORED, given))
 
 
 def scored_within_a_day(session: Session, name: str, now: datetime, *, besides: str) -> int:

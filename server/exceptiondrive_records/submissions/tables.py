@@ -105,6 +105,10 @@ class ScoreSheetRow(Base):
     """The published, rounded score sheet of one scoring run, immutable."""
 
     __tablename__ = "score_sheets"
+    __table_args__ = (
+        Index("ix_score_sheets_since", "split_revision", "created_at", "submission_id"),
+        Index("ix_score_sheets_protocol", "protocol_digest", "split_revision"),
+    )
     submission_id: Mapped[str] = mapped_column(ForeignKey("submissions.id"), primary_key=True)
     protocol_digest: Mapped[str] = mapped_column(ForeignKey("protocols.digest"), primary_key=True)
     split_revision: Mapped[str] = mapped_column(primary_key=True)

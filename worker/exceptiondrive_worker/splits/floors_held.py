@@ -37,7 +37,7 @@ def hold_floors(
     floors: SplitFloors,
     ref: SplitRef,
     protocol: ProtocolDocument,
-    submission_id: str | None = None,
+    newcomer: str | None = None,
 ) -> None:
     """Let pass what the floors of a split allow.
 
@@ -46,7 +46,7 @@ def hold_floors(
         floors: Of the split.
         ref: The split, at the revision that is asked for.
         protocol: Under which something is to be published.
-        submission_id: What is to be scored; None: a board is to be built.
+        newcomer: A submission that is to get its first sheet of the split; None: none is.
 
     Raises:
         SplitDayFullError: Enough submissions were scored within a day.
@@ -55,9 +55,9 @@ def hold_floors(
     if find_public_split(session, ref) is not None:
         return
     _hold(session, floors, ref, protocol, protocols_of_split(session, ref.name))
-    if submission_id is not None:
+    if newcomer is not None:
         now = database_now(session)
-        n_scored = scored_within_a_day(session, ref.name, now, besides=submission_id)
+        n_scored = scored_within_a_day(session, ref.name, now, besides=newcomer)
         if n_scored >= floors.max_scored_per_day:
             raise _day_full(floors, f"{n_scored} of {now:%Y-%m-%d}")
 
@@ -105,7 +105,7 @@ def hold_floors_alone(
     floors: SplitFloors,
     ref: SplitRef,
     protocol: ProtocolDocument,
-    submission_id: str | None = None,
+    newcomer: str | None = None,
 ) -> None:
     """Hold them when the write transaction records: two together take no more than is left.
 
@@ -122,11 +122,11 @@ def hold_floors_alone(
         lock_protocols(session, ref.name)
         scored = protocols_of_split(session, ref.name)
     _hold(session, floors, ref, protocol, scored)
-    if submission_id is not None:
+    if newcomer is not None:
         most = floors.max_scored_per_day
         refusal = _day_full(floors, f"{most} within a day")
         lock_protocols_last(session, ref.name)
-        require_room_last(session, ref.name, most, besides=submission_id, refusal=refusal)
+        require_room_last(session, ref.name, most, besides=newcomer, refusal=refusal)
 
 
 @contextmanager

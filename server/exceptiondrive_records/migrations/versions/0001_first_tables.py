@@ -362,6 +362,12 @@ def create_submissions() -> None:
         sa.Column("scorer_version", sa.String(), nullable=False),
         sa.Column("created_at", TIME, nullable=False),
     )
+    op.create_index(
+        "ix_score_sheets_since", "score_sheets", ["split_revision", "created_at", "submission_id"]
+    )
+    op.create_index(
+        "ix_score_sheets_protocol", "score_sheets", ["protocol_digest", "split_revision"]
+    )
     op.create_table(
         "entry_drawings",
         sa.Column("submission_id", sa.String(), primary_key=True),
