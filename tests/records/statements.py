@@ -1,11 +1,13 @@
 """Which SQL a reading sends: some readings must not grow with what they do not show."""
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from itertools import count
 from typing import Any
 
 from sqlalchemy import event
+from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.database import Database
 
@@ -23,6 +25,19 @@ def statements(database: Database) -> Iterator[list[str]]:
         yield seen
     finally:
         event.remove(database.engine, "before_cursor_execute", note)
+
+
+def steps_of(database: Database, read: Callable[[Session], object]) -> int:
+    """Count the steps of SQLite's machine for a reading, in hundreds: they are the same each time."""
+    hundreds = count(1)
+    with database.read() as session:
+        driver: Any = session.connection().connection.driver_connection
+        driver.set_progress_handler(lambda: next(hundreds) < 0, 100)
+        try:
+            read(session)
+        finally:
+            driver.set_progress_handler(None, 100)
+    return next(hundreds)
 
 
 def of_board_texts(sent: Iterable[str]) -> list[str]:

@@ -12,7 +12,7 @@ from sqlalchemy import ColumnElement, Select, and_, exists, func, or_, select
 from sqlalchemy.orm import Session, aliased
 
 from exceptiondrive_records.db.clock import NOW, Moment
-from exceptiondrive_records.work.lease import is_claimable
+from exceptiondrive_records.work.lease import CLAIMED_FROM, is_claimable
 from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
 
@@ -34,28 +34,33 @@ def fair_order(waiting: ColumnElement[bool], lane: Lane, now: Moment) -> Select[
         partition_by=Job.team_id, order_by=(Job.created_at, Job.id)
     )  # 1 is the team's oldest
     queue = select(Job.id, Job.team_id, Job.created_at, place.label("place")).where(waiting).cte()
+    running = (
+        select(Job.team_id, func.count(Job.id).label("number"))
+        .where(Job.lane == lane, _runs(now))
+        .group_by(Job.team_id)
+        .cte()
+    )
     taken = aliased(Job)
     of_team = and_(taken.team_id == queue.c.team_id, taken.lane == lane)
-    runs = and_(taken.state == WorkState.LEASED, taken.lease_until >= now)
-    n_running = select(func.count(taken.id)).where(of_team, runs).scalar_subquery()
     served_at = select(func.max(taken.leased_at)).where(of_team).scalar_subquery()
     share = (  # one row a team, not one a job: a flood has thousands
         select(
             queue.c.team_id,
-            n_running.label("n_running"),
             served_at.label("served_at"),
-            queue.c.created_at.label("oldest_at"),
+            func.min(queue.c.created_at).label("oldest_at"),
         )
-        .where(queue.c.place == 1)
+        .group_by(queue.c.team_id)
         .cte()
     )
     return (
         select(Job.id)
-        .join(queue, queue.c.id == Job.id)
-        .join(share, share.c.team_id == queue.c.team_id)
+        .select_from(share)  # SQLite joins in this order: a team's jobs, not each job's team
+        .join(queue, queue.c.team_id == share.c.team_id)
+        .join(Job, Job.id == queue.c.id)
+        .outerjoin(running, running.c.team_id == queue.c.team_id)
         .where(waiting)  # once more: another transaction may have changed it before the lock
         .order_by(
-            share.c.n_running + queue.c.place,
+            func.coalesce(running.c.number, 0) + queue.c.place,
             share.c.served_at.asc().nulls_first(),
             share.c.oldest_at,
             share.c.team_id,
@@ -87,7 +92,8 @@ def is_live_work_open(session: Session) -> bool:
 
 def live_work_open(now: Moment) -> ColumnElement[bool]:
     """Condition: as `is_live_work_open`."""
-    return exists().where(Job.lane == Lane.LIVE, or_(_waits_now(now), _runs(now)))
+    is_open = and_(Job.state.in_(CLAIMED_FROM), or_(_waits_now(now), _runs(now)))
+    return exists().where(Job.lane == Lane.LIVE, is_open)
 
 
 def _waits_now(now: Moment) -> ColumnElement[bool]:

@@ -41,6 +41,8 @@ from exceptiondrive_records.work.tables import Leader, WorkItem, WorkState
 from exceptiondrive_schemas.jobs import Lane
 
 Item = TypeVar("Item", bound=WorkItem)
+CLAIMED_FROM = (WorkState.QUEUED, WorkState.LEASED)
+"""Asked for besides what is asked of each of them, so that an index leads past all that has ended."""
 _IS_LEASED = WorkItem.state == WorkState.LEASED
 _ASKED_AGAIN = (
     ("asked", WorkItem.asked + 1),
@@ -109,7 +111,7 @@ def ask_once(
 def is_free(kind: type[WorkItem], now: Moment) -> ColumnElement[bool]:
     """Whether nobody has an item: it waits, or its lease has run out."""
     is_expired = and_(kind.state == WorkState.LEASED, kind.lease_until < now)
-    return or_(kind.state == WorkState.QUEUED, is_expired)
+    return and_(kind.state.in_(CLAIMED_FROM), or_(kind.state == WorkState.QUEUED, is_expired))
 
 
 def is_claimable(kind: type[WorkItem], now: Moment) -> ColumnElement[bool]:

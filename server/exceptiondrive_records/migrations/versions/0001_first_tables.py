@@ -662,7 +662,7 @@ def create_work() -> None:
         ),
     )
     op.create_index("ix_work_finished", "work", ["kind", "finished_at"])
-    op.create_index("ix_work_queue", "work", ["state", "lane", "created_at"])
+    op.create_index("ix_work_queue", "work", ["state", "lane", "kind", "created_at"])
     op.create_index("ix_work_run", "work", ["run_id"])
     op.create_index("ix_work_share", "work", ["team_id", "lane", "leased_at"])
     op.create_index("ix_work_submission", "work", ["submission_id"])
