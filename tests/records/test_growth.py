@@ -10,6 +10,7 @@ from sqlalchemy.orm import Session
 from tests.records.statements import steps_of
 
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.phases.disqualified import disqualified_ids
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.sheets import (
     is_scored,
@@ -18,7 +19,9 @@ from exceptiondrive_records.submissions.sheets import (
 )
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.teams import create_team
+from exceptiondrive_records.work.dispatch import mark_queued
 from exceptiondrive_records.work.fair_share import fair_order, is_live_work_open, waits
+from exceptiondrive_records.work.jobs import give_up_exhausted
 from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.jobs import Lane
@@ -126,8 +129,20 @@ def test_who_comes_next_costs_in_proportion_to_what_waits(world: World) -> None:
         lambda session: scored_within_a_day(session, "sample", database_now(session), besides="x"),
         lambda session: protocols_of_split(session, "sample"),
         lambda session: is_scored(session, "sample", "old1"),
+        mark_queued,
+        lambda session: give_up_exhausted(session, 3),
+        lambda session: disqualified_ids(session, "other"),
     ],
-    ids=["next in turn", "live work open", "scored today", "protocols", "is scored"],
+    ids=[
+        "next in turn",
+        "live work open",
+        "scored today",
+        "protocols",
+        "is scored",
+        "to show as queued",
+        "to give up",
+        "disqualified in another phase",
+    ],
 )
 def test_what_is_over_costs_nothing(world: World, read: Callable[[Session], object]) -> None:
     add_jobs(world, "waiting", 40, WorkState.QUEUED)

@@ -21,6 +21,8 @@ class Submission(Base):
     __tablename__ = "submissions"
     __table_args__ = (
         Index("ix_submissions_team", "team_id", "phase_id", "received_at"),
+        Index("ix_submissions_phase", "phase_id", "received_at"),
+        Index("ix_submissions_status", "status", "phase_id"),
         Index(
             "uq_submissions_same_bytes",
             "phase_id",

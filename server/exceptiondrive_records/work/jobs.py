@@ -15,7 +15,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.fair_share import fair_order, waits
-from exceptiondrive_records.work.lease import claim, finish, new_item, try_later
+from exceptiondrive_records.work.lease import claim, finish, is_free, new_item, try_later
 from exceptiondrive_records.work.tables import OPEN_STATES, Job, WorkState
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.faults import CheckReport
@@ -211,12 +211,9 @@ def finish_failed(
 def give_up_exhausted(session: Session, max_attempts: int) -> int:
     """Give up jobs whose last lease expired without an answer; return how many."""
     now = database_now(session)
-    gone = (Job.state == WorkState.QUEUED) | (
-        (Job.state == WorkState.LEASED) & (Job.lease_until < now)
-    )
     dead = session.execute(
         update(Job)
-        .where(Job.attempts >= max_attempts, gone)
+        .where(Job.attempts >= max_attempts, is_free(Job, now))
         .values(state=WorkState.DEAD, fence=Job.fence + 1, lease_until=None, finished_at=now)
         .returning(Job.id, Job.submission_id, Job.is_first, Job.attempts)
         .execution_options(synchronize_session=False)

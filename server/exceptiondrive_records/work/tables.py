@@ -57,7 +57,7 @@ class WorkItem(Base):
     __tablename__ = "work"
     __table_args__ = (
         UniqueConstraint("kind", "key"),
-        Index("ix_work_queue", "state", "lane", "kind", "created_at"),
+        Index("ix_work_queue", "state", "kind", "lane", "created_at"),
         Index("ix_work_finished", "kind", "finished_at"),
         *(
             CheckConstraint(

@@ -341,6 +341,8 @@ def create_submissions() -> None:
     )
     op.create_index("ix_submission_edits_submission_id", "submission_edits", ["submission_id"])
     op.create_index("ix_submissions_team", "submissions", ["team_id", "phase_id", "received_at"])
+    op.create_index("ix_submissions_phase", "submissions", ["phase_id", "received_at"])
+    op.create_index("ix_submissions_status", "submissions", ["status", "phase_id"])
     op.create_index(
         "uq_submissions_same_bytes",
         "submissions",
@@ -662,7 +664,7 @@ def create_work() -> None:
         ),
     )
     op.create_index("ix_work_finished", "work", ["kind", "finished_at"])
-    op.create_index("ix_work_queue", "work", ["state", "lane", "kind", "created_at"])
+    op.create_index("ix_work_queue", "work", ["state", "kind", "lane", "created_at"])
     op.create_index("ix_work_run", "work", ["run_id"])
     op.create_index("ix_work_share", "work", ["team_id", "lane", "leased_at"])
     op.create_index("ix_work_submission", "work", ["submission_id"])
