@@ -1,4 +1,7 @@
-"""The client's commands as whole processes: what a participant waits for, beside the naive loop."""
+"""The client's commands as whole processes: what a participant waits for, beside the naive loop.
+
+`submit` speaks to a real server and its workers, whose time is not counted.
+"""
 
 import json
 import os
@@ -6,7 +9,9 @@ import resource
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -15,6 +20,7 @@ from benchmarks.naive import naive_clearances_m
 from benchmarks.report import at_least, at_most, note, show, times
 from benchmarks.timing import cpu_seconds, ratio, typical
 from benchmarks.upload import make_manifest, upload_text
+from benchmarks.upload_to_rank import planning_text, running_system
 from benchmarks.workload import BENCHMARK_SAMPLES, Workload, make_workload
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
@@ -22,12 +28,13 @@ from exceptiondrive_schemas.split import Manifest
 ROUNDS = 5
 LARGE = 20_000
 TARGETS_S = {"--help": 0.15, f"{BENCHMARK_SAMPLES:,}": 0.35, f"{LARGE:,}": 0.8}
+TWO_SIZES = ("check", "evaluate")
 TIMES_NAIVE = 8
 """So many times faster than the naive loop at the larger size."""
 
 
 def run(protocol: ProtocolDocument) -> None:
-    """Print the CPU seconds of `check` and `evaluate`, from the start of the process to its end."""
+    """Print the CPU seconds of each command, from the start of the process to its end."""
     with tempfile.TemporaryDirectory() as name:
         calls: dict[tuple[str, str], list[str]] = {("--help", ""): ["--help"]}
         workloads: dict[str, Workload] = {}
@@ -35,7 +42,7 @@ def run(protocol: ProtocolDocument) -> None:
             size, folder = f"{n_samples:,}", Path(name) / str(n_samples)
             workloads[size] = make_workload(protocol, n_samples)
             files = _write(folder, workloads[size], protocol)
-            for command in ("check", "evaluate"):
+            for command in TWO_SIZES:
                 calls[command, size] = [command, *files]
         seconds: dict[tuple[str, str], list[float]] = {call: [] for call in calls}
         naive: dict[str, list[float]] = {size: [] for size in workloads}
@@ -44,12 +51,14 @@ def run(protocol: ProtocolDocument) -> None:
                 naive[size].append(_naive_s(workload, protocol))
             for call, words in calls.items():
                 seconds[call].append(_process_s(words))
+        for size, workload in workloads.items():
+            seconds["submit", size] = _submissions_s(workload.split.n_samples)
     rows = [
         (
             command,
             size,
             f"{typical(taken):.2f}",
-            times(ratio(naive[size], taken)) if size else "",
+            times(ratio(naive[size], taken)) if command in TWO_SIZES else "",
         )
         for (command, size), taken in seconds.items()
     ]
@@ -57,7 +66,7 @@ def run(protocol: ProtocolDocument) -> None:
     for (command, size), taken in seconds.items():
         what = f"{command}, {size} pairs" if size else command
         at_most(what, typical(taken), TARGETS_S[size or command], "s of CPU")
-        if size == f"{LARGE:,}":
+        if size == f"{LARGE:,}" and command in TWO_SIZES:
             at_least(what, ratio(naive[size], taken), TIMES_NAIVE, "x the naive loop")
     note(f"x naive: the shapely loop of clearances alone, {NAIVE_SAMPLES} samples of it scaled")
 
@@ -92,6 +101,23 @@ def _split(workload: Workload, manifest: Manifest, protocol: ProtocolDocument) -
     return {"schema": "exceptiondrive.split/1", "name": name, "title": title, "samples": samples}
 
 
+def _submissions_s(n_samples: int) -> list[float]:
+    """CPU seconds of the client alone, from the check to score and rank, for one file after another."""
+    with tempfile.TemporaryDirectory(prefix="ed-bench-") as name:
+        file = Path(name) / "planner.json"
+        with running_system(Path(name), n_samples) as system:
+            environment = {
+                "EXCEPTIONDRIVE_SERVER": system.address,
+                "EXCEPTIONDRIVE_TOKEN": system.token,
+            }
+            seconds = []
+            for number in range(ROUNDS):
+                file.write_bytes(planning_text(number, n_samples))
+                method = ["--method", f"Planner {number}", "--phase", "bench", "--wait"]
+                seconds.append(_process_s(["submit", str(file), *method], environment))
+    return seconds
+
+
 def _naive_s(workload: Workload, protocol: ProtocolDocument) -> float:
     part, split = slice(0, NAIVE_SAMPLES), workload.split
     edited = np.nan_to_num(workload.pairs.edited[part])
@@ -100,11 +126,11 @@ def _naive_s(workload: Workload, protocol: ProtocolDocument) -> float:
     return taken * split.n_samples / NAIVE_SAMPLES
 
 
-def _process_s(words: list[str]) -> float:
+def _process_s(words: list[str], environment: Mapping[str, str] = MappingProxyType({})) -> float:
     """CPU seconds of one process, its system calls included."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": ""}  # modules are compiled once
+    whole = {**os.environ, "PYTHONDONTWRITEBYTECODE": "", **environment}  # compiled once
     command = [sys.executable, "-m", "exceptiondrive", *words]
-    subprocess.run(command, env=environment, check=True, capture_output=True)
+    subprocess.run(command, env=whole, check=True, capture_output=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime

@@ -19,7 +19,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -51,33 +52,49 @@ def run(_: ProtocolDocument) -> None:
     """Print how long an upload takes to its rank, and what it costs all processes."""
     with tempfile.TemporaryDirectory(prefix="ed-bench-") as folder:
         base = Path(folder)
-        _write_split(base / "splits" / "bench" / "split.json.gz")
-        files = [_file(number) for number in range(N_WATCHED + N_IN_A_ROW)]
-        port = _free_port()
-        environment = _environment(base)
-        launcher = subprocess.Popen(
-            [BIN / "exceptiondrive-server", "run", "--port", str(port), "--data", base / "data"],
-            env=environment,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        try:
-            with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=30) as http:
-                _wait_until_ready(http)
-                http.headers["Authorization"] = f"Bearer {_open_phase(base, environment)}"
+        texts = (planning_text(number, N_SAMPLES) for number in range(N_WATCHED + N_IN_A_ROW))
+        files = [gzip.compress(text, 6) for text in texts]
+        with running_system(base, N_SAMPLES) as system:
+            authorization = {"Authorization": f"Bearer {system.token}"}
+            with httpx.Client(base_url=system.address, headers=authorization, timeout=30) as http:
                 times_s = [_upload_to_rank_s(http, data) for data in files[:N_WATCHED]]
                 records = Database(_records_url(base))
                 _wait_until_all_is_done(records)
-                idle = _cpu_while(launcher.pid, lambda: time.sleep(IDLE_S))
+                idle = _cpu_while(system.launcher, lambda: time.sleep(IDLE_S))
                 uploads = _cpu_while(
-                    launcher.pid, lambda: _upload_all(http, files[N_WATCHED:], records)
+                    system.launcher, lambda: _upload_all(http, files[N_WATCHED:], records)
                 )
                 records.dispose()
-        finally:
-            launcher.send_signal(signal.SIGINT)
-            launcher.wait(timeout=60)
     _report_times(times_s)
     _report_cpu(idle, uploads)
+
+
+class System(NamedTuple):
+    """Where the embedded default answers, a team's token, and the process that started it."""
+
+    address: str
+    token: str
+    launcher: int
+
+
+@contextmanager
+def running_system(base: Path, n_samples: int) -> Iterator[System]:
+    """Run the embedded default in a folder, over a split of its own with an open phase: `bench`."""
+    _write_split(base / "splits" / "bench" / "split.json.gz", n_samples)
+    port, environment = _free_port(), _environment(base)
+    launcher = subprocess.Popen(
+        [BIN / "exceptiondrive-server", "run", "--port", str(port), "--data", base / "data"],
+        env=environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    address = f"http://127.0.0.1:{port}"
+    try:
+        _wait_until_ready(address)
+        yield System(address, _open_phase(base, environment), launcher.pid)
+    finally:
+        launcher.send_signal(signal.SIGINT)
+        launcher.wait(timeout=60)
 
 
 class Spent(NamedTuple):
@@ -199,17 +216,18 @@ def _is_ranked(http: httpx.Client, submission_id: str) -> bool:
     )
 
 
-def _file(number: int) -> bytes:
+def planning_text(number: int, n_samples: int) -> bytes:
+    """Return a submission to such a phase, another one for each number."""
     rng = random.Random(1000 + number)
     document = {
         "schema": "exceptiondrive.planning/1",
         "split": "bench",
         "predictions": [
             {"sample_id": _sample_id(i), "source": _path(rng), "edited": _path(rng)}
-            for i in range(N_SAMPLES)
+            for i in range(n_samples)
         ],
     }
-    return gzip.compress(json.dumps(document).encode(), 6)
+    return json.dumps(document).encode()
 
 
 def _path(rng: random.Random) -> list[list[float]]:
@@ -218,10 +236,10 @@ def _path(rng: random.Random) -> list[list[float]]:
     return [[round(x, 4), round(curvature * x * x / 2, 4)] for x in ahead]
 
 
-def _write_split(target: Path) -> None:
+def _write_split(target: Path, n_samples: int) -> None:
     rng = random.Random(7)
     samples = []
-    for i in range(N_SAMPLES):
+    for i in range(n_samples):
         x, y = rng.uniform(6, 30), rng.gauss(0, 2.5)
         region = [[x, y - 0.8], [x + 2, y - 0.8], [x + 2, y + 0.8], [x, y + 0.8]]
         samples.append(
@@ -235,7 +253,7 @@ def _write_split(target: Path) -> None:
     document = {
         "schema": "exceptiondrive.split/1",
         "name": "bench",
-        "title": "Synthetic split of the benchmark's size",
+        "title": "Synthetic split",
         "samples": samples,
     }
     target.parent.mkdir(parents=True)
@@ -284,11 +302,11 @@ def _open_phase(base: Path, environment: dict[str, str]) -> str:
     return token
 
 
-def _wait_until_ready(http: httpx.Client, timeout_s: float = 90.0) -> None:
+def _wait_until_ready(address: str, timeout_s: float = 90.0) -> None:
     deadline = time.monotonic() + timeout_s
     while time.monotonic() < deadline:
         try:
-            if http.get("/readyz").json()["live_workers"]:
+            if httpx.get(f"{address}/readyz").json()["live_workers"]:
                 return
         except httpx.TransportError:
             pass

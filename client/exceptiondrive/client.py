@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from datetime import date, datetime
 from difflib import get_close_matches
 from types import MappingProxyType
-from typing import Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 from uuid import uuid4
 
 from pydantic import TypeAdapter
@@ -40,7 +40,6 @@ from exceptiondrive.transport import (
 from exceptiondrive_schemas.api.own_entries import question_of, replaced_entry
 from exceptiondrive_schemas.api.phase_report import PhaseReport
 from exceptiondrive_schemas.api.phase_settings import RunRule
-from exceptiondrive_schemas.api.rescoring import NotificationView
 from exceptiondrive_schemas.api.submission import (
     Me,
     PhaseView,
@@ -57,6 +56,9 @@ from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.receipt import Receipt, ReceiptKeys
 from exceptiondrive_schemas.split import Manifest, Split
 
+if TYPE_CHECKING:
+    from exceptiondrive_schemas.api.rescoring import NotificationView
+
 FIRST_PAUSE_S = 0.2
 LONGEST_PAUSE_S = 5.0
 WAIT_FOR_RANK_S = 10.0
@@ -67,7 +69,6 @@ MAX_OUTAGES = 5
 OnChange = Callable[[SubmissionView], None]
 AnyDocument = TypeVar("AnyDocument", bound=Document)
 PHASES = TypeAdapter(tuple[PhaseView, ...])
-NOTICES = TypeAdapter(tuple[NotificationView, ...])
 EDITS = TypeAdapter(tuple[SubmissionEditView, ...])
 PAGE_SIZE = 100
 MAX_NAMES = 12
@@ -627,19 +628,24 @@ class Client(Connection):
         """Return the news of a phase, newest first."""
         return self._transport.records(f"/phases/{quoted(phase)}/news")
 
-    def notices(self, *, unread: bool = False, limit: int = 100) -> tuple[NotificationView, ...]:
+    def notices(self, *, unread: bool = False, limit: int = 100) -> "tuple[NotificationView, ...]":
         """Return what the team was told, newest first.
 
         Args:
             unread: Only what was not read yet.
             limit: At most so many.
         """
+        from exceptiondrive_schemas.api.rescoring import NotificationView
+
         query: dict[str, str | int | None] = {"unread": str(unread).lower(), "limit": limit}
         answer = self._transport.get("/notifications", query)
-        return read_answer(lambda data: NOTICES.validate_json(data, extra="allow"), answer)
+        notices = TypeAdapter(tuple[NotificationView, ...])
+        return read_answer(lambda data: notices.validate_json(data, extra="allow"), answer)
 
-    def mark_read(self, notice_id: str) -> NotificationView:
+    def mark_read(self, notice_id: str) -> "NotificationView":
         """Mark a message as read."""
+        from exceptiondrive_schemas.api.rescoring import NotificationView
+
         answer = self._transport.post(f"/notifications/{quoted(notice_id)}/read", dict)
         return read_answer(NotificationView.read, answer)
 

@@ -6,6 +6,7 @@ The one door to the HTTP library: nothing else in the client imports it.
 import io
 import ipaddress
 import random
+import ssl
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -232,6 +233,11 @@ def _unknown_answer(response: httpx.Response) -> ExceptionDriveError:
     )
 
 
+def trusts_nobody() -> ssl.SSLContext:
+    """Return what takes no certificate, for who speaks in the clear: to read those of all takes 25 ms."""
+    return ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+
+
 class Transport:
     """Sends requests to one server.
 
@@ -268,6 +274,7 @@ class Transport:
             base_url=f"{server}/api/v1",
             headers=headers,
             timeout=httpx.Timeout(timeout_s),
+            verify=True if server.startswith("https:") else trusts_nobody(),
             event_hooks={"response": [_bound]},
         )
 

@@ -2,10 +2,12 @@
 
 import gzip
 import json
+import ssl
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import httpx
 import pytest
 
 import exceptiondrive.client
@@ -417,3 +419,27 @@ def test_an_answer_in_another_form_is_said_by_every_reader(
         with pytest.raises(ServerError, match="in a form that this client does not know") as caught:
             read()
         assert caught.value.code == "unexpected_answer"
+
+
+def test_who_speaks_in_the_clear_trusts_no_certificate_at_all() -> None:
+    """Those of all are read for an https server alone; nobody is trusted by mistake meanwhile."""
+    from exceptiondrive.transport import trusts_nobody
+
+    context = trusts_nobody()
+    assert context.verify_mode is ssl.CERT_REQUIRED
+    assert context.check_hostname
+    assert not context.get_ca_certs()
+
+
+@pytest.mark.parametrize(
+    ("server", "is_clear"), [("http://a.example", True), ("https://a.example", False)]
+)
+def test_an_https_server_is_asked_for_a_certificate_that_is_known(
+    server: str, is_clear: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from exceptiondrive.transport import Transport
+
+    seen = []
+    monkeypatch.setattr(httpx, "Client", lambda **given: seen.append(given["verify"]))
+    Transport(server, None)
+    assert [trust is True for trust in seen] == [not is_clear]

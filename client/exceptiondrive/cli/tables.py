@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from rich.console import RenderableType
 from rich.text import Text
@@ -21,8 +21,6 @@ from exceptiondrive.errors import utc_text
 from exceptiondrive.outlook import Outlook
 from exceptiondrive.words import challenge_of
 from exceptiondrive_schemas.api.own_entries import entry_words, question_of
-from exceptiondrive_schemas.api.rescoring import NotificationView
-from exceptiondrive_schemas.api.standing_words import standing_words
 from exceptiondrive_schemas.api.submission import (
     QueuePlace,
     Quota,
@@ -33,6 +31,9 @@ from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.method_facts import SubmissionEditView, Told
 from exceptiondrive_schemas.score_sheet import HEADLINE, metric_text
+
+if TYPE_CHECKING:
+    from exceptiondrive_schemas.api.rescoring import NotificationView
 
 STYLES = {
     SubmissionStatus.SCORED: "green",
@@ -217,8 +218,10 @@ def _told_words(value: Told) -> str:
     return f"{value:.15g}" if isinstance(value, float) else value or "-"
 
 
-def notices_view(notices: Iterable[NotificationView]) -> Iterator[RenderableType]:
+def notices_view(notices: "Iterable[NotificationView]") -> Iterator[RenderableType]:
     """Yield what to print for messages to the team."""
+    from exceptiondrive_schemas.api.standing_words import standing_words
+
     for notice in notices:
         mark = "" if notice.read_at else "  new"
         yield Text.assemble((notice.title, "bold"), (mark, "green"))
