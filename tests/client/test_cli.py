@@ -516,14 +516,44 @@ def test_a_check_imports_nothing_of_submissions_drawings_or_progress(
     assert done.stdout.splitlines()[-1] == "heavy: []"
 
 
-def test_a_check_looks_for_no_cycles(planning_file: MakeFile) -> None:
-    """Not once while it imports, reads and tells, where Python by itself would do so many times."""
+def test_an_evaluate_imports_neither_drawings_nor_masked_arrays(
+    planning_file: MakeFile, split_file: Path
+) -> None:
     code = (
-        "import gc, sys; from exceptiondrive.cli import main; begun = []; "
+        "import sys; from exceptiondrive.cli import app; "
+        f"app(['evaluate', {str(planning_file())!r}, '--split', {str(split_file)!r}], "
+        "standalone_mode=False); "
+        "heavy = {'exceptiondrive_schemas.drawing', 'exceptiondrive_scoring.drawing', 'numpy.ma'};"
+        "print('heavy:', sorted(heavy & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "heavy: []"
+
+
+def test_a_submit_imports_nothing_of_rescoring_nor_what_draws_bars() -> None:
+    """`httpx` itself imports bars where Click is installed, so it is left out here."""
+    code = (
+        "import sys, exceptiondrive.cli.submission_commands; "
+        "print('rich.progress' in sys.modules); import exceptiondrive.client; "
+        "print('exceptiondrive_schemas.api.rescoring' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "False"]
+
+
+def test_a_check_looks_for_no_cycles(planning_file: MakeFile) -> None:
+    """Not once while it imports, reads and tells, where Python by itself would do so many times.
+
+    What is held at the end is kept from the last look, too.
+    """
+    code = (
+        "import gc, sys; from exceptiondrive.__main__ import main; begun = []; "
         "gc.callbacks.append(lambda phase, _: begun.append(phase)); "
         f"sys.argv = ['exceptiondrive', 'check', {str(planning_file())!r}]\n"
         "try: main()\n"
-        "finally: gc.callbacks.clear(); print('collections:', begun.count('start'))"
+        "finally:\n"
+        "    gc.callbacks.clear(); print('collections:', begun.count('start'))\n"
+        "    print('kept:', gc.get_freeze_count() > len(gc.get_objects()))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "collections: 0"
+    assert done.stdout.splitlines()[-2:] == ["collections: 0", "kept: True"]

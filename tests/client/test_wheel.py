@@ -46,7 +46,7 @@ def test_it_holds_the_client_alone_and_says_that_it_is_typed(wheel: Path) -> Non
     assert not [name for name in names if "split.json.gz" in name or "/tests/" in name]
     with ZipFile(wheel) as archive:
         commands = archive.read(f"{info}/entry_points.txt").decode().splitlines()
-    assert commands == ["[console_scripts]", "exceptiondrive = exceptiondrive.cli:main"]
+    assert commands == ["[console_scripts]", "exceptiondrive = exceptiondrive.__main__:main"]
 
 
 def test_its_metadata_is_fit_for_an_index(metadata: Metadata) -> None:

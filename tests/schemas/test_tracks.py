@@ -35,7 +35,7 @@ def test_lengths_ends_and_steps_are_those_of_each_trajectory() -> None:
 def test_gaps_are_taken_waypoint_by_waypoint() -> None:
     given, others = trajectories(1), trajectories(2)
     gaps_m = Tracks.of(given, T).first(3).gaps_m(Tracks.of(others, T).first(3))
-    assert gaps_m == [
+    assert list(gaps_m) == [
         tuple(map(math.dist, points(one), points(other)))
         for one, other in zip(given[:3], others[:3], strict=True)
     ]

@@ -17,7 +17,7 @@ from exceptiondrive_scoring.kinematics import (
     tightest_turn_m,
 )
 from exceptiondrive_scoring.measure import measure
-from exceptiondrive_scoring.plausibility import plausibility
+from exceptiondrive_scoring.plausibility import _median, plausibility
 
 STILL = np.zeros((6, 2))
 CRUISE = np.stack([3.0 * np.arange(1, 7), np.zeros(6)], axis=-1)
@@ -193,3 +193,12 @@ def test_hardly_moving_is_flagged_overall_and_in_a_family_of_enough_samples(
     assert "hardly_moves" not in judge(19), "too few samples to judge a family by"
     assert "hardly_moves" in judge(20)
     assert "hardly_moves" in judge(90)
+
+
+def test_medians_are_those_of_numpy_to_the_last_bit() -> None:
+    rng = np.random.default_rng(1)
+    for n in (1, 2, 3, 300, 3181):
+        values = rng.normal(0, 10.0 ** rng.integers(-3, 4), (3, n))
+        values[:, : n // 3] = np.round(values[:, : n // 3])  # some alike
+        assert np.array_equal(_median(values), np.median(values, axis=1))
+        assert _median(values[0]) == np.median(values[0])

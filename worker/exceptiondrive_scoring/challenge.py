@@ -17,7 +17,6 @@ from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.challenges import Challenge, ChallengeId, Metric
 from exceptiondrive_schemas.check import CheckedDocument
 from exceptiondrive_schemas.check.rules import SCORED_BY
-from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
@@ -36,6 +35,9 @@ from exceptiondrive_scoring.grade import Regrading, SampleScores
 from exceptiondrive_scoring.plausibility import OfControls
 from exceptiondrive_scoring.sheet import Breakdown, Row, breakdown, group_means
 from exceptiondrive_scoring.similarity import AlikeRule
+
+if typing.TYPE_CHECKING:
+    from exceptiondrive_schemas.drawing import EntryDrawings
 
 
 class ChallengeScoring(typing.Protocol):
@@ -96,7 +98,7 @@ class ChallengeScoring(typing.Protocol):
         sample_ids: Sequence[str],
         split: SplitArrays,
         protocol: ProtocolDocument,
-    ) -> EntryDrawings | None:
+    ) -> "EntryDrawings | None":
         """Pictures of some samples, regions and all; None where there is nothing to draw."""
 
 

@@ -1,19 +1,17 @@
 """The planning challenge: trajectory pairs against hazard regions (docs/protocol.md sections 1 to 5)."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import CheckedDocument, PlanningDocument
-from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ClearanceCurve, MetricRow, Plausibility
 from exceptiondrive_scoring.aliases import Columns, FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
-from exceptiondrive_scoring.drawing import Drawer
 from exceptiondrive_scoring.grade import (
     Regrading,
     SampleScores,
@@ -27,6 +25,9 @@ from exceptiondrive_scoring.measure import Clearances, Measurements, measure
 from exceptiondrive_scoring.plausibility import OfControls, plausibility, raised
 from exceptiondrive_scoring.sheet import group_means
 from exceptiondrive_scoring.similarity import AlikeRule
+
+if TYPE_CHECKING:
+    from exceptiondrive_schemas.drawing import EntryDrawings
 
 ROW_PREFIX = "d_safe_x"
 BY_CLEARANCE = tuple(PLANNING.metric(key) for key in ("hcc", "hpr", "clear", "close"))
@@ -129,8 +130,10 @@ class PlanningScoring:
         sample_ids: Sequence[str],
         split: SplitArrays,
         protocol: ProtocolDocument,
-    ) -> EntryDrawings | None:
+    ) -> "EntryDrawings | None":
         """Of each family its scene, and the worst and the middle sample of the entry."""
+        from exceptiondrive_scoring.drawing import Drawer
+
         pairs = TrajectoryPairs.from_columns(answers)
         measured = Measurements.from_columns(measurements)
         return Drawer(sample_ids, pairs, measured, split, protocol).chosen()

@@ -8,7 +8,7 @@ import numpy as np
 from exceptiondrive_schemas.flags import FLAGS
 from exceptiondrive_schemas.protocol import PlausibilitySection, ProtocolDocument
 from exceptiondrive_schemas.score_sheet import Flag, MetricRow, Plausibility
-from exceptiondrive_scoring.aliases import BoolArray
+from exceptiondrive_scoring.aliases import BoolArray, FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.grade import measured_progress
 from exceptiondrive_scoring.measure import Measurements
@@ -148,7 +148,7 @@ def _off_course(m: Measurements, section: PlausibilitySection) -> Iterator[Flag]
     if m.source_l2_m is None:
         return
     known = m.source_l2_m[~np.isnan(m.source_l2_m)]
-    if len(known) and np.median(known) > section.flag_off_course_m:
+    if len(known) and _median(known) > section.flag_off_course_m:
         yield raised(
             "off_course",
             f"Half of the source trajectories are more than {section.flag_off_course_m:g} m from the "
@@ -192,9 +192,20 @@ def _same_answer(m: Measurements, section: PlausibilitySection) -> Iterator[Flag
     measured = measured[:, m.edited_given]
     if measured.shape[1] < section.flag_family_min_samples:
         return
-    middle = np.median(measured, axis=1, keepdims=True)
+    middle = _median(measured)[:, np.newaxis]
     is_same = (np.abs(measured - middle) < section.blind_shift_below_m).all(axis=0)
     if middle[0, 0] >= section.progress_min_path_m and is_same.mean() > section.flag_same_answer:
         yield raised(
             "same_answer", f"{is_same.mean():.0%} of the edited trajectories are the same."
         )
+
+
+def _median(values: FloatArray) -> FloatArray:
+    """Return the medians over the last axis, to the bit those of numpy, which imports masked arrays.
+
+    Args:
+        values: (..., n), n > 0, none of them NaN.
+    """
+    ordered, n = np.sort(values, axis=-1), values.shape[-1]
+    medians: FloatArray = (ordered[..., (n - 1) // 2] + ordered[..., n // 2]) / 2
+    return medians

@@ -1,6 +1,5 @@
 """The command line: a table of commands, each in a module that is imported when it is called."""
 
-import gc
 import os
 import sys
 from importlib import import_module
@@ -104,8 +103,6 @@ BLAS_THREADS = "OPENBLAS_NUM_THREADS"
 """numpy would start a thread for each core, and no command multiplies matrices."""
 NO_PLUGINS = "PYDANTIC_DISABLE_PLUGINS"
 """Else pydantic looks through the metadata of every installed package for plugins of its own."""
-COLLECT_AFTER = 1_000_000
-"""So many more objects than before, and cycles are looked for: a file of 20,000 pairs has fewer."""
 
 
 class Commands(Group):
@@ -173,12 +170,7 @@ def _root(
 
 
 def main() -> None:
-    """Run the command line.
-
-    A command reads a file and ends: looking for cycles among its objects again and again would take
-    a fifth of its time with 20,000 pairs.
-    """
-    gc.set_threshold(COLLECT_AFTER)
+    """Run the command line."""
     os.environ.setdefault(NO_PLUGINS, "__all__")
     os.environ.setdefault(BLAS_THREADS, "1")
     for stream in (sys.stdout, sys.stderr):

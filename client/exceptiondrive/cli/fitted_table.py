@@ -66,10 +66,12 @@ class FittedTable:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         shown = self.shown(options.max_width)
-        if self._least_width(shown) > options.max_width:
+        least = [self._least(index) for index in shown]
+        spare = options.max_width - sum(least) - GAP * (len(shown) - 1)
+        if spare < 0:
             yield from self._one_value_a_line()
             return
-        yield self._table(shown, options.max_width)
+        yield self._table(shown, least, spare)
         left_out = [
             column.title
             for index, column in enumerate(self.columns)
@@ -114,19 +116,20 @@ class FittedTable:
     def _least_width(self, shown: list[int]) -> int:
         return sum(map(self._least, shown)) + GAP * (len(shown) - 1)
 
-    def _table(self, shown: list[int], width: int) -> Table:
-        spare = max(0, width - self._least_width(shown))
-        folded = sum(self._whole(index) - self._least(index) for index in shown)
+    def _table(self, shown: list[int], least: list[int], spare: int) -> Table:
+        wanted = [self._whole(index) - width for index, width in zip(shown, least, strict=True)]
+        folded = sum(wanted)
         table = Table(box=None, padding=(0, GAP, 0, 0), pad_edge=False, header_style="bold")
-        widths: list[int] = []
-        for index in shown:
-            column, least = self.columns[index], self._least(index)
-            wanted = self._whole(index) - least
-            widths.append(least + (wanted if folded <= spare else spare * wanted // folded))
+        widths = [
+            width + (more if folded <= spare else spare * more // folded)
+            for width, more in zip(least, wanted, strict=True)
+        ]
+        for index, width in zip(shown, widths, strict=True):
+            column = self.columns[index]
             table.add_column(
                 column.title,
                 justify="right" if column.kind == "number" else "left",
-                width=widths[-1],
+                width=width,
                 no_wrap=column.kind != "words",
                 overflow="fold",
             )
@@ -146,6 +149,8 @@ class FittedTable:
 
 def _folded(text: Text, width: int) -> Text:
     """Break lines at spaces and after hyphens; what is still too long is left to the table."""
+    if cell_len(text.plain) <= width:
+        return Text(text.plain.strip(), style=text.style)
     lines = [""]
     for piece in _PIECES.findall(text.plain):
         if lines[-1] and cell_len(lines[-1] + piece.rstrip()) > width:

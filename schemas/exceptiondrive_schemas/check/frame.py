@@ -7,6 +7,7 @@ import math
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from operator import sub
 
 from exceptiondrive_schemas.check.fault_list import FaultList
@@ -60,6 +61,11 @@ class FrameCheck:
             ],
         )
 
+    @cached_property
+    def _medians_m(self) -> tuple[float, float]:
+        """How far from the origin a first waypoint is, and a last one from the first."""
+        return statistics.median(self.first_m), statistics.median(self.extents_m)
+
     @property
     def is_judged(self) -> bool:
         """Whether enough trajectories move for a verdict."""
@@ -84,7 +90,7 @@ class FrameCheck:
         wrong_unit = self._away() or self._too_large(mended)
         if wrong_unit is not None:
             faults.forget(FaultCode.OUT_OF_BOUNDS, FaultCode.STEP_TOO_LONG)
-            first, extent = statistics.median(self.first_m), statistics.median(self.extents_m)
+            first, extent = self._medians_m
             got = (
                 f"a first waypoint {first:.4g} from the origin, the last {extent:.4g} from it; median "
                 f"of {len(self.first_m):,} source trajectories"
@@ -104,7 +110,7 @@ class FrameCheck:
 
     def _away(self) -> str | None:
         """Say what it looks like where the trajectories do not begin at the car."""
-        first, extent = statistics.median(self.first_m), statistics.median(self.extents_m)
+        first, extent = self._medians_m
         if extent == 0 and first > 1:
             return (
                 "looks like one point repeated, such as the goal; write where the car is at every "
@@ -125,7 +131,8 @@ class FrameCheck:
     def _too_large(self, mended: str | None) -> str | None:
         """Say what it looks like where no car is so fast: the smallest unit that makes it one."""
         geometry = self.protocol.geometry
-        speed_mps = statistics.median(self.extents_m) / (geometry.horizon_s - geometry.time_step_s)
+        _, extent = self._medians_m
+        speed_mps = extent / (geometry.horizon_s - geometry.time_step_s)
         limit_mps = geometry.max_step_m / geometry.time_step_s
         if speed_mps <= limit_mps:
             return None

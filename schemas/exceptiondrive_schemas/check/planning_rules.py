@@ -118,12 +118,12 @@ class PlanningRules:
         """Whether certainly no coordinate and no step is too large."""
         if not tracks.n:
             return True
-        columns = (*tracks.x_m, *tracks.y_m)
-        farthest_m = max(max(map(max, columns)), -min(map(min, columns)))
         longest_m = max(max(step.length_m) for step in tracks.steps)
-        return (
-            farthest_m <= self._geometry.max_coordinate_m
-            and longest_m < self._geometry.max_step_m * (1 - STEP_MARGIN)
+        most_m = self._geometry.max_coordinate_m
+        is_near = longest_m * len(tracks.steps) < most_m * (1 - STEP_MARGIN)  # no path reaches it
+        columns = () if is_near else (*tracks.x_m, *tracks.y_m)
+        return longest_m < self._geometry.max_step_m * (1 - STEP_MARGIN) and all(
+            -most_m <= min(column) and max(column) <= most_m for column in columns
         )
 
     def finish(self, answers: Mapping[str, Any], manifest: Manifest | None) -> FileProfile | None:

@@ -23,7 +23,7 @@ from array import array
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from itertools import chain, compress
+from itertools import chain, compress, starmap
 from operator import neg, sub
 from types import MappingProxyType
 
@@ -162,7 +162,7 @@ def file_profile(
         or _id_mend(beside, driven)
         or _edited_mend(*of_pairs, plausibility)
     )
-    distances_m = beside.gaps_m(driven)
+    distances_m = list(beside.gaps_m(driven))
     at_s = dict(zip(SECONDS_SHOWN, _means_at(distances_m, geometry), strict=True))
     means_m = [math.fsum(of_one) / n_wanted for of_one in distances_m]
     shifts_m = _shifts_m(*of_pairs)
@@ -202,7 +202,7 @@ def _distances_m(points: Points, others: Points) -> list[float]:
 def _shifts_m(sources: Tracks, edited: Tracks) -> list[float]:
     """Return the shift of each pair: over the waypoints and t = 0, where both are at the origin."""
     n_points = len(sources.x_m) + 1
-    return [sum(gaps_m) / n_points for gaps_m in sources.gaps_m(edited)]
+    return [total_m / n_points for total_m in map(sum, sources.gaps_m(edited))]
 
 
 def _means_at(
@@ -814,21 +814,20 @@ def _neighbour(
         own: First waypoint of each sample, x and y, in the order of the file.
         answers: First waypoint of what is answered to it.
     """
+    most_farther = (1 - OF_NEIGHBOUR) * len(own[0])
     for step, side in ((1, "behind"), (-1, "before")):
         others = [(*axis[step:], *axis[:step]) for axis in own]
-        are_apart = [gap_m > ROWS_DIFFER_M for gap_m in _gaps_m(own, others)]
-        mine, other, answer = (
-            [list(compress(axis, are_apart)) for axis in axes] for axes in (own, others, answers)
-        )
-        nearer = [
-            to_other_m < to_own_m
-            for to_own_m, to_other_m in zip(
-                _gaps_m(answer, mine), _gaps_m(answer, other), strict=True
-            )
-            if not math.isnan(to_own_m)
-        ]
-        if len(nearer) >= MIN_COMPARED and sum(nearer) >= OF_NEIGHBOUR * len(nearer):
-            return sum(nearer) / len(nearer), side
+        pairs = (own, others), (answers, own), (answers, others)
+        n_nearer = n_farther = 0
+        for apart_m, to_own_m, to_other_m in zip(*starmap(_gaps_m, pairs), strict=True):
+            if apart_m > ROWS_DIFFER_M and not math.isnan(to_own_m):
+                n_nearer += to_other_m < to_own_m
+                n_farther += to_other_m >= to_own_m
+                if n_farther > most_farther:
+                    break  # the share is too small, whatever follows
+        n_told = n_nearer + n_farther
+        if n_told >= MIN_COMPARED and n_nearer >= OF_NEIGHBOUR * n_told:
+            return n_nearer / n_told, side
     return None
 
 

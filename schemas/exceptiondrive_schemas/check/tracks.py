@@ -4,7 +4,7 @@ from __future__ import annotations  # array[float] is no runtime type before 3.1
 
 import math
 from array import array
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from operator import sub
@@ -90,15 +90,15 @@ class Tracks:
         """How far from the origin each one ends."""
         return list(map(math.hypot, self.x_m[-1], self.y_m[-1]))
 
-    def gaps_m(self, others: Tracks) -> list[tuple[float, ...]]:
-        """Return the T distances of each trajectory from another one, waypoint by waypoint."""
+    def gaps_m(self, others: Tracks) -> Iterator[tuple[float, ...]]:
+        """Yield the T distances of each trajectory from another one, waypoint by waypoint."""
         columns = [
             map(math.hypot, map(sub, x, other_x), map(sub, y, other_y))
             for x, other_x, y, other_y in zip(
                 self.x_m, others.x_m, self.y_m, others.y_m, strict=True
             )
         ]
-        return list(zip(*columns, strict=True))
+        return zip(*columns, strict=True)
 
 
 def both_first(pairs: Iterable[Whole]) -> tuple[list[array[float]], list[array[float]], int]:
