@@ -12,6 +12,9 @@ so that its result prunes the rest. Pruning never changes the result: a pair is 
 its lower bound is not below a distance that is attained.
 """
 
+import math
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +27,8 @@ from exceptiondrive_scoring.region import PreparedRegions
 
 BLOCK_COLUMNS = 640
 """Columns treated at once: the temporaries of a block stay in the processor's cache."""
+EXACT_COLUMNS = 2048
+"""The same of exact distances, whose arrays know no time steps: smaller ones, of which more fit."""
 
 
 def clearance_m(
@@ -68,32 +73,38 @@ def clearance_of_footprints_m(
 ) -> FloatArray:
     """Clearance of every sample from its footprints, (T + 1, N); (N,) metres."""
     swept = geometry.collision_tube == "hulls" and len(boxes.x_m) > 1
-    above, below = _bounds_m(boxes, regions, swept=swept)
-    nearest = _least_by_sample(above, regions)
-    is_best = np.zeros(below.shape, dtype=np.bool_)
-    is_best[below.argmin(axis=0), np.arange(below.shape[1])] = True
-    for first_round in (True, False):
-        is_open = (below < nearest.take(regions.sample)) & (is_best == first_round)
-        piece, column = np.nonzero(is_open)
-        distance = _exact_m(boxes, regions, piece, column, swept=swept)
-        np.minimum.at(nearest, regions.sample.take(column), distance)
+    above, column, below = _bounds_m(boxes, regions, swept=swept)
+    nearest, sample = _least_by_sample(above, regions), regions.sample.take(column)
+
+    def look(piece: NDArray[np.intp], place: NDArray[np.intp]) -> None:
+        distance = _exact_m(boxes, regions, piece, column.take(place), swept=swept)
+        np.minimum.at(nearest, sample.take(place), distance)
+
+    best, every = below.argmin(axis=0), np.arange(len(column))
+    first = np.flatnonzero(below[best, every] < nearest.take(sample))
+    look(best.take(first), first)
+    below[best, every] = np.inf
+    look(*np.divmod(np.flatnonzero(below < nearest.take(sample)), max(1, len(column))))
     return nearest
 
 
 def _bounds_m(
     boxes: Footprints, regions: PreparedRegions, *, swept: bool
-) -> tuple[FloatArray, FloatArray]:
-    """Upper bound per region piece, (P,), and lower bound per pair of pieces, (pieces, P)."""
-    n_pieces = len(boxes.x_m) - 1 if swept else len(boxes.x_m)
+) -> tuple[FloatArray, NDArray[np.intp], FloatArray]:
+    """Upper bound per region piece, (P,); those that it does not settle, (Q,); their lower bounds.
+
+    The latter are of each pair of a tube piece and such a region piece, (pieces, Q).
+    """
     above = np.empty(len(regions.sample))
-    below = np.empty((n_pieces, len(regions.sample)))
-    for begin in range(0, len(regions.sample), BLOCK_COLUMNS):
-        block = slice(begin, begin + BLOCK_COLUMNS)
+    below = [np.empty((len(boxes.x_m) - swept, 0))]
+    for block in _blocks(len(regions.sample), BLOCK_COLUMNS):
         local = boxes.of_samples(regions.sample[block])
         ahead, left = local.local(regions.x_m[:, block], regions.y_m[:, block])
         above[block] = np.sqrt(local.square_outside(ahead, left).min(axis=(0, 1)))
-        below[:, block] = _box_gap_m(local, ahead, left, swept=swept)
-    return above, below
+        apart = np.flatnonzero(above[block])
+        places = (axis.take(apart, -1) for axis in (ahead, left))
+        below.append(_box_gap_m(local.of_samples(apart), *places, swept=swept))
+    return above, np.flatnonzero(above), np.concatenate(below, axis=1)
 
 
 def _box_gap_m(
@@ -126,11 +137,16 @@ def _exact_m(
 ) -> FloatArray:
     """Exact distance of chosen pairs (tube piece, region piece), (n,) metres."""
     distance = np.empty(len(piece))
-    for begin in range(0, len(piece), BLOCK_COLUMNS):
-        block = slice(begin, begin + BLOCK_COLUMNS)
+    for block in _blocks(len(piece), EXACT_COLUMNS):
         step, sample = piece[block], regions.sample.take(column[block])
         earlier = boxes.at(step, sample)
         later = boxes.at(step + 1, sample) if swept else earlier
         region_x, region_y = regions.x_m.take(column[block], 1), regions.y_m.take(column[block], 1)
         distance[block] = hull_distance_m(earlier, later, region_x, region_y)
     return distance
+
+
+def _blocks(n_columns: int, usual: int) -> Iterator[slice]:
+    """Yield blocks of about the usual size: a short one at the end would take nearly as long."""
+    width = math.ceil(n_columns / max(1, round(n_columns / usual)))
+    yield from (slice(begin, begin + width) for begin in range(0, n_columns, width or 1))

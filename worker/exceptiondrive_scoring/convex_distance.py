@@ -30,6 +30,7 @@ SHORTEST_EDGE_M = 1e-15
 LINK_START = np.array([0, 1, 2, 3, 1, 2, 3, 0])
 LINK_END = np.array([4, 5, 6, 7, 4, 5, 6, 7])
 """Corners 0..3 of A and 4..7 of B: links j-j and (j + 1)-j."""
+NEXT_CORNER = np.array([1, 2, 3, 0])
 
 
 class _Points(NamedTuple):
@@ -104,7 +105,7 @@ def _links_against_region(a: Footprints, b: Footprints, hull: _Points, region: _
 
 
 def _region_edges_against_hull(region: _Points, hull: _Points) -> _Seen:
-    edges = _edges(region, _Points(np.roll(region.x, -1, axis=0), np.roll(region.y, -1, axis=0)))
+    edges = _edges(region, _Points(*(axis.take(NEXT_CORNER, 0) for axis in region)))
     left = _left_of(edges.along, hull)
     right_of_region = _left_of_start(edges) - left.max(axis=1)
     gap = np.where(edges.length < SHORTEST_EDGE_M, -np.inf, right_of_region).max(axis=0)

@@ -72,10 +72,11 @@ class Footprints:
 
     def square_outside(self, ahead: FloatArray, left: FloatArray) -> FloatArray:
         """Square distance of points, in the frame of the centre, from the rectangle; 0 inside."""
-        beyond_x = np.maximum(np.abs(ahead) - self.half_length_m, 0.0)
-        beyond_y = np.maximum(np.abs(left) - self.half_width_m, 0.0)
-        beyond_x *= beyond_x
-        beyond_y *= beyond_y
+        beyond_x, beyond_y = np.abs(ahead), np.abs(left)
+        for beyond, half_m in ((beyond_x, self.half_length_m), (beyond_y, self.half_width_m)):
+            beyond -= half_m
+            np.maximum(beyond, 0.0, out=beyond)
+            beyond *= beyond
         beyond_x += beyond_y
         return beyond_x
 

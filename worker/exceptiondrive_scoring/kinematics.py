@@ -5,6 +5,7 @@ vector: the rules need only dot products, and no angle is ever wrapped.
 """
 
 import math
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -112,11 +113,13 @@ def progress_along(
     from_x, from_y = end_x_m - path.x_m[:-1], end_y_m - path.y_m[:-1]
     square = moves.length_m * moves.length_m
     along = from_x * moves.x_m + from_y * moves.y_m
-    np.divide(along, square, out=along, where=square > 0)
+    along /= np.where(square > 0, square, 1.0)
     share = np.clip(along, 0.0, 1.0)
     gap_x, gap_y = from_x - share * moves.x_m, from_y - share * moves.y_m
     nearest = np.argmin(gap_x * gap_x + gap_y * gap_y, axis=0)[None]
-    reached = np.cumsum(moves.length_m, axis=0)
+    reached = moves.length_m.copy()
+    for before, so_far in pairwise(reached):  # cumsum would go through each path by itself
+        so_far += before
     arc = reached + (share - 1.0) * moves.length_m
     return Progress(np.take_along_axis(arc, nearest, axis=0)[0], reached[-1])
 
