@@ -34,6 +34,7 @@ def _obey(order: str) -> None:
             while True:
                 pass
         case "loop-in-c":  # holds no bytecode boundary at which a signal could be heard
+            os.nice(19)  # limits are of time, not of processor time: others may have that
             hashlib.pbkdf2_hmac("sha256", b"", b"", 2**31 - 1)
         case "allocate":
             bytearray(10 * 2**30)
@@ -88,6 +89,9 @@ def _sabotage_worker() -> Callable[[], None]:
 
 def _sabotage_server() -> Callable[[], None]:
     from exceptiondrive_server.operations import cli as operator_cli
+
+    if "serve" not in sys.argv:  # nobody else takes uploads
+        return operator_cli.main
     from exceptiondrive_server.submissions import upload as module
 
     submitting: Any = module
