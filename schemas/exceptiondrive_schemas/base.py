@@ -6,7 +6,7 @@ sorted keys, no blanks, UTF-8, shortest round-trip floats, never NaN or infinity
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict
@@ -92,4 +92,12 @@ def content_digest(value: Any) -> str:
 
 def bytes_digest(data: bytes) -> str:
     """Return `sha256:` and the hex digest of bytes."""
-    return "sha256:" + hashlib.sha256(data).hexdigest()
+    return pieces_digest([data])
+
+
+def pieces_digest(pieces: Iterable[bytes]) -> str:
+    """Return `sha256:` and the hex digest of bytes that come in pieces."""
+    digest = hashlib.sha256()
+    for piece in pieces:
+        digest.update(piece)
+    return "sha256:" + digest.hexdigest()

@@ -1,6 +1,6 @@
 """The published board: an immutable snapshot of ranked entries."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from datetime import datetime
 from functools import cached_property
 from typing import Literal
@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic import Field
 
 from exceptiondrive_schemas.api.phase_settings import BoardView, SplitPart
-from exceptiondrive_schemas.base import Document, content_digest
+from exceptiondrive_schemas.base import Document, canonical_json, pieces_digest
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.flags import bars_leading
 from exceptiondrive_schemas.score_sheet import (
@@ -204,6 +204,20 @@ class Board(Document):
     @cached_property
     def content_digest(self) -> str:
         """Digest of what the board says, whatever its number and date."""
-        document = self.model_dump(mode="json", by_alias=True)
-        del document["board"], document["published_at"]
-        return content_digest(document)
+        return pieces_digest(self.canonical_pieces("board", "published_at"))
+
+    def canonical_pieces(self, *left_out: str) -> Iterator[bytes]:
+        """Yield the canonical JSON of the board entry by entry: all at once, it is many times as long.
+
+        Args:
+            left_out: Fields other than `entries` that it is to lack.
+        """
+        frame = self.model_copy(update={"entries": ()}).model_dump(mode="json", by_alias=True)
+        for name in left_out:
+            del frame[name]
+        # no text holds these bytes: its quotes are escaped
+        before, _, after = canonical_json(frame).partition(b'"entries":[]')
+        yield before + b'"entries":['
+        for number, entry in enumerate(self.entries):
+            yield (b"," if number else b"") + canonical_json(entry)
+        yield b"]" + after

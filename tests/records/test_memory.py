@@ -36,6 +36,16 @@ def test_what_is_heavier_than_the_room_is_kept_alone_until_the_next() -> None:
     assert (memory.get("b"), len(memory), memory.weight) == (None, 1, 1)
 
 
+def test_room_is_made_before_what_takes_it() -> None:
+    memory: Memory[str, str] = Memory(10)
+    for key in "abc":
+        memory.keep(key, key.upper(), 3)
+    memory.make_room(4)
+    assert ([memory.get(key) for key in "abc"], memory.weight) == ([None, "B", "C"], 6)
+    memory.make_room(11)
+    assert (len(memory), memory.weight) == (0, 0)
+
+
 def test_the_state_is_another_after_every_commit_whoever_made_it(database: Database) -> None:
     others = Database(database.engine.url.render_as_string(hide_password=False))
     try:

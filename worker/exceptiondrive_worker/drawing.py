@@ -9,7 +9,6 @@ from pathlib import Path
 
 import structlog
 
-from exceptiondrive_records.boards.ranking import EntryRecord
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.drawings import (
     PublicSplit,
@@ -30,6 +29,9 @@ from exceptiondrive_worker.stages import RejectedUpload, Stages, Target
 DRAWN_AT_ONCE = 50
 """Entries drawn after one board: a fresh one, or some of those that are missing."""
 
+Drawable = tuple[Target, str]
+"""What is drawn, and the submission that it is."""
+
 _log = structlog.get_logger("exceptiondrive.worker")
 
 
@@ -39,7 +41,7 @@ class WithheldSplitError(Exception):
 
 def draw_entries(
     context: WorkerContext,
-    standings: Sequence[tuple[Target, EntryRecord]],
+    entries: Sequence[Drawable],
     *,
     most: int | None = None,
 ) -> int:
@@ -47,20 +49,19 @@ def draw_entries(
 
     Args:
         context: Of this process.
-        standings: Entries of one phase under one protocol and split revision.
+        entries: Target and submission, of one phase under one protocol and split revision.
         most: Leave the rest for the next time.
     """
-    if not standings:
+    if not entries:
         return 0
-    target = standings[0][0]
+    target = entries[0][0]
     ref, digest = target.split.manifest.ref, target.protocol.digest
     with context.database.read() as session:
         split = find_public_split(session, ref)
         drawn = drawn_submissions(session, digest, ref.revision)
     if split is None:
         return 0
-    missing = [(t, record.submission_id) for t, record in standings]
-    missing = [(t, submission_id) for t, submission_id in missing if submission_id not in drawn]
+    missing = [(t, submission_id) for t, submission_id in entries if submission_id not in drawn]
     return sum(_draw_entry(context, split, t, name) for t, name in missing[:most])
 
 

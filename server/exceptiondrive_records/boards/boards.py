@@ -1,5 +1,6 @@
 """Boards: immutable snapshots; "the current board" is one pointer."""
 
+import threading
 from collections.abc import Iterable, Mapping
 from datetime import datetime
 from typing import NamedTuple, TypeVar
@@ -8,6 +9,7 @@ from sqlalchemy import ColumnElement, Select, exists, func, insert, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.boards.documents import entry_documents, read_board
 from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, BoardRow, told_as
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
@@ -22,7 +24,7 @@ from exceptiondrive_records.work.board_requests import finish_board
 from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.api.phase_settings import BoardView
 from exceptiondrive_schemas.api.rescoring import EntryChange
-from exceptiondrive_schemas.base import bytes_digest, canonical_json
+from exceptiondrive_schemas.base import bytes_digest
 from exceptiondrive_schemas.board import (
     Board,
     BoardEntry,
@@ -103,7 +105,7 @@ def flip_board(
     before = session.get(BoardRow, phase.current_board_id) if phase.current_board_id else None
     phase.current_board_id = row.id
     at = at or database_now(session)
-    news = news_between(parsed_board(before), parsed_board(row)) if before else BoardNews()
+    news = _recorded_news(phase, before, row) if before else BoardNews()
     flip = BoardFlip(phase_id=phase.id, board_id=row.id, at=at, news=news)
     session.add(flip)
     session.flush()
@@ -115,17 +117,37 @@ def news_between(old: Board, board: Board) -> BoardNews:
     if (old.protocol.digest, old.split.revision) != (board.protocol.digest, board.split.revision):
         return BoardNews()
     key = CHALLENGES[board.challenge].metrics[0].key
-    was = {entry.submission_id: entry for entry in old.entries if entry.submission_id}
-    now = {entry.submission_id: entry for entry in board.entries if entry.submission_id}
+    was, now = (
+        {
+            name: _Stood(entry.method, entry.team, entry.rank, entry.metrics.get(key))
+            for name, entry in each.entries_by_submission.items()
+        }
+        for each in (old, board)
+    )
+    return _news_of(was, now)
+
+
+class _Stood(NamedTuple):
+    """What news tell of an entry; `value` is of the metric that ranks first."""
+
+    method: str
+    team: str
+    rank: int | None
+    value: float | None
+
+
+_Standings = Mapping[str, _Stood]
+"""By submission, in the order of the board."""
+
+
+def _news_of(was: _Standings, now: _Standings) -> BoardNews:
     before_of = _runs_before(was, now)
     replaced = set(before_of.values())
     found = []
     for name, either in {**was, **now}.items():
         earlier = before_of.get(name, name)
-        values = [
-            on[its].metrics.get(key) if its in on else None
-            for on, its in ((was, earlier), (now, name))
-        ]
+        before, after = was.get(earlier), now.get(name)
+        values = before and before.value, after and after.value
         is_same = earlier == name and name in was and name in now and values[0] == values[1]
         if name not in replaced and not is_same:
             found.append(
@@ -145,13 +167,35 @@ def news_between(old: Board, board: Board) -> BoardNews:
     return BoardNews(entries=tuple(found[:MAX_NEWS]), n_more=max(0, len(found) - MAX_NEWS))
 
 
-def _runs_before(was: Mapping[str, BoardEntry], now: Mapping[str, BoardEntry]) -> dict[str, str]:
+def _runs_before(was: _Standings, now: _Standings) -> dict[str, str]:
     """Return whose place each newcomer took: that of a run of the same method of its team, which left."""
-    left = {(entry.team, entry.method): name for name, entry in was.items() if name not in now}
+    left = {(stood.team, stood.method): name for name, stood in was.items() if name not in now}
     return {
-        name: left[entry.team, entry.method]
-        for name, entry in now.items()
-        if name not in was and (entry.team, entry.method) in left
+        name: left[stood.team, stood.method]
+        for name, stood in now.items()
+        if name not in was and (stood.team, stood.method) in left
+    }
+
+
+def _recorded_news(phase: Phase, old: BoardRow, row: BoardRow) -> BoardNews:
+    """`news_between` of two recorded boards, of which little is read: locks are held meanwhile."""
+    if (old.protocol_digest, old.split_revision) != (row.protocol_digest, row.split_revision):
+        return BoardNews()
+    key = CHALLENGES[phase.challenge].metrics[0].key
+    return _news_of(*(_standings(each, key) for each in (old, row)))
+
+
+def _standings(row: BoardRow, key: str) -> _Standings:
+    aliases = _aliases_on(row)
+    return {
+        name: _Stood(
+            entry["method"],
+            entry["team"] if is_pseudonym(entry["team"]) else aliases.get(name, entry["team"]),
+            entry["rank"],
+            entry["metrics"].get(key),
+        )
+        for entry in entry_documents(row.body)
+        if (name := entry["submission_id"])
     }
 
 
@@ -214,7 +258,9 @@ def public_protocols(session: Session, phase_id: str) -> list[str]:
 
 
 _PARSED: Memory[str, Board] = Memory(8 * 2**20)
-"""By bytes of the documents; a board in memory takes ten times as many."""
+"""By bytes of the documents; a board in memory takes three times as many."""
+_READING = threading.Lock()
+"""Boards are read one at a time: all who ask for a new one at once would each read their own."""
 
 
 def parsed_board(row: BoardRow) -> Board:
@@ -222,14 +268,24 @@ def parsed_board(row: BoardRow) -> Board:
     kept = _PARSED.get(row.told)
     if kept is not None:
         return kept
-    board = Board.model_validate_json(row.body)
+    with _READING:
+        return _PARSED.get(row.told) or _PARSED.keep(row.told, _read(row), len(row.body))
+
+
+def _read(row: BoardRow) -> Board:
+    _PARSED.make_room(len(row.body))
+    board = read_board(row.body)
     if row.told_at != board.published_at:
         board = board.model_copy(update={"published_at": row.told_at})
-    if row.forgotten is not None:
-        board = _under_aliases(
-            board, dict(line.split(" ", 1) for line in row.forgotten.split("\n"))
-        )
-    return _PARSED.keep(row.told, board, len(row.body))
+    if aliases := _aliases_on(row):
+        board = _under_aliases(board, aliases)
+    return board
+
+
+def _aliases_on(row: BoardRow) -> dict[str, str]:
+    """The names under which submissions of forgotten teams stand on a board."""
+    lines = row.forgotten.split("\n") if row.forgotten else []
+    return dict(line.split(" ", 1) for line in lines)
 
 
 def _under_aliases(board: Board, aliases: Mapping[str, str]) -> Board:
@@ -251,7 +307,7 @@ def served_body(row: BoardRow) -> str:
     """
     if is_told_as_recorded(row):
         return row.body
-    return canonical_json(parsed_board(row)).decode()
+    return b"".join(parsed_board(row).canonical_pieces()).decode()
 
 
 def is_told_as_recorded(row: BoardRow) -> bool:
@@ -421,7 +477,8 @@ def _append(
     query = select(func.max(BoardRow.number)).where(BoardRow.phase_id == claim.phase_id)
     number = (session.scalar(query) or 0) + 1
     now = database_now(session)
-    body = canonical_json(board.model_copy(update={"board": number, "published_at": now}))
+    numbered = board.model_copy(update={"board": number, "published_at": now})
+    body = b"".join(numbered.canonical_pieces())
     row = BoardRow(
         phase_id=claim.phase_id,
         protocol_digest=claim.protocol_digest,

@@ -1,13 +1,15 @@
 """Which scored submissions stand on a board, and what the board may say of each."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from typing import Any
 
 from sqlalchemy import ColumnElement, exists, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.best_run import best_run
+from exceptiondrive_records.boards.documents import Sharing
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.disqualified import disqualified_ids
 from exceptiondrive_records.phases.policy import (
@@ -27,6 +29,9 @@ from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 
 _NEVER = datetime(1, 1, 1, tzinfo=UTC)
+_SHEETS_AT_ONCE = 200
+_ON_NO_ROW: Mapping[str, Any] = {"tasks": {}, "extra": {}, "clearance_curve": None}
+"""What of a sheet no row of a board says: most of it."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +42,7 @@ class LinkedRecord:
     method: str
     file_digest: str
     sheet: ScoreSheet
+    """Without tasks, further rows and curve."""
     measurement_key: str
 
 
@@ -54,9 +60,8 @@ class EntryRecord:
     submitted_at: datetime
     file_digest: str
     sheet: ScoreSheet
+    """Without tasks, further rows and curve: `whole_sheets` reads them of those that need them."""
     measurement_key: str
-    exact_digest: str
-    scorer_version: str
     linked: LinkedRecord | None = None
     is_late: bool = False
 
@@ -224,13 +229,26 @@ def _under(protocol_digest: str, split_revision: str) -> tuple[ColumnElement[boo
     )
 
 
+def whole_sheets(
+    session: Session, ids: Sequence[str], protocol_digest: str, split_revision: str
+) -> Iterator[tuple[str, ScoreSheet]]:
+    """Yield submission and sheet of those of some submissions that have one, a few read at a time."""
+    for first in range(0, len(ids), _SHEETS_AT_ONCE):
+        query = select(ScoreSheetRow.submission_id, ScoreSheetRow.sheet).where(
+            ScoreSheetRow.submission_id.in_(ids[first : first + _SHEETS_AT_ONCE]),
+            *_under(protocol_digest, split_revision),
+        )
+        yield from session.execute(query)
+
+
 def _sheets(
-    session: Session, ids: list[str], protocol_digest: str, split_revision: str
-) -> dict[str, ScoreSheetRow]:
-    query = select(ScoreSheetRow).where(
-        ScoreSheetRow.submission_id.in_(ids), *_under(protocol_digest, split_revision)
-    )
-    return {row.submission_id: row for row in session.scalars(query)}
+    session: Session, ids: Sequence[str], protocol_digest: str, split_revision: str
+) -> dict[str, ScoreSheet]:
+    found, sharing = {}, Sharing()
+    for submission_id, whole in whole_sheets(session, ids, protocol_digest, split_revision):
+        found[submission_id] = whole.model_copy(update=_ON_NO_ROW)
+        sharing.share(found[submission_id])
+    return found
 
 
 def stood_at_deadline(phase: Phase) -> ColumnElement[bool]:
@@ -343,10 +361,9 @@ def _entry(
     phase: Phase,
     scored: _Scored,
     counterpart: _Scored | None,
-    sheets: Mapping[str, ScoreSheetRow],
+    sheets: Mapping[str, ScoreSheet],
 ) -> EntryRecord:
     submission, team = scored.submission, scored.team
-    row = sheets[submission.id]
     is_masked = is_anonymous(phase) and not team.is_reference
     return EntryRecord(
         submission_id=submission.id,
@@ -358,21 +375,19 @@ def _entry(
         links=Links() if is_masked else Links(paper=submission.paper_url, code=submission.code_url),
         submitted_at=submission.received_at,
         file_digest=submission.file_digest,
-        sheet=row.sheet,
-        measurement_key=row.measurement_key,
-        exact_digest=row.exact_digest,
-        scorer_version=row.scorer_version,
+        sheet=sheets[submission.id],
+        measurement_key=scored.measurement_key,
         linked=None if counterpart is None else _linked(phase, counterpart, sheets),
         is_late=is_late(phase, submission),
     )
 
 
-def _linked(phase: Phase, scored: _Scored, sheets: Mapping[str, ScoreSheetRow]) -> LinkedRecord:
+def _linked(phase: Phase, scored: _Scored, sheets: Mapping[str, ScoreSheet]) -> LinkedRecord:
     return LinkedRecord(
         submission_id=scored.submission.id,
         method=_method(phase, scored),
         file_digest=scored.submission.file_digest,
-        sheet=sheets[scored.submission.id].sheet,
+        sheet=sheets[scored.submission.id],
         measurement_key=scored.measurement_key,
     )
 

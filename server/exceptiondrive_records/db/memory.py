@@ -38,11 +38,19 @@ class Memory(Generic[K, V]):
         """Keep a value in place of what was kept under its key, and return it."""
         with self._lock:
             self.weight -= self._kept.pop(key, (None, 0))[1]
+            self._forget_beyond(self._room - weight)
             self._kept[key] = value, weight
             self.weight += weight
-            while self.weight > self._room and len(self._kept) > 1:
-                self.weight -= self._kept.popitem(last=False)[1][1]
         return value
+
+    def make_room(self, weight: int) -> None:
+        """Forget what will have no room beside a value of this weight, before that is made."""
+        with self._lock:
+            self._forget_beyond(self._room - weight)
+
+    def _forget_beyond(self, weight: int) -> None:
+        while self._kept and self.weight > weight:
+            self.weight -= self._kept.popitem(last=False)[1][1]
 
     def clear(self) -> None:
         """Forget all."""

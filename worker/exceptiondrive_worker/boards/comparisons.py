@@ -9,7 +9,7 @@ is kept under the hash of what made it, so a new entry on the board repeats none
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from itertools import combinations
+from itertools import combinations, islice
 from typing import Any
 
 import numpy as np
@@ -31,11 +31,16 @@ from exceptiondrive_worker.stages import Stages, Target
 Standing = tuple[Target, EntryRecord]
 
 
+def best_ranked(entries: Sequence[BoardEntry], protocol: ProtocolDocument) -> list[str]:
+    """Return the submissions that are compared, in order; ranked rows stand first and in order."""
+    ranked = (row.submission_id for row in entries if row.rank is not None and row.submission_id)
+    return list(islice(ranked, protocol.publication.compared_entries))
+
+
 def comparisons(
     private: PrivateStore,
     stages: Stages,
-    standings: Sequence[Standing],
-    entries: Sequence[BoardEntry],
+    best: Sequence[Standing],
     protocol: ProtocolDocument,
     rounding: Rounding,
 ) -> tuple[PairedComparison, ...]:
@@ -47,14 +52,10 @@ def comparisons(
     Args:
         private: Keeps exact comparisons.
         stages: Gives the sample scores of the pairs that are not kept.
-        standings: Target and record of every scored entry.
-        entries: Rows of the board, ranked ones first and in order.
-        protocol: Says how many entries are compared.
+        best: Target and record of each that is compared, with its whole sheet, the best first.
+        protocol: Under which they were scored.
         rounding: For what may be published of this split.
     """
-    by_id = {record.submission_id: (target, record) for target, record in standings}
-    ranked = [row.submission_id for row in entries if row.rank is not None and row.submission_id]
-    best = [by_id[name] for name in ranked[: protocol.publication.compared_entries]]
     return tuple(
         published_comparison(
             _kept_or_made(private, stages, a, b),

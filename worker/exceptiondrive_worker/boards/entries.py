@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from exceptiondrive_records.boards.documents import Sharing
 from exceptiondrive_records.boards.ranking import EntryRecord
 from exceptiondrive_schemas.board import BoardEntry, FamilyCell, FamilyHead, ReminderEffect
 from exceptiondrive_schemas.challenges import Challenge
@@ -97,6 +98,7 @@ class _Rows:
         self._ranking = protocol.ranking
         self._order = protocol.ranking.order_of(challenge)
         self._rounding = rounding
+        self._sharing = Sharing()
         self._keys_of_intervals = [metric.key for metric in challenge.interval_metrics]
 
     def ranks(self, entries: Sequence[ScoredEntry], may_rank: Sequence[bool]) -> list[int | None]:
@@ -208,7 +210,9 @@ class _Rows:
     def _family(self, sheet: ScoreSheet, family_id: str, intervals: FloatArray) -> FamilyCell:
         cell = sheet.families[family_id]
         found = self._intervals(intervals, cell.metrics)
-        return FamilyCell.model_validate({**dict(cell), "intervals": found})
+        row = FamilyCell.model_validate({**dict(cell), "intervals": found})
+        self._sharing.share(row)
+        return row
 
     def _intervals(
         self, intervals: FloatArray, values: Mapping[str, float | None]

@@ -1,13 +1,16 @@
 """The board run: rank the scored entries of a phase under a protocol into a new snapshot."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
+from itertools import zip_longest
 
 import structlog
 from sqlalchemy import ColumnElement
 
 from exceptiondrive_records.boards.boards import current_board, latest_board, publish_board
-from exceptiondrive_records.boards.ranking import entries_for_board
+from exceptiondrive_records.boards.documents import entries_of, entry_documents
+from exceptiondrive_records.boards.ranking import entries_for_board, whole_sheets
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
@@ -23,13 +26,18 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.reported import reported_entries
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
-from exceptiondrive_worker.boards.comparisons import Standing, comparisons, entry_uncertainties
+from exceptiondrive_worker.boards.comparisons import (
+    Standing,
+    best_ranked,
+    comparisons,
+    entry_uncertainties,
+)
 from exceptiondrive_worker.boards.entries import ScoredEntry, board_entries, family_heads
 from exceptiondrive_worker.boards.references import scored_references
 from exceptiondrive_worker.boards.reminder_effects import reminder_effects
 from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.context import WorkerContext
-from exceptiondrive_worker.drawing import DRAWN_AT_ONCE, draw_entries, draw_protocol
+from exceptiondrive_worker.drawing import DRAWN_AT_ONCE, Drawable, draw_entries, draw_protocol
 from exceptiondrive_worker.failures import job_boundary
 from exceptiondrive_worker.similarity_run import compare_submissions
 from exceptiondrive_worker.splits.floors import FloorHeldError
@@ -66,7 +74,7 @@ def build_board(context: WorkerContext, claimed: BoardRequest) -> None:
     """Build and publish the board that was claimed; what is drawn beside it follows."""
     phase_id = claimed.phase_id
     try:
-        board, standings, like = _board(context, claimed)
+        board, drawable, like = _board(context, claimed)
         late = _late_board(context, claimed)
     except SplitUnavailableError as error:
         _log.error("split unavailable: board not built", phase=phase_id, reason=str(error))
@@ -78,33 +86,51 @@ def build_board(context: WorkerContext, claimed: BoardRequest) -> None:
         row = publish_board(session, claimed, board, late)
     _log.info("board built", phase=phase_id, number=None if row is None else row.number)
     draw_protocol(context, claimed.protocol_digest)
-    draw_entries(context, standings, most=DRAWN_AT_ONCE)
+    draw_entries(context, drawable, most=DRAWN_AT_ONCE)
     compare_submissions(context, phase_id, like)
 
 
 def with_previous_ranks(
-    entries: tuple[BoardEntry, ...], latest: Board | None, current: Board | None
+    entries: tuple[BoardEntry, ...], latest: str | None, current: str | None
 ) -> tuple[BoardEntry, ...]:
     """Mark where each ranked entry stood on the current board.
 
-    Entries that say what the latest board of this protocol says are returned as they stand there:
+    Entries that say what the latest board of this protocol says get the marks that stand there:
     building a board twice changes nothing.
+
+    Args:
+        entries: Of the new board.
+        latest: The latest board of this protocol as recorded, where there is one.
+        current: The current board as recorded, where there is one.
     """
-    if latest is not None and _without_previous(latest.entries) == entries:
-        return latest.entries
-    if current is None:
+    if latest is not None and _says_the_same(entries, latest):
+        places = [row.previous_rank for row in entries_of(latest)]
+    elif current is not None:
+        before = _ranks_on(current)
+        places = [
+            row.previous_rank if row.rank is None else before.get((row.team, row.method))
+            for row in entries
+        ]
+    else:
         return entries
-    before = {(row.team, row.method): row.rank for row in current.entries if row.source == "scored"}
     return tuple(
-        row
-        if row.rank is None
-        else row.model_copy(update={"previous_rank": before.get((row.team, row.method))})
-        for row in entries
+        row if row.previous_rank == place else row.model_copy(update={"previous_rank": place})
+        for row, place in zip(entries, places, strict=True)
     )
 
 
-def _without_previous(entries: tuple[BoardEntry, ...]) -> tuple[BoardEntry, ...]:
-    return tuple(row.model_copy(update={"previous_rank": None}) for row in entries)
+def _says_the_same(entries: tuple[BoardEntry, ...], body: str) -> bool:
+    """Whether a recorded board says of its entries what these say, previous ranks apart."""
+    said = (row.model_copy(update={"previous_rank": None}) for row in entries_of(body))
+    return all(one == other for one, other in zip_longest(said, entries))
+
+
+def _ranks_on(body: str) -> dict[tuple[str, str], int | None]:
+    return {
+        (row["team"], row["method"]): row["rank"]
+        for row in entry_documents(body)
+        if row["source"] == "scored"
+    }
 
 
 def _late_board(context: WorkerContext, claimed: BoardRequest) -> Board | None:
@@ -121,8 +147,8 @@ def _late_board(context: WorkerContext, claimed: BoardRequest) -> Board | None:
 
 def _board(
     context: WorkerContext, claimed: BoardRequest, view: BoardView = "main"
-) -> tuple[Board, list[Standing], Target]:
-    """The board, what stands on it, and the target of no file that is like all of the phase."""
+) -> tuple[Board, list[Drawable], Target]:
+    """The board, what of it may be drawn, and the target of no file that is like all of the phase."""
     with context.database.read() as session:
         phase = find_phase(session, claimed.phase_id)
         protocol = find_protocol(session, claimed.protocol_digest)
@@ -133,8 +159,7 @@ def _board(
         texts = {row.id: row.body for row in rows if row is not None}
         ref = SplitRef(name=phase.split_name, revision=claimed.split_revision)
         is_public = find_public_split(session, ref) is not None
-    read = {number: Board.model_validate_json(text) for number, text in texts.items()}
-    boards = [None if row is None else read[row.id] for row in rows]
+    latest, current = (None if row is None else texts[row.id] for row in rows)
     challenge = CHALLENGES[phase.challenge]
     split = context.splits.find(phase.split_name, claimed.split_revision, protocol)
     floors = context.splits.floors(phase.split_name)
@@ -150,14 +175,29 @@ def _board(
     rounding = Rounding(challenge, protocol.publication, is_public=is_public)
     scored = _scored(context, standings, rounding)
     entries = board_entries(scored, references, challenge, protocol, rounding)
-    compared = comparisons(context.private, context.stages, standings, entries, protocol, rounding)
+    best = _best(context, standings, best_ranked(entries, protocol), claimed.split_revision)
+    compared = comparisons(context.private, context.stages, best, protocol, rounding)
     if phase.shows_reported:
         entries += reported_entries(challenge.id, protocol.grading.headline)
-    entries = with_previous_ranks(entries, *boards)
+    entries = with_previous_ranks(entries, latest, current)
     board = _document(phase, challenge, split, protocol, entries)
     board = board.model_copy(update={"comparisons": compared, "view": view, "part": part})
     _ = board.content_digest  # kept from here on: it is not made while the write lock is held
-    return board, standings, like
+    return board, [(target, record.submission_id) for target, record in standings], like
+
+
+def _best(
+    context: WorkerContext, standings: Sequence[Standing], names: Sequence[str], split_revision: str
+) -> list[Standing]:
+    """The standings of these submissions, in their order, with their whole sheets."""
+    found = {record.submission_id: (target, record) for target, record in standings}
+    best = [found[name] for name in names]
+    if not best:
+        return []
+    protocol_digest = best[0][0].protocol.digest
+    with context.database.read() as session:
+        whole = dict(whole_sheets(session, names, protocol_digest, split_revision))
+    return [(target, replace(one, sheet=whole[one.submission_id])) for target, one in best]
 
 
 def _scored(
