@@ -25,7 +25,7 @@ from exceptiondrive_server.boards.exports import EXPORTS
 from exceptiondrive_server.boards.queries import chosen_board, facts_on
 from exceptiondrive_server.boards.query import AskedBoard, BoardQuery, documented
 from exceptiondrive_server.boards.reported import ReportedBoardView, reported_of
-from exceptiondrive_server.boards.selection import selected_board
+from exceptiondrive_server.boards.selection import is_as_kept, selected_board
 from exceptiondrive_server.web.auth import (
     TOKEN_IS_OPTIONAL,
     MaybePrincipal,
@@ -76,11 +76,10 @@ def get_board(
     number, _, start = (after or "").partition(".")
     with services.database.read() as session:
         row = _paged_board(session, query, int(number)) if after else chosen_board(session, query)
-        board = parsed_board(row)
-        facts = facts_on(session, board)
-        shown = selected_board(board, query, facts)
-        if shown is board and limit is None and after is None:
+        if is_as_kept(query) and limit is None and after is None:
             return _as_kept(request, row, max_age_s)
+        board = parsed_board(row)
+        shown = selected_board(board, query, facts_on(session, board))
     part, headers = _page_of(shown, query, int(start or 0), limit)
     body = part.model_dump_json().encode()
     return conditional(request, body, "application/json", max_age_s=max_age_s, headers=headers)

@@ -139,9 +139,14 @@ def fact_choices(
     return fields
 
 
+def is_as_kept(query: BoardQuery) -> bool:
+    """Whether a query asks for all entries in the order in which boards are kept."""
+    return query.sort == BY_RANK and not (query.source or query.search or query.facts)
+
+
 def selected_board(board: Board, query: BoardQuery, facts: FactsOfBoard) -> Board:
     """Return the board with the entries that a query asks for, in its order; ranks stay."""
-    if query.sort == BY_RANK and not (query.source or query.search or query.facts):
-        return board  # that is how boards are kept
+    if is_as_kept(query):
+        return board
     found = sort_entries(board, found_entries(board, query, facts), query.sort)
     return board.model_copy(update={"entries": tuple(found)})
