@@ -1,8 +1,10 @@
 """Boards as files: CSV for tools, LaTeX (booktabs) for papers, BibTeX for citations, an Atom feed."""
 
+import csv
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
+from io import StringIO
 from types import MappingProxyType
 from urllib.parse import quote
 from xml.etree import ElementTree as Xml
@@ -167,19 +169,14 @@ def comma_separated(
 
     The facts of the methods are those of this moment; `edited_at` says when a team changed them last.
     """
-    import pandas as pd  # takes most of a second, which nobody else shall wait for
-
-    address = permalink(board, site_url)
-    lines = [
-        {
-            **_line(board, entry, address),
-            **_told(facts.get(entry.submission_id or "", NOTHING_TOLD)),
-        }
-        for block in in_blocks(board)
-        for entry in block
-    ]
-    frame = pd.DataFrame(lines, columns=_columns(board), dtype=object)
-    return str(frame.to_csv(index=False, lineterminator="\n"))
+    address, text = permalink(board, site_url), StringIO()
+    lines = csv.DictWriter(text, _columns(board), extrasaction="ignore", lineterminator="\n")
+    lines.writeheader()
+    for block in in_blocks(board):
+        for entry in block:
+            told = facts.get(entry.submission_id or "", NOTHING_TOLD)
+            lines.writerow({**_line(board, entry, address), **_told(told)})
+    return text.getvalue()
 
 
 def _columns(board: Board) -> list[str]:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as Xml
 
+import pandas as pd
 import pytest
 from tests.server.pages.invented_board import KEYS
 
@@ -18,6 +19,7 @@ from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.method_facts import EntryFacts, MethodFacts
 from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_server.boards import exports
 from exceptiondrive_server.boards.exports import bibtex, comma_separated, latex, tex_escape
 
 SITE = "https://board.test"
@@ -75,6 +77,35 @@ def test_every_file_says_which_board_it_is(
     assert "21 Nov 2026" in text or "2026-11-21T02:05:00Z" in text
     if write is not bibtex:
         assert protocol.digest in text
+
+
+def test_the_table_has_the_bytes_that_pandas_writes(
+    lively_board: Board, protocol: ProtocolDocument
+) -> None:
+    nasty = [
+        entry.model_copy(update={"method": name, "team": "=1+1", "cite": None})
+        for entry, name in zip(
+            lively_board.entries,
+            ('a "b", c', "two\nlines", "back\rward", " ", "x;y\tz"),
+            strict=False,
+        )
+    ]
+    board = lively_board.model_copy(
+        update={"entries": (*nasty, *lively_board.entries[len(nasty) :])}
+    )
+    address = exports.permalink(board, SITE)
+    told = {nasty[0].submission_id or "": EntryFacts(facts=MethodFacts(type="vla"))}
+    lines = [
+        {
+            **exports._line(board, entry, address),
+            **exports._told(told.get(entry.submission_id or "", EntryFacts())),
+        }
+        for block in exports.in_blocks(board)
+        for entry in block
+    ]
+    frame = pd.DataFrame(lines, columns=exports._columns(board), dtype=object)
+    made = frame.to_csv(index=False, lineterminator="\n")
+    assert comma_separated(board, protocol, SITE, told) == made
 
 
 def test_names_cannot_break_out_of_latex() -> None:
