@@ -84,11 +84,9 @@ def _kept_by_halves(_: Any) -> Callable[..., Any]:
 
 
 def _compared_each_time(_: Any) -> Callable[..., Any]:
-    from functools import lru_cache
+    from exceptiondrive_records.rescoring.comparison import _compared
 
-    from exceptiondrive_records.rescoring import comparison as compared
-
-    return lru_cache(maxsize=0)(compared._compared.__wrapped__)
+    return _compared
 
 
 def _every_revision(_: Any) -> Callable[..., Any]:
@@ -199,7 +197,7 @@ RESCORING = (
     ),
     Protection(
         "compared-once",
-        f"{RUNS}.comparison:_compared",
+        f"{RUNS}.comparison:compare_rows",
         _compared_each_time,
         f"{HERE}/test_flip.py::test_boards_are_compared_before_the_transaction_and_not_in_it",
     ),

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from sqlalchemy import delete, func, select
@@ -13,9 +14,9 @@ from tests.support.work import claim_this
 from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.boards.tables import BoardFlip
 from exceptiondrive_records.db.errors import Conflict
+from exceptiondrive_records.db.memory import Memory
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.rescoring import flip
-from exceptiondrive_records.rescoring.comparison import _compared
+from exceptiondrive_records.rescoring import comparison, flip
 from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.rescoring.retry import retry_submission
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
@@ -30,17 +31,19 @@ D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 4.5")
 
 
 def test_boards_are_compared_before_the_transaction_and_not_in_it(
-    stage: Stage, make_protocol: Callable[..., str]
+    stage: Stage, make_protocol: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run_id = stage.ready(make_protocol("1.1", *D_SAFE))
     preview = stage.preview(run_id).digest
-    _compared.cache_clear()
+    compare = Mock(wraps=comparison.compare_boards)
+    monkeypatch.setattr(comparison, "compare_boards", compare)
+    monkeypatch.setattr(comparison, "_COMPARED", Memory(4))
     made = []
     for step in (partial(stage.apply, run_id, preview), partial(stage.rollback, run_id)):
         flip.work_out(stage.database, run_id)
-        made.append(_compared.cache_info().misses)
+        made.append(compare.call_count)
         step()
-        made.append(_compared.cache_info().misses)
+        made.append(compare.call_count)
     assert made == [1, 1, 2, 2]
 
 

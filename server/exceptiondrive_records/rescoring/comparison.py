@@ -1,12 +1,12 @@
 """Two boards side by side. Pure: what readers see now, and what they would see."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.boards.boards import served_body
+from exceptiondrive_records.boards.boards import parsed_board
 from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.db.memory import Memory
 from exceptiondrive_records.phases.scoring_keys import new_key, old_key
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
@@ -172,10 +172,6 @@ def _worst_movers(entries: tuple[EntryChange, ...], challenge_id: str) -> tuple[
 # pointer then finds it here, and holds its locks for no arithmetic.
 
 
-_KEPT = 4
-"""Pairs of boards: those of the open runs, a megabyte or so each at 1,000 entries."""
-
-
 @dataclass(frozen=True)
 class Compared:
     """A comparison and its digest, both worked out once."""
@@ -184,15 +180,18 @@ class Compared:
     digest: str
 
 
+_COMPARED: Memory[tuple[str, str], Compared] = Memory(4)
+"""Pairs of boards: those of the open runs, a megabyte or so each at 1,000 entries."""
+
+
 def compare_rows(old: BoardRow, new: BoardRow) -> Compared:
     """Return what changes from one recorded board to another."""
-    return _compared(served_body(old), served_body(new))
+    pair = old.told, new.told
+    return _COMPARED.get(pair) or _COMPARED.keep(pair, _compared(old, new), 1)
 
 
-@lru_cache(maxsize=_KEPT)
-def _compared(old_body: str, new_body: str) -> Compared:
-    boards = (Board.model_validate_json(body) for body in (old_body, new_body))
-    comparison = compare_boards(*boards)
+def _compared(old: BoardRow, new: BoardRow) -> Compared:
+    comparison = compare_boards(parsed_board(old), parsed_board(new))
     return Compared(comparison, comparison.digest)
 
 
