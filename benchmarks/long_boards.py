@@ -8,20 +8,23 @@ which follow publication, are not counted.
 """
 
 import argparse
+import asyncio
 import json
 import math
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from datetime import datetime, timedelta
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from fastapi.testclient import TestClient
+from starlette.datastructures import Headers
+from starlette.types import ASGIApp, Message, Scope
 from tests.support.work import let_time_pass
 from tests.support.worker import build_board_of
 
@@ -51,7 +54,7 @@ from exceptiondrive_server.web.settings import ServerSettings
 from exceptiondrive_worker.boards import run as board_run
 from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.context import WorkerContext, open_context
-from exceptiondrive_worker.process import keep_memory
+from exceptiondrive_worker.process import keep_memory, limit_memory
 from exceptiondrive_worker.sample.files import write_sample_split
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.splits.admin import register_all_splits
@@ -67,6 +70,7 @@ N_LOG_N = 1.13
 """The exponent of n log n between 1,000 and 10,000."""
 MOST_EXPONENT = 1.2
 """A little above it: one run moves by so much."""
+_PARTS = ("make", "worker", "server")
 _STEPS = {
     "entries_for_board": "read entries",
     "_scored": "read intervals",
@@ -80,11 +84,11 @@ def main() -> None:
     """Print how long boards cost."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.long_boards", description=__doc__)
     parser.add_argument("entries", nargs="*", type=int, default=GROWTH)
-    parser.add_argument("--part", choices=("worker", "server"), help=argparse.SUPPRESS)
+    parser.add_argument("--part", choices=_PARTS, help=argparse.SUPPRESS)
     parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.part:
-        measure = {"worker": _worker, "server": _server}[given.part]
+        measure = {"make": _make, "worker": _worker, "server": _server}[given.part]
         sys.stdout.write(json.dumps(measure(given.folder, given.entries[0])) + "\n")
         return
     _measure(given.entries)
@@ -133,7 +137,7 @@ def _line(values: list[float], lengths: list[int]) -> list[str]:
 def _measured(n_entries: int) -> dict[str, dict[str, float]]:
     with tempfile.TemporaryDirectory(prefix="ed-long-") as folder:
         found = {}
-        for part in ("worker", "server"):
+        for part in _PARTS:
             command = [sys.executable, "-m", "benchmarks.long_boards", str(n_entries)]
             done = subprocess.run(
                 [*command, "--part", part, "--folder", folder],
@@ -154,36 +158,52 @@ def _addresses(folder: Path) -> dict[str, Any]:
     }
 
 
-def _worker(folder: Path, n_entries: int) -> dict[str, float]:
-    """Build a board, add one score and build the next; CPU ms by step, MiB."""
+def _make(folder: Path, n_entries: int) -> dict[str, float]:
+    """Let a board of all entries but one stand, and add the last score."""
     prepare(_addresses(folder)["database_url"])
     write_sample_split(folder / "splits")
-    settings = WorkerSettings(
-        **_addresses(folder), splits_dir=folder / "splits", private_dir=folder / "private"
-    )
-    context = open_context(settings)
-    protocol = packaged_protocol()
-    register_all_splits(context.database, context.splits, protocol)
-    keep_memory()
-    entries = _Entries(context, n_entries)
-    entries.add(range(n_entries - 1))
-    _build(context)
-    entries.add([n_entries - 1])
-    Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew: entries are made
-    seconds: dict[str, float] = {}
-    for function, step in _STEPS.items():
-        setattr(board_run, function, _clocked(getattr(board_run, function), step, seconds))
-    began_s = time.process_time()
-    _build(context)
-    total_s = time.process_time() - began_s
+    with _opened(folder) as context:
+        register_all_splits(context.database, context.splits, packaged_protocol())
+        entries = _Entries(context, n_entries)
+        entries.add(range(n_entries - 1))
+        _build(context)
+        entries.add([n_entries - 1])
+    return {}
+
+
+def _worker(folder: Path, _: int) -> dict[str, float]:
+    """Build the board with the last score, as a process that has just begun; CPU ms by step, MiB."""
+    with _opened(folder) as context:
+        keep_memory()
+        limit_memory(context.settings.memory_headroom_bytes)
+        idle_mib = peak_mib_so_far()
+        seconds: dict[str, float] = {}
+        for function, step in _STEPS.items():
+            setattr(board_run, function, _clocked(getattr(board_run, function), step, seconds))
+        began_s = time.process_time()
+        _build(context)
+        total_s = time.process_time() - began_s
     rest_s = total_s - sum(seconds.values())
     steps = {step: 1000 * seconds[step] for step in _STEPS.values()}
     return {
         **steps,
         "read the last board, the rest": 1000 * rest_s,
         "all": 1000 * total_s,
+        "memory idle, MiB": idle_mib,
         "most memory of the worker, MiB": peak_mib_so_far(),
     }
+
+
+@contextmanager
+def _opened(folder: Path) -> Iterator[WorkerContext]:
+    settings = WorkerSettings(
+        **_addresses(folder), splits_dir=folder / "splits", private_dir=folder / "private"
+    )
+    context = open_context(settings)
+    try:
+        yield context
+    finally:
+        context.close()
 
 
 def _clocked(
@@ -303,36 +323,36 @@ def _measurement_key(number: int) -> str:
 def _server(folder: Path, n_entries: int) -> dict[str, float]:
     """Look at the board as visitors and programs do, then at others; CPU ms, kB, MiB."""
     settings = ServerSettings(**_addresses(folder), receipt_key_file=folder / "receipt-key.pem")
-    client = TestClient(create_app(settings), base_url="http://localhost")
-    assert client.get("/readyz").status_code in (200, 503)
-    idle_mib = peak_mib_so_far()
-    page, api = "/?phase=bench", "/api/v1/leaderboard?phase=bench"
-    first_ms, first = _look(client, page)
-    again_ms, _ = _look(client, page)
-    whole_ms, whole = _look(client, api)
-    after_json_mib = peak_mib_so_far()
-    parts_ms, n_parts, n_told = _by_cursor(client, f"{api}&limit={PAGE}")
-    assert n_told == len(whole.json()["entries"]), "the pages do not hold all entries"
-    csv_ms, csv = _look(client, "/api/v1/leaderboard.csv?phase=bench")
-    with_csv_mib = peak_mib_so_far()
-    for number in range(max(3, ENTRIES_AFTER_IT // n_entries) if n_entries > 100 else 30):
-        beside = get_context("spawn").Process(
-            target=_publish_next, args=(settings.database_url, number)
-        )
-        beside.start()
-        beside.join()
-        assert beside.exitcode == 0, "the next board was not published"
-        _look(client, page)
-        _look(client, api)
+    with asyncio.Runner() as runner:
+        look = _Looks(create_app(settings), runner)
+        assert look("/healthz").n_bytes
+        idle_mib = peak_mib_so_far()
+        page, api = "/?phase=bench", "/api/v1/leaderboard?phase=bench"
+        first, again, whole = look(page), look(page), look(api)
+        after_json_mib = peak_mib_so_far()
+        parts = list(_by_cursor(look, f"{api}&limit={PAGE}"))
+        assert len(parts) == -(-whole.n_entries // PAGE), "the pages do not hold all entries"
+        csv = look("/api/v1/leaderboard.csv?phase=bench")
+        with_csv_mib = peak_mib_so_far()
+        for number in range(max(3, ENTRIES_AFTER_IT // n_entries) if n_entries > 100 else 30):
+            beside = get_context("spawn").Process(
+                target=_publish_next, args=(settings.database_url, number)
+            )
+            beside.start()
+            beside.join()
+            assert beside.exitcode == 0, "the next board was not published"
+            look(page)
+            look(api)
     return {
-        "first page, with reading the board": first_ms,
-        "the same page again": again_ms,
-        "first page, kB": len(first.content) / 1e3,
-        "whole board as JSON": whole_ms,
-        f"API in pages of {PAGE}, each": parts_ms / n_parts,
-        f"API in pages of {PAGE}, all of them": parts_ms,
-        "CSV": csv_ms,
-        "CSV, kB": len(csv.content) / 1e3,
+        "first page, with reading the board": first.cpu_ms,
+        "the same page again": again.cpu_ms,
+        "first page, kB": first.n_bytes / 1e3,
+        "whole board as JSON": whole.cpu_ms,
+        "whole board as JSON, kB": whole.n_bytes / 1e3,
+        f"API in pages of {PAGE}, each": sum(each.cpu_ms for each in parts) / len(parts),
+        f"API in pages of {PAGE}, all of them": sum(each.cpu_ms for each in parts),
+        "CSV": csv.cpu_ms,
+        "CSV, kB": csv.n_bytes / 1e3,
         "memory idle, MiB": idle_mib,
         "most, page and JSON shown, MiB": after_json_mib,
         "most, CSV too, MiB": with_csv_mib,
@@ -340,25 +360,55 @@ def _server(folder: Path, n_entries: int) -> dict[str, float]:
     }
 
 
-def _look(client: TestClient, address: str) -> tuple[float, Any]:
-    began_s = time.process_time()
-    answer = client.get(address)
-    took_ms = 1000 * (time.process_time() - began_s)
-    assert answer.status_code == 200, answer.text[:300]
-    return took_ms, answer
+class _Look(NamedTuple):
+    cpu_ms: float
+    n_bytes: int
+    n_entries: int
+    next_address: str | None
 
 
-def _by_cursor(client: TestClient, address: str) -> tuple[float, int, int]:
-    """Follow `Link` to the end: CPU ms of all pages, how many, and how many entries they held."""
-    total_ms, n_pages, n_entries = 0.0, 0, 0
-    while True:
-        took_ms, answer = _look(client, address)
-        total_ms, n_pages = total_ms + took_ms, n_pages + 1
-        n_entries += len(answer.json()["entries"])
-        following = answer.links.get("next")
-        if following is None:
-            return total_ms, n_pages, n_entries
-        address = following["url"]
+class _Looks:
+    """Asks an application and keeps nothing of what it answers: a client's copies are not its memory."""
+
+    def __init__(self, app: ASGIApp, runner: asyncio.Runner) -> None:
+        self._app, self._runner = app, runner
+
+    def __call__(self, address: str) -> _Look:
+        began_s = time.process_time()
+        n_bytes, n_entries, link = self._runner.run(self._ask(*address.split("?", 1)))
+        return _Look(1000 * (time.process_time() - began_s), n_bytes, n_entries, link)
+
+    async def _ask(self, path: str, query: str = "") -> tuple[int, int, str | None]:
+        n_bytes = n_entries = 0
+        link = None
+
+        async def receive() -> Message:
+            return {"type": "http.request", "body": b"", "more_body": False}
+
+        async def send(message: Message) -> None:
+            nonlocal n_bytes, n_entries, link
+            if message["type"] == "http.response.start":
+                assert message["status"] == 200, message
+                link = Headers(raw=message["headers"]).get("link")
+            else:
+                n_bytes += len(message["body"])
+                n_entries += message["body"].count(b'"submission_id":')
+
+        headers = [(b"host", b"localhost")]
+        scope: Scope = {"type": "http", "http_version": "1.1", "method": "GET", "scheme": "http",
+            "path": path, "raw_path": path.encode(), "query_string": query.encode(), "root_path": "",
+            "headers": headers, "server": ("localhost", 80), "client": ("127.0.0.1", 1)}  # fmt: skip
+        await self._app(scope, receive, send)
+        return n_bytes, n_entries, link and link[1 : link.index(">")]
+
+
+def _by_cursor(look: _Looks, address: str) -> Iterator[_Look]:
+    """Follow `Link` to the end."""
+    following: str | None = address
+    while following is not None:
+        answer = look(following)
+        yield answer
+        following = answer.next_address
 
 
 def _publish_next(database_url: str, number: int) -> None:
