@@ -149,13 +149,14 @@ class Life:
             tend_runs(self.database)
             while try_next_split(self.context):
                 pass
-            jobs = self._due_jobs()
+            jobs = self.due_jobs()
             for job_id in jobs:
                 score_submission(self.context, job_id)
             if not jobs and not self._build_boards():
                 return
 
-    def _due_jobs(self) -> list[str]:
+    def due_jobs(self) -> list[str]:
+        """Return the jobs that may be scored now, fresh submissions first."""
         query = select(Job).where(Job.state == WorkState.QUEUED).order_by(Job.lane, Job.created_at)
         with self.database.read() as session:
             return [job.id for job in session.scalars(query)]

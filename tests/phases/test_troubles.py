@@ -4,12 +4,15 @@ And to teams, where it is about what nobody checks of their files.
 """
 
 import html
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.phases.browsing import visitor
 from tests.phases.conftest import SAMPLES, Life, split_of
+from tests.support.work import let_time_pass
+from tests.support.worker import score_submission
 from typer.testing import CliRunner
 
 from exceptiondrive.cli import app
@@ -19,6 +22,8 @@ from exceptiondrive_records.work.heartbeats import beat
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_server.operations.doctor import Severity, examine
+from exceptiondrive_worker.boards import run
+from exceptiondrive_worker.boards.run import build_next_board
 from exceptiondrive_worker.splits.store import SplitStore, SplitUnavailableError
 
 BOTH = (Lane.LIVE, Lane.RESCORE)
@@ -116,6 +121,34 @@ def test_a_phase_on_a_split_without_recorded_drives_says_so_to_both_sides(
     assert "exceptiondrive-worker add-drives" in page
     assert "no_recorded_drive" in organizer.get("/organize/phases").text
     assert life.make_phase("letters", split="plain", challenge="strategy")["not_checked"] == []
+
+
+def test_a_board_that_is_begun_again_and_again(
+    life: Life, store: SplitStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    life.submit("alpha", 4.0, "Planner", "driven", "driven")
+    life.work()
+    life.submit("beta", 5.0, "Planner", "driven", "driven")
+    with monkeypatch.context() as little_memory:
+        little_memory.setattr(run, "board_entries", raising(MemoryError))
+        for seen in ([], [("board_not_built", "driven")]):
+            for job_id in life.due_jobs():
+                score_submission(life.context, job_id)
+            assert build_next_board(life.context, Lane.LIVE)
+            say_alive(life, store)
+            assert told(life) == seen
+            with life.database.write() as session:
+                let_time_pass(session, timedelta(hours=1))
+    assert build_next_board(life.context, Lane.LIVE)
+    say_alive(life, store)
+    assert told(life) == []
+
+
+def raising(error: type[Exception]) -> Any:
+    def fail(*_: Any, **__: Any) -> None:
+        raise error
+
+    return fail
 
 
 def test_the_papers_rows_beside_a_withheld_split(life: Life, store: SplitStore) -> None:

@@ -6,12 +6,18 @@ Each is found by one query; none tells anything of a split but its name.
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.phases.phases import list_phases, not_checked
+from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.splits.splits import whole_split
 from exceptiondrive_records.work.heartbeats import HEARTBEAT_TTL_S, live_workers, missing_splits
+from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest
 from exceptiondrive_schemas.jobs import Lane
+
+BEGUN_IN_VAIN = 2
+"""A board that was begun so often was not finished at least once."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +46,12 @@ def troubles(session: Session, *, ttl_s: float = HEARTBEAT_TTL_S) -> tuple[Troub
         session: To read with.
         ttl_s: A worker lives while its last sign of life is younger.
     """
-    return (*_lanes(session, ttl_s), *_splits(session, ttl_s), *_phases(session))
+    return (
+        *_lanes(session, ttl_s),
+        *_splits(session, ttl_s),
+        *_boards(session),
+        *_phases(session),
+    )
 
 
 def _lanes(session: Session, ttl_s: float) -> Iterator[Trouble]:
@@ -75,6 +86,21 @@ def _splits(session: Session, ttl_s: float) -> Iterator[Trouble]:
             f"put it back to {name}/split.json.gz in the workers' folder of splits; the folder has "
             "the name of the split. What waits is scored by itself",
             stops_scoring=True,
+        )
+
+
+def _boards(session: Session) -> Iterator[Trouble]:
+    """A build that ends in an error keeps its lease, and is begun again when that has run out."""
+    in_vain = (BoardRequest.state.in_(OPEN_STATES), BoardRequest.attempts >= BEGUN_IN_VAIN)
+    times = func.max(BoardRequest.attempts)
+    query = select(Phase, times).join(BoardRequest, BoardRequest.phase_id == Phase.id)
+    for phase, n_times in session.execute(query.where(*in_vain).group_by(Phase.id)):
+        yield Trouble(
+            "board_not_built",
+            phase.id,
+            f"A new board of phase {phase.title} ({phase.id}) was begun {n_times} times and not "
+            "finished: readers see the one before.",
+            "the workers' log says why, at job=board: docs/operating.md has its codes",
         )
 
 
