@@ -22,8 +22,7 @@ from exceptiondrive_records.audit.log import chain_audit_lines, chain_in_sql, ta
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
-from exceptiondrive_records.db.last import take_last
-from exceptiondrive_records.db.postgresql import WRITES, in_one_go, postgresql_engine
+from exceptiondrive_records.db.last import WRITES, take_last
 
 __all__ = ["Database", "database_now", "flush_or_refuse"]
 
@@ -122,6 +121,8 @@ def _end(session: Session) -> None:
         chain_audit_lines(session, lines)
         session.flush()
         return
+    from exceptiondrive_records.db.postgresql import in_one_go
+
     refusal = next((each.refusal for each in last if each.refusal is not None), None)
     try:
         with in_one_go(connection) as driver:
@@ -219,6 +220,8 @@ def _code_of(error: Exception) -> str | None:
 def _engine(url: str) -> Engine:
     if make_url(url).get_backend_name() == "sqlite":
         return _sqlite_engine(url)
+    from exceptiondrive_records.db.postgresql import postgresql_engine
+
     return postgresql_engine(url)
 
 

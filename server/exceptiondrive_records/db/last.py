@@ -11,6 +11,8 @@ from typing import Any
 from sqlalchemy import ColumnElement, Executable, case, literal, select
 from sqlalchemy.orm import Session
 
+WRITES = "exceptiondrive_writes"
+"""Option of the connections of write transactions. On PostgreSQL their driver opens none by itself."""
 _LAST = "exceptiondrive_last"
 
 

@@ -1,4 +1,7 @@
-"""PostgreSQL over a network: as few round trips as there are answers to wait for."""
+"""PostgreSQL over a network: as few round trips as there are answers to wait for.
+
+Imported with the first address of one: its driver takes a twelfth of the start of a command.
+"""
 
 import select
 import time
@@ -13,11 +16,11 @@ from sqlalchemy.engine.interfaces import DBAPIConnection
 from sqlalchemy.exc import DBAPIError, InvalidatePoolError
 from sqlalchemy.pool import ConnectionPoolEntry
 
+from exceptiondrive_records.db.last import WRITES
+
 TRUSTED_FOR_S = 5.0
 """A connection that was used within so many seconds, and of which nothing was heard since, is taken as it
 is. One that its server ended has something to be heard."""
-WRITES = "exceptiondrive_writes"
-"""Option of the connections of write transactions. Their driver opens none by itself."""
 BEGIN = "BEGIN"
 _GIVEN_BACK = "exceptiondrive_given_back_s"
 
