@@ -81,8 +81,8 @@ class Proxy:
         late: deque[tuple[float, bytes]] = deque()
         """What is under way, and when it arrives: what follows closely is not held up by it."""
         doomed, heard = stream.doomed, select.poll()
-        heard.register(source, select.POLLIN)
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError, ValueError):  # the other direction may have closed both
+            heard.register(source, select.POLLIN)
             while True:
                 while late and late[0][0] <= time.monotonic():
                     sink.sendall(late.popleft()[1])
