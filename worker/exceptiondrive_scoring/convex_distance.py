@@ -19,9 +19,11 @@ angle in [0, 90] degrees against A: its quadrant j then meets only A's quadrants
 Arrays are `(feature, column)`; a column is one pair of a tube piece and a region piece.
 """
 
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.footprint import Extent, Footprints
@@ -46,11 +48,13 @@ class _Edges(NamedTuple):
     length: FloatArray
 
 
-class _Seen(NamedTuple):
-    """Widest separating gap, not positive if none, and least square distance; each (column,)."""
+class _Sides(NamedTuple):
+    """Edges, and points that may lie left of them."""
 
-    gap: FloatArray
-    square: FloatArray
+    edges: _Edges
+    left: FloatArray
+    """(edge, point, column)"""
+    points: _Points
 
 
 def hull_distance_m(
@@ -69,13 +73,29 @@ def hull_distance_m(
     """
     region = _Points(region_x_m, region_y_m)
     hull = _corners_paired_by_quadrant(a, b)
-    of_a = _rectangle_against_region(a, b, region)
-    of_b = _rectangle_against_region(b, a, region)
-    of_links = _links_against_region(a, b, hull, region)
-    of_region = _region_edges_against_hull(region, hull)
-    gaps, squares = zip(of_a, of_b, of_links, of_region, strict=True)
-    distance = np.sqrt(np.minimum.reduce(squares))
-    return np.where(np.maximum.reduce(gaps) > 0, distance, 0.0)
+    in_frames = [box.local(region.x, region.y) for box in (a, b)]
+    links, sides = _links(hull, region), _region_edges(region, hull)
+    gaps = (
+        *gap_along_axes(*in_frames[0], a.extent_with(b)),
+        *gap_along_axes(*in_frames[1], b.extent_with(a)),
+        _gap_of_links(links, a, b),
+        _gap_of_region_edges(sides),
+    )
+    apart = np.flatnonzero(np.maximum.reduce(gaps) > 0)  # distances of these alone
+    squares = (
+        *(
+            box.square_outside(*_taken(place, apart)).min(axis=0)
+            for box, place in zip((a, b), in_frames, strict=True)
+        ),
+        *(_square_distances(each, apart) for each in (links, sides)),
+    )
+    distance = np.zeros(len(gaps[0]))
+    distance[apart] = np.sqrt(np.minimum.reduce(squares))
+    return distance
+
+
+def _taken(columns: Iterable[FloatArray], which: NDArray[np.intp]) -> Iterator[FloatArray]:
+    return (each.take(which, -1) for each in columns)
 
 
 def gap_along_axes(
@@ -88,28 +108,29 @@ def gap_along_axes(
     )
 
 
-def _rectangle_against_region(box: Footprints, other: Footprints, region: _Points) -> _Seen:
-    ahead, left = box.local(region.x, region.y)
-    gap = np.maximum(*gap_along_axes(ahead, left, box.extent_with(other)))
-    return _Seen(gap, box.square_outside(ahead, left).min(axis=0))
-
-
-def _links_against_region(a: Footprints, b: Footprints, hull: _Points, region: _Points) -> _Seen:
+def _links(hull: _Points, region: _Points) -> _Sides:
     start = _Points(hull.x.take(LINK_START, 0), hull.y.take(LINK_START, 0))
-    end = _Points(hull.x.take(LINK_END, 0), hull.y.take(LINK_END, 0))
-    links = _edges(start, end)
-    left = _left_of(links.along, region)
-    low, high = _extent_left_of(links.along, a, b)
-    gap = np.maximum(left.min(axis=1) - high, low - left.max(axis=1)).max(axis=0)
-    return _Seen(gap, _square_distances(links, left, region).min(axis=(0, 1)))
+    links = _edges(start, _Points(hull.x.take(LINK_END, 0), hull.y.take(LINK_END, 0)))
+    return _Sides(links, _left_of(links.along, region), region)
 
 
-def _region_edges_against_hull(region: _Points, hull: _Points) -> _Seen:
+def _gap_of_links(links: _Sides, a: Footprints, b: Footprints) -> FloatArray:
+    low, high = _extent_left_of(links.edges.along, a, b)
+    gaps = np.maximum(links.left.min(axis=1) - high, low - links.left.max(axis=1))
+    widest: FloatArray = gaps.max(axis=0)
+    return widest
+
+
+def _region_edges(region: _Points, hull: _Points) -> _Sides:
     edges = _edges(region, _Points(*(axis.take(NEXT_CORNER, 0) for axis in region)))
-    left = _left_of(edges.along, hull)
-    right_of_region = _left_of_start(edges) - left.max(axis=1)
-    gap = np.where(edges.length < SHORTEST_EDGE_M, -np.inf, right_of_region).max(axis=0)
-    return _Seen(gap, _square_distances(edges, left, hull).min(axis=(0, 1)))
+    return _Sides(edges, _left_of(edges.along, hull), hull)
+
+
+def _gap_of_region_edges(sides: _Sides) -> FloatArray:
+    right_of_region = _left_of_start(sides.edges) - sides.left.max(axis=1)
+    is_point = sides.edges.length < SHORTEST_EDGE_M
+    gap: FloatArray = np.where(is_point, -np.inf, right_of_region).max(axis=0)
+    return gap
 
 
 def _corners_paired_by_quadrant(a: Footprints, b: Footprints) -> _Points:
@@ -159,17 +180,19 @@ def _rectangle_extent(along: _Points, box: Footprints) -> tuple[FloatArray, Floa
     return centre - radius, centre + radius
 
 
-def _square_distances(edges: _Edges, left: FloatArray, points: _Points) -> FloatArray:
-    """Square distance of every point and every edge, (edge, point, column).
+def _square_distances(sides: _Sides, which: NDArray[np.intp]) -> FloatArray:
+    """Least square distance of any point and any edge, of some columns.
 
     Across the edge the distance is that of the line; along it, what lies beyond half the length
     from the middle. Nothing is masked.
     """
-    half = edges.length / 2
-    middle = edges.along.x * edges.start.x + edges.along.y * edges.start.y + half
-    across = left - _left_of_start(edges)[:, None]
-    beyond = edges.along.x[:, None] * points.x
-    beyond += edges.along.y[:, None] * points.y
+    start, along = (_Points(*_taken(each, which)) for each in sides.edges[:2])
+    points, half = _Points(*_taken(sides.points, which)), sides.edges.length.take(which, -1) / 2
+    middle = along.x * start.x + along.y * start.y + half
+    across = sides.left.take(which, -1)
+    across -= (along.x * start.y - along.y * start.x)[:, None]
+    beyond = along.x[:, None] * points.x
+    beyond += along.y[:, None] * points.y
     beyond -= middle[:, None]
     np.abs(beyond, out=beyond)
     beyond -= half[:, None]
@@ -177,4 +200,5 @@ def _square_distances(edges: _Edges, left: FloatArray, points: _Points) -> Float
     beyond *= beyond
     across *= across
     beyond += across
-    return beyond
+    least: FloatArray = beyond.min(axis=(0, 1))
+    return least
