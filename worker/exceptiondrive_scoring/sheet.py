@@ -5,6 +5,7 @@ Sums run in the split's canonical order, so that the same input gives the same b
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import repeat
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -89,7 +90,7 @@ def breakdown(
 ) -> Breakdown:
     """Name what `group_means` gives for these metrics."""
     keys, groups = [metric.key for metric in metrics], split.by_task
-    *values, macro_family = [dict(zip(keys, row, strict=True)) for row in _plain(means)]
+    *values, macro_family = map(dict, map(zip, repeat(keys), _plain(means)))
     *rows, total = map(Row, groups.sizes.tolist(), values)
     families = [taxonomy.families[index].id for index in groups.family_index.tolist()]
     tasks = [taxonomy.tasks[index].id for index in groups.task_index.tolist()]
