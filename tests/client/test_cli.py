@@ -471,16 +471,20 @@ def test_help_says_whole_sentences_in_eighty_columns(monkeypatch: pytest.MonkeyP
     assert "..." not in text.partition("Commands:")[2]
 
 
-def test_help_imports_nothing_heavy() -> None:
-    """`--help` stays fast: no HTTP library, no numpy, no models, no tables."""
+def imported_by(command: list[str], heavy: set[str]) -> str:
+    """Which of these modules a process of its own has imported once it has run a command."""
     code = (
         "import sys; from exceptiondrive.cli import app; "
-        "app(['--help'], standalone_mode=False); "
-        "heavy = {'httpx', 'numpy', 'pydantic', 'stamina', 'rich.table', 'platformdirs', 'openai'};"
-        "print('heavy:', sorted(heavy & set(sys.modules)))"
+        f"app({command!r}, standalone_mode=False); print(sorted({heavy!r} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "heavy: []"
+    return done.stdout.splitlines()[-1]
+
+
+def test_help_imports_nothing_heavy() -> None:
+    """`--help` stays fast: no HTTP library, no numpy, no models, no tables."""
+    heavy = {"httpx", "numpy", "pydantic", "stamina", "rich.table", "platformdirs", "openai"}
+    assert imported_by(["--help"], heavy) == "[]"
 
 
 def test_the_table_of_commands_says_what_the_commands_say_of_themselves() -> None:
@@ -493,41 +497,24 @@ def test_the_table_of_commands_says_what_the_commands_say_of_themselves() -> Non
 
 
 def test_evaluate_alone_touches_the_scoring_package(planning_file: MakeFile) -> None:
-    code = (
-        "import sys; from exceptiondrive.cli import app; "
-        f"app(['check', {str(planning_file())!r}], standalone_mode=False); "
-        "print('heavy:', sorted({'numpy', 'exceptiondrive_scoring', 'httpx'} & set(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "heavy: []"
+    heavy = {"numpy", "exceptiondrive_scoring", "httpx"}
+    assert imported_by(["check", str(planning_file())], heavy) == "[]"
 
 
 def test_a_check_imports_nothing_of_submissions_drawings_or_progress(
     planning_file: MakeFile,
 ) -> None:
-    code = (
-        "import sys; from exceptiondrive.cli import app; "
-        f"app(['check', {str(planning_file())!r}], standalone_mode=False); "
-        "heavy = {'exceptiondrive_schemas.api.submission', 'exceptiondrive_schemas.api.rescoring', "
-        "'exceptiondrive_schemas.drawing', 'rich.progress'};"
-        "print('heavy:', sorted(heavy & set(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "heavy: []"
+    schemas = "exceptiondrive_schemas"
+    heavy = {f"{schemas}.{name}" for name in ("api.submission", "api.rescoring", "drawing")}
+    assert imported_by(["check", str(planning_file())], heavy | {"rich.progress"}) == "[]"
 
 
 def test_an_evaluate_imports_neither_drawings_nor_masked_arrays(
     planning_file: MakeFile, split_file: Path
 ) -> None:
-    code = (
-        "import sys; from exceptiondrive.cli import app; "
-        f"app(['evaluate', {str(planning_file())!r}, '--split', {str(split_file)!r}], "
-        "standalone_mode=False); "
-        "heavy = {'exceptiondrive_schemas.drawing', 'exceptiondrive_scoring.drawing', 'numpy.ma'};"
-        "print('heavy:', sorted(heavy & set(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "heavy: []"
+    command = ["evaluate", str(planning_file()), "--split", str(split_file)]
+    heavy = {"exceptiondrive_schemas.drawing", "exceptiondrive_scoring.drawing", "numpy.ma"}
+    assert imported_by(command, heavy) == "[]"
 
 
 def test_a_submit_imports_nothing_of_rescoring_nor_what_draws_bars() -> None:

@@ -11,13 +11,14 @@ from typing import Any
 import pytest
 from tests.phases.browsing import visitor
 from tests.phases.conftest import SAMPLES, Life, split_of
-from tests.support.work import let_time_pass
+from tests.support.work import claim_board_of, let_time_pass
 from tests.support.worker import score_submission
 from typer.testing import CliRunner
 
 from exceptiondrive.cli import app
 from exceptiondrive_records.operations.troubles import troubles
-from exceptiondrive_records.phases.phases import splits_in_use
+from exceptiondrive_records.phases.phases import find_phase, splits_in_use
+from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.heartbeats import beat
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import packaged_protocol
@@ -142,6 +143,31 @@ def test_a_board_that_is_begun_again_and_again(
     assert build_next_board(life.context, Lane.LIVE)
     say_alive(life, store)
     assert told(life) == []
+
+
+def test_a_board_that_is_asked_for_while_it_is_built_was_not_begun_in_vain(
+    life: Life, store: SplitStore
+) -> None:
+    life.submit("alpha", 4.0, "Planner", "driven", "driven")
+    life.work()
+    with life.database.read() as session:
+        digest = find_phase(session, "driven").protocol_digest
+    for _ in range(3):
+        with life.database.write() as session:
+            want_board(session, "driven", digest)
+        with life.database.write() as session:
+            claimed = claim_board_of(session, "driven", digest)
+        assert claimed is not None
+        with life.database.write() as session:
+            want_board(session, "driven", digest)
+        run.build_board(life.context, claimed)
+        with life.database.write() as session:
+            assert claim_board_of(session, "driven", digest) is not None
+        say_alive(life, store)
+        assert told(life) == []
+        with life.database.write() as session:
+            let_time_pass(session, timedelta(hours=1))
+        assert build_next_board(life.context, Lane.LIVE)
 
 
 def raising(error: type[Exception]) -> Any:

@@ -69,6 +69,7 @@ _LEAVE = (
 _IS_OVER = WorkItem.asked == bindparam("was_asked")
 _FINISH = _LEAVE.values(
     state=case((_IS_OVER, bindparam("ends_as")), else_=WorkState.QUEUED.value),
+    attempts=case((_IS_OVER, WorkItem.attempts), else_=0),
     finished_at=case((_IS_OVER, NOW), else_=None),
 )
 
