@@ -63,14 +63,22 @@ def clearance_compliance(
     clearance_m: FloatArray, intrusion: BoolArray, d_safe_m: FloatArray
 ) -> FloatArray:
     """HCC_i = (1 - ur_i) min(d_i / d_safe, 1), the paper's HCC term; (N,)."""
-    return np.where(intrusion, 0.0, np.minimum(clearance_m / d_safe_m, 1.0))
+    kept = clearance_m / d_safe_m
+    np.minimum(kept, 1.0, out=kept)
+    np.putmask(kept, intrusion, 0.0)
+    return kept
 
 
 def proximity_response(
     clearance_m: FloatArray, intrusion: BoolArray, d_safe_m: FloatArray
 ) -> FloatArray:
     """HPR_i = (1 - ur_i) d_safe / (|d_i - d_safe| + d_safe), the paper's HPR term; (N,)."""
-    return np.where(intrusion, 0.0, d_safe_m / (np.abs(clearance_m - d_safe_m) + d_safe_m))
+    response = clearance_m - d_safe_m
+    np.abs(response, out=response)
+    response += d_safe_m
+    np.divide(d_safe_m, response, out=response)
+    np.putmask(response, intrusion, 0.0)
+    return response
 
 
 def progress(

@@ -71,14 +71,15 @@ def group_means(scores: SampleScores, split: SplitArrays) -> FloatArray:
     """
     groups = split.by_task
     values = scores.values.T.take(groups.order, 1, mode="clip")  # no index is out of range
-    undefined, counts = np.isnan(values), groups.sizes
-    if undefined.any():
+    of_tasks, counts = np.add.reduceat(values, groups.starts, axis=1), groups.sizes
+    if np.isnan(of_tasks).any():
+        undefined = np.isnan(values)
         values[undefined] = 0.0
+        of_tasks = np.add.reduceat(values, groups.starts, axis=1)
         missing = np.add.reduceat(undefined, groups.starts, axis=1, dtype=np.intp)
         counts = counts - groups.with_totals(missing)
-    sums = groups.with_totals(np.add.reduceat(values, groups.starts, axis=1))
     with np.errstate(invalid="ignore"):  # 0 / 0
-        means = (sums / counts).T
+        means = (groups.with_totals(of_tasks) / counts).T
         for m, metric in enumerate(scores.metrics):
             if metric.order_level is not None:
                 means[:, m] = _order_statistics(scores.values[:, m], metric.order_level, split)
