@@ -245,20 +245,12 @@ def working(running: Running) -> Iterator[Running]:
 
 
 def _work(context: "WorkerContext", stop: threading.Event) -> None:
-    from sqlalchemy import select
-    from tests.support.worker import build_board_of, score_submission
+    from tests.support.worker import build_wanted_boards, due_jobs, score_submission
 
-    from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
     from exceptiondrive_worker.profile_run import describe_next
 
-    queued = select(Job.id).where(Job.state == WorkState.QUEUED)
-    wanted = select(BoardRequest).where(BoardRequest.state.in_(OPEN_STATES))
     while not stop.wait(0.02):
-        with context.database.read() as session:
-            job_ids = list(session.scalars(queued))
-            boards = [(row.phase_id, row.protocol_digest) for row in session.scalars(wanted)]
-        for job_id in job_ids:
+        for job_id in due_jobs(context.database):
             score_submission(context, job_id)
-        for phase_id, digest in boards:
-            build_board_of(context, phase_id, digest)
+        build_wanted_boards(context)
         describe_next(context)

@@ -11,9 +11,8 @@ import structlog
 from starlette.testclient import TestClient
 from tests.canary.values import CANARY_M
 from tests.support.documents import region_ahead, split_document
-from tests.support.floors import leave_open
 from tests.support.records import add_phase, found
-from tests.support.worker import build_board_of, score_submission
+from tests.support.worker import add_split, build_board_of, score_submission, worker_settings
 
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.tables import Job
@@ -21,8 +20,6 @@ from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_server.app import create_app
 from exceptiondrive_server.web.settings import ServerSettings
 from exceptiondrive_worker.context import WorkerContext, open_context
-from exceptiondrive_worker.settings import WorkerSettings
-from exceptiondrive_worker.splits.admin import register_all_splits
 
 PROTOCOL = packaged_protocol()
 N_SAMPLES = 2
@@ -74,20 +71,16 @@ class Site:
 def site(tmp_path_factory: pytest.TempPathFactory, migrated_sqlite: Path) -> Iterator[Site]:
     folder = tmp_path_factory.mktemp("hostile")
     shutil.copy(migrated_sqlite, folder / "records.sqlite3")
-    split = folder / "splits" / "tiny" / "split.json"
-    leave_open(split.parent)
     hazard = {"task": "LB1", "region": region_ahead(40.0, CANARY_M)}
     made = split_document({f"s{i}": {"scene_id": f"scene-{i}", **hazard} for i in range(N_SAMPLES)})
-    split.write_text(made.model_dump_json(by_alias=True, exclude_none=True))
     places: dict[str, Any] = {
         "database_url": f"sqlite:///{folder}/records.sqlite3",
         "file_store_url": (folder / "uploads").as_uri(),
     }
-    worker: dict[str, Any] = {"splits_dir": split.parents[1], "private_dir": folder / "private"}
-    context = open_context(WorkerSettings(**places, **worker, broker_url="memory://"))
+    context = open_context(worker_settings(folder, **places))
     with context.database.write() as session:
         token = found(session, ("mallory",)).tokens["mallory"]
-    register_all_splits(context.database, context.splits, PROTOCOL)
+    add_split(context.database, folder / "splits", made)
     with context.database.write() as session:
         add_phase(session, split="tiny", quota_per_day=10_000, rejected_per_day=10_000)
     settings = ServerSettings(

@@ -11,28 +11,28 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sqlalchemy import select
 from starlette.testclient import TestClient
 from tests.canary.values import CANARY_M
 from tests.support.documents import planning_file, region_ahead, split_document
-from tests.support.floors import leave_open
 from tests.support.records import found
 from tests.support.snapshots import Snapshots
-from tests.support.worker import build_board_of, score_submission
+from tests.support.worker import (
+    add_split,
+    build_wanted_boards,
+    due_jobs,
+    score_submission,
+    worker_settings,
+)
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.rescoring.fan_out import tend_runs
-from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
-from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_server.app import create_app
 from exceptiondrive_server.web.settings import ServerSettings
 from exceptiondrive_worker.context import WorkerContext, open_context
 from exceptiondrive_worker.settings import WorkerSettings
-from exceptiondrive_worker.splits.admin import register_all_splits
-from exceptiondrive_worker.splits.store import SplitStore
 from exceptiondrive_worker.trial_run import try_next_split
 
 TEAMS = {"alpha": "Alpha Institute", "beta": "Beta Labs", "gamma": "Gamma Works"}
@@ -114,11 +114,7 @@ class Life:
         return self.done(f"/phases/{phase_id}", document, "PATCH")
 
     def add_split(self, split: Split) -> None:
-        path = self.worker.splits_dir / split.name / "split.json"
-        leave_open(path.parent)
-        path.write_text(split.model_dump_json(by_alias=True, exclude_none=True))
-        store = SplitStore(self.worker.splits_dir)
-        register_all_splits(self.database, store, packaged_protocol())
+        add_split(self.database, self.worker.splits_dir, split)
 
     def upload(
         self,
@@ -149,25 +145,11 @@ class Life:
             tend_runs(self.database)
             while try_next_split(self.context):
                 pass
-            jobs = self.due_jobs()
+            jobs = due_jobs(self.database)
             for job_id in jobs:
                 score_submission(self.context, job_id)
-            if not jobs and not self._build_boards():
+            if not jobs and not build_wanted_boards(self.context):
                 return
-
-    def due_jobs(self) -> list[str]:
-        """Return the jobs that may be scored now, fresh submissions first."""
-        query = select(Job).where(Job.state == WorkState.QUEUED).order_by(Job.lane, Job.created_at)
-        with self.database.read() as session:
-            return [job.id for job in session.scalars(query)]
-
-    def _build_boards(self) -> bool:
-        wanted = select(BoardRequest).where(BoardRequest.state.in_(OPEN_STATES))
-        with self.database.read() as session:
-            rows = list(session.scalars(wanted))
-        for row in rows:
-            build_board_of(self.context, row.phase_id, row.protocol_digest, row.split_revision)
-        return bool(rows)
 
     def now(self) -> datetime:
         with self.database.read() as session:
@@ -233,12 +215,8 @@ def life(
         "broker_url": f"redis+socket://{tmp_path}/nobody.sock",
         "file_store_url": (tmp_path / "uploads").as_uri(),
     }
-    worker = WorkerSettings(
-        splits_dir=tmp_path / "splits",
-        private_dir=tmp_path / "private",
-        retry_backoff_s=0.01,  # `work` does what it can until nothing is left, and waits for it
-        **common,
-    )
+    # `work` does what it can until nothing is left, and waits for it
+    worker = worker_settings(tmp_path, retry_backoff_s=0.01, **common)
     server = ServerSettings(receipt_key_file=tmp_path / "key.pem", **common)
     app = create_app(server)
     client = TestClient(app, base_url="https://server.test", follow_redirects=False)

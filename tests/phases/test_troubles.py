@@ -12,7 +12,7 @@ import pytest
 from tests.phases.browsing import visitor
 from tests.phases.conftest import SAMPLES, Life, split_of
 from tests.support.work import claim_board_of, let_time_pass
-from tests.support.worker import score_submission
+from tests.support.worker import due_jobs, score_submission
 from typer.testing import CliRunner
 
 from exceptiondrive.cli import app
@@ -133,7 +133,7 @@ def test_a_board_that_is_begun_again_and_again(
     with monkeypatch.context() as little_memory:
         little_memory.setattr(run, "board_entries", raising(MemoryError))
         for seen in ([], [("board_not_built", "driven")]):
-            for job_id in life.due_jobs():
+            for job_id in due_jobs(life.database):
                 score_submission(life.context, job_id)
             assert build_next_board(life.context, Lane.LIVE)
             say_alive(life, store)

@@ -9,12 +9,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import select
 from tests.rescoring.documents import planning_file, split_document
 from tests.support.databases import as_role
-from tests.support.floors import leave_open
 from tests.support.records import add_phase
-from tests.support.worker import build_board_of, score_submission
+from tests.support.worker import (
+    add_split,
+    build_wanted_boards,
+    due_jobs,
+    score_submission,
+    submit,
+    worker_settings,
+)
 
 from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.db.database import Database
@@ -24,16 +29,11 @@ from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.rescoring import flip, runs
 from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.rescoring.views import preview_of, run_view
-from exceptiondrive_records.submissions.submissions import accept
-from exceptiondrive_records.teams.teams import create_team, find_team, list_teams
-from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkState
 from exceptiondrive_schemas.api.rescoring import RunView
-from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
+from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.context import WorkerContext, open_context
 from exceptiondrive_worker.settings import WorkerSettings
-from exceptiondrive_worker.splits.admin import register_all_splits
-from exceptiondrive_worker.splits.store import SplitStore
 from exceptiondrive_worker.verify_run import verify_next
 
 STEP = {"reason": "because", "actor": "organizer"}
@@ -71,19 +71,8 @@ class Stage:
     def submit_file(
         self, data: bytes, method: str, team: str = "alpha", linked_to: str | None = None
     ) -> str:
-        digest, size = self.context.files.put_stream([data], limit_bytes=2**20)
-        with self.database.write() as session:
-            if team not in [known.slug for known in list_teams(session)]:
-                create_team(session, team, team.title(), actor="test")
-            accepted = accept(
-                session,
-                team_id=find_team(session, team).id,
-                phase_id="dev",
-                method=method,
-                linked_to=linked_to,
-                file_digest=digest,
-                size_bytes=size,
-            )
+        files = self.context.files
+        accepted = submit(self.database, files, data, method=method, team=team, linked_to=linked_to)
         self.submitted.append(accepted.submission.id)
         return accepted.submission.id
 
@@ -92,29 +81,13 @@ class Stage:
         n_done = 0
         while n_done < most:
             tend_runs(self.reconciler)
-            jobs = self._due_jobs()[: most - n_done]
+            jobs = due_jobs(self.database)[: most - n_done]
             for job_id in jobs:
                 score_submission(self.context, job_id)
             n_done += len(jobs)
-            if not jobs and not self._build_boards():
+            if not jobs and not build_wanted_boards(self.context):
                 break
         return n_done
-
-    def _due_jobs(self) -> list[str]:
-        query = select(Job).where(Job.state == WorkState.QUEUED).order_by(Job.lane, Job.created_at)
-        with self.database.read() as session:
-            return [job.id for job in session.scalars(query)]
-
-    def _build_boards(self) -> bool:
-        wanted = select(BoardRequest).where(BoardRequest.state.in_(OPEN_STATES))
-        with self.database.read() as session:
-            keys = [
-                (row.phase_id, row.protocol_digest, row.split_revision)
-                for row in session.scalars(wanted)
-            ]
-        for key in keys:
-            build_board_of(self.context, *key)
-        return bool(keys)
 
     def draft(self, **target: str) -> str:
         with self.database.write() as session:
@@ -163,12 +136,7 @@ class Stage:
 
     def put_split(self, split: Split, file_name: str = "split.json") -> str:
         """Put a split file where workers look, register it, and return its revision."""
-        folder = self.settings.splits_dir / "tiny"
-        leave_open(folder)
-        (folder / file_name).write_text(split.model_dump_json(by_alias=True, exclude_none=True))
-        splits = SplitStore(self.settings.splits_dir)
-        registered = register_all_splits(self.context.database, splits, packaged_protocol())
-        return registered[0].manifest.revision
+        return add_split(self.context.database, self.settings.splits_dir, split, file_name)
 
     def verify_all(self) -> None:
         """Do what workers and reconciler do with a verification."""
@@ -180,13 +148,7 @@ class Stage:
 @contextmanager
 def open_stage(database_url: str, folder: Path) -> Iterator[Stage]:
     """A stage over records and a folder as they are."""
-    settings = WorkerSettings(
-        database_url=as_role(database_url, Role.WORKER),
-        broker_url="memory://",
-        file_store_url=(folder / "uploads").as_uri(),
-        splits_dir=folder / "splits",
-        private_dir=folder / "private",
-    )
+    settings = worker_settings(folder, as_role(database_url, Role.WORKER))
     server, reconciler = (
         Database(as_role(database_url, role)) for role in (Role.API, Role.RECONCILER)
     )

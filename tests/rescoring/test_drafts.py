@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 from tests.support.work import claim_this
+from tests.support.worker import build_wanted_boards
 
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.phases.changes import freeze_phase
@@ -103,7 +104,7 @@ def test_each_refusal_says_the_state_and_what_is_possible(
     stage.step("start", run_id)
     stage.work(most=3)
     tend_runs(stage.reconciler)
-    stage._build_boards()
+    build_wanted_boards(stage.context)
     stage.step("pause", run_id)
     assert stage.view(run_id).blockers == ("The run is paused: resume it.",)
     assert not stage.preview(run_id).is_stale

@@ -27,7 +27,7 @@ from sqlalchemy import select
 from tests.rescoring.documents import new_protocol
 from tests.rescoring.stage import Stage, open_stage
 from tests.support.work import claim_this
-from tests.support.worker import score_submission
+from tests.support.worker import build_wanted_boards, due_jobs, score_submission
 
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
 from exceptiondrive_records.operations.invariants import unfinished, violations
@@ -91,7 +91,7 @@ class Updates(RuleBasedStateMachine):
             with ThreadPoolExecutor(2) as pool:
                 list(pool.map(tend_runs, [self.stage.database] * 2))
         elif what == "build":
-            self.stage._build_boards()
+            build_wanted_boards(self.stage.context)
         elif what == "an hour passes":
             self.an_hour_passes()
         else:
@@ -103,7 +103,7 @@ class Updates(RuleBasedStateMachine):
         self.stage.submit(1 + self.n_submitted / 100, f"m{self.n_submitted % 3}")
 
     def something_happens_to_a_job(self, what: str, which: int) -> None:
-        due = self.stage._due_jobs()
+        due = due_jobs(self.stage.database)
         if not due:
             return
         job_id = due[which % len(due)]

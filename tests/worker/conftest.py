@@ -16,9 +16,8 @@ from tests.canary.values import CANARY_M
 from tests.support import documents, processes
 from tests.support.databases import as_role
 from tests.support.documents import region_ahead, split_document
-from tests.support.floors import leave_open
 from tests.support.records import add_phase
-from tests.support.worker import score_submission
+from tests.support.worker import add_split, score_submission, submit, worker_settings
 from tests.worker.real_broker import QUICK
 
 from exceptiondrive_records.db.database import Database
@@ -26,9 +25,7 @@ from exceptiondrive_records.db.roles import Role
 from exceptiondrive_records.operations.reconciler import run_reconciler as reconcile
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.submissions.file_store import FileStore
-from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.teams.teams import create_team, find_team, list_teams
 from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.protocol import (
@@ -39,8 +36,6 @@ from exceptiondrive_schemas.protocol import (
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.context import WorkerContext, open_context
 from exceptiondrive_worker.settings import WorkerSettings
-from exceptiondrive_worker.splits.admin import register_all_splits
-from exceptiondrive_worker.splits.store import SplitStore
 
 
 @pytest.fixture(scope="session")
@@ -114,12 +109,7 @@ class World:
         self._context = None
 
     def add_split(self, split: Split) -> None:
-        path = self.settings.splits_dir / split.name / "split.json"
-        leave_open(path.parent)
-        path.write_text(split.model_dump_json(by_alias=True, exclude_none=True))
-        register_all_splits(
-            self.database, SplitStore(self.settings.splits_dir), packaged_protocol()
-        )
+        add_split(self.database, self.settings.splits_dir, split)
 
     def add_phase(self, split: Split, phase_id: str = "dev", **options: Any) -> None:
         self.add_split(split)
@@ -132,33 +122,11 @@ class World:
                 **{"quota_per_day": 1000, "rejected_per_day": 1000, **options},
             )
 
-    def submit(
-        self,
-        data: bytes,
-        method: str = "method",
-        team: str = "alpha",
-        phase_id: str = "dev",
-        linked_to: str | None = None,
-        asks_first: bool = False,
-    ) -> tuple[str, str]:
+    def submit(self, data: bytes, method: str = "method", **more: Any) -> tuple[str, str]:
         """Accept an upload as the server does; return ids of submission and job."""
-        digest, size = self.files.put_stream([data], limit_bytes=2**24)
-        with self.database.write() as session:
-            if team not in [known.slug for known in list_teams(session)]:
-                is_reference = team.startswith("reference")
-                create_team(session, team, team.title(), is_reference=is_reference, actor="test")
-            accepted = accept(
-                session,
-                team_id=find_team(session, team).id,
-                phase_id=phase_id,
-                method=method,
-                linked_to=linked_to,
-                file_digest=digest,
-                size_bytes=size,
-                asks_first=asks_first,
-            )
-            assert accepted.job_id is not None
-            return accepted.submission.id, accepted.job_id
+        accepted = submit(self.database, self.files, data, method=method, **more)
+        assert accepted.job_id is not None
+        return accepted.submission.id, accepted.job_id
 
     def score(self, data: bytes, **where: Any) -> str:
         """Submit and score in this process; return the id of the submission."""
@@ -183,24 +151,13 @@ class World:
         self.database.dispose()
 
 
-def settings_of(folder: Path, database_url: str, **changes: Any) -> WorkerSettings:
-    values: dict[str, Any] = {
-        "database_url": database_url,
-        "broker_url": "memory://",
-        "file_store_url": f"file://{folder}/uploads",
-        "splits_dir": folder / "splits",
-        "private_dir": folder / "private",
-    }
-    return WorkerSettings(**values | changes)
-
-
 @pytest.fixture
 def make_world(tmp_path: Path) -> Iterator[Callable[..., World]]:
     """Make a world on a database, with other settings where given."""
     worlds: list[World] = []
 
     def make(database_url: str, **changes: Any) -> World:
-        worlds.append(World(settings_of(tmp_path, database_url, **changes)))
+        worlds.append(World(worker_settings(tmp_path, database_url, **changes)))
         return worlds[-1]
 
     yield make

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from tests.support import cheats, realdata
 from tests.support.cheats import CHEATS, MISTAKES, OF_CONTROLS_ALONE, File
-from tests.support.worker import build_board_of
-from tests.worker.conftest import World, settings_of
+from tests.support.worker import build_board_of, worker_settings
+from tests.worker.conftest import World
 
 from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.operations.invariants import broken_boards
@@ -155,7 +155,7 @@ def contest(tmp_path_factory: pytest.TempPathFactory, migrated_sqlite: Path) -> 
     folder = tmp_path_factory.mktemp("cheats")
     database = folder / "records.sqlite3"
     database.write_bytes(migrated_sqlite.read_bytes())
-    world = World(settings_of(folder, f"sqlite:///{database}"))
+    world = World(worker_settings(folder, f"sqlite:///{database}"))
     split, taxonomy = sample_split(), packaged_protocol("1.1").taxonomy
     order = [family.id for family in taxonomy.families]
     families = {
