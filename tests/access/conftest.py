@@ -1,4 +1,5 @@
 """A provider as a process, and people who sign in through it."""
+# ruff: noqa: F811 - a fixture is asked for by its name
 
 import os
 import subprocess
@@ -12,7 +13,7 @@ from urllib.parse import parse_qs, urlsplit
 import httpx
 import pytest
 from tests.access.oidc_provider import CLIENT_ID, CLIENT_SECRET
-from tests.server.conftest import (  # noqa: F401 - fixtures
+from tests.support.application import (  # noqa: F401 - fixtures
     Api,
     TeamBrowser,
     api,
@@ -80,7 +81,7 @@ def provider(provider_process: RunningProvider) -> RunningProvider:
 
 @pytest.fixture
 def site(
-    make_api: Callable[..., Api],  # noqa: F811
+    make_api: Callable[..., Api],
     database_url: str,
     provider: RunningProvider,
 ) -> Api:
@@ -90,7 +91,7 @@ def site(
 
 @pytest.fixture
 def small_site(
-    make_api: Callable[..., Api],  # noqa: F811
+    make_api: Callable[..., Api],
     sqlite_url: str,
     provider: RunningProvider,
 ) -> Api:
@@ -144,7 +145,7 @@ class PersonBrowser:
 
 @pytest.fixture
 def person(
-    browse: Callable[..., TeamBrowser],  # noqa: F811
+    browse: Callable[..., TeamBrowser],
     provider: RunningProvider,
 ) -> Callable[[Api], PersonBrowser]:
     """Opens a browser for a person."""

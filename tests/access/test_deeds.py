@@ -14,7 +14,7 @@ from exceptiondrive_records.news.questions import ask_question
 from exceptiondrive_records.teams.teams import find_team, register_team
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api
+    from tests.support.application import Api
 
 WHY = {"reason": "as announced"}
 ROWS = "method,hcc,split,split_revision,protocol\nFar,0.2,far,sha256:" + "a" * 64 + ",1.0\n"

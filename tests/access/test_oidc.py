@@ -18,7 +18,7 @@ from exceptiondrive_server.web.settings import ServerSettings
 
 if TYPE_CHECKING:
     from tests.access.conftest import PersonBrowser, RunningProvider
-    from tests.server.conftest import Api, TeamBrowser
+    from tests.support.application import Api, TeamBrowser
 
 Open = Callable[["Api"], "PersonBrowser"]
 Browse = Callable[..., "TeamBrowser"]

@@ -19,7 +19,7 @@ from exceptiondrive_server.web.forms import text_of
 from exceptiondrive_server.web.organizer_rights import HELPER_DEEDS
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api, TeamBrowser
+    from tests.support.application import Api, TeamBrowser
 
 OWNER, HELPER, READER = OrganizerRole.OWNER, OrganizerRole.HELPER, OrganizerRole.READ_ONLY
 ROLES: dict[str, tuple[OrganizerRole, tuple[str, ...]]] = {

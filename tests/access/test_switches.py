@@ -10,7 +10,7 @@ from exceptiondrive_records.accounts.people import Identity, welcome_person
 from exceptiondrive_server.operations.cli import app
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api
+    from tests.support.application import Api
 
 WANTED = {"id": "gamma", "name": "Gamma", "note": "Gamma group"}
 SWITCH = "/organizer/self-registration"

@@ -26,7 +26,7 @@ from exceptiondrive_records.teams.teams import switch_self_registration
 
 if TYPE_CHECKING:
     from tests.access.conftest import PersonBrowser, RunningProvider
-    from tests.server.conftest import Api, TeamBrowser
+    from tests.support.application import Api, TeamBrowser
 
     from exceptiondrive_records.db.database import Database
 

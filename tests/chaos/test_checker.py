@@ -18,7 +18,7 @@ from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.tables import Job
 
 if TYPE_CHECKING:
-    from tests.chaos.conftest import Story
+    from tests.chaos.story import Story
 
 Plant = Callable[["Story"], None]
 

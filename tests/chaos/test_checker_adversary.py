@@ -21,7 +21,7 @@ from exceptiondrive_schemas.base import canonical_json, content_digest
 from exceptiondrive_schemas.board import Board, BoardEntry
 
 if TYPE_CHECKING:
-    from tests.chaos.conftest import Story
+    from tests.chaos.story import Story
 
 Plant = Callable[["Story"], None]
 _LATE_S = 40.0

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from tests.chaos.conftest import tell
+from tests.chaos.story import tell
 
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.database import Database

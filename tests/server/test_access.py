@@ -10,7 +10,7 @@ from sqlalchemy import update
 from exceptiondrive_records.accounts.tables import Token
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api
+    from tests.support.application import Api
 
 Problem = Callable[[Any, int, str], dict[str, Any]]
 ORGANIZER_ROUTES = [

@@ -13,7 +13,7 @@ from tests.records.statements import of_board_texts, statements
 from exceptiondrive_schemas.board import Board, BoardEntry
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api
+    from tests.support.application import Api
 
 Problem = Callable[[Any, int, str], dict[str, Any]]
 MakeEntry = Callable[..., BoardEntry]

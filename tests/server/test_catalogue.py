@@ -16,7 +16,7 @@ from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_schemas.taxonomy import Taxonomy
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api
+    from tests.support.application import Api
 
 Problem = Callable[[Any, int, str], dict[str, Any]]
 

@@ -16,7 +16,7 @@ from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol
 from exceptiondrive_schemas.split import SplitRef
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api, TeamBrowser
+    from tests.support.application import Api, TeamBrowser
 
 Problem = Callable[[Any, int, str], dict[str, Any]]
 PATH = "/organizer/confirmations"

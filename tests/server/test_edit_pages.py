@@ -8,7 +8,7 @@ from markupsafe import escape
 from tests.server.nasty_strings import NASTY, UNSHOWABLE
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api, TeamBrowser
+    from tests.support.application import Api, TeamBrowser
 
 Problem = Callable[[Any, int, str], dict[str, Any]]
 Browse = Callable[..., "TeamBrowser"]

@@ -15,7 +15,7 @@ from tests.support.serving import served
 from exceptiondrive_server.submissions import events
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api
+    from tests.support.application import Api
 
 
 def events_of(text: str) -> list[dict[str, Any]]:

@@ -14,7 +14,7 @@ from exceptiondrive_records.submissions import file_store
 from exceptiondrive_records.work.heartbeats import beat
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api
+    from tests.support.application import Api
 
 MakeApi = Callable[..., "Api"]
 

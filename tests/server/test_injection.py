@@ -34,7 +34,7 @@ from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_server.rescoring.exports import comparison_csv
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api, TeamBrowser
+    from tests.support.application import Api, TeamBrowser
 
 Make = Callable[..., Any]
 IDS = {key: f"nasty{number:03d}" for number, key in enumerate(ALL)}

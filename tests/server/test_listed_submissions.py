@@ -10,7 +10,7 @@ from exceptiondrive_server.web import kept_pages
 from exceptiondrive_server.web import services as of_site
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api, TeamBrowser
+    from tests.support.application import Api, TeamBrowser
 
 POLICIES = {
     "plain": {},

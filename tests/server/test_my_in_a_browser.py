@@ -8,7 +8,7 @@ from playwright.sync_api import Browser, Page, expect
 from tests.support.serving import served
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api
+    from tests.support.application import Api
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 LONGEST_MS = 30_000

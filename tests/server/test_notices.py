@@ -32,7 +32,7 @@ from exceptiondrive_schemas.check import check_bytes
 from exceptiondrive_schemas.protocol import packaged_protocol
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api, TeamBrowser
+    from tests.support.application import Api, TeamBrowser
 
 Browse = Callable[..., "TeamBrowser"]
 Problem = Callable[[Any, int, str], dict[str, Any]]

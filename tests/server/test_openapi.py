@@ -33,7 +33,7 @@ from exceptiondrive_server.guide.operations import METHODS
 from exceptiondrive_server.guide.operations import operations as by_tag
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api
+    from tests.support.application import Api
 
 HELD_BACK = re.compile(r"hidden(?!_until)|region|clearance_m|scene_id")
 

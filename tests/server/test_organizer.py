@@ -11,7 +11,7 @@ from exceptiondrive_schemas.api.submission import PhaseView
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api
+    from tests.support.application import Api
 
 Problem = Callable[[Any, int, str], dict[str, Any]]
 LONE = b'{"id": "x", "name": "\\ud800"}'

@@ -24,7 +24,7 @@ from exceptiondrive_server.submissions import organizer_pages as submission_rout
 from exceptiondrive_server.teams import organizer_pages as team_routes
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api, TeamBrowser
+    from tests.support.application import Api, TeamBrowser
 
 Open = Callable[..., "TeamBrowser"]
 

@@ -18,7 +18,7 @@ from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team, register_team
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api, TeamBrowser
+    from tests.support.application import Api, TeamBrowser
 
 Open = Callable[..., "TeamBrowser"]
 TEAMS = "/organize/teams"

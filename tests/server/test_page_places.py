@@ -13,7 +13,7 @@ from exceptiondrive_server.boards.queries import read_board
 from exceptiondrive_server.web.limits.page_places import PAGES_AT_ONCE, PAGES_OF_AN_ADDRESS
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api
+    from tests.support.application import Api
 
 THREADS = 40
 """Of a process, as anyio gives them."""

@@ -31,7 +31,7 @@ from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.board import BoardNews
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api, TeamBrowser
+    from tests.support.application import Api, TeamBrowser
 
 Open = Callable[..., "TeamBrowser"]
 WHY = {"reason": "two accounts of one lab"}

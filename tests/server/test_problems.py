@@ -13,7 +13,7 @@ from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api
+    from tests.support.application import Api
 
 Problem = Callable[[Any, int, str], dict[str, Any]]
 SECRET = "48.858370N-2.294481E"

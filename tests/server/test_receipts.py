@@ -15,7 +15,7 @@ from exceptiondrive_schemas.receipt import Receipt, ReceiptKeys, altered_fields,
 from exceptiondrive_server.submissions.receipts import read_or_make_key, write_new_key
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api
+    from tests.support.application import Api
 
     from exceptiondrive_schemas.board import BoardEntry
 

@@ -13,7 +13,7 @@ from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.teams.teams import list_teams, register_team
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api
+    from tests.support.application import Api
 
 Problem = Callable[[Any, int, str], dict[str, Any]]
 WANTED = {"id": "gamma", "name": "Gamma", "note": "Gamma group, gamma@example.org"}

@@ -14,7 +14,7 @@ from exceptiondrive_records.accounts.tables import BrowserSession
 from exceptiondrive_records.audit.tables import AuditLine
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api, TeamBrowser
+    from tests.support.application import Api, TeamBrowser
 
 Problem = Callable[[Any, int, str], dict[str, Any]]
 Open = Callable[..., "TeamBrowser"]

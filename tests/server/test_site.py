@@ -13,7 +13,7 @@ from exceptiondrive_records.work.tables import Job, WorkerHeartbeat
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tests.server.conftest import Api, TeamBrowser
+    from tests.support.application import Api, TeamBrowser
 
 LINKS = {
     "paper_url": "https://paper.example.org/x",

@@ -24,7 +24,7 @@ from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_server.submissions import upload
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api
+    from tests.support.application import Api
 
 Problem = Callable[[Any, int, str], dict[str, Any]]
 

@@ -18,7 +18,7 @@ from exceptiondrive_schemas.faults import CheckReport, Fault, FaultCode, FaultGr
 from exceptiondrive_schemas.file_profile import FileProfile
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api, TeamBrowser
+    from tests.support.application import Api, TeamBrowser
 
 Open = Callable[..., "TeamBrowser"]
 

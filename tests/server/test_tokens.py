@@ -10,7 +10,7 @@ import pytest
 from exceptiondrive_records.accounts.tokens import MAX_NEW_TOKENS_A_DAY
 
 if TYPE_CHECKING:
-    from tests.server.conftest import Api, TeamBrowser
+    from tests.support.application import Api, TeamBrowser
 
 Problem = Callable[[Any, int, str], dict[str, Any]]
 Open = Callable[..., "TeamBrowser"]
