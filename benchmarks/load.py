@@ -18,13 +18,12 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import product
 from pathlib import Path
-from statistics import mean
 
+import pandas as pd
 from sqlalchemy import exists, func, select
 from tests.chaos.topology import PHASE, Topology
 
 from benchmarks.load_records import (
-    ScoredJob,
     chart,
     first_files,
     queue_over_time,
@@ -76,7 +75,7 @@ class Rush:
     readings: dict[str, Reading] = field(default_factory=dict)
     reader: str = ""
     rss_mib: dict[str, float] = field(default_factory=dict)
-    jobs: list[ScoredJob] = field(default_factory=list)
+    jobs: pd.DataFrame = field(default_factory=pd.DataFrame)
     taken_s: float = 0.0
     drained_s: float = 0.0
     attempts: int = 0
@@ -103,7 +102,7 @@ def main() -> None:
         rush = _run(plan)
         sections.append(_section(rush))
         is_well &= rush.is_well
-        service_s = service_s or mean(services_s(rush.jobs))
+        service_s = service_s or services_s(rush.jobs).mean()
         print(sections[-1], flush=True)
     sections.append(_simulated(service_s, given.uploads, given.minutes * 60, given.teams))
     print(sections[-1])
@@ -204,11 +203,9 @@ def _read_records(topology: Topology, rush: Rush) -> None:
             .join(Job, Job.submission_id == Submission.id)
             .where(Job.leased_at.is_not(None), Job.finished_at.is_not(None))
         )
-        rush.jobs = [
-            ScoredJob(team, created_at, leased_at, finished_at)
-            for team, created_at, leased_at, finished_at in session.execute(query)
-            if leased_at is not None and finished_at is not None
-        ]
+        rush.jobs = pd.DataFrame(
+            session.execute(query), columns=["team", "created_at", "leased_at", "finished_at"]
+        )
         rush.attempts = session.scalar(select(func.sum(Job.attempts))) or 0
         rush.boards = session.scalar(select(func.count(BoardRow.id))) or 0
         rush.last_build_s = session.scalar(select(func.max(BoardRequest.took_s)))
@@ -219,7 +216,7 @@ def _section(rush: Rush) -> str:
     """One rush as Markdown."""
     plan, seen, jobs = rush.plan, rush.uploads, rush.jobs
     firsts = first_files(jobs)
-    before = [taken_before(jobs, job) for job in firsts]
+    before = taken_before(jobs, firsts)
     rows = [
         ("upload to answer, s", *spread(seen.took_s)),
         *((f"{name}, s", *_of_reading(found)) for name, found in rush.readings.items()),
@@ -228,10 +225,10 @@ def _section(rush: Rush) -> str:
         ("accepted to scored, a team's first file, s", *spread(waits_s(firsts))),
         (
             "accepted to scored, the flooding team, s",
-            *spread(waits_s([job for job in jobs if job.team == FLOOD])),
+            *spread(waits_s(jobs[jobs.team == FLOOD])),
         ),
-        ("files taken while a first file waited", *spread([float(n) for n, _ in before])),
-        ("of them, files of the flood", *spread([float(n) for _, n in before])),
+        ("files taken while a first file waited", *spread(before["all"])),
+        ("of them, files of the flood", *spread(before.flood)),
     ]
     looks = sum(found.n for found in rush.readings.values())
     errors = sum(found.errors for found in rush.readings.values())

@@ -1,93 +1,75 @@
-"""What the records tell of a rush after it: waits, turns and the queue over time. All pure."""
+"""What the records tell of a rush after it: waits, turns and the queue over time. All pure.
+
+`jobs` is a table of scoring runs: `team`, and when each was accepted (`created_at`), begun
+(`leased_at`) and ended (`finished_at`).
+"""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from datetime import datetime, timedelta
-from statistics import median, quantiles
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
 
 from benchmarks.load_traffic import FLOOD
 
 _BARS = "▁▂▃▄▅▆▇█"
 
 
-@dataclass(frozen=True)
-class ScoredJob:
-    """One scoring run: whose, and when it was accepted, begun and ended."""
-
-    team: str
-    created_at: datetime
-    leased_at: datetime
-    finished_at: datetime
-
-
-def spread(values: Sequence[float]) -> tuple[str, str, str]:
+def spread(values: ArrayLike) -> tuple[str, str, str]:
     """Median, 99th percentile and largest."""
-    if len(values) < 2:
+    of = np.asarray(values, dtype=np.float64)
+    if len(of) < 2:
         return ("-", "-", "-")
-    p99 = quantiles(values, n=100, method="inclusive")[98]
-    return (f"{median(values):.3f}", f"{p99:.3f}", f"{max(values):.3f}")
+    median, p99, most = np.quantile(of, [0.5, 0.99, 1.0])
+    return (f"{median:.3f}", f"{p99:.3f}", f"{most:.3f}")
 
 
-def waits_s(jobs: Sequence[ScoredJob]) -> list[float]:
+def waits_s(jobs: pd.DataFrame) -> "pd.Series[float]":
     """Seconds from acceptance to the score."""
-    return [(job.finished_at - job.created_at).total_seconds() for job in jobs]
+    return (jobs.finished_at - jobs.created_at).dt.total_seconds()
 
 
-def services_s(jobs: Sequence[ScoredJob]) -> list[float]:
+def services_s(jobs: pd.DataFrame) -> "pd.Series[float]":
     """Seconds of the scoring runs themselves."""
-    return [(job.finished_at - job.leased_at).total_seconds() for job in jobs]
+    return (jobs.finished_at - jobs.leased_at).dt.total_seconds()
 
 
-def first_files(jobs: Sequence[ScoredJob]) -> list[ScoredJob]:
+def first_files(jobs: pd.DataFrame) -> pd.DataFrame:
     """The first file of every team but the flooding one."""
-    first: dict[str, ScoredJob] = {}
-    for job in sorted(jobs, key=lambda found: found.created_at):
-        first.setdefault(job.team, job)
-    return [job for team, job in first.items() if team != FLOOD]
+    firsts = jobs.sort_values("created_at").drop_duplicates("team")
+    return firsts[firsts.team != FLOOD]
 
 
-def taken_before(jobs: Sequence[ScoredJob], one: ScoredJob) -> tuple[int, int]:
-    """How many jobs were begun while this one waited: of all teams, of the flooding one."""
-    before = [job for job in jobs if one.created_at < job.leased_at < one.leased_at]
-    return len(before), sum(job.team == FLOOD for job in before)
+def taken_before(jobs: pd.DataFrame, firsts: pd.DataFrame) -> pd.DataFrame:
+    """How many jobs were begun while each of `firsts` waited: of `all` teams, of the `flood`."""
+    pairs = firsts[["created_at", "leased_at"]].merge(jobs, how="cross", suffixes=("_first", ""))
+    pairs["is_before"] = pairs.leased_at.between(
+        pairs.created_at_first, pairs.leased_at_first, inclusive="neither"
+    )
+    pairs["is_of_flood"] = pairs.is_before & (pairs.team == FLOOD)
+    found = pairs.groupby("created_at_first")[["is_before", "is_of_flood"]].sum()
+    return found.set_axis(["all", "flood"], axis=1)
 
 
-@dataclass(frozen=True)
-class QueueAt:
-    """The queue at one moment."""
-
-    second: float
-    waiting: int
-    oldest_s: float
-
-
-def queue_over_time(jobs: Sequence[ScoredJob], n_points: int = 60) -> list[QueueAt]:
-    """How many waited and how long the oldest had, at evenly spaced moments of the whole rush."""
-    begin = min(job.created_at for job in jobs)
-    length_s = (max(job.finished_at for job in jobs) - begin).total_seconds()
-    points = []
-    for number in range(n_points):
-        second = length_s * number / max(1, n_points - 1)
-        at = begin + timedelta(seconds=second)
-        ages = [(at - job.created_at).total_seconds() for job in jobs if _waits(job, at)]
-        points.append(QueueAt(second, len(ages), max(ages, default=0.0)))
-    return points
+def queue_over_time(jobs: pd.DataFrame, n_points: int = 60) -> pd.DataFrame:
+    """How many waited (`waiting`) and how long the oldest had (`oldest_s`), by second of the rush."""
+    begin, end = jobs.created_at.min(), jobs.finished_at.max()
+    found = {}
+    for second in np.linspace(0, (end - begin).total_seconds(), n_points):
+        at = begin + pd.Timedelta(seconds=second)
+        waits = jobs[(jobs.created_at <= at) & (at < jobs.leased_at)]
+        oldest_s = (at - waits.created_at.min()).total_seconds() if len(waits) else 0.0
+        found[second] = {"waiting": len(waits), "oldest_s": oldest_s}
+    return pd.DataFrame.from_dict(found, orient="index")
 
 
-def chart(points: Sequence[QueueAt]) -> list[str]:
+def chart(queue: pd.DataFrame) -> list[str]:
     """Two lines of bars: how many wait, and the age of the oldest."""
-    end_s = points[-1].second
-    waiting = [float(point.waiting) for point in points]
-    oldest = [point.oldest_s for point in points]
     return [
-        f"waiting files  {_bars(waiting)}  most {max(waiting):.0f}",
-        f"oldest waits   {_bars(oldest)}  most {max(oldest):.0f} s",
-        f"               0 s{f'{end_s:.0f} s':>{max(1, len(points) - 3)}}",
+        f"waiting files  {_bars(list(queue.waiting))}  most {queue.waiting.max():.0f}",
+        f"oldest waits   {_bars(list(queue.oldest_s))}  most {queue.oldest_s.max():.0f} s",
+        f"               0 s{f'{queue.index[-1]:.0f} s':>{max(1, len(queue) - 3)}}",
     ]
-
-
-def _waits(job: ScoredJob, at: datetime) -> bool:
-    return job.created_at <= at < job.leased_at
 
 
 def _bars(values: Sequence[float]) -> str:
