@@ -17,8 +17,9 @@ from types import FrameType
 from benchmarks.report import ms, show
 from benchmarks.timing import cpu_seconds
 from exceptiondrive_schemas.base import canonical_json
-from exceptiondrive_schemas.board import Board, BoardEntry, FamilyCell, FamilyHead, Links
+from exceptiondrive_schemas.board import Board, BoardEntry, FamilyCell, FamilyHead
 from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.method_facts import Links
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import SplitRef

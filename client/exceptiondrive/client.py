@@ -38,7 +38,6 @@ from exceptiondrive.transport import (
     require_text,
 )
 from exceptiondrive_schemas.api.own_entries import question_of, replaced_entry
-from exceptiondrive_schemas.api.phase_report import PhaseReport
 from exceptiondrive_schemas.api.phase_settings import RunRule
 from exceptiondrive_schemas.api.submission import (
     Me,
@@ -49,15 +48,16 @@ from exceptiondrive_schemas.api.submission import (
     SubmissionView,
 )
 from exceptiondrive_schemas.base import Document, bytes_digest
-from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.method_facts import SubmissionEditView
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
-from exceptiondrive_schemas.receipt import Receipt, ReceiptKeys
 from exceptiondrive_schemas.split import Manifest, Split
 
 if TYPE_CHECKING:
+    from exceptiondrive_schemas.api.phase_report import PhaseReport
     from exceptiondrive_schemas.api.rescoring import NotificationView
+    from exceptiondrive_schemas.board import Board
+    from exceptiondrive_schemas.receipt import Receipt, ReceiptKeys
 
 FIRST_PAUSE_S = 0.2
 LONGEST_PAUSE_S = 5.0
@@ -275,12 +275,14 @@ class Client(Connection):
         with self._naming(phase, self._phase_ids, "phases"):
             return self._get(PhaseView, f"/phases/{quoted(phase)}")
 
-    def report(self, phase: str) -> PhaseReport:
+    def report(self, phase: str) -> "PhaseReport":
         """Return how a phase ended: winners, what a reveal changed, flags and counts.
 
         Raises:
             NotFoundError: There is no such phase, or it has not ended.
         """
+        from exceptiondrive_schemas.api.phase_report import PhaseReport
+
         with self._naming(phase, self._phase_ids, "phases"):
             return self._get(PhaseReport, f"/phases/{quoted(phase)}/report")
 
@@ -698,12 +700,16 @@ class Client(Connection):
         path = f"{self._path_of(submission_id)}/{what}"
         return read_answer(SubmissionView.read, self._transport.post(path, dict))
 
-    def receipt(self, submission_id: str) -> Receipt:
+    def receipt(self, submission_id: str) -> "Receipt":
         """Return the signed receipt of a scored submission."""
+        from exceptiondrive_schemas.receipt import Receipt
+
         return self._get(Receipt, f"{self._path_of(submission_id)}/receipt")
 
-    def receipt_keys(self) -> ReceiptKeys:
+    def receipt_keys(self) -> "ReceiptKeys":
         """Return the public keys of the server's receipts."""
+        from exceptiondrive_schemas.receipt import ReceiptKeys
+
         keys = self._get(ReceiptKeys, "/receipt-keys")
         return keys.model_copy(update={"server": self.server})
 
@@ -716,7 +722,7 @@ class Client(Connection):
         as_of: datetime | date | str | None = None,
         sort: str | None = None,
         view: Literal["main", "late"] | None = None,
-    ) -> Board:
+    ) -> "Board":
         """Return a board.
 
         Args:
@@ -727,6 +733,8 @@ class Client(Connection):
             sort: Key of a metric; ranks stay what they are.
             view: `late`: with the entries that came after the deadline, ranked among all.
         """
+        from exceptiondrive_schemas.board import Board
+
         query = _board_query(phase, challenge, protocol, as_of, sort, view)
         with self._naming(phase or "", self._phase_ids, "phases"):
             return self._get(Board, "/leaderboard", query)

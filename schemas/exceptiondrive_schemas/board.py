@@ -11,6 +11,7 @@ from exceptiondrive_schemas.api.phase_settings import BoardView, SplitPart
 from exceptiondrive_schemas.base import Document, canonical_json, pieces_digest
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.flags import bars_leading
+from exceptiondrive_schemas.method_facts import Links
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
     Flag,
@@ -21,13 +22,6 @@ from exceptiondrive_schemas.score_sheet import (
 from exceptiondrive_schemas.split import SplitRef
 
 EntrySource = Literal["scored", "reported", "reference"]
-
-
-class Links(Document):
-    """Where a method is described; https only."""
-
-    paper: str | None = None
-    code: str | None = None
 
 
 class FamilyCell(BreakdownRow):

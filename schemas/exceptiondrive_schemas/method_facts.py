@@ -65,6 +65,13 @@ def _titled(name: str) -> JsonDict:
     return {"x-titles": dict(LABELS[name])}
 
 
+class Links(Document):
+    """Where a method is described; https only."""
+
+    paper: str | None = None
+    code: str | None = None
+
+
 class MethodFacts(Document):
     """Facts of a method. What is left out is not told."""
 

@@ -342,8 +342,13 @@ def packaged_protocol_toml(version: str = "1.0") -> str:
     return (folder / f"{version}.toml").read_text(encoding="utf-8")
 
 
+@cache
 def packaged_protocol(version: str = "1.0") -> ProtocolDocument:
-    """Return a protocol that ships with this package."""
+    """Return a protocol that ships with this package, read once.
+
+    Raises:
+        FileNotFoundError: No such version ships.
+    """
     return parse_protocol(packaged_protocol_toml(version))
 
 

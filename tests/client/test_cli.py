@@ -496,6 +496,12 @@ def test_the_table_of_commands_says_what_the_commands_say_of_themselves() -> Non
         assert (command.help or "").split("\n\n")[0].replace("\n", " ") == words
 
 
+def test_one_command_is_made_of_all_in_its_module() -> None:
+    group = get_group(app)
+    assert group.get_command(typer.Context(group), "status") is not None
+    assert list(group.commands) == ["status"]
+
+
 def test_evaluate_alone_touches_the_scoring_package(planning_file: MakeFile) -> None:
     heavy = {"numpy", "exceptiondrive_scoring", "httpx"}
     assert imported_by(["check", str(planning_file())], heavy) == "[]"
@@ -517,15 +523,17 @@ def test_an_evaluate_imports_neither_drawings_nor_masked_arrays(
     assert imported_by(command, heavy) == "[]"
 
 
-def test_a_submit_imports_nothing_of_rescoring_nor_what_draws_bars() -> None:
+def test_a_submit_imports_nothing_of_boards_receipts_rescoring_nor_what_draws_bars() -> None:
     """`httpx` itself imports bars where Click is installed, so it is left out here."""
+    names = ("api.phase_report", "api.rescoring", "board", "receipt")
+    heavy = {f"exceptiondrive_schemas.{name}" for name in names}
     code = (
         "import sys, exceptiondrive.cli.submission_commands; "
         "print('rich.progress' in sys.modules); import exceptiondrive.client; "
-        "print('exceptiondrive_schemas.api.rescoring' in sys.modules)"
+        f"print(sorted({heavy!r} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["False", "False"]
+    assert done.stdout.split() == ["False", "[]"]
 
 
 def test_a_check_looks_for_no_cycles(planning_file: MakeFile) -> None:

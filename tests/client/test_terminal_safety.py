@@ -16,8 +16,9 @@ from exceptiondrive.cli.tables import (
     submissions_view,
 )
 from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
-from exceptiondrive_schemas.board import Board, BoardEntry, Links
+from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.method_facts import Links
 from exceptiondrive_schemas.python310 import UTC
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import SplitRef

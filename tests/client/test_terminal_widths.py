@@ -30,9 +30,10 @@ from exceptiondrive_schemas.api.submission import (
     SubmissionStatus,
     SubmissionView,
 )
-from exceptiondrive_schemas.board import Board, BoardEntry, Links
+from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.flags import FLAGS
+from exceptiondrive_schemas.method_facts import Links
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.python310 import UTC
 from exceptiondrive_schemas.score_sheet import BreakdownRow, Flag, ProtocolRef

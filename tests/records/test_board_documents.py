@@ -15,8 +15,9 @@ from exceptiondrive_records.boards.documents import entries_of, entry_documents,
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.memory import Memory
 from exceptiondrive_schemas.base import canonical_json, content_digest
-from exceptiondrive_schemas.board import Board, BoardEntry, FamilyCell, Links
+from exceptiondrive_schemas.board import Board, BoardEntry, FamilyCell
 from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.method_facts import Links
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.score_sheet import Flag, ProtocolRef
 from exceptiondrive_schemas.split import SplitRef

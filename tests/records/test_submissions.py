@@ -22,7 +22,7 @@ from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.jobs import Finish
 from exceptiondrive_records.work.tables import BoardRequest, Job, WorkState
 from exceptiondrive_schemas.api.submission import SubmissionStatus
-from exceptiondrive_schemas.board import Links
+from exceptiondrive_schemas.method_facts import Links
 
 REVISION = "sha256:" + "5" * 64
 

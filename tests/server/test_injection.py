@@ -29,8 +29,8 @@ from exceptiondrive_schemas.api.rescoring import (
     EntryChange,
     NotificationView,
 )
-from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.method_facts import Links
 from exceptiondrive_server.rescoring.exports import comparison_csv
 
 if TYPE_CHECKING:

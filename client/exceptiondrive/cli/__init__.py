@@ -127,10 +127,15 @@ class _LazyCommands(Commands):
         return list(COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Import a command."""
+        """Import a command, and make it alone of those in its module."""
         if cmd_name not in self.commands and cmd_name in COMMANDS:
             part = typer.Typer(rich_markup_mode=None)
             import_module(COMMANDS[cmd_name][0], __name__).register(part)
+            part.registered_commands = [
+                each
+                for each in part.registered_commands
+                if each.callback is not None and each.callback.__name__ == cmd_name
+            ]
             self.commands.update(get_group(part).commands)
         return self.commands.get(cmd_name)
 

@@ -1,7 +1,7 @@
 """Commands about what everyone may see: leaderboard, phases."""
 
 from collections.abc import Iterator
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,11 +13,13 @@ from exceptiondrive.cli.session import open_client
 from exceptiondrive.cli.tables import board_view, left_words
 from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive.settings import find_setting
-from exceptiondrive_schemas.api.phase_report import PhaseReport
 from exceptiondrive_schemas.api.submission import PhaseView
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.score_sheet import metric_text
+
+if TYPE_CHECKING:
+    from exceptiondrive_schemas.api.phase_report import PhaseReport
 
 
 def leaderboard(
@@ -115,7 +117,7 @@ def report(
     show_result(found, json, *_report_view(found))
 
 
-def _report_view(found: PhaseReport) -> Iterator[str | FittedTable]:
+def _report_view(found: "PhaseReport") -> Iterator[str | FittedTable]:
     columns = CHALLENGES[found.challenge].columns
     yield (
         f"{found.title}: closed {utc_text(found.closed_at)}, board {found.board}, protocol "

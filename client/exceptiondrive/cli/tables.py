@@ -27,13 +27,13 @@ from exceptiondrive_schemas.api.submission import (
     SubmissionStatus,
     SubmissionView,
 )
-from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.method_facts import SubmissionEditView, Told
 from exceptiondrive_schemas.score_sheet import HEADLINE, metric_text
 
 if TYPE_CHECKING:
     from exceptiondrive_schemas.api.rescoring import NotificationView
+    from exceptiondrive_schemas.board import Board
 
 STYLES = {
     SubmissionStatus.SCORED: "green",
@@ -273,7 +273,7 @@ def quota_table(quotas: Mapping[str, Quota]) -> FittedTable:
     return table
 
 
-def board_view(board: Board) -> Iterator[RenderableType]:
+def board_view(board: "Board") -> Iterator[RenderableType]:
     """Yield what to print for a board."""
     challenge = challenge_of(board.challenge)
     yield Text(
@@ -301,7 +301,7 @@ def board_view(board: Board) -> Iterator[RenderableType]:
         yield Text(f"not ranked, {reason}: {', '.join(methods)}", style="dim")
 
 
-def _board_tables(board: Board, challenge: Challenge, width: int) -> Iterator[RenderableType]:
+def _board_tables(board: "Board", challenge: Challenge, width: int) -> Iterator[RenderableType]:
     """Yield the board with the words of the flags, or where that is too wide with letters."""
     labels = dict.fromkeys(flag.label for entry in board.entries for flag in entry.flags)
     with_words = _board_table(board, challenge, {label: label for label in labels})
@@ -314,7 +314,9 @@ def _board_tables(board: Board, challenge: Challenge, width: int) -> Iterator[Re
     yield Text(f"flags: {words}", style="dim")
 
 
-def _board_table(board: Board, challenge: Challenge, flag_marks: Mapping[str, str]) -> FittedTable:
+def _board_table(
+    board: "Board", challenge: Challenge, flag_marks: Mapping[str, str]
+) -> FittedTable:
     table = FittedTable.of(
         Column("rank", "number"),
         Column("range", "number", left_out=2),

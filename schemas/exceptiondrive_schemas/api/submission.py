@@ -4,10 +4,9 @@ from datetime import datetime
 
 from exceptiondrive_schemas.api.phase_settings import PhaseNow, PhaseSettings, RunRule
 from exceptiondrive_schemas.base import Document
-from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.faults import CheckReport
-from exceptiondrive_schemas.method_facts import MethodFacts
+from exceptiondrive_schemas.method_facts import Links, MethodFacts
 from exceptiondrive_schemas.python310 import StrEnum
 from exceptiondrive_schemas.score_sheet import Interval, ScoreSheet
 

@@ -213,11 +213,10 @@ class PlanningRules:
             key: 1 - self._n_missing[key] / max(n_predictions, 1) for key in ("edited", "source")
         }
         reasons = [too_little_covered(_COVERED, shares, ranking.min_coverage)]
-        for code, why in (
-            self._flags(n_predictions, profile, shares) if all(shares.values()) else ()
-        ):
-            if code in ranking.unranked_flags:
-                reasons.append(f"flagged {FLAGS[code].label}: {why}")
+        if ranking.unranked_flags and all(shares.values()):
+            for code, why in self._flags(n_predictions, profile, shares):
+                if code in ranking.unranked_flags:
+                    reasons.append(f"flagged {FLAGS[code].label}: {why}")
         return "; ".join(filter(None, reasons)) or None
 
     def _flags(

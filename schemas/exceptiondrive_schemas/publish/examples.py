@@ -7,10 +7,11 @@ from types import MappingProxyType
 from exceptiondrive_schemas.api.problems import Problem, ProblemCode
 from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_schemas.base import Document
-from exceptiondrive_schemas.board import Board, BoardEntry, FamilyCell, FamilyHead, Links
+from exceptiondrive_schemas.board import Board, BoardEntry, FamilyCell, FamilyHead
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import check_bytes
 from exceptiondrive_schemas.faults import CheckReport, FaultCode
+from exceptiondrive_schemas.method_facts import Links
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.publish.broken_files import file_bytes, report_of
 from exceptiondrive_schemas.publish.example_split import (

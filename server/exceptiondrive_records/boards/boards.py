@@ -31,9 +31,9 @@ from exceptiondrive_schemas.board import (
     BoardLeader,
     BoardNews,
     EntryNews,
-    Links,
 )
 from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.method_facts import Links
 
 _Named = TypeVar("_Named", BoardEntry, BoardLeader, EntryNews, EntryChange)
 MAX_NEWS = 20

@@ -25,7 +25,7 @@ from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_schemas.api.phase_settings import BoardView
 from exceptiondrive_schemas.api.submission import SubmissionStatus
-from exceptiondrive_schemas.board import Links
+from exceptiondrive_schemas.method_facts import Links
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 
 _NEVER = datetime(1, 1, 1, tzinfo=UTC)

@@ -32,10 +32,9 @@ from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.jobs import cancel_jobs_of, new_job
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.api.submission import SubmissionStatus
-from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.method_facts import MethodFacts
+from exceptiondrive_schemas.method_facts import Links, MethodFacts
 
 # Links between two submissions of a team: an entry and its counterpart without reminder.
 

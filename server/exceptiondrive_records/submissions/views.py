@@ -39,9 +39,9 @@ from exceptiondrive_schemas.api.submission import (
     SubmissionStatus,
     SubmissionView,
 )
-from exceptiondrive_schemas.board import BoardEntry, Links
+from exceptiondrive_schemas.board import BoardEntry
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.method_facts import MethodFacts
+from exceptiondrive_schemas.method_facts import Links, MethodFacts
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 
 _RECENT = 20

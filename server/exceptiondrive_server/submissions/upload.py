@@ -40,9 +40,8 @@ from exceptiondrive_records.teams.teams import require_approved
 from exceptiondrive_records.work.dispatch import wake_lanes
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.api.submission import Quota, SubmissionView
-from exceptiondrive_schemas.board import Links
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.method_facts import MethodFacts
+from exceptiondrive_schemas.method_facts import Links, MethodFacts
 from exceptiondrive_server.submissions.facts_form import PREFIX, facts_of_form
 from exceptiondrive_server.web.auth import own_team, team_of
 from exceptiondrive_server.web.browser_session import FORM_TOKEN

@@ -11,7 +11,6 @@ from exceptiondrive_schemas.board import (
     BoardEntry,
     FamilyCell,
     FamilyHead,
-    Links,
     PairedDifference,
     ReminderEffect,
 )
@@ -29,6 +28,7 @@ from exceptiondrive_schemas.datasheet import (
     WithdrawnSamples,
     Words,
 )
+from exceptiondrive_schemas.method_facts import Links
 from exceptiondrive_schemas.protocol import (
     packaged_protocol,
 )

@@ -10,7 +10,8 @@ from tests.server.pages.page_site import publish_late_view
 
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.submission import SubmissionStatus
-from exceptiondrive_schemas.board import Board, Links
+from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.method_facts import Links
 from exceptiondrive_schemas.score_sheet import Flag, Plausibility
 from exceptiondrive_server.boards.exports import entry_bibtex
 from exceptiondrive_server.entries.view import plausibility_lines
