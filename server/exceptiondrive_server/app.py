@@ -50,9 +50,9 @@ def create_app(settings: ServerSettings) -> FastAPI:
     app.add_middleware(PublicCompression)  # outside of what says who may keep an answer
     app.add_middleware(HeadRequests)  # added last: the outermost
     install_problem_handlers(app)
+    mount_static(app)  # before all that has to be worked out
     app.router.routes.extend(ROUTES.routes)
     lead_to_sign_in(app)
-    mount_static(app)
     app.openapi = lambda: describe(app)  # type: ignore[method-assign]
     return app
 

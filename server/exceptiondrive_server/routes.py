@@ -1,6 +1,8 @@
 """Every route of the server: the API of a noun, its pages, and who may come in."""
 
 from fastapi import APIRouter, Depends
+from starlette.routing import Match
+from starlette.types import Scope
 
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_server.accounts import api as accounts
@@ -63,6 +65,7 @@ from exceptiondrive_server.web.auth import organizer
 from exceptiondrive_server.web.organizer_frame import organizing
 from exceptiondrive_server.web.problems import problem_responses
 
+API = "/api/v1"
 _ORGANIZER_API = APIRouter(
     tags=["organizers"],
     dependencies=[Depends(organizer)],
@@ -90,7 +93,16 @@ for _part in (
 ):
     _ORGANIZER_API.include_router(_part)
 
-_API = APIRouter()
+
+class _Api(APIRouter):
+    """The API: who asks for something else does not let FastAPI work out what its routes take."""
+
+    def matches(self, scope: Scope) -> tuple[Match, Scope]:
+        """Look at the routes where the path may be one of theirs."""
+        return super().matches(scope) if f"{API}/" in scope["path"] else (Match.NONE, {})
+
+
+_API = _Api()
 for _part in (
     phases.router,
     participation.router,
@@ -154,7 +166,7 @@ ROUTES = APIRouter()
 router that is once per process, not once per application. Where a router that holds others is included without a prefix, FastAPI
 works all of it out once more, for nothing: so the pages stand here one by one."""
 ROUTES.include_router(board_pages.front)
-ROUTES.include_router(_API, prefix="/api/v1")
+ROUTES.include_router(_API, prefix=API)
 ROUTES.include_router(health.router)
 for _part in PAGES:
     ROUTES.include_router(_part, include_in_schema=False)

@@ -5,13 +5,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from fastapi import APIRouter
 from sqlalchemy import text
+from starlette.routing import Match
+from starlette.types import Scope
 from tests.later_release import become_later_release
 
 from exceptiondrive_records.db.roles import Role
 from exceptiondrive_records.migrations import migrate
 from exceptiondrive_records.submissions import file_store
 from exceptiondrive_records.work.heartbeats import beat
+from exceptiondrive_server.phases import api as phases
 
 if TYPE_CHECKING:
     from tests.support.application import Api
@@ -22,6 +26,25 @@ MakeApi = Callable[..., "Api"]
 def test_a_server_that_answers_is_alive(api: "Api") -> None:
     response = api.get("/healthz")
     assert (response.status_code, response.json()) == (200, {"status": "alive"})
+
+
+@pytest.mark.parametrize(
+    ("path", "is_api"), [("/healthz", False), ("/problems", False), ("/api/v1/phases", True)]
+)
+def test_whoever_asks_for_no_api_lets_none_of_its_routes_be_worked_out(
+    make_api: MakeApi, database_url: str, monkeypatch: pytest.MonkeyPatch, path: str, is_api: bool
+) -> None:
+    """FastAPI does so for all routes of a router that it looks through, which takes a process 0.1 s."""
+    asked = []
+
+    def look(router: APIRouter, scope: Scope) -> tuple[Match, Scope]:
+        asked.append(router)
+        return look_as_before(router, scope)
+
+    look_as_before = APIRouter.matches
+    monkeypatch.setattr(APIRouter, "matches", look)
+    assert make_api(database_url).client.get(path).status_code == 200
+    assert (phases.router in asked) is is_api
 
 
 def test_with_database_store_broker_and_worker_all_is_well(
