@@ -1,6 +1,7 @@
 """Operator commands: results on stdout, everything else on stderr, clear refusals."""
 
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -105,3 +106,13 @@ def test_the_server_is_served_by_the_strict_parser(monkeypatch: pytest.MonkeyPat
     assert served["forwarded_allow_ips"] == "10.0.0.1"
     assert served["http"] == "httptools"
     assert served["ws"] == "none"
+
+
+def test_commands_on_records_import_no_log_broker_or_migrations() -> None:
+    heavy = {"structlog", "celery", "alembic", "fastapi"}
+    code = (
+        "import sys, exceptiondrive_server.operations.cli; "
+        f"print(sorted({heavy!r} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"

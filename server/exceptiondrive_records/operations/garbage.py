@@ -11,7 +11,6 @@ import threading
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
-import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
 from exceptiondrive_records.audit.log import audit
@@ -21,8 +20,6 @@ from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.operations.dump import file_digests
 from exceptiondrive_records.submissions.file_store import FileStore, lock_store
 from exceptiondrive_records.work.lease import take_lead
-
-_log = structlog.get_logger("exceptiondrive.reconciler")
 
 GRACE = timedelta(hours=24)
 """An orphan that is younger may still belong to an upload under way."""
@@ -93,13 +90,16 @@ def run_sweeper(
     database: Database, files: FileStore, stop: threading.Event, every_s: float = SWEEP_EVERY_S
 ) -> None:
     """Sweep every few hours until `stop` is set; of all reconcilers one at a time."""
+    from structlog import get_logger  # an operator's command has no log
+
+    log = get_logger("exceptiondrive.reconciler")
     while not stop.is_set():
         try:
             with database.write() as session:
                 is_due = take_lead(session, "sweep", random_id(), every_s)
             if is_due:
                 swept = sweep_orphans(database, files, actor="reconciler")
-                _log.info("orphaned files swept", **vars(swept))
+                log.info("orphaned files swept", **vars(swept))
         except (SQLAlchemyError, StoreError) as error:
-            _log.warning("orphaned files not swept", error=type(error).__name__)
+            log.warning("orphaned files not swept", error=type(error).__name__)
         stop.wait(min(every_s, _LOOK_EVERY_S))

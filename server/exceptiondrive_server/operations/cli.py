@@ -20,7 +20,6 @@ from exceptiondrive_records.operations.setup import opened, prepare
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_server.launcher.child import LaunchError
 from exceptiondrive_server.launcher.layout import Address, Layout
-from exceptiondrive_server.launcher.sample import fill_sample, seed_sample
 from exceptiondrive_server.operations.records_commands import (
     DataOption,
     people_app,
@@ -158,6 +157,8 @@ def reconcile(data: DataOption = None) -> None:
 @app.command("seed-sample")
 def seed_sample_command(data: DataOption = None) -> None:
     """Make the sample phase, its teams and their token files; the split must be registered."""
+    from exceptiondrive_server.launcher.sample import seed_sample
+
     layout, database = _sample(data)
     seed_sample(database, layout)
     say(f"phase `sample` is ready; token in {layout.data / 'sample-token'}")
@@ -169,6 +170,8 @@ def fill_sample_command(
     data: DataOption = None,
 ) -> None:
     """Register the sample split, seed, and submit the synthetic planners."""
+    from exceptiondrive_server.launcher.sample import fill_sample
+
     layout, database = _sample(data)
     fill_sample(database, layout, server, say)
 
