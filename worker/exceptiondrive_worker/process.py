@@ -3,6 +3,7 @@
 import gc
 import os
 import resource
+import socket
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -113,27 +114,26 @@ def give_way(lanes: Sequence[Lane]) -> None:
 
 
 def run_worker(settings: WorkerSettings, lanes: Sequence[Lane], concurrency: int) -> None:
-    """Work until told to stop."""
+    """Work until told to stop.
+
+    The worker is made here: Celery's command line would import all of its commands, a shell of them too.
+    """
     billiard.pool.GUARANTEE_MESSAGE_CONSUMPTION_RETRY_LIMIT = FAREWELL_TENTHS_S
     give_way(lanes)
     process = WorkerProcess(settings, tuple(lanes))
     app = worker_app(settings, process)
-    queues = ",".join(lane.value for lane in lanes)
-    _log.info("worker starts", lanes=queues, processes=concurrency)
-    app.worker_main(
-        [
-            "--quiet",
-            "worker",
-            f"--queues={queues}",
-            f"--concurrency={concurrency}",
-            "--pool=prefork",
-            f"--hostname=worker-{random_id(8)}@%h",
-            "--loglevel=WARNING",
-            "--without-gossip",
-            "--without-mingle",
-            "--without-heartbeat",
-        ]
-    )
+    queues = [lane.value for lane in lanes]
+    _log.info("worker starts", lanes=",".join(queues), processes=concurrency)
+    app.Worker(
+        queues=queues,
+        concurrency=concurrency,
+        hostname=f"worker-{random_id(8)}@{socket.gethostname()}",
+        loglevel="WARNING",
+        quiet=True,
+        without_gossip=True,
+        without_mingle=True,
+        without_heartbeat=True,
+    ).start()
 
 
 def address_space_bytes() -> int | None:
