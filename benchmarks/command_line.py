@@ -1,5 +1,6 @@
 """The client's commands as whole processes: what a participant waits for, beside the naive loop.
 
+They run as participants have them: from the client's wheel, in an environment that holds nothing else.
 `submit` speaks to a real server and its workers, whose time is not counted.
 """
 
@@ -14,6 +15,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
+from tests.support.distributions import bare_environment, build
 
 from benchmarks.measuring import NAIVE_SAMPLES
 from benchmarks.naive import naive_clearances_m
@@ -36,6 +38,7 @@ TIMES_NAIVE = 8
 def run(protocol: ProtocolDocument) -> None:
     """Print the CPU seconds of each command, from the start of the process to its end."""
     with tempfile.TemporaryDirectory() as name:
+        client = _installed(Path(name))
         calls: dict[tuple[str, str], list[str]] = {("--help", ""): ["--help"]}
         workloads: dict[str, Workload] = {}
         for n_samples in (BENCHMARK_SAMPLES, LARGE):
@@ -50,9 +53,9 @@ def run(protocol: ProtocolDocument) -> None:
             for size, workload in workloads.items():
                 naive[size].append(_naive_s(workload, protocol))
             for call, words in calls.items():
-                seconds[call].append(_process_s(words))
+                seconds[call].append(_process_s([client, *words]))
         for size, workload in workloads.items():
-            seconds["submit", size] = _submissions_s(workload.split.n_samples)
+            seconds["submit", size] = _submissions_s(client, workload.split.n_samples)
     rows = [
         (
             command,
@@ -69,6 +72,14 @@ def run(protocol: ProtocolDocument) -> None:
         if size == f"{LARGE:,}" and command in TWO_SIZES:
             at_least(what, ratio(naive[size], taken), TIMES_NAIVE, "x the naive loop")
     note(f"x naive: the shapely loop of clearances alone, {NAIVE_SAMPLES} samples of it scaled")
+
+
+def _installed(folder: Path) -> str:
+    """Install the client's wheel with `evaluate`, and let every module be compiled; return its command."""
+    (wheel,) = build("client", folder, "wheel")
+    bin_ = bare_environment(folder / "client", Path(sys.executable), wheel, "evaluate")
+    subprocess.run([bin_ / "python", "-m", "compileall", "-q", bin_.parent / "lib"], check=True)
+    return str(bin_ / "exceptiondrive")
 
 
 def _write(folder: Path, workload: Workload, protocol: ProtocolDocument) -> list[str]:
@@ -101,7 +112,7 @@ def _split(workload: Workload, manifest: Manifest, protocol: ProtocolDocument) -
     return {"schema": "exceptiondrive.split/1", "name": name, "title": title, "samples": samples}
 
 
-def _submissions_s(n_samples: int) -> list[float]:
+def _submissions_s(client: str, n_samples: int) -> list[float]:
     """CPU seconds of the client alone, from the check to score and rank, for one file after another."""
     with tempfile.TemporaryDirectory(prefix="ed-bench-") as name:
         file = Path(name) / "planner.json"
@@ -114,7 +125,7 @@ def _submissions_s(n_samples: int) -> list[float]:
             for number in range(ROUNDS):
                 file.write_bytes(planning_text(number, n_samples))
                 method = ["--method", f"Planner {number}", "--phase", "bench", "--wait"]
-                seconds.append(_process_s(["submit", str(file), *method], environment))
+                seconds.append(_process_s([client, "submit", str(file), *method], environment))
     return seconds
 
 
@@ -126,11 +137,10 @@ def _naive_s(workload: Workload, protocol: ProtocolDocument) -> float:
     return taken * split.n_samples / NAIVE_SAMPLES
 
 
-def _process_s(words: list[str], environment: Mapping[str, str] = MappingProxyType({})) -> float:
+def _process_s(command: list[str], environment: Mapping[str, str] = MappingProxyType({})) -> float:
     """CPU seconds of one process, its system calls included."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     whole = {**os.environ, "PYTHONDONTWRITEBYTECODE": "", **environment}  # compiled once
-    command = [sys.executable, "-m", "exceptiondrive", *words]
     subprocess.run(command, env=whole, check=True, capture_output=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime

@@ -114,9 +114,9 @@ def give_way(lanes: Sequence[Lane]) -> None:
 
 
 def run_worker(settings: WorkerSettings, lanes: Sequence[Lane], concurrency: int) -> None:
-    """Work until told to stop.
+    """Work until told to stop, and leave with the exit code of the worker.
 
-    The worker is made here: Celery's command line would import all of its commands, a shell of them too.
+    It is made here: Celery's command line would import all of its commands, a shell of them too.
     """
     billiard.pool.GUARANTEE_MESSAGE_CONSUMPTION_RETRY_LIMIT = FAREWELL_TENTHS_S
     give_way(lanes)
@@ -124,7 +124,7 @@ def run_worker(settings: WorkerSettings, lanes: Sequence[Lane], concurrency: int
     app = worker_app(settings, process)
     queues = [lane.value for lane in lanes]
     _log.info("worker starts", lanes=",".join(queues), processes=concurrency)
-    app.Worker(
+    worker = app.Worker(
         queues=queues,
         concurrency=concurrency,
         hostname=f"worker-{random_id(8)}@{socket.gethostname()}",
@@ -133,7 +133,9 @@ def run_worker(settings: WorkerSettings, lanes: Sequence[Lane], concurrency: int
         without_gossip=True,
         without_mingle=True,
         without_heartbeat=True,
-    ).start()
+    )
+    worker.start()
+    raise SystemExit(worker.exitcode)
 
 
 def address_space_bytes() -> int | None:
