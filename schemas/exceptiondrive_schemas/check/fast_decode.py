@@ -60,8 +60,10 @@ def n_texts(text: bytes) -> float:
     return text.count(b'"') / QUOTES_PER_TEXT
 
 
-def rows_of(sample_ids: Sequence[str], manifest: Manifest) -> list[int] | None:
+def rows_of(sample_ids: Sequence[str], manifest: Manifest) -> Sequence[int] | None:
     """Return where each prediction belongs in the manifest's order; None unless it is one-to-one."""
+    if tuple(sample_ids) == manifest.sample_ids:
+        return range(len(sample_ids))
     row_of_id = {sample_id: row for row, sample_id in enumerate(manifest.sample_ids)}
     try:
         rows = [row_of_id[sample_id] for sample_id in sample_ids]

@@ -6,6 +6,7 @@ of numbers. No object is made per waypoint, which is what costs most in JSON.
 """
 
 from collections.abc import Sequence
+from itertools import compress
 from typing import NamedTuple
 
 import msgspec
@@ -74,8 +75,8 @@ def planning_columns(text: bytes, n_waypoints: int) -> PlanningColumns | None:
     if n_texts(text) != ROOT_TEXTS + TEXTS_PER_PREDICTION * len(predictions):
         return None
     sample_ids = [each.sample_id for each in predictions]
-    sources = [bytes(each.source) for each in predictions]
-    edits = [bytes(each.edited) for each in predictions]
+    sources = [each.source for each in predictions]
+    edits = [each.edited for each in predictions]
     if not _are_short(text, sample_ids, sources, edits):
         return None
     source, edited = _side(sources, n_waypoints), _side(edits, n_waypoints)
@@ -85,7 +86,10 @@ def planning_columns(text: bytes, n_waypoints: int) -> PlanningColumns | None:
 
 
 def _are_short(
-    text: bytes, sample_ids: Sequence[str], sources: Sequence[bytes], edits: Sequence[bytes]
+    text: bytes,
+    sample_ids: Sequence[str],
+    sources: Sequence[msgspec.Raw],
+    edits: Sequence[msgspec.Raw],
 ) -> bool:
     """Whether no prediction is longer than the precise checker takes, blanks included."""
     parts = (sample_ids, sources, edits)
@@ -97,11 +101,13 @@ def _are_short(
     return all(len(bytes(each)) <= MAX_VALUE_CHARACTERS for each in predictions)
 
 
-def _side(texts: Sequence[bytes], n_waypoints: int) -> Side | None:
+def _side(texts: Sequence[msgspec.Raw], n_waypoints: int) -> Side | None:
     """Return N JSON texts as numbers, or None where one is neither null nor `[[x, y] x T]`."""
-    is_given = [text != NULL for text in texts]
-    given = texts if all(is_given) else [text for text in texts if text != NULL]
-    joined = b",".join(given)
+    given, is_given, joined = texts, [True] * len(texts), b",".join(texts)
+    if NULL in joined:
+        is_given = [bytes(text) != NULL for text in texts]
+        given = list(compress(texts, is_given))
+        joined = b",".join(given)
     one = b"[" + b",".join([b"[,]"] * n_waypoints) + b"]"
     if joined.translate(None, NO_NUMBERS_NO_BLANKS) != b",".join([one] * len(given)):
         return None

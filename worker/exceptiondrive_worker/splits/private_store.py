@@ -73,8 +73,7 @@ def pack_columns(columns: Columns) -> bytes:
     """Return columns as one byte string: a JSON line of names and types, then the arrays."""
     arrays = {name: np.asarray(columns[name], order="C") for name in sorted(columns)}
     head = [[name, array.dtype.str, array.shape] for name, array in arrays.items()]
-    body = b"".join(array.tobytes() for array in arrays.values())
-    return json.dumps(head).encode() + b"\n" + body
+    return b"".join([json.dumps(head).encode(), b"\n", *(each.data for each in arrays.values())])
 
 
 def unpack_columns(data: bytes) -> dict[str, NDArray[Any]]:
