@@ -66,7 +66,7 @@ def score_next(context: WorkerContext, lane: Lane, *which: ColumnElement[bool]) 
     """
     with context.database.read() as session:
         wanted = _wanted(session, lane, *which)
-    away = [key for key, name in wanted.items() if not _is_here(context, name, key)]
+        away = [key for key, name in wanted.items() if not _is_here(context, session, name, key)]
     if len(away) == len(wanted):
         return False
     settings = context.settings
@@ -99,11 +99,10 @@ def _keys_of_waiting(lane: Lane, *which: ColumnElement[bool]) -> Select[str, str
     )
 
 
-def _is_here(context: WorkerContext, name: str, key: ScoringKey) -> bool:
+def _is_here(context: WorkerContext, session: Session, name: str, key: ScoringKey) -> bool:
     ids = {"split": name, "revision": key.split_revision}
     try:
-        with context.database.read() as session:
-            protocol = find_protocol(session, key.protocol_digest)
+        protocol = find_protocol(session, key.protocol_digest)
         context.splits.floors(name)
         context.splits.find(name, key.split_revision, protocol)
     except FloorsUnreadableError as error:

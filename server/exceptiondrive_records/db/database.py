@@ -7,16 +7,27 @@ not honoured when a read transaction is upgraded (docs/decisions/0003-sql-is-the
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Engine, Executable, create_engine, event, make_url
+from sqlalchemy import (
+    Connection,
+    Engine,
+    Executable,
+    Select,
+    bindparam,
+    create_engine,
+    event,
+    make_url,
+    select,
+)
 from sqlalchemy.dialects.postgresql import insert as postgres_insert
 from sqlalchemy.dialects.sqlite import insert as sqlite_insert
 from sqlalchemy.engine.interfaces import DBAPIConnection
 from sqlalchemy.exc import DataError, DBAPIError, IntegrityError, OperationalError
 from sqlalchemy.orm import Session, sessionmaker
+from sqlalchemy.orm.util import identity_key
 
 from exceptiondrive_records.audit.log import chain_audit_lines, chain_in_sql, take_audit_lines
 from exceptiondrive_records.db.base import Base
@@ -54,10 +65,10 @@ class Database:
         self.engine = _engine(url)
         is_server = self.engine.dialect.name == "postgresql"
         reads = self.engine.execution_options(**_BY_ITSELF) if is_server else self.engine
-        self._reads = sessionmaker(reads, expire_on_commit=False)
+        self._reads = sessionmaker(reads, class_=_Session, expire_on_commit=False)
         event.listen(self._reads, "before_flush", _refuse_to_write)
         writes = reads.execution_options(**{WRITES: True})
-        self._writes = sessionmaker(writes, expire_on_commit=False)
+        self._writes = sessionmaker(writes, class_=_Session, expire_on_commit=False)
         self._claims = sessionmaker(reads if is_server else writes, expire_on_commit=False)
         self._watcher = _Watcher(self.engine)
 
@@ -102,6 +113,24 @@ class Database:
         """Close all connections."""
         self._watcher.close()
         self.engine.dispose()
+
+
+class _Session(Session):
+    """`get` makes its statement once for each table: to make it takes longer than to send it."""
+
+    def get(self, entity: Any, ident: Any, **how: Any) -> Any:
+        """As in any session: what it holds already is not asked for."""
+        keys = ident if isinstance(ident, tuple) else (ident,)
+        if any(how.values()) or identity_key(entity, keys) in self.identity_map:
+            return super().get(entity, ident, **how)
+        names = (column.name for column in entity.__mapper__.primary_key)
+        return self.scalars(_by_key(entity), dict(zip(names, keys, strict=True))).first()
+
+
+@cache
+def _by_key(kind: type[Base]) -> Select[Any]:
+    keys = kind.__mapper__.primary_key
+    return select(kind).where(*(column == bindparam(column.name) for column in keys))
 
 
 def _end(session: Session) -> None:
@@ -249,8 +278,11 @@ def _prepare_sqlite(connection: DBAPIConnection, record: Any) -> None:
 def _begin_sqlite(connection: Connection) -> None:
     if connection.get_execution_options().get("isolation_level") == _AUTOCOMMIT:
         return
-    writes = connection.get_execution_options().get(WRITES, False)
-    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+    if connection.get_execution_options().get(WRITES, False):
+        connection.exec_driver_sql("BEGIN IMMEDIATE")
+    else:  # it takes no lock, so no error has to be told apart: the engine is not asked
+        driver: Any = connection.connection.driver_connection
+        driver.execute("BEGIN")
 
 
 # Insertions that may meet a row that is there already, in the words of either database.

@@ -6,6 +6,7 @@ every transaction wants is held for no round trip, however far the database is.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 from sqlalchemy import ColumnElement, Executable, case, literal, select
@@ -55,8 +56,12 @@ def require_last(
         given: Its values.
         refusal: Raised otherwise.
     """
-    what = select(literal(1) // case((holds, 1), else_=0))
-    _of(session).append(_Last(what, dict(given), is_shared=True, refusal=refusal))
+    _of(session).append(_Last(_unless(holds), dict(given), is_shared=True, refusal=refusal))
+
+
+@lru_cache
+def _unless(holds: ColumnElement[bool]) -> Executable:
+    return select(literal(1) // case((holds, 1), else_=0))
 
 
 def _of(session: Session) -> list[_Last]:

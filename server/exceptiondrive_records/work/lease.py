@@ -7,11 +7,10 @@ so that two that come at once take two items, and neither waits for the other.
 from collections.abc import Callable
 from datetime import datetime
 from functools import cache, lru_cache
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 from sqlalchemy import (
     ColumnElement,
-    CursorResult,
     Double,
     Select,
     Update,
@@ -142,8 +141,9 @@ def claim(session: Session, kind: type[Item], first: Select[str], lease_s: float
 
 @lru_cache
 def _claiming(kind: type[WorkItem], first: Select[str]) -> Any:
+    """The change stands within a selection: by itself the session would make it anew each time."""
     chosen = first.limit(1).with_for_update(of=kind, skip_locked=True)
-    return (
+    change = (
         update(kind)
         .where(kind.id == chosen.scalar_subquery(), is_free(kind, NOW))
         .values(
@@ -154,8 +154,8 @@ def _claiming(kind: type[WorkItem], first: Select[str]) -> Any:
             lease_until=seconds_from_now(bindparam("lease_s", type_=Double())),
         )
         .returning(kind)
-        .execution_options(populate_existing=True, synchronize_session=False)
     )
+    return select(kind).from_statement(change).execution_options(populate_existing=True)
 
 
 def claim_oldest(
@@ -234,8 +234,8 @@ def try_later(session: Session, item: WorkItem, wait_s: float, *, note: str | No
 
 
 def _leave(session: Session, item: WorkItem, how: Update, **given: object) -> bool:
-    changed = session.execute(how, _claim_of(item) | given)
-    if cast("CursorResult[Any]", changed).rowcount == 1:
+    changed = session.connection().execute(how, _claim_of(item) | given)
+    if changed.rowcount == 1:
         return True
     _tell_stale(session, item)
     return False
