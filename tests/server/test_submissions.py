@@ -5,6 +5,8 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from fastapi.concurrency import run_in_threadpool
+from fastapi.dependencies import utils
 
 from exceptiondrive_records.submissions.submissions import KEYS_ARE_KEPT
 from exceptiondrive_records.submissions.tables import Submission
@@ -30,6 +32,20 @@ def test_a_team_sees_its_own_newest_first(api_on_both: "Api") -> None:
     own = submit_all(api_on_both, "alpha", "a", "b")
     submit_all(api_on_both, "beta", "c")
     assert ids(api_on_both.get("/submissions", "alpha")) == own[::-1]
+
+
+def test_of_what_a_route_asks_first_the_records_alone_take_a_thread(
+    api: "Api", monkeypatch: pytest.MonkeyPatch
+) -> None:
+    called: list[str] = []
+
+    async def noted(call: Callable[..., Any], *given: Any, **named: Any) -> Any:
+        called.append(call.__name__)
+        return await run_in_threadpool(call, *given, **named)
+
+    monkeypatch.setattr(utils, "run_in_threadpool", noted)
+    assert api.get("/submissions", "alpha").status_code == 200
+    assert called == ["principal_or_none"]
 
 
 def test_an_organizer_sees_all(api: "Api") -> None:

@@ -1,6 +1,6 @@
 """Who asks: bearer tokens to principals, and what a route demands of them."""
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Annotated, Any
 
 from fastapi import Depends, Request, Security
@@ -10,7 +10,7 @@ from exceptiondrive_records.accounts.tokens import Principal, Scope, note_use, v
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_server.web.organizer_rights import require_right
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
-from exceptiondrive_server.web.services import Services, services_of
+from exceptiondrive_server.web.services import Services, services_at_hand
 
 _bearer = HTTPBearer(
     auto_error=False,
@@ -19,7 +19,7 @@ _bearer = HTTPBearer(
 )
 
 _NO_TOKEN = "Send a token: Authorization: Bearer ..."
-ServicesOf = Annotated[Services, Depends(services_of)]
+ServicesOf = Annotated[Services, Depends(services_at_hand)]
 Credentials = Annotated[HTTPAuthorizationCredentials | None, Security(_bearer)]
 
 
@@ -46,10 +46,10 @@ TOKEN_IS_OPTIONAL: dict[str, Any] = {"security": [{}]}
 MaybePrincipal = Annotated[Principal | None, Depends(principal_or_none)]
 
 
-def require(scope: Scope) -> Callable[[Principal | None], Principal]:
+def require(scope: Scope) -> Callable[[Principal | None], Awaitable[Principal]]:
     """Return a dependency that demands a token with this scope."""
 
-    def demand(principal: MaybePrincipal) -> Principal:
+    async def demand(principal: MaybePrincipal) -> Principal:
         if principal is None:
             raise ApiProblem(ProblemCode.NOT_SIGNED_IN, _NO_TOKEN)
         if scope not in principal.scopes:

@@ -97,7 +97,7 @@ def signed_in_or_none(request: Request, services: ServicesOf) -> SignedIn | None
 MaybeSignedIn = Annotated[SignedIn | None, Depends(signed_in_or_none)]
 
 
-def signed_in(found: MaybeSignedIn) -> SignedIn:
+async def signed_in(found: MaybeSignedIn) -> SignedIn:
     """Return who signed in.
 
     Raises:

@@ -15,10 +15,10 @@ from exceptiondrive_records.work.dispatch import transport_options
 from exceptiondrive_records.work.heartbeats import live_workers
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_server.web.metrics import exposition
-from exceptiondrive_server.web.services import Services, services_of
+from exceptiondrive_server.web.services import Services, services_at_hand
 
 router = APIRouter(tags=["health"])
-ServicesOf = Annotated[Services, Depends(services_of)]
+ServicesOf = Annotated[Services, Depends(services_at_hand)]
 PROBE_TIMEOUT_S = 1
 
 

@@ -109,3 +109,8 @@ def services_of(request: Request) -> Services:
     """Return the services of the application that answers."""
     services: Services = request.app.state.services
     return services
+
+
+async def services_at_hand(request: Request) -> Services:
+    """As `services_of`, for routes: what is no coroutine is called in a thread of its own."""
+    return services_of(request)
