@@ -154,7 +154,7 @@ class Clients:
         """Look at every team's submissions and at the board, in turn, until closed."""
         with httpx.Client(base_url=f"{self.topology.url}/api/v1", timeout=_TIMEOUT_S) as http:
             turn = 0
-            while not self._stopped.wait(0.1):
+            while not self._stopped.wait(0.2):
                 turn += 1
                 try:
                     self._look_at_board(http)

@@ -8,6 +8,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
@@ -34,6 +35,7 @@ class Running:
     def __init__(
         self, data: Path, port: int, *, command: list[str] | None = None, **environment: str
     ) -> None:
+        self.data = data
         self.said = data.parent / "said.txt"
         with self.said.open("wb") as said:
             self.process = subprocess.Popen(
@@ -73,12 +75,21 @@ class Running:
         return self.process.wait(60)
 
 
-@pytest.fixture
-def running(tmp_path: Path) -> Iterator[Running]:
-    started = Running(tmp_path / "data", free_port())
-    yield started
-    if started.process.poll() is None:
-        started.end()
+@contextmanager
+def started(data: Path) -> Iterator[Running]:
+    running = Running(data, free_port())
+    try:
+        yield running
+    finally:
+        if running.process.poll() is None:
+            running.end()
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    """One launcher for all tests that only look at it."""
+    with started(tmp_path_factory.mktemp("launched") / "data") as running:
+        yield running
 
 
 def has_started(said: str) -> bool:
@@ -86,18 +97,17 @@ def has_started(said: str) -> bool:
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
-def test_whatever_dies_is_started_again_and_nothing_outlives_the_launcher(
-    running: Running,
-) -> None:
-    running.wait_until(has_started)
-    before = running.children()
-    assert sorted(before) == ["broker", "reconcile", "run", "serve"]
-    for pid in before.values():
-        os.kill(pid, signal.SIGKILL)
-    running.wait_until(lambda _: len(running.children()) == 4 and not is_any(before, running))
-    after = running.children()
-    running.process.kill()
-    running.process.wait()
+def test_whatever_dies_is_started_again_and_nothing_outlives_the_launcher(tmp_path: Path) -> None:
+    with started(tmp_path / "data") as running:
+        running.wait_until(has_started)
+        before = running.children()
+        assert sorted(before) == ["broker", "reconcile", "run", "serve"]
+        for pid in before.values():
+            os.kill(pid, signal.SIGKILL)
+        running.wait_until(lambda _: len(running.children()) == 4 and not is_any(before, running))
+        after = running.children()
+        running.process.kill()
+        running.process.wait()
     deadline = time.monotonic() + 60
     while any(Path(f"/proc/{pid}").exists() for pid in after.values()):
         assert time.monotonic() < deadline
@@ -183,10 +193,10 @@ def test_who_takes_over_the_web_process_reads_no_region(
         assert (done.returncode == 0) is is_own, f"{path}: {done.stderr}"
 
 
-def test_nobody_else_on_the_machine_reads_records_or_logs(running: Running, tmp_path: Path) -> None:
+def test_nobody_else_on_the_machine_reads_records_or_logs(running: Running) -> None:
     """They hold the secrets of webhooks, notes, and scores that nobody published."""
     running.wait_until(has_started)
-    data = tmp_path / "data"
+    data = running.data
     files = [*data.glob("records.sqlite3*"), *(data / "logs").iterdir()]
     assert len(files) > 1
     assert {path.name for path in files if path.stat().st_mode & 0o077} == set()

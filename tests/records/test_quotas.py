@@ -1,11 +1,11 @@
 """A quota of n admits exactly n, whoever asks at the same time."""
 
-import subprocess
-import sys
 from collections import Counter
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from datetime import timedelta
+from itertools import repeat
+from multiprocessing import get_context
 from typing import Any
 
 import pytest
@@ -53,32 +53,21 @@ def try_to_submit(database: Database, team_id: int, number: int) -> str:
     return accepted.submission.id
 
 
-IN_A_PROCESS = """
-import sys
-from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.db.errors import QuotaExceeded
-from exceptiondrive_records.submissions.submissions import accept
-
-url, team_id, *numbers = sys.argv[1:]
-database = Database(url)
-for number in numbers:
-    try:
-        with database.write() as session:
-            digest = "sha256:" + number.zfill(64)
-            accepted = accept(
-                session, team_id=int(team_id), phase_id="dev", method="m",
-                file_digest=digest, size_bytes=1,
-            )
-        print(accepted.submission.id)
-    except QuotaExceeded:
-        print("refused")
-"""
+PROCESSES = get_context("forkserver")
+PROCESSES.set_forkserver_preload([__name__])
 
 
-def start_process(url: str, team_id: int, numbers: range) -> subprocess.Popen[str]:
-    arguments = [url, str(team_id), *map(str, numbers)]
-    command = [sys.executable, "-c", IN_A_PROCESS, *arguments]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+def submit_all(url: str, team_id: int, numbers: range) -> list[str]:
+    database = Database(url)
+    return [try_to_submit(database, team_id, number) for number in numbers]
+
+
+def submit_in_processes(url: str, shares: Sequence[tuple[int, range]]) -> list[list[str]]:
+    """Let processes of their own send the files of teams; none begins before all have started."""
+    urls, teams, numbers = repeat(url), *zip(*shares, strict=True)
+    all_are_there = PROCESSES.Barrier(len(shares))
+    with ProcessPoolExecutor(len(shares), PROCESSES, all_are_there.wait) as pool:
+        return list(pool.map(submit_all, urls, teams, numbers))
 
 
 def must_admit_exactly_the_quota(world: World, outcomes: list[str]) -> None:
@@ -108,10 +97,9 @@ def test_a_quota_admits_exactly_its_number_under_parallel_processes(
     make_world: Callable[..., World], database_url: str
 ) -> None:
     world = make_world(quota_per_day=QUOTA)
-    shares = [range(start, N_AT_ONCE, 4) for start in range(4)]
-    processes = [start_process(database_url, world.team_id, share) for share in shares]
-    outcomes = [line for process in processes for line in process.communicate()[0].split()]
-    must_admit_exactly_the_quota(world, outcomes)
+    shares = [(world.team_id, range(start, N_AT_ONCE, 4)) for start in range(4)]
+    told = submit_in_processes(database_url, shares)
+    must_admit_exactly_the_quota(world, [outcome for outcomes in told for outcome in outcomes])
 
 
 @pytest.mark.row("I20")
@@ -121,11 +109,8 @@ def test_of_many_teams_at_once_each_has_its_own_quota(
     world = make_world(quota_per_day=QUOTA)
     with world.database.write() as session:
         teams = [create_team(session, f"t{n}", f"Team {n}", actor="test").id for n in range(4)]
-    processes = [
-        start_process(database_url, team, range(100 * n, 100 * n + 8))
-        for n, team in enumerate(teams)
-    ]
-    told = [process.communicate()[0].split() for process in processes]
+    shares = [(team, range(100 * n, 100 * n + 8)) for n, team in enumerate(teams)]
+    told = submit_in_processes(database_url, shares)
     assert [lines.count("refused") for lines in told] == [8 - QUOTA] * len(teams)
     with world.database.read() as session:
         of_teams = session.scalars(select(Submission.team_id)).all()

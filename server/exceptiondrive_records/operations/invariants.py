@@ -24,6 +24,7 @@ from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText
 from exceptiondrive_records.db.errors import Conflict, NotFound, StoreError, Violation
 from exceptiondrive_records.operations.unlogged import (
+    board_in,
     unlogged_disqualifications,
     unlogged_flips,
     unlogged_forgetting,
@@ -40,7 +41,6 @@ from exceptiondrive_records.submissions.submissions import keeps_its_file
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, Profile, WorkState
 from exceptiondrive_schemas.api.submission import SubmissionStatus as Status
-from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.protocol import ProtocolError
 from exceptiondrive_schemas.score_sheet import MetricRow
@@ -78,11 +78,11 @@ def _faults(
     references: dict[_SheetKey, MetricRow],
 ) -> Iterator[tuple[str, str]]:
     try:
-        board = Board.model_validate_json(row.body)
+        board = board_in(row.body)
     except ValidationError:
         yield "board unreadable", "its body is not a board"
         return
-    if content_digest(board) != row.body_digest or board.content_digest != row.digest:
+    if (board.body_digest, board.content_digest) != (row.body_digest, row.digest):
         yield "board altered", "its bytes do not have the recorded digest"
     if (board.protocol.digest, board.split.revision) != (row.protocol_digest, row.split_revision):
         yield "board of another protocol", "body and row name different ones"

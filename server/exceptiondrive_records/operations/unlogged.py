@@ -162,7 +162,7 @@ def _is_told(news: BoardNews, old: BoardRow | None, new: BoardRow) -> bool:
         return True
     if old is None:
         return False
-    recorded = news_between(*(Board.model_validate_json(row.body) for row in (old, new)))
+    recorded = news_between(board_in(old.body), board_in(new.body))
     if news == recorded:
         return True
     told = news_between(parsed_board(old), parsed_board(new))
@@ -174,3 +174,12 @@ def _is_told(news: BoardNews, old: BoardRow | None, new: BoardRow) -> bool:
             for entry, one, other in zip(news.entries, recorded.entries, told.entries, strict=True)
         )
     )
+
+
+def board_in(body: str) -> Board:
+    """Return the board that a recorded text is, read as strictly as any document.
+
+    Raises:
+        ValidationError: It is no board.
+    """
+    return Board.model_validate_json(body)
