@@ -1,4 +1,4 @@
-"""The split of a topology: as large as a real one, or with the canary in it; and what was driven there."""
+"""The split of a topology: as large as a real one, small, or with the canary in it; and what was driven there."""
 
 import gzip
 import json
@@ -31,6 +31,12 @@ def multiply(path: Path, copies: int) -> None:
         for sample in document["samples"]
     ]
     _rewrite(path, document)
+
+
+def thin(path: Path, every: int) -> None:
+    """Keep one sample of so many: files for it are as much smaller."""
+    document = json.loads(gzip.decompress(path.read_bytes()))
+    _rewrite(path, {**document, "samples": document["samples"][::every]})
 
 
 def plant_canary(path: Path) -> None:

@@ -160,7 +160,12 @@ def running(on: On, *, is_short: bool = False) -> Iterator[Run | None]:
         subprocess.run(mount, check=True)
     run = None
     try:
-        topology = Topology(uses_postgres=on is On.POSTGRES, data=disk, has_canary=True)
+        topology = Topology(
+            uses_postgres=on is On.POSTGRES,
+            data=disk,
+            has_canary=True,
+            every_sample=7 if is_short and disk is None else 1,  # a small disk is to be filled
+        )
         run = Run(topology, is_short=is_short)
         yield run
     finally:

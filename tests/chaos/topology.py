@@ -22,7 +22,7 @@ from tests.chaos.postgres import Postgres
 from tests.chaos.processes import Process, Supervisor, signal_process
 from tests.chaos.proxy import Proxy
 from tests.chaos.saboteur import ORDERS
-from tests.chaos.splits import drives_in, multiply, plant_canary
+from tests.chaos.splits import drives_in, multiply, plant_canary, thin
 from tests.chaos.users import Users, as_user
 from tests.support.processes import free_port
 
@@ -140,6 +140,7 @@ class Topology:
         n_workers: int = 1,
         users: Users | None = None,
         split_copies: int = 1,
+        every_sample: int = 1,
         has_canary: bool = False,
         is_database_proxied: bool = False,
         settings: Mapping[str, str] | None = None,
@@ -163,6 +164,7 @@ class Topology:
         self.url = f"http://127.0.0.1:{free_port()}"
         self.environment = {**self._environment(), **(settings or {})}
         self._split_copies = split_copies
+        self._every_sample = every_sample
         self._has_canary = has_canary
         if users is not None:
             self._raise_walls(users)
@@ -366,6 +368,8 @@ class Topology:
         split = write_sample_split(self.splits)
         if self._split_copies > 1:
             multiply(split, self._split_copies)
+        if self._every_sample > 1:
+            thin(split, self._every_sample)
         if self._has_canary:
             plant_canary(split)
         self.drives = drives_in(split)

@@ -13,6 +13,7 @@ import math
 import random
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -57,8 +58,9 @@ class Extract:
         return folder / (f"{planner}.json.gz" if is_packed else f"{planner}.json")
 
 
+@cache
 def make_extract(seed: int = 20261122) -> Extract:
-    """Make the extract; the same seed gives the same bytes."""
+    """Make the extract, once a process: nobody changes it. The same seed gives the same bytes."""
     chance = random.Random(seed)
     drives = {_sample_id(number, chance): _drive(chance) for number in range(N_SAMPLES)}
     samples = [

@@ -59,6 +59,8 @@ OF_THE_MACHINE = (None, certifi.where(), os.environ.get("SSL_CERT_FILE"))
 FIRST: dict[str, Any] = {}
 """By backend, the engine whose dialect and cache the later ones take over."""
 TO_THE_END = ExitStack()
+SELDOM = (20_000, 50, 100)
+"""When garbage is collected: tests hold little, and look at it as seldom as they can."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -73,9 +75,10 @@ def pytest_unconfigure() -> None:
 
 
 def pytest_collection_finish() -> None:
-    gc.enable()
     gc.collect()
     gc.freeze()
+    gc.set_threshold(*SELDOM)
+    gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
