@@ -6,7 +6,7 @@ It knows nothing of which fault was injected, and reads no process and no broker
 import json
 from collections import Counter, defaultdict
 from collections.abc import Iterator
-from functools import cache
+from functools import lru_cache
 
 from sqlalchemy import select
 from tests.chaos.checker_boards import audited, boards_now
@@ -30,8 +30,9 @@ from exceptiondrive_schemas.api.submission import SubmissionStatus
 _LIMIT_BYTES = 2**26
 _MAY_COME_AGAIN = (SubmissionStatus.WITHDRAWN, SubmissionStatus.FAILED)
 _QUOTA_USED_UP = 429
-# One text is one board with one digest: each is read once, however many faults come after it.
-invariants.board_in = unlogged.board_in = cache(unlogged.board_in)  # type: ignore[attr-defined]
+# One text is one board with one digest: each is read once, however many faults
+# come after it; 256 of them take some 200 MB.
+invariants.board_in = unlogged.board_in = lru_cache(256)(unlogged.board_in)  # type: ignore[attr-defined]
 
 
 def check(
