@@ -42,10 +42,13 @@ def planning_file(
 class Clients:
     """A stream of uploads, and readers that look at submissions and board all the while."""
 
-    def __init__(self, topology: Topology, history: History, seed: int = 1) -> None:
+    def __init__(
+        self, topology: Topology, history: History, *, looks_a_second: int, seed: int = 1
+    ) -> None:
         self.topology = topology
         self.history = history
         self._random = random.Random(seed)
+        self._between_looks_s = 1 / looks_a_second
         self._http = httpx.Client(base_url=f"{topology.url}/api/v1", timeout=_TIMEOUT_S)
         self._number = 0
         self._streams: list[threading.Thread] = []
@@ -154,7 +157,7 @@ class Clients:
         """Look at every team's submissions and at the board, in turn, until closed."""
         with httpx.Client(base_url=f"{self.topology.url}/api/v1", timeout=_TIMEOUT_S) as http:
             turn = 0
-            while not self._stopped.wait(0.2):
+            while not self._stopped.wait(self._between_looks_s):
                 turn += 1
                 try:
                     self._look_at_board(http)

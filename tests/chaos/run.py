@@ -56,7 +56,9 @@ class Run:
     clients: Clients = field(init=False)
 
     def __post_init__(self) -> None:
-        self.clients = Clients(self.topology, self.history)
+        self.clients = Clients(
+            self.topology, self.history, looks_a_second=5 if self.is_short else 10
+        )
 
     def close(self, *, keep: bool = False) -> None:
         try:
