@@ -1,12 +1,15 @@
 """Boards: at once on an idle system, paced in a rush, and always one after the last score."""
 
+import re
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 from typing import Any
 
 import pytest
 from sqlalchemy import func, select
 from tests.support.work import claim_board_of
 
+import exceptiondrive_server
 from exceptiondrive_records.boards import boards
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.work.board_requests import (
@@ -26,6 +29,7 @@ from exceptiondrive_server.boards.reader import INTERVAL_S
 
 World = Any
 NOON = datetime(2026, 11, 21, 12, tzinfo=UTC)
+LIVE_JS = Path(exceptiondrive_server.__path__[0]) / "web" / "static" / "live.js"
 
 
 def n_due(world: World) -> int:
@@ -60,6 +64,11 @@ def board_of(world: World) -> Board:
     )
 
 
+def request_of(world: World) -> BoardRequest:
+    with world.database.read() as session:
+        return session.scalars(select(BoardRequest)).one()
+
+
 def set_pace(world: World, *, build_s: float, ended_s_ago: float) -> None:
     with world.database.write() as session:
         row = session.query(BoardRequest).one()
@@ -70,12 +79,17 @@ def set_pace(world: World, *, build_s: float, ended_s_ago: float) -> None:
 
 @pytest.mark.parametrize(
     ("build_s", "pause_s"),
-    [(0.0, LEAST_PAUSE_S), (0.1, LEAST_PAUSE_S), (0.3, 1.2), (2.0, 8.0), (60.0, LONGEST_PAUSE_S)],
+    [(0.0, LEAST_PAUSE_S), (0.1, LEAST_PAUSE_S), (0.6, 2.4), (2.0, 8.0), (60.0, LONGEST_PAUSE_S)],
 )
 def test_the_pause_grows_with_the_last_build_between_bounds(build_s: float, pause_s: float) -> None:
     assert PAUSE_FACTOR == 4
-    assert LEAST_PAUSE_S == INTERVAL_S, "so often the server looks for new boards"
     assert pause_after(build_s) == pause_s
+
+
+def test_boards_come_as_often_as_pages_look_for_them() -> None:
+    looks = re.search(r"ASK_EVERY_MS = (\d+);", LIVE_JS.read_text())
+    assert looks is not None
+    assert INTERVAL_S <= LEAST_PAUSE_S <= int(looks[1]) / 1000
 
 
 def test_the_pause_begins_when_a_build_ends(world: World) -> None:
@@ -139,10 +153,28 @@ def test_a_job_whose_worker_died_keeps_no_board_back_once_its_lease_has_run_out(
 
 def test_no_board_lags_behind_for_long(world: World) -> None:
     built(world)
-    set_pace(world, build_s=3600, ended_s_ago=LONGEST_PAUSE_S)
     world.score(world.submit("done").job_id)
+    set_pace(world, build_s=3600, ended_s_ago=LONGEST_PAUSE_S)
     world.submit("waiting")
     assert n_due(world) == 1
+
+
+def test_the_first_score_of_a_rush_waits_as_readers_do_and_the_next_put_nothing_off(
+    world: World,
+) -> None:
+    built(world)
+    set_pace(world, build_s=2, ended_s_ago=3600)
+    first, second, third = (world.submit(name) for name in ("first", "second", "third"))
+    world.score(first.job_id)
+    assert n_due(world) == 0
+    due_at = request_of(world).available_at
+    with world.database.read() as session:
+        wait = due_at - database_now(session)
+    assert timedelta(0) < wait <= timedelta(seconds=LEAST_PAUSE_S)
+    world.score(second.job_id)
+    assert request_of(world).available_at == due_at
+    world.score(third.job_id)
+    assert n_due(world) == 1, "nothing is left to score"
 
 
 def test_a_board_is_asked_for_once_however_many_scores_want_it(world: World) -> None:

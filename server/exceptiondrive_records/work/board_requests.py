@@ -1,9 +1,9 @@
 """Requests for boards, and when a build may begin: at once when all is scored, else at a pace.
 
-A board costs more, the more entries it has. While live submissions wait or are scored, builds of one
-board pause for a second, which is how often readers look, or several times what the last one took, so
-that boards leave the slots to scoring; but no board lags behind for long, and the last score of a rush
-is followed by a build at once.
+A board costs more, the more entries it has. While live submissions wait or are scored, a board is built
+two seconds after the first score that it lacks, and as long after the last build, or several times what
+that one took. So boards go at the pace of readers, whose pages look every three seconds, and leave the
+slots to scoring; but none lags behind for long, and the last score of a rush is followed by a build at once.
 """
 
 from functools import lru_cache
@@ -18,8 +18,8 @@ from exceptiondrive_records.work.lease import ask, claim, finish_last, is_free
 from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest
 from exceptiondrive_schemas.jobs import Lane
 
-LEAST_PAUSE_S = 1.0
-"""The server looks for new boards so often: what is built in between is seen by few, and costs as much."""
+LEAST_PAUSE_S = 2.0
+"""What is built in between is seen by few, and costs as much."""
 PAUSE_FACTOR = 4
 """In a rush the builds of a board take at most 1 / (1 + PAUSE_FACTOR) of one slot ..."""
 LONGEST_PAUSE_S = 10.0
@@ -47,6 +47,7 @@ def want_board(
         BoardRequest,
         _key(phase_id, *key),
         lane=Lane.LIVE if key == shown else Lane.RESCORE,
+        rests_s=LEAST_PAUSE_S,
         phase_id=phase_id,
         protocol_digest=key[0],
         split_revision=key[1],

@@ -43,11 +43,14 @@ Item = TypeVar("Item", bound=WorkItem)
 CLAIMED_FROM = (WorkState.QUEUED, WorkState.LEASED)
 """Asked for besides what is asked of each of them, so that an index leads past all that has ended."""
 _IS_LEASED = WorkItem.state == WorkState.LEASED
+_RESTED_AT = seconds_from_now(bindparam("rests_s", type_=Double()))
+_RESTS_LONGER = and_(WorkItem.state == WorkState.DONE, WorkItem.available_at < _RESTED_AT)
 _ASKED_AGAIN = (
     ("asked", WorkItem.asked + 1),
     ("state", case((_IS_LEASED, WorkItem.state), else_=WorkState.QUEUED.value)),
     ("attempts", case((_IS_LEASED, WorkItem.attempts), else_=0)),
     ("finished_at", None),
+    ("available_at", case((_RESTS_LONGER, _RESTED_AT), else_=WorkItem.available_at)),
 )
 _NEW = (("created_at", NOW), ("available_at", NOW))
 _IS_CLAIM = and_(WorkItem.id == bindparam("item"), WorkItem.fence == bindparam("held"))
@@ -90,14 +93,29 @@ def new_item(
 
 
 def ask(
-    session: Session, kind: type[WorkItem], key: str, *, lane: Lane | None = None, **columns: object
+    session: Session,
+    kind: type[WorkItem],
+    key: str,
+    *,
+    lane: Lane | None = None,
+    rests_s: float = 0.0,
+    **columns: object,
 ) -> None:
     """Ask, at the end of this transaction, for something to be done, again if it was asked for before.
 
     What is being done now is done once more after that.
+
+    Args:
+        session: Of a write transaction.
+        kind: Of the item.
+        key: What names it.
+        lane: Who does it.
+        rests_s: How long it rests from now on at the least, if it was done before.
+        columns: Of this kind.
     """
     how = upsert(session, kind, _NEW, _ASKED_AGAIN, takes=("lane",), keys=("kind", "key"))
-    do_last(session, how, _new_values(kind, key, lane=lane) | columns, is_shared=True)
+    values = _new_values(kind, key, lane=lane) | columns | {"rests_s": rests_s}
+    do_last(session, how, values, is_shared=True)
 
 
 def ask_once(

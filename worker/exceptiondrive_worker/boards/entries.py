@@ -1,5 +1,6 @@
 """From scored entries to the rows of a board (docs/protocol.md section 4). Pure."""
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -220,9 +221,9 @@ class _Rows:
         """Rounded intervals by metric; None where the metric itself is undefined or withheld."""
         return {
             key: None
-            if values.get(key) is None or np.isnan(ends).any()
-            else self._rounding.interval(key, (float(ends[0]), float(ends[1])))
-            for key, ends in zip(self._keys_of_intervals, intervals, strict=True)
+            if values.get(key) is None or math.isnan(low) or math.isnan(high)
+            else self._rounding.interval(key, (low, high))
+            for key, (low, high) in zip(self._keys_of_intervals, intervals.tolist(), strict=True)
         }
 
     def _headline(self, sheet: ScoreSheet) -> MetricRow:
