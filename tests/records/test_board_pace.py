@@ -66,7 +66,8 @@ def board_of(world: World) -> Board:
 
 def request_of(world: World) -> BoardRequest:
     with world.database.read() as session:
-        return session.scalars(select(BoardRequest)).one()
+        request: BoardRequest = session.scalars(select(BoardRequest)).one()
+        return request
 
 
 def set_pace(world: World, *, build_s: float, ended_s_ago: float) -> None:

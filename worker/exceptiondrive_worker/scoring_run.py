@@ -3,7 +3,7 @@
 from functools import lru_cache
 
 import structlog
-from sqlalchemy import ColumnElement, Select, select, tuple_
+from sqlalchemy import ColumnElement, Select, bindparam, select, tuple_
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import NOW
@@ -49,6 +49,17 @@ _CANNOT_LOAD = (ArithmeticError, LookupError, MemoryError, OSError, TypeError, V
 MAX_LOOKED_AT = 200
 """So many of a team's newest scored submissions are looked through for the one that is replaced."""
 _KEY = tuple_(Job.protocol_digest, Job.split_revision)
+_SENT = (
+    select(
+        Submission.file_digest,
+        Submission.asks_first,
+        Submission.phase_id,
+        Phase.split_name,
+        Phase.challenge,
+    )
+    .join(Phase, Phase.id == Submission.phase_id)
+    .where(Submission.id == bindparam("submission"))
+)
 
 _log = structlog.get_logger("exceptiondrive.worker")
 
@@ -127,23 +138,23 @@ def _is_here(context: WorkerContext, session: Session, name: str, key: ScoringKe
 
 def _score(context: WorkerContext, job: Job) -> None:
     with context.database.read() as session:
-        submission = session.get_one(Submission, job.submission_id)
-        phase = session.get_one(Phase, submission.phase_id)
+        sent = session.execute(_SENT, {"submission": job.submission_id}).one()
         protocol = find_protocol(session, job.protocol_digest)
-        read_under = accepted_under(session, submission.id) or protocol
-        ref = SplitRef(name=phase.split_name, revision=job.split_revision)
+        read_under = accepted_under(session, job.submission_id) or protocol
+        ref = SplitRef(name=sent.split_name, revision=job.split_revision)
         is_public = find_public_split(session, ref) is not None
-        newcomer = None if is_scored(session, ref.name, submission.id) else submission.id
-    floors = context.splits.floors(ref.name)
-    with held_floors_are_told(context.database, ref, protocol, phase.id):
-        with context.database.read() as session:
-            hold_floors(session, floors, ref, protocol, newcomer)
-        challenge = CHALLENGES[phase.challenge]
-        split = context.splits.find(phase.split_name, job.split_revision, protocol)
-        target = Target(submission.file_digest, challenge, split, protocol, read_under)
+        is_new = not is_public and not is_scored(session, ref.name, job.submission_id)
+    floors, newcomer = context.splits.floors(ref.name), job.submission_id if is_new else None
+    with held_floors_are_told(context.database, ref, protocol, sent.phase_id):
+        if not is_public:
+            with context.database.read() as session:
+                hold_floors(session, floors, ref, protocol, newcomer)
+        challenge = CHALLENGES[sent.challenge]
+        split = context.splits.find(ref.name, ref.revision, protocol)
+        target = Target(sent.file_digest, challenge, split, protocol, read_under)
         try:
-            if submission.asks_first:
-                _require_nothing_to_ask(context, target, submission.id)
+            if sent.asks_first:
+                _require_nothing_to_ask(context, target, job.submission_id)
             scored = context.stages.score(target)
         except RejectedUpload as rejected:
             with context.database.write() as session:
@@ -154,7 +165,8 @@ def _score(context: WorkerContext, job: Job) -> None:
             scored.sheet, has_public_drives=split.manifest.recorded is not None
         )
         with context.database.write() as session:
-            hold_floors_alone(session, floors, ref, protocol, newcomer)
+            if not is_public:
+                hold_floors_alone(session, floors, ref, protocol, newcomer)
             outcome = finish_scored(
                 session,
                 job,

@@ -49,7 +49,8 @@ def _tried(context: WorkerContext, item: Trial) -> SplitTrial:
             held_floors_are_told(context.database, ref, protocol, phase.id),
             context.database.write() as session,
         ):
-            hold_floors_alone(session, floors, ref, protocol)
+            if not is_public:
+                hold_floors_alone(session, floors, ref, protocol)
             count_trial(session, item, ref, protocol.digest)
         context.splits.find(ref.name, ref.revision, protocol)
     except FloorHeldError as held:

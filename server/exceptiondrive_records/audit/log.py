@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import func, select
+from sqlalchemy import func, insert, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.tables import AuditLine
@@ -31,6 +31,8 @@ SPLIT_FLOOR_HELD = "split floor held"
 _CHAIN_LOCK = 0x45446175  # any constant: the advisory lock of the chain on PostgreSQL
 
 
+_SAID = ("id", "at", "actor", "action", "subject", "detail")
+_NEW_LINES = insert(AuditLine)
 _HEAD = select(AuditLine.id, AuditLine.hash).order_by(AuditLine.id.desc()).limit(1)
 _DIGITS = """to_char(at AT TIME ZONE 'UTC', 'YYYY-MM-DD"T"HH24:MI:SS.US')"""
 ISO_AT = f"replace({_DIGITS}, '.000000', '') || '+00:00'"
@@ -112,35 +114,25 @@ def _in_sql(line: _Pending) -> dict[str, str]:
 
 def chain_audit_lines(session: Session, lines: Sequence[_Pending]) -> None:
     """Chain lines on SQLite, where one transaction writes at a time."""
-    number, head = session.execute(_HEAD).first() or (0, GENESIS)
-    at = database_now(session)
-    for line in lines:
-        number += 1
-        row = AuditLine(
-            id=number,
-            at=at,
-            actor=line.actor,
-            action=line.action,
-            subject=line.subject,
-            detail=line.detail,
-            previous_hash=head,
-            hash="",
-        )
-        head = row.hash = line_hash(row)
-        session.add(row)
+    if not lines:
+        return
+    last, head = session.execute(_HEAD).first() or (0, GENESIS)
+    at, rows = database_now(session), []
+    for number, line in enumerate(lines, last + 1):
+        told = {"id": number, "at": at, **vars(line), "previous_hash": head}
+        head = _hash_of(told)
+        rows.append(told | {"hash": head})
+    session.connection().execute(_NEW_LINES, rows)
 
 
 def line_hash(line: AuditLine) -> str:
     """Return SHA-256 over the previous hash and everything the line says."""
-    content = {
-        "id": line.id,
-        "at": line.at.isoformat(),
-        "actor": line.actor,
-        "action": line.action,
-        "subject": line.subject,
-        "detail": line.detail,
-    }
-    return hashlib.sha256(line.previous_hash.encode() + canonical_json(content)).hexdigest()
+    return _hash_of({name: getattr(line, name) for name in (*_SAID, "previous_hash")})
+
+
+def _hash_of(told: Mapping[str, Any]) -> str:
+    content = {name: told[name] for name in _SAID} | {"at": told["at"].isoformat()}
+    return hashlib.sha256(told["previous_hash"].encode() + canonical_json(content)).hexdigest()
 
 
 @dataclass(frozen=True)

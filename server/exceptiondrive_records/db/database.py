@@ -148,7 +148,6 @@ def _end(session: Session) -> None:
             if each.refusal is not None and not found.scalar():
                 raise each.refusal
         chain_audit_lines(session, lines)
-        session.flush()
         return
     from exceptiondrive_records.db.postgresql import in_one_go
 

@@ -1,8 +1,9 @@
 """What a team may still submit: submissions per UTC day and in total; rejected ones are capped."""
 
 from functools import cache
+from typing import Any
 
-from sqlalchemy import Select, bindparam, func, select
+from sqlalchemy import Select, and_, bindparam, func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now, next_day, start_of_day
@@ -12,7 +13,6 @@ from exceptiondrive_records.db.errors import (
     RejectedCapExceeded,
 )
 from exceptiondrive_records.participation.tables import Allowance
-from exceptiondrive_records.phases.allowances import allowance_of
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.submission import Quota, SubmissionStatus
@@ -27,40 +27,47 @@ def quota_of(session: Session, team_id: int, phase: Phase) -> Quota:
     """Return what the team has used and may still use."""
     now = database_now(session)
     given = {"team": team_id, "phase": phase.id, "today": start_of_day(now)}
-    used_total, used_today, rejected_today, waiting = session.execute(_counts(), given).one()
-    own = allowance_of(session, team_id, phase.id) or Allowance()
-    per_day = own.quota_per_day or phase.quota_per_day
-    total = own.quota_total or phase.quota_total
-    remaining = max(0, per_day - used_today)
+    found = session.execute(_used_and_granted(), given).one()
+    per_day = found.quota_per_day or phase.quota_per_day
+    total = found.quota_total or phase.quota_total
+    remaining = max(0, per_day - found.used_today)
     if total is not None:
-        remaining = min(remaining, max(0, total - used_total))
+        remaining = min(remaining, max(0, total - found.used_total))
     return Quota(
         per_day=per_day,
-        used_today=used_today,
+        used_today=found.used_today,
         remaining_today=remaining,
         total=total,
-        used_total=used_total,
+        used_total=found.used_total,
         resets_at=next_day(now),
         rejected_per_day=phase.rejected_per_day,
-        rejected_today=rejected_today,
+        rejected_today=found.rejected_today,
         concurrent=phase.quota_concurrent,
-        waiting=waiting,
-        closes_at=own.closes_at,
+        waiting=found.waiting,
+        closes_at=found.closes_at,
     )
 
 
 @cache
-def _counts() -> Select[int, int, int, int]:
+def _used_and_granted() -> Select[Any]:
+    """What a team has used of a phase, and what of it was granted to the team alone, if anything was."""
     is_asked_about = Submission.confirmed_as.is_not(None)
     is_counted = Submission.status.not_in(COSTS_NOTHING) & ~is_asked_about
     is_rejected = (Submission.status == SubmissionStatus.REJECTED) | is_asked_about
     is_of_today = Submission.received_at >= bindparam("today")
-    return select(
-        func.count().filter(is_counted),
-        func.count().filter(is_counted & is_of_today),
-        func.count().filter(is_rejected & is_of_today),
-        func.count().filter(Submission.status.in_(WAITING)),
-    ).where(Submission.team_id == bindparam("team"), Submission.phase_id == bindparam("phase"))
+    used = (
+        select(
+            func.count().filter(is_counted).label("used_total"),
+            func.count().filter(is_counted & is_of_today).label("used_today"),
+            func.count().filter(is_rejected & is_of_today).label("rejected_today"),
+            func.count().filter(Submission.status.in_(WAITING)).label("waiting"),
+        )
+        .where(Submission.team_id == bindparam("team"), Submission.phase_id == bindparam("phase"))
+        .subquery()
+    )
+    is_own = and_(Allowance.team_id == bindparam("team"), Allowance.phase_id == bindparam("phase"))
+    granted = (Allowance.quota_per_day, Allowance.quota_total, Allowance.closes_at)
+    return select(used, *granted).outerjoin_from(used, Allowance, is_own)
 
 
 def require_quota(session: Session, team_id: int, phase: Phase) -> None:

@@ -162,12 +162,13 @@ def _board(
     latest, current = (None if row is None else texts[row.id] for row in rows)
     challenge = CHALLENGES[phase.challenge]
     split = context.splits.find(phase.split_name, claimed.split_revision, protocol)
-    floors = context.splits.floors(phase.split_name)
-    with (
-        held_floors_are_told(context.database, ref, protocol, phase.id),
-        context.database.read() as session,
-    ):
-        hold_floors(session, floors, ref, protocol)
+    if not is_public:
+        floors = context.splits.floors(phase.split_name)
+        with (
+            held_floors_are_told(context.database, ref, protocol, phase.id),
+            context.database.read() as session,
+        ):
+            hold_floors(session, floors, ref, protocol)
     like = Target("", challenge, split, protocol)
     targets = [replace(like, file_digest=record.file_digest) for record in records]
     standings = list(zip(targets, records, strict=True))

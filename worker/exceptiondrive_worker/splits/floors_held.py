@@ -14,7 +14,6 @@ from exceptiondrive_records.rescoring.trials import (
     tried_protocols,
 )
 from exceptiondrive_records.splits.confirmations import keys_that_confirm
-from exceptiondrive_records.splits.drawings import find_public_split
 from exceptiondrive_records.splits.splits import find_split, part_revision
 from exceptiondrive_records.submissions.sheets import (
     protocols_of_split,
@@ -39,7 +38,7 @@ def hold_floors(
     protocol: ProtocolDocument,
     newcomer: str | None = None,
 ) -> None:
-    """Let pass what the floors of a split allow.
+    """Let pass what the floors of a withheld split allow; a public one has nothing to hold back.
 
     Args:
         session: To read with.
@@ -52,8 +51,6 @@ def hold_floors(
         SplitDayFullError: Enough submissions were scored within a day.
         FloorHeldError: Anything else is too much.
     """
-    if find_public_split(session, ref) is not None:
-        return
     _hold(session, floors, ref, protocol, protocols_of_split(session, ref.name))
     if newcomer is not None:
         now = database_now(session)
@@ -78,10 +75,9 @@ def _hold(
 ) -> None:
     """All but the number of submissions; `scored` are the protocols that have sheets of the split."""
     protocols = scored | tried_protocols(session, ref.name) | {protocol.digest}
-    found = [
-        *breaches(floors, protocol),
-        *unconfirmed(floors, keys_that_confirm(session, ref, protocol.digest)),
-    ]
+    asks_two = floors.second_organizer
+    keys = keys_that_confirm(session, ref, protocol.digest) if asks_two else set()
+    found = [*breaches(floors, protocol), *unconfirmed(floors, keys)]
     if protocol.digest not in scored and len(protocols) > floors.max_protocols:
         found.append(
             f"it would be protocol number {len(protocols)}, at most {floors.max_protocols} may be"
@@ -115,8 +111,6 @@ def hold_floors_alone(
     Raises:
         FloorHeldError: As `hold_floors`; `SplitDayFullError` at the end of the transaction.
     """
-    if find_public_split(session, ref) is not None:
-        return
     scored = protocols_of_split(session, ref.name)
     if protocol.digest not in scored:
         lock_protocols(session, ref.name)
