@@ -5,6 +5,7 @@ that participants do not know, so nobody can change just them. Fingerprints find
 thousand submissions at once; only candidates are compared sample by sample.
 """
 
+import functools
 import hashlib
 import math
 from collections.abc import Callable
@@ -108,20 +109,23 @@ def distances(a: NDArray[np.floating], b: NDArray[np.floating]) -> FloatArray:
         a: (..., N, P, C), NaN where missing; broadcast against `b`.
         b: (..., N, P, C). Missing in both is no distance, in one the farthest.
     """
-    apart = _lengths(a - b).mean(axis=-1)
-    is_missing = _is_missing(a), _is_missing(b)
-    apart = np.where(is_missing[0] & is_missing[1], 0.0, apart)
-    apart = np.where(is_missing[0] ^ is_missing[1], FARTHEST, apart)
-    return np.minimum(apart, FARTHEST)
+    lengths = _lengths(a - b)
+    apart = _sum(lengths) / lengths.shape[-1]
+    if np.isnan(apart).any():
+        is_missing = _is_missing(a), _is_missing(b)
+        apart = np.where(is_missing[0] & is_missing[1], 0.0, apart)
+        apart = np.where(is_missing[0] ^ is_missing[1], FARTHEST, apart)
+    return np.asarray(np.minimum(apart, FARTHEST))
 
 
 def _lengths(vectors: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Lengths (...) of vectors (..., C), summed coordinate by coordinate: numpy is slow along a short axis."""
-    squares = vectors * vectors
-    total = squares[..., 0].copy()
-    for coordinate in range(1, vectors.shape[-1]):
-        total += squares[..., coordinate]
-    return np.asarray(np.sqrt(total))
+    """Lengths (...) of vectors (..., C)."""
+    return np.asarray(np.sqrt(_sum(vectors * vectors)))
+
+
+def _sum(values: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Sum over the last axis, one after the other: numpy is slow along a short axis."""
+    return np.asarray(functools.reduce(np.add, np.moveaxis(values, -1, 0)))
 
 
 def _is_missing(ways: NDArray[np.floating]) -> BoolArray:
@@ -190,14 +194,16 @@ def _may_align(
     n_samples, n_first = len(a), min(len(a), FIRST_LOOK)
     first = others[:, :n_first]
     gaps = first - a[None, :n_first] * scales[:, None, None, None].astype(a.dtype)
-    is_missing = _is_missing(a[None, :n_first]) & _is_missing(first)  # alike, however moved
-    n_needed = n_first - math.floor((1 - share) * n_samples + 1e-9) - is_missing.sum(axis=-1)
-    moved = np.sort(gaps.mean(axis=-2), axis=1)  # (K, n, C), those that are missing last
-    begin = np.arange(n_first)[None, :, None]
-    end = np.minimum(begin + n_needed[:, None, None] - 1, n_first - 1)
-    spread = np.take_along_axis(moved, np.maximum(end, begin), axis=1) - moved
-    is_whole = begin + n_needed[:, None, None] <= n_first
-    fits = ((spread <= 2 * rule.tolerance + ROUNDING) & is_whole).any(axis=1).all(axis=-1)
+    moved = _sum(gaps.transpose(0, 3, 1, 2)) / gaps.shape[-2]  # (K, C, n)
+    n_needed = np.full(len(others), n_first - math.floor((1 - share) * n_samples + 1e-9))
+    if np.isnan(moved).any():  # missing in both: alike, however moved
+        n_needed -= (_is_missing(a[None, :n_first]) & _is_missing(first)).sum(axis=-1)
+    moved.sort(axis=-1)  # those that are missing last
+    begin = np.arange(n_first)
+    end = np.minimum(begin + n_needed[:, None] - 1, n_first - 1)  # (K, n)
+    spread = np.take_along_axis(moved, np.maximum(end, begin)[:, None], axis=-1) - moved
+    is_whole = (begin + n_needed[:, None] <= n_first)[:, None]
+    fits = ((spread <= 2 * rule.tolerance + ROUNDING) & is_whole).any(axis=-1).all(axis=-1)
     return np.asarray(fits | (n_needed <= 0))
 
 

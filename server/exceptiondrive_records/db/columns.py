@@ -1,15 +1,18 @@
 """Column types that mean the same on SQLite and on PostgreSQL."""
 
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Any, Generic, TypeVar
 
-from sqlalchemy import DateTime, Dialect, Enum, Text
+from sqlalchemy import ColumnElement, DateTime, Dialect, Enum, Text, literal
+from sqlalchemy.orm import InstrumentedAttribute
 from sqlalchemy.types import TypeDecorator
 
 from exceptiondrive_schemas.base import Document, canonical_json
 
 SomeDocument = TypeVar("SomeDocument", bound=Document)
+SomeEnum = TypeVar("SomeEnum", bound=StrEnum)
 
 
 class UtcDateTime(TypeDecorator[datetime]):
@@ -52,6 +55,13 @@ class DocumentText(TypeDecorator[SomeDocument], Generic[SomeDocument]):
     def process_result_value(self, value: Any, dialect: Dialect) -> SomeDocument | None:
         """Read and validate."""
         return None if value is None else self.model.model_validate_json(value)
+
+
+def is_one_of(
+    column: InstrumentedAttribute[SomeEnum], values: Iterable[SomeEnum]
+) -> ColumnElement[bool]:
+    """Condition of a kept statement: a list of plain values would be worked out anew whenever it is sent."""
+    return column.in_([literal(value, column.type) for value in values])
 
 
 def enum_text(values: type[StrEnum]) -> Enum:

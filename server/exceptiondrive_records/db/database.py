@@ -291,9 +291,12 @@ Changes = tuple[tuple[str, Any], ...]
 """Columns and what becomes of them."""
 
 
-def insert_if_absent(session: Session, table: type[Base], **values: Any) -> None:
-    """Insert a row, unless one of the same key is there."""
-    session.execute(_insert(session)(table).values(**values).on_conflict_do_nothing())
+def insert_if_absent(session: Session, table: type[Base], **values: Any) -> bool:
+    """Insert a row, unless one of the same key is there; whether it was inserted."""
+    inserted: Any = session.execute(
+        _insert(session)(table).values(**values).on_conflict_do_nothing()
+    )
+    return bool(inserted.rowcount == 1)
 
 
 def upsert(

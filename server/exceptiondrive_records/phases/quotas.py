@@ -7,6 +7,7 @@ from sqlalchemy import Select, and_, bindparam, func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now, next_day, start_of_day
+from exceptiondrive_records.db.columns import is_one_of
 from exceptiondrive_records.db.errors import (
     ConcurrentQuotaExceeded,
     QuotaExceeded,
@@ -52,7 +53,7 @@ def quota_of(session: Session, team_id: int, phase: Phase) -> Quota:
 def _used_and_granted() -> Select[Any]:
     """What a team has used of a phase, and what of it was granted to the team alone, if anything was."""
     is_asked_about = Submission.confirmed_as.is_not(None)
-    is_counted = Submission.status.not_in(COSTS_NOTHING) & ~is_asked_about
+    is_counted = ~is_one_of(Submission.status, COSTS_NOTHING) & ~is_asked_about
     is_rejected = (Submission.status == SubmissionStatus.REJECTED) | is_asked_about
     is_of_today = Submission.received_at >= bindparam("today")
     used = (
@@ -60,7 +61,7 @@ def _used_and_granted() -> Select[Any]:
             func.count().filter(is_counted).label("used_total"),
             func.count().filter(is_counted & is_of_today).label("used_today"),
             func.count().filter(is_rejected & is_of_today).label("rejected_today"),
-            func.count().filter(Submission.status.in_(WAITING)).label("waiting"),
+            func.count().filter(is_one_of(Submission.status, WAITING)).label("waiting"),
         )
         .where(Submission.team_id == bindparam("team"), Submission.phase_id == bindparam("phase"))
         .subquery()

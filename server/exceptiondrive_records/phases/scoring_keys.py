@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from sqlalchemy import bindparam, select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.db.columns import is_one_of
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
@@ -19,7 +20,7 @@ OPEN = (RunState.DRAFT, *UNFINISHED, RunState.APPLIED)
 _TWO_SIDED_RUN = select(RescoringRun).where(
     RescoringRun.phase_id == bindparam("phase"),
     RescoringRun.kind == RunKind.UPDATE,
-    RescoringRun.state.in_((*UNFINISHED, RunState.APPLIED)),
+    is_one_of(RescoringRun.state, (*UNFINISHED, RunState.APPLIED)),
 )
 _FIRST_PROTOCOL = (
     select(ScoreSheetRow.protocol_digest)

@@ -7,6 +7,7 @@ from sqlalchemy import exists, func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import PROBING_SUSPECTED, audit_once
+from exceptiondrive_records.db.database import insert_if_absent
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, SimilarityRow, Submission
 from exceptiondrive_records.teams.tables import Team
@@ -59,15 +60,9 @@ def scored_files(session: Session, phase_id: str) -> list[ScoredFile]:
 
 def keep_alike(session: Session, submission_id: str, alike: Sequence[AlikeSubmission]) -> None:
     """Record what a submission is like; the first record stays. A team that probes is audited."""
-    if session.get(SimilarityRow, submission_id) is not None:
-        return
-    row = SimilarityRow(
-        submission_id=submission_id,
-        alike=ALIKE_SUBMISSIONS.dump_json(tuple(alike)).decode(),
-    )
-    session.add(row)
-    session.flush()
-    if any(each.is_probe for each in alike):
+    found = ALIKE_SUBMISSIONS.dump_json(tuple(alike)).decode()
+    is_first = insert_if_absent(session, SimilarityRow, submission_id=submission_id, alike=found)
+    if is_first and any(each.is_probe for each in alike):
         _alarm(session, session.get_one(Submission, submission_id))
 
 

@@ -9,6 +9,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.columns import is_one_of
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound, PhaseClosed
 from exceptiondrive_records.db.identifiers import (
     checked_link,
@@ -147,7 +148,7 @@ _OF_TEAM = and_(Submission.team_id == bindparam("team"), Submission.phase_id == 
 _SAME_BYTES = select(Submission).where(
     _OF_TEAM,
     Submission.file_digest == bindparam("file"),
-    Submission.status.not_in(_SAME_BYTES_AGAIN),
+    ~is_one_of(Submission.status, _SAME_BYTES_AGAIN),
 )
 _LAST_FACTS = (
     select(Submission.facts)

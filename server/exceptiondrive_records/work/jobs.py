@@ -10,6 +10,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import NOW, database_now
+from exceptiondrive_records.db.columns import is_one_of
 from exceptiondrive_records.db.last import do_last
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
@@ -26,7 +27,7 @@ _ACTOR = "worker"
 _OPEN = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED, SubmissionStatus.SCORING)
 _OPEN_SUBMISSION = (
     update(Submission)
-    .where(Submission.id == bindparam("submission"), Submission.status.in_(_OPEN))
+    .where(Submission.id == bindparam("submission"), is_one_of(Submission.status, _OPEN))
     .values(status_at=NOW)
     .execution_options(synchronize_session=False)
 )
