@@ -51,6 +51,7 @@ TRANSPORT = {
     "health_check_interval": 10,
     "retry_on_timeout": True,
     "global_keyprefix": "ed:",
+    "priority_steps": [0],
     "max_connections": 20,
     "queue_order_strategy": "sorted",
 }

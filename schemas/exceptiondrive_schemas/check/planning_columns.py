@@ -104,13 +104,12 @@ def _are_short(
 def _side(texts: Sequence[msgspec.Raw], n_waypoints: int) -> Side | None:
     """Return N JSON texts as numbers, or None where one is neither null nor `[[x, y] x T]`."""
     given, is_given, joined = texts, [True] * len(texts), b",".join(texts)
-    if NULL in joined:
+    if not _are_trajectories(joined, len(given), n_waypoints):
         is_given = [bytes(text) != NULL for text in texts]
         given = list(compress(texts, is_given))
         joined = b",".join(given)
-    one = b"[" + b",".join([b"[,]"] * n_waypoints) + b"]"
-    if joined.translate(None, NO_NUMBERS_NO_BLANKS) != b",".join([one] * len(given)):
-        return None
+        if not _are_trajectories(joined, len(given), n_waypoints):
+            return None
     try:
         numbers = NUMBERS.decode(b"[" + joined.translate(BRACKETS_TO_BLANKS) + b"]")
     except msgspec.DecodeError:
@@ -118,3 +117,9 @@ def _side(texts: Sequence[msgspec.Raw], n_waypoints: int) -> Side | None:
     if len(numbers) != len(given) * n_waypoints * 2:
         return None
     return Side(is_given, numbers)
+
+
+def _are_trajectories(joined: bytes, n: int, n_waypoints: int) -> bool:
+    """Whether texts, joined by commas, have the shape of N trajectories, whatever their numbers are."""
+    one = b"[" + b",".join([b"[,]"] * n_waypoints) + b"]"
+    return joined.translate(None, NO_NUMBERS_NO_BLANKS) == b",".join([one] * n)

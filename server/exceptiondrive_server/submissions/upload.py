@@ -24,7 +24,7 @@ from exceptiondrive_records.accounts.tokens import Principal
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import RecordsError, StoreError, UploadEmpty
 from exceptiondrive_records.operations.garbage import remove_orphan
-from exceptiondrive_records.phases.phases import find_phase, shown_phase
+from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.submissions.file_store import is_kept
 from exceptiondrive_records.submissions.submissions import (
@@ -226,10 +226,11 @@ def take_upload(
     fields, team_id = upload.fields, team_of(principal)
     digest = _digest_of(upload.file)
     with services.database.read() as session:  # before a byte is stored
+        phase = shown_phase(session, fields.phase)
         require_acceptable(
             session,
             session.get_one(Team, team_id),
-            shown_phase(session, fields.phase),
+            phase,
             digest,
             linked_to=fields.linked_to or None,
             arrived_at=_arrived_at(session, began_s),
@@ -256,7 +257,7 @@ def take_upload(
     with services.database.read() as session:
         submission = find_submission(session, accepted.submission.id)
         taken = view(session, submission, is_duplicate=accepted.is_duplicate)
-        return taken, quota_of(session, team_id, find_phase(session, fields.phase))
+        return taken, quota_of(session, team_id, phase)
 
 
 def confirmed_upload(

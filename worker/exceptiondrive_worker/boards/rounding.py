@@ -85,10 +85,11 @@ class Rounding:
             row: Exact.
             told: The kinds of `Metric.cells` that this split tells.
         """
-        is_withheld = row.n is not None and row.n < self._least_samples
+        metrics = row.metrics
+        if row.n is not None and row.n < self._least_samples:
+            return row.model_copy(update=dict.fromkeys(metrics))
         hidden = {key for key, metric in self._metrics.items() if metric.cells not in told}
-        metrics = self.row(row.metrics) | dict.fromkeys(row.metrics.keys() & hidden)
-        return row.model_copy(update=dict.fromkeys(metrics) if is_withheld else metrics)
+        return row.model_copy(update=self.row(metrics) | dict.fromkeys(metrics.keys() & hidden))
 
     def sheet(self, sheet: ScoreSheet, *, has_public_drives: bool = False) -> ScoreSheet:
         """Return the sheet that may be published.
