@@ -11,6 +11,7 @@ from exceptiondrive.async_client import AsyncSubmission
 from exceptiondrive.client import Submission
 from exceptiondrive.errors import InvalidArgumentError, extra_missing
 from exceptiondrive.evaluation import SampleResult
+from exceptiondrive_schemas.api.similarity import SimilarityReport, SubmissionOfTeam
 from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.faults import CheckReport
@@ -21,10 +22,12 @@ if TYPE_CHECKING:
 
 Row = dict[str, Any]
 AGGREGATES = ("macro_family", "micro")
+_TIMES = ("submitted_at", "received_at")
+"""What columns of times end with."""
 
 
 def to_dataframe(
-    document: "Board | ScoreSheet | CheckReport | Submission | SubmissionView | "
+    document: "Board | ScoreSheet | CheckReport | SimilarityReport | Submission | SubmissionView | "
     "Iterable[SubmissionView] | Iterable[SampleResult]",
     *,
     families: bool = False,
@@ -34,8 +37,8 @@ def to_dataframe(
     Args:
         document: A board: one row an entry, in the board's order. A score sheet, of `evaluate_file`
             or of a submission: rows `all`, `family` and `task` by id, as a two-level index.
-            A check report: one row a kind of fault. Submissions, one or many: one row each, with the totals of those that are scored. What
-            `evaluate_samples` gives: one row a sample.
+            A check report: one row a kind of fault. A report of similar submissions: one row a pair of teams' submissions. Submissions, one or
+            many: one row each, with the totals of those that are scored. What `evaluate_samples` gives: one row a sample.
         families: For a board: one row an entry and family instead.
 
     Raises:
@@ -55,6 +58,8 @@ def to_dataframe(
     if isinstance(document, CheckReport):
         kinds = (group.model_dump(mode="json", exclude={"examples"}) for group in document.faults)
         return pd.DataFrame(list(kinds))
+    if isinstance(document, SimilarityReport):
+        return _typed(pd.DataFrame(list(_pair_rows(document))))
     if isinstance(document, Submission | AsyncSubmission):
         document = document.view
     if isinstance(document, SubmissionView):
@@ -68,8 +73,8 @@ def to_dataframe(
         raise InvalidArgumentError(
             "wrong_argument",
             f"{type(given).__name__} is nothing that becomes a table.",
-            "Tables are made of a board, a score sheet, a check report, submissions, and what "
-            "evaluate_samples gives.",
+            "Tables are made of a board, a score sheet, a check report, a report of similar "
+            "submissions, submissions, and what evaluate_samples gives.",
         )
     return _typed(pd.DataFrame([_submission_row(view) for view in views]))
 
@@ -78,7 +83,7 @@ def _typed(table: "pd.DataFrame") -> "pd.DataFrame":
     """Give times a time zone, and ranks a type that knows of missing ones."""
     import pandas as pd
 
-    for name in {"submitted_at", "received_at"}.intersection(table.columns):
+    for name in [name for name in table.columns if name.endswith(_TIMES)]:
         table[name] = pd.to_datetime(table[name], utc=True)
     for name in {"rank", "rank_low", "rank_high", "n"}.intersection(table.columns):
         table[name] = table[name].astype("Int64")
@@ -113,6 +118,16 @@ def _sheet_rows(sheet: ScoreSheet) -> Iterator[tuple[str, str, Row]]:
     for level, rows in levels.items():
         for key, row in rows.items():
             yield level, key, {"n": row.n, **row.metrics}
+
+
+def _pair_rows(report: SimilarityReport) -> Iterator[Row]:
+    for pair in report.pairs:
+        told = pair.model_dump(mode="json", exclude={"first", "second"})
+        yield told | _named("first", pair.first) | _named("second", pair.second)
+
+
+def _named(name: str, submission: SubmissionOfTeam) -> Row:
+    return {f"{name}_{key}": value for key, value in dict(submission).items()}
 
 
 def _submission_row(view: SubmissionView) -> Row:

@@ -1,6 +1,7 @@
 import subprocess
 import sys
 from collections.abc import Callable
+from datetime import datetime, timezone
 from pathlib import Path
 
 import pandas as pd
@@ -8,6 +9,12 @@ import pytest
 
 from exceptiondrive import Client, evaluate_file, to_dataframe
 from exceptiondrive.client import Submission
+from exceptiondrive_schemas.api.similarity import (
+    AlikeKind,
+    AlikePair,
+    SimilarityReport,
+    SubmissionOfTeam,
+)
 from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.published import example_text
@@ -64,6 +71,30 @@ def test_submissions_one_or_many_are_a_row_each(submission: SubmissionView) -> N
     with Client("http://127.0.0.1:9", token="edk_t_1") as client:
         pd.testing.assert_frame_equal(to_dataframe(Submission(client, submission)), table[:1])
     pd.testing.assert_frame_equal(to_dataframe(submission), table[:1])
+
+
+def test_a_report_of_similar_submissions_is_a_row_a_pair() -> None:
+    at = datetime(2026, 11, 20, 12, tzinfo=timezone.utc)
+    sent = [
+        SubmissionOfTeam(id=name, team=name.title(), method="M", received_at=at)
+        for name in ("alpha", "beta", "gamma")
+    ]
+    pairs = tuple(
+        AlikePair(kind=kind, first=sent[0], second=other, equal_share=share, n_different=n)
+        for kind, other, share, n in (
+            (AlikeKind.EQUAL_ANSWERS, sent[1], 1.0, 0),
+            (AlikeKind.NEAR, sent[2], 0.97, 12),
+        )
+    )
+    report = SimilarityReport(phase="dev", n_compared=3, n_waiting=0, pairs=pairs)
+    table = to_dataframe(report)
+    assert list(table["kind"]) == ["equal_answers", "near"]
+    assert list(table["first_team"]) == ["Alpha", "Alpha"]
+    assert list(table["second_id"]) == ["beta", "gamma"]
+    assert list(table["equal_share"]) == [1.0, 0.97]
+    assert list(table["n_different"]) == [0, 12]
+    assert list(table["first_received_at"]) == [at, at]
+    assert to_dataframe(report.model_copy(update={"pairs": ()})).empty
 
 
 def test_no_submissions_are_an_empty_table() -> None:

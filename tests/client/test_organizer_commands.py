@@ -10,8 +10,9 @@ from sqlalchemy import text
 from tests.support.records import add_sample_split
 from typer.testing import CliRunner
 
-from exceptiondrive import Client
+from exceptiondrive import Client, to_dataframe
 from exceptiondrive.cli import app
+from exceptiondrive_schemas.api.similarity import SimilarityReport
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
 if TYPE_CHECKING:
@@ -180,8 +181,8 @@ def test_the_report_of_alike_submissions_names_teams_and_is_for_organizers(
     for sender in (working.token, token):
         with Client(working.url, sender) as client:
             client.submit(path, phase="dev", method="Planner")
-    report = json.loads(organize(working, "similar", "--phase", "dev", "--json").stdout)
-    assert [pair["kind"] for pair in report["pairs"]] == ["equal_files"]
+    text = organize(working, "similar", "--phase", "dev", "--json").stdout
+    assert list(to_dataframe(SimilarityReport.read(text))["kind"]) == ["equal_files"]
     shown = organize(working, "similar", "--phase", "dev").stdout
     assert "equal files" in shown
     assert "Team Beta: Planner" in shown.replace("\n", " ")
