@@ -50,9 +50,7 @@ def transport_options(*, socket_timeout_s: float = 5.0) -> dict[str, Any]:
         "health_check_interval": 10,
         "retry_on_timeout": True,
         "global_keyprefix": KEY_PREFIX,
-        "priority_steps": [
-            0
-        ],  # a lane has no priorities: one list of messages, not four to look at
+        "priority_steps": [0],  # a lane has no priorities: one list to look at, not four
         "max_connections": 20,
     }
 
