@@ -25,6 +25,8 @@ from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_worker.process import keep_memory
 
 SECTIONS = {
+    # first, as it makes files: where thousands were deleted a moment ago, ext4 takes 20 times as long for one
+    "upload_to_rank": upload_to_rank.run,
     "measuring": measuring.run,
     "upload": upload.run,
     "rescoring": rescoring.run,
@@ -33,7 +35,6 @@ SECTIONS = {
     "boards": page.run,
     "processes": processes.run,
     "commands": command_line.run,
-    "upload_to_rank": upload_to_rank.run,
     "new_clearance": new_clearance.run,
     "long_boards": long_boards.run,
 }
