@@ -29,35 +29,31 @@ from exceptiondrive_records.db import database
 
 HEAVIEST = (
     "tests/chaos/test_faults_sqlite_2.py",
-    "tests/phases/test_kept_pages.py",
     "tests/chaos/test_faults_sqlite_1.py",
-    "tests/operating/test_bare_walk.py",
     "tests/server/pages/test_in_a_browser.py",
+    "tests/server/test_openapi.py",
+    "tests/access/test_real_server.py",
     "tests/end_to_end/test_on_the_sample.py",
     "tests/end_to_end/test_quick_start.py",
-    "tests/server/test_openapi.py",
-    "tests/end_to_end/test_main_job.py",
-    "tests/end_to_end/test_season.py",
-    "tests/operating/test_production_topology.py",
+    "tests/phases/test_kept_pages.py",
     "tests/chaos/test_faults_postgres.py",
-    "tests/end_to_end/test_building_a_split.py",
-    "tests/phases/test_hidden.py",
-    "tests/launcher/test_launch.py",
+    "tests/operating/test_bare_walk.py",
+    "tests/end_to_end/test_main_job.py",
+    "tests/operating/test_production_topology.py",
     "tests/phases/test_in_a_browser.py",
+    "tests/end_to_end/test_season.py",
+    "tests/phases/test_hidden.py",
+    "tests/records/test_lifecycle_machine.py",
     "tests/worker/test_with_real_broker.py",
+    "tests/launcher/test_launch.py",
     "tests/launcher/test_own_split.py",
-    "tests/rescoring/test_organizer_in_a_browser.py",
-    "tests/build/test_review_in_a_browser.py",
-    "tests/rescoring/test_runs.py",
-    "tests/worker/test_lost_processes.py",
     "tests/leak/test_channels.py",
-    "tests/operating/test_doctor.py",
-    "tests/access/test_real_server.py",
+    "tests/worker/test_lost_processes.py",
+    "tests/rescoring/test_organizer_in_a_browser.py",
+    "tests/end_to_end/test_building_a_split.py",
     "tests/operating/test_running_server.py",
-    "tests/client/test_action.py",
 )
-"""More than 15 s of processor time each, or as much of waiting, by measurement; what computes stands between
-what waits."""
+"""More than 20 s each, by measurement."""
 # None: as OpenSSL was built; others as the HTTP libraries choose, which take the environment's word
 OF_THE_MACHINE = (None, certifi.where(), os.environ.get("SSL_CERT_FILE"))
 FIRST: dict[str, Any] = {}
