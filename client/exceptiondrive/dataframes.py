@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 Row = dict[str, Any]
 AGGREGATES = ("macro_family", "micro")
-_TIMES = ("submitted_at", "received_at")
-"""What columns of times end with."""
+_ENDS_OF_TIMES = ("submitted_at", "received_at")
+"""What the names of columns of times end with."""
 
 
 def to_dataframe(
@@ -83,7 +83,7 @@ def _typed(table: "pd.DataFrame") -> "pd.DataFrame":
     """Give times a time zone, and ranks a type that knows of missing ones."""
     import pandas as pd
 
-    for name in [name for name in table.columns if name.endswith(_TIMES)]:
+    for name in [name for name in table.columns if name.endswith(_ENDS_OF_TIMES)]:
         table[name] = pd.to_datetime(table[name], utc=True)
     for name in {"rank", "rank_low", "rank_high", "n"}.intersection(table.columns):
         table[name] = table[name].astype("Int64")
