@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
-from typing import NoReturn
 
 import numpy as np
 
@@ -55,14 +54,13 @@ def run(protocol: ProtocolDocument) -> None:
     )
     at_least("regrade, arrays at hand", at_hand, 50, "x measuring again")
     with tempfile.TemporaryDirectory() as folder:
-        stages = Stages(PrivateStore(Path(folder)), _no_upload, _no_upload)
-        targets = [
-            Target(array_digest(*each.values()), PLANNING, split, protocol, made=each)
-            for each in answers
-        ]
+        uploads = {array_digest(*each.values()): each for each in answers}
+        stages = Stages(
+            PrivateStore(Path(folder)), str.encode, lambda data, *_: uploads.pop(data.decode())
+        )  # each is read once
+        targets = [Target(digest, PLANNING, split, protocol) for digest in uploads]
         for target in targets:
             stages.score(target)
-        targets = [replace(target, made=None) for target in targets]  # from here on of the store
 
         def grade(index: int, new: ProtocolDocument) -> None:
             kept = stages.settled(replace(targets[index], protocol=new))
@@ -124,10 +122,6 @@ def _clearances(protocol: ProtocolDocument) -> Iterator[ProtocolDocument]:
     for number in count(1):
         grading = protocol.grading.model_copy(update={"d_safe_scale": 1 + number / 100})
         yield protocol.model_copy(update={"grading": grading})
-
-
-def _no_upload(*_: object) -> NoReturn:
-    raise SystemExit("the benchmark's own store lost a file")
 
 
 def _all(

@@ -96,7 +96,7 @@ def scores_of(planning: dict[str, Any], split: Split, protocol: ProtocolDocument
     measured = scoring.measure(columns, arrays, protocol.geometry)
     found = aggregate(scoring.grade(measured, arrays, protocol), arrays, protocol.taxonomy)
     rows = {"micro": found.micro, "macro_family": found.macro_family}
-    rows |= {family: row.metrics for family, row in found.families.items()}
+    rows |= found.families
     return {
         name: {key: published(key, value) for key, value in row.items()}
         for name, row in rows.items()

@@ -17,7 +17,7 @@ from exceptiondrive_schemas.split import Manifest, Split
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
 from exceptiondrive_scoring.grade import grade
 from exceptiondrive_scoring.measure import measure
-from exceptiondrive_scoring.sheet import Breakdown, Row, aggregate
+from exceptiondrive_scoring.sheet import Breakdown, MetricValues, aggregate
 
 
 def _sheet(pairs: TrajectoryPairs, split: SplitArrays, protocol: ProtocolDocument) -> Breakdown:
@@ -25,8 +25,8 @@ def _sheet(pairs: TrajectoryPairs, split: SplitArrays, protocol: ProtocolDocumen
     return aggregate(grade(measurements, split, protocol), split, protocol.taxonomy)
 
 
-def _rows(rows: dict[str, Row]) -> dict[str, Any]:
-    return {key: {"n": row.n, **row.metrics} for key, row in rows.items()}
+def _rows(sizes: dict[str, int], rows: dict[str, MetricValues]) -> dict[str, Any]:
+    return {key: {"n": sizes[key], **row} for key, row in rows.items()}
 
 
 @pytest.mark.parametrize("name", reference.NAMES)
@@ -38,7 +38,10 @@ def test_planners_files_get_the_reference_scores(
     if case.recorded is not None:
         split = replace(split, recorded_m=read_case(case.split, case.recorded)[0].source)
     sheet = _sheet(pairs, split, protocol)
-    parts = {"families": _rows(sheet.families), "tasks": _rows(sheet.tasks)}
+    parts = {
+        "families": _rows(sheet.family_sizes, sheet.families),
+        "tasks": _rows(sheet.task_sizes, sheet.tasks),
+    }
     case.check({"n": sheet.n, "micro": sheet.micro, "macro_family": sheet.macro_family, **parts})
 
 

@@ -74,11 +74,11 @@ def test_a_sheet_takes_it_from_the_samples_of_each_group(
     sheet = aggregate(graded, split, protocol.taxonomy)
     assert sheet.micro[key] == least(column, level)
     for index, family in enumerate(protocol.families):
-        found = sheet.families[family.id].metrics[key]
+        found = sheet.families[family.id][key]
         assert found == least(column[split.family_index == index], level)
     for index, task in enumerate(protocol.tasks):
-        assert sheet.tasks[task.id].metrics[key] == least(column[split.task_index == index], level)
-    values = [row.metrics[key] or 0.0 for row in sheet.families.values()]
+        assert sheet.tasks[task.id][key] == least(column[split.task_index == index], level)
+    values = [row[key] or 0.0 for row in sheet.families.values()]
     assert sheet.macro_family[key] == pytest.approx(np.mean(values))
 
 

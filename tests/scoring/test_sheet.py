@@ -29,9 +29,9 @@ def test_micro_weighs_samples_and_macro_weighs_families(
     assert sheet.n == 4
     assert sheet.micro == pytest.approx({"hcc": 0.45, "cts": 2.5})
     assert sheet.macro_family == pytest.approx({"hcc": 0.6, "cts": 3.0})
-    assert sheet.families["sudden_emergence"].n == 3
-    assert sheet.families["sudden_emergence"].metrics == pytest.approx({"hcc": 0.3, "cts": 2.0})
-    assert {key: row.n for key, row in sheet.tasks.items()} == {"SE1": 2, "SE2": 1, "LB1": 1}
+    assert sheet.family_sizes == {"sudden_emergence": 3, "lane_blockage": 1}
+    assert sheet.families["sudden_emergence"] == pytest.approx({"hcc": 0.3, "cts": 2.0})
+    assert sheet.task_sizes == {"SE1": 2, "SE2": 1, "LB1": 1}
     assert sheet.headline("macro_family") == sheet.macro_family
 
 
@@ -50,7 +50,7 @@ def test_an_undefined_value_is_left_out_and_an_undefined_mean_is_none(
     scores = SampleScores(METRICS, np.array([[0.5, NAN], [0.5, NAN], [0.7, 2.0]]))
     sheet = aggregate(scores, _split(make_split, [0, 1, 4]), protocol.taxonomy)
     assert sheet.micro["cts"] == 2.0
-    assert sheet.families["sudden_emergence"].metrics == {"hcc": 0.5, "cts": None}
+    assert sheet.families["sudden_emergence"] == {"hcc": 0.5, "cts": None}
     assert sheet.macro_family["cts"] == 2.0
     nothing = SampleScores(METRICS, np.array([[0.5, NAN]]))
     assert aggregate(nothing, _split(make_split, [0]), protocol.taxonomy).micro["cts"] is None

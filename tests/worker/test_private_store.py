@@ -52,6 +52,18 @@ def test_columns_of_any_layout_come_back(store: PrivateStore) -> None:
     assert found["turned"].tolist() == turned.tolist()
 
 
+def test_columns_lie_where_numbers_may_lie_in_memory(store: PrivateStore) -> None:
+    flags = {f"a{n}": np.ones(n, dtype=np.bool_) for n in range(1, 9)}
+    numbers = {f"b{n}": np.arange(n, dtype=np.float64) for n in range(1, 9)}
+    store.write_columns(Shelf.MEASUREMENTS, "k", flags | numbers | {"text": np.array(b"odd")})
+    found = store.read_columns(Shelf.MEASUREMENTS, "k")
+    assert found is not None
+    assert all(column.flags.aligned for column in found.values())
+    assert [found[f"b{n}"].tolist() for n in range(1, 9)] == [
+        each.tolist() for each in numbers.values()
+    ]
+
+
 def test_an_unknown_key_is_absent(store: PrivateStore) -> None:
     assert store.read_columns(Shelf.MEASUREMENTS, "k") is None
 

@@ -264,7 +264,6 @@ def test_another_number_of_waypoints_needs_the_upload_again_and_rejects_it(
         (Shelf.SETTLED, {}),
         (Shelf.MEASUREMENTS, {}),
         (Shelf.ANSWERS, {}),
-        (Shelf.READS, {"load": 1, "read": 1}),
     ],
 )
 def test_a_damaged_file_is_made_again_where_it_is_needed(

@@ -7,6 +7,7 @@ what a store keeps, and what every function here takes.
 import typing
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pkgutil import resolve_name
 from typing import Any
 
@@ -14,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exceptiondrive_schemas.base import canonical_json
-from exceptiondrive_schemas.challenges import Challenge, ChallengeId, Metric
+from exceptiondrive_schemas.challenges import Challenge, ChallengeId
 from exceptiondrive_schemas.check import CheckedDocument
 from exceptiondrive_schemas.check.rules import SCORED_BY
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 from exceptiondrive_schemas.score_sheet import (
-    BreakdownRow,
     ClearanceCurve,
     Coverage,
     MetricRow,
@@ -33,7 +33,7 @@ from exceptiondrive_scoring.aliases import Columns, FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.grade import Regrading, SampleScores
 from exceptiondrive_scoring.plausibility import OfControls
-from exceptiondrive_scoring.sheet import Breakdown, Row, breakdown, group_means
+from exceptiondrive_scoring.sheet import Breakdown, MetricValues, breakdown, group_means
 from exceptiondrive_scoring.similarity import AlikeRule
 
 if typing.TYPE_CHECKING:
@@ -106,14 +106,19 @@ class _Scoring(Mapping[ChallengeId, ChallengeScoring]):
     """How each registered challenge is scored; imported when it is asked for."""
 
     def __getitem__(self, challenge_id: str) -> ChallengeScoring:
-        scoring: ChallengeScoring = resolve_name(SCORED_BY[challenge_id])()
-        return scoring
+        return _scoring_named(SCORED_BY[challenge_id])
 
     def __iter__(self) -> Iterator[ChallengeId]:
         return iter(SCORED_BY)
 
     def __len__(self) -> int:
         return len(SCORED_BY)
+
+
+@cache
+def _scoring_named(name: str) -> ChallengeScoring:
+    scoring: ChallengeScoring = resolve_name(name)()
+    return scoring
 
 
 SCORING: Mapping[ChallengeId, ChallengeScoring] = _Scoring()
@@ -193,7 +198,7 @@ def settle(
         plausibility=plausibility.model_copy(update={"flags": (*plausibility.flags, *said.flags)}),
     )
     if scoring.regrading is not None:
-        means[:, _places(scoring.challenge, scoring.regrading.metrics)] = np.nan
+        means[:, scoring.regrading.places] = np.nan
         measured = {name: measured[name] for name in scoring.regrading.columns}
     return Settled(sheet, means, measured)
 
@@ -206,7 +211,7 @@ def graded_breakdown(
     if scoring.regrading is not None:
         scores = scoring.regrading.grade(settled.measured, split, protocol)
         means = means.copy()
-        means[:, _places(scoring.challenge, scores.metrics)] = group_means(scores, split)
+        means[:, scoring.regrading.places] = group_means(scores, split)
     return breakdown(scoring.challenge.metrics, means, split, protocol.taxonomy)
 
 
@@ -224,8 +229,8 @@ def graded_sheet(
         "split": split_ref,
         "micro": found.micro | settled.sheet.micro,
         "macro_family": found.macro_family,
-        "families": _rows(found.families),
-        "tasks": _rows(found.tasks),
+        "families": _rows(found.family_sizes, found.families),
+        "tasks": _rows(found.task_sizes, found.tasks),
         "extra": scoring.extra(measured, split, protocol),
         "clearance_curve": scoring.clearance_curve(measured, split, protocol),
     }
@@ -254,10 +259,7 @@ def exact_sheet(
     return graded_sheet(scoring, settled, split, split_ref, protocol)
 
 
-def _places(challenge: Challenge, metrics: Sequence[Metric]) -> list[int]:
-    keys = challenge.metric_keys
-    return [keys.index(metric.key) for metric in metrics]
-
-
-def _rows(rows: dict[str, Row]) -> dict[str, BreakdownRow]:
-    return {key: BreakdownRow.of(row.n, row.metrics) for key, row in rows.items()}
+def _rows(
+    sizes: Mapping[str, int], values: Mapping[str, MetricValues]
+) -> dict[str, dict[str, float | None]]:
+    return {key: {"n": n, **values[key]} for key, n in sizes.items()}

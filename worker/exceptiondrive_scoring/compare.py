@@ -1,7 +1,7 @@
 """Compare two entries on the same samples and the same draws: what a board cannot show alone."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from exceptiondrive_scoring.bootstrap import (
 )
 from exceptiondrive_scoring.grade import SampleScores
 from exceptiondrive_scoring.interval import percentile_intervals
-from exceptiondrive_scoring.sheet import Breakdown, MetricValues, Row, aggregate
+from exceptiondrive_scoring.sheet import Breakdown, MetricValues, aggregate
 
 Interval = tuple[float, float]
 SumsOf = Callable[[SampleScores, SplitArrays, Taxonomy], SceneSums]
@@ -89,8 +89,8 @@ def compare(
         families={
             family.id: _differences(
                 metrics,
-                paired.values.families[family.id].metrics,
-                paired.discordant.families[family.id].metrics,
+                paired.values.families[family.id],
+                paired.discordant.families[family.id],
                 by_family[index],
             )
             for index, family in enumerate(taxonomy.families)
@@ -170,15 +170,12 @@ def _replaced(values: Breakdown, a: Breakdown, b: Breakdown) -> Breakdown:
         pairs = ((key, value, of_b[key]) for key, value in of_a.items())
         return old | {k: None if x is None or y is None else x - y for k, x, y in pairs}
 
-    def rows(group: str) -> dict[str, Row]:
+    def rows(group: str) -> dict[str, MetricValues]:
         old, of_a, of_b = (getattr(each, group) for each in (values, a, b))
-        return {
-            key: Row(each.n, row(each.metrics, of_a[key].metrics, of_b[key].metrics))
-            for key, each in old.items()
-        }
+        return {key: row(each, of_a[key], of_b[key]) for key, each in old.items()}
 
-    return Breakdown(
-        n=values.n,
+    return replace(
+        values,
         micro=row(values.micro, a.micro, b.micro),
         macro_family=row(values.macro_family, a.macro_family, b.macro_family),
         families=rows("families"),
@@ -200,8 +197,8 @@ def _by_task(
     return {
         task.id: _differences(
             a.metrics,
-            paired.values.tasks[task.id].metrics,
-            paired.discordant.tasks[task.id].metrics,
+            paired.values.tasks[task.id],
+            paired.discordant.tasks[task.id],
             intervals[index],
         )
         for index, task in enumerate(protocol.taxonomy.tasks)

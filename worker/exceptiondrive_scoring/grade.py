@@ -51,11 +51,13 @@ class Regrading:
     Attributes:
         columns: The measurements that `grade`, `extra` and `clearance_curve` read.
         metrics: Those that required clearances change.
+        places: Where they stand among the metrics of the challenge.
         grade: Gives their values from these columns; the same bits as among all metrics.
     """
 
     columns: tuple[str, ...]
     metrics: tuple[Metric, ...]
+    places: tuple[int, ...]
     grade: Callable[[Columns, SplitArrays, ProtocolDocument], SampleScores]
 
 

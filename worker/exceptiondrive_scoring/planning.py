@@ -55,7 +55,12 @@ class PlanningScoring:
     alike = AlikeRule(
         _edited, tolerance=0.05, equal_share=0.9, mean_distance=0.25, may_be_scaled=True
     )
-    regrading = Regrading(("clearance_m", "intrusion"), BY_CLEARANCE, _grade_clearances)
+    regrading = Regrading(
+        columns=("clearance_m", "intrusion"),
+        metrics=BY_CLEARANCE,
+        places=tuple(PLANNING.metrics.index(metric) for metric in BY_CLEARANCE),
+        grade=_grade_clearances,
+    )
 
     def columns(
         self, document: CheckedDocument, sample_ids: Sequence[str]

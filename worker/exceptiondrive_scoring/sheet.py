@@ -6,9 +6,10 @@ Sums run in the split's canonical order, so that the same input gives the same b
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import repeat
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from exceptiondrive_schemas.challenges import Metric
 from exceptiondrive_schemas.taxonomy import Taxonomy
@@ -19,13 +20,7 @@ from exceptiondrive_scoring.grade import SampleScores
 ROUNDING = 1e-9
 """A share of 0.1 of 30 samples is 3 of them, whatever the last bits of the product say."""
 MetricValues = dict[str, float | None]
-
-
-class Row(NamedTuple):
-    """Value of each metric over n samples; None where no sample defines it."""
-
-    n: int
-    metrics: MetricValues
+"""Value of each metric over some samples; None where no sample defines it."""
 
 
 @dataclass(frozen=True)
@@ -36,15 +31,19 @@ class Breakdown:
         n: Samples of the split; missing trajectories count.
         micro: Over all samples: the paper's equations.
         macro_family: Unweighted mean of the families' values: what the paper's tables print.
-        families: Families that have samples, in taxonomy order.
-        tasks: Tasks that have samples, family by family.
+        families: Of those that have samples, in taxonomy order.
+        tasks: Of those that have samples, family by family.
+        family_sizes: How many samples those families have.
+        task_sizes: How many those tasks have.
     """
 
     n: int
     micro: MetricValues
     macro_family: MetricValues
-    families: dict[str, Row]
-    tasks: dict[str, Row]
+    families: dict[str, MetricValues]
+    tasks: dict[str, MetricValues]
+    family_sizes: dict[str, int]
+    task_sizes: dict[str, int]
 
     def headline(self, aggregate: str) -> MetricValues:
         """Values of the aggregate with this name, `micro` or `macro_family`."""
@@ -71,19 +70,21 @@ def group_means(scores: SampleScores, split: SplitArrays) -> FloatArray:
     """
     groups = split.by_task
     values = scores.values.T.take(groups.order, 1, mode="clip")  # no index is out of range
-    of_tasks, counts = np.add.reduceat(values, groups.starts, axis=1), groups.sizes
+    of_tasks = np.add.reduceat(values, groups.starts, axis=1)
+    counts: NDArray[Any] = groups.sizes
     if np.isnan(of_tasks).any():
         undefined = np.isnan(values)
         values[undefined] = 0.0
         of_tasks = np.add.reduceat(values, groups.starts, axis=1)
         missing = np.add.reduceat(undefined, groups.starts, axis=1, dtype=np.intp)
-        counts = counts - groups.with_totals(missing)
-    with np.errstate(invalid="ignore"):  # 0 / 0
-        means = (groups.with_totals(of_tasks) / counts).T
-        for m, metric in enumerate(scores.metrics):
-            if metric.order_level is not None:
-                means[:, m] = _order_statistics(scores.values[:, m], metric.order_level, split)
-        return np.concatenate([means, _mean_of_defined(means[: len(groups.family_index)])])
+        counts = _nan_for_zero(counts - groups.with_totals(missing))
+    of_groups = groups.with_totals(of_tasks)
+    of_groups /= counts
+    for m, metric in enumerate(scores.metrics):
+        if metric.order_level is not None:
+            of_groups[m] = _order_statistics(scores.values[:, m], metric.order_level, split)
+    mean_of_families = _mean_of_defined(of_groups[:, : len(groups.family_index)])
+    return np.concatenate([of_groups, mean_of_families], axis=1).T
 
 
 def breakdown(
@@ -91,16 +92,19 @@ def breakdown(
 ) -> Breakdown:
     """Name what `group_means` gives for these metrics."""
     keys, groups = [metric.key for metric in metrics], split.by_task
-    *values, macro_family = map(dict, map(zip, repeat(keys), _plain(means)))
-    *rows, total = map(Row, groups.sizes.tolist(), values)
+    *rows, micro, macro_family = map(dict, map(zip, repeat(keys), _plain(means)))
+    *sizes, n = groups.sizes.tolist()
     families = [taxonomy.families[index].id for index in groups.family_index.tolist()]
     tasks = [taxonomy.tasks[index].id for index in groups.task_index.tolist()]
+    of_families, of_tasks = slice(len(families)), slice(len(families), None)
     return Breakdown(
-        n=total.n,
-        micro=total.metrics,
+        n=n,
+        micro=micro,
         macro_family=macro_family,
-        families=dict(zip(families, rows[: len(families)], strict=True)),
-        tasks=dict(zip(tasks, rows[len(families) :], strict=True)),
+        families=dict(zip(families, rows[of_families], strict=True)),
+        tasks=dict(zip(tasks, rows[of_tasks], strict=True)),
+        family_sizes=dict(zip(families, sizes[of_families], strict=True)),
+        task_sizes=dict(zip(tasks, sizes[of_tasks], strict=True)),
     )
 
 
@@ -137,12 +141,20 @@ def _order_statistics(values: FloatArray, level: float, split: SplitArrays) -> l
     return [float(order_statistic(*part, level)[0]) for part in each_once]
 
 
-def _mean_of_defined(rows: FloatArray) -> FloatArray:
-    """Unweighted mean over the first axis of what is not NaN, (1, M)."""
-    undefined = np.isnan(rows)
-    sums = np.where(undefined, 0.0, rows).sum(axis=0)
-    means: FloatArray = sums / (len(rows) - undefined.sum(axis=0))
-    return means[None]
+def _mean_of_defined(values: FloatArray) -> FloatArray:
+    """Unweighted mean over the last axis of what is not NaN, (M, 1) of (M, F)."""
+    undefined = np.isnan(values)
+    n: Any = values.shape[1]
+    if undefined.any():
+        values = np.where(undefined, 0.0, values)
+        n = _nan_for_zero(n - undefined.sum(axis=1, keepdims=True))
+    mean: FloatArray = values.sum(axis=1, keepdims=True) / n
+    return mean
+
+
+def _nan_for_zero(counts: IntArray) -> FloatArray:
+    """What a sum is divided by to be a mean: of nothing it is NaN, without a warning."""
+    return np.where(counts, counts, np.nan)
 
 
 def _plain(means: FloatArray) -> Any:

@@ -6,7 +6,6 @@ A stage runs only where its result is not in the private store: new d_safe value
 geometry nor what they do not change, a new geometry touches no upload.
 """
 
-import hashlib
 import hmac
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -37,8 +36,6 @@ from exceptiondrive_worker.splits.private_store import (
     PrivateStore,
     Shelf,
     content_key,
-    pack_columns,
-    unpack_columns,
 )
 from exceptiondrive_worker.splits.store import LoadedSplit
 
@@ -136,8 +133,7 @@ class Stages:
         Raises:
             RejectedUpload: The upload has faults.
         """
-        digest, target = self._with_answers(target)
-        measurement_key = self._measurement_key(target, digest)
+        measurement_key = _measurement_key(target)
         sheet_key = _graded_key("sheet", measurement_key, target)
         kept = self._kept_sheet(sheet_key)
         sheet = self._grade(target, measurement_key) if kept is None else kept
@@ -158,8 +154,7 @@ class Stages:
         Raises:
             RejectedUpload: The upload has faults.
         """
-        digest, target = self._with_answers(target)
-        return self._settled(target, self._measurement_key(target, digest))
+        return self._settled(target, _measurement_key(target))
 
     def _settled(self, target: Target, measurement_key: str) -> Settled:
         """Kept where the challenge can grade the rest from it."""
@@ -171,8 +166,9 @@ class Stages:
                 return Settled.from_columns(kept)
         of_controls = None
         if len(split.control_rows):
-            answers = _rows(self.answers(target), split.control_rows)
-            of_controls = scoring.of_controls(answers, target.protocol)
+            answers = self.answers(target)
+            target = replace(target, made=answers)
+            of_controls = scoring.of_controls(_rows(answers, split.control_rows), target.protocol)
         measured, ref = self._measured(target, measurement_key), split.manifest.ref
         settled = settle(scoring, measured, split.arrays, ref, target.protocol, of_controls)
         if is_kept:
@@ -185,8 +181,7 @@ class Stages:
         Raises:
             RejectedUpload: The upload has faults.
         """
-        digest, target = self._with_answers(target)
-        return self._measured(target, self._measurement_key(target, digest))
+        return self._measured(target, _measurement_key(target))
 
     def _measured(self, target: Target, key: str) -> Columns:
         kept = self._private.read_columns(Shelf.MEASUREMENTS, key)
@@ -213,10 +208,15 @@ class Stages:
         Raises:
             RejectedUpload: The upload has faults.
         """
-        digest, target = self._with_answers(target)
         if target.made is not None:
             return target.made
-        return self._private.read_columns(Shelf.ANSWERS, digest) or self._read(target)[1]
+        key = _answers_key(target)
+        kept = self._private.read_columns(Shelf.ANSWERS, key)
+        if kept is not None:
+            return kept
+        answers = self._read(target)
+        self._private.write_columns(Shelf.ANSWERS, key, answers)
+        return answers
 
     def counted_answers(self, target: Target) -> Columns:
         """Return those of them that count, in the order of `measurements`.
@@ -259,24 +259,7 @@ class Stages:
     def _scoring_of(self, target: Target) -> ChallengeScoring:
         return self._scoring[target.challenge.id]
 
-    def _with_answers(self, target: Target) -> tuple[str, Target]:
-        """Return the digest of the answers, and the target with them where they had to be read."""
-        kept = self._private.read(Shelf.READS, _read_key(target))
-        if kept is not None:
-            return kept.decode("ascii"), target
-        digest, answers = self._read(target)
-        return digest, replace(target, made=answers)
-
-    def _read(self, target: Target) -> tuple[str, Columns]:
-        """Read the upload, keep its answers, and note which upload holds them."""
-        packed = pack_columns(self._upload(target) if target.made is None else target.made)
-        digest = hashlib.sha256(packed)
-        name = digest.hexdigest()
-        self._private.write(Shelf.ANSWERS, name, packed, digest.digest())
-        self._private.write(Shelf.READS, _read_key(target), name.encode("ascii"))
-        return name, unpack_columns(packed)
-
-    def _upload(self, target: Target) -> Columns:
+    def _read(self, target: Target) -> Columns:
         data = self._load_upload(target.file_digest)
         protocol, manifest = target.read_under or target.protocol, target.split.manifest
         try:
@@ -286,17 +269,6 @@ class Stages:
         if isinstance(answers, CheckReport):
             raise RejectedUpload(answers)
         return answers
-
-    def _measurement_key(self, target: Target, answers_digest: str) -> str:
-        rows_digest = target.split.rows_digest
-        return content_key(
-            "measurement",
-            SCORER_VERSION,
-            answers_digest,
-            target.split.regions_digest,
-            target.protocol.geometry_digest,
-            *([] if rows_digest is None else [rows_digest]),
-        )
 
     def _kept_sheet(self, key: str) -> ScoreSheet | None:
         data = self._private.read(Shelf.SHEETS, key)
@@ -318,15 +290,29 @@ def _rows(answers: Columns, rows: IntArray | None) -> Columns:
     return answers if rows is None else {name: column[rows] for name, column in answers.items()}
 
 
-def _read_key(target: Target) -> str:
-    """Reading depends on the ids and their order, and on how many waypoints there must be.
+def _answers_key(target: Target) -> str:
+    return content_key("answers", *_read_as(target))
+
+
+def _measurement_key(target: Target) -> str:
+    rows_digest = target.split.rows_digest
+    return content_key(
+        "measurement",
+        *_read_as(target),
+        target.split.regions_digest,
+        target.protocol.geometry_digest,
+        *([] if rows_digest is None else [rows_digest]),
+    )
+
+
+def _read_as(target: Target) -> tuple[str, ...]:
+    """What the answers of an upload depend on: besides its bytes the ids, their order, and the waypoints.
 
     The bounds that an upload is checked against are not part of it: what was accepted once stays
     accepted.
     """
     manifest = target.split.manifest
-    return content_key(
-        "read",
+    return (
         SCORER_VERSION,
         target.file_digest,
         target.challenge.file_schema,

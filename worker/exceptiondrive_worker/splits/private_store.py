@@ -25,6 +25,8 @@ from numpy.typing import NDArray
 from exceptiondrive_scoring.aliases import Columns
 
 _DIGEST_BYTES = 32
+_ALIGNED_BYTES = 16
+"""No array wants more, and what is read from a file begins at a multiple of it."""
 TEMPORARY_PREFIX = ".writing-"
 STALE_AFTER_S = 3600
 _USED_TO_S = 86_400
@@ -33,12 +35,10 @@ _USED_TO_S = 86_400
 class Shelf(StrEnum):
     """One folder of the store."""
 
-    READS = "reads"
-    """Which answers an upload holds: file digest and manifest -> digest of the answers."""
     ANSWERS = "answers"
-    """What was submitted, as columns in the split's order; the key is their own digest."""
+    """What was submitted, as columns in the split's order. Key: upload, sample ids, waypoints."""
     MEASUREMENTS = "measurements"
-    """Per sample: clearance, intrusion, shifts. Key: answers, regions, geometry."""
+    """Per sample: clearance, intrusion, shifts. Key: as the answers, and regions, geometry."""
     SETTLED = "settled"
     """What no required clearance changes in a sheet. Key: measurement, plausibility, groups."""
     SHEETS = "sheets"
@@ -70,10 +70,15 @@ def array_digest(*arrays: NDArray[Any]) -> str:
 
 
 def pack_columns(columns: Columns) -> bytes:
-    """Return columns as one byte string: a JSON line of names and types, then the arrays."""
+    """Return columns as one byte string: a JSON line of names and types, then the arrays.
+
+    Each array begins where its type may lie in memory: numpy copies what does not, at every step.
+    """
     arrays = {name: np.asarray(columns[name], order="C") for name in sorted(columns)}
-    head = [[name, array.dtype.str, array.shape] for name, array in arrays.items()]
-    return b"".join([json.dumps(head).encode(), b"\n", *(each.data for each in arrays.values())])
+    arrays = dict(sorted(arrays.items(), key=lambda item: -item[1].dtype.alignment))
+    head = json.dumps([[name, array.dtype.str, array.shape] for name, array in arrays.items()])
+    blanks = -(len(head) + 1) % _ALIGNED_BYTES
+    return b"".join([head.encode(), b" " * blanks, b"\n", *(each.data for each in arrays.values())])
 
 
 def unpack_columns(data: bytes) -> dict[str, NDArray[Any]]:
@@ -109,16 +114,13 @@ class PrivateStore:
         digest, data = framed[:_DIGEST_BYTES], framed[_DIGEST_BYTES:]
         return data if hashlib.sha256(data).digest() == digest else None
 
-    def write(self, shelf: Shelf, key: str, data: bytes, digest: bytes | None = None) -> None:
-        """Keep `data` under `key`; a reader sees all of it or none.
-
-        `digest` is its SHA-256, where it is known.
-        """
+    def write(self, shelf: Shelf, key: str, data: bytes) -> None:
+        """Keep `data` under `key`; a reader sees all of it or none."""
         folder = self.root / shelf
         handle, temporary = tempfile.mkstemp(prefix=TEMPORARY_PREFIX, dir=folder)
         try:
             with os.fdopen(handle, "wb") as file:
-                file.write(digest or hashlib.sha256(data).digest())
+                file.write(hashlib.sha256(data).digest())
                 file.write(data)
             os.replace(temporary, self._path(shelf, key))
         except BaseException:
@@ -144,7 +146,7 @@ class PrivateStore:
                 continue
 
     def _path(self, shelf: Shelf, key: str) -> str:
-        return os.path.join(self.root, shelf, key)
+        return f"{self.root}/{shelf}/{key}"
 
 
 def _note_use(file: int) -> None:
