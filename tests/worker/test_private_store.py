@@ -77,7 +77,7 @@ def test_a_file_cut_short_is_absent_and_can_be_written_again(store: PrivateStore
     assert store.read_columns(Shelf.MEASUREMENTS, "k") is not None
 
 
-@pytest.mark.parametrize("place", [0, 40, -1], ids=["digest", "head", "body"])
+@pytest.mark.parametrize("place", [0, 40, -1], ids=["checksum", "head", "body"])
 def test_one_flipped_bit_makes_a_file_absent(store: PrivateStore, place: int) -> None:
     store.write_columns(Shelf.SUMS, "k", COLUMNS)
     path = store.root / Shelf.SUMS / "k"
@@ -87,8 +87,11 @@ def test_one_flipped_bit_makes_a_file_absent(store: PrivateStore, place: int) ->
     assert store.read_columns(Shelf.SUMS, "k") is None
 
 
-def test_an_empty_file_is_absent(store: PrivateStore) -> None:
-    (store.root / Shelf.SHEETS / "k").write_bytes(b"")
+@pytest.mark.parametrize("n_zeros", [0, 1, 4, 5, 4096])
+def test_a_file_of_which_a_power_cut_left_zeros_is_absent(
+    store: PrivateStore, n_zeros: int
+) -> None:
+    (store.root / Shelf.SHEETS / "k").write_bytes(bytes(n_zeros))
     assert store.read(Shelf.SHEETS, "k") is None
 
 
