@@ -5,7 +5,7 @@ All arrays over samples are in the canonical order of the split (sorted by sampl
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -59,14 +59,16 @@ class TaskGroups:
     """The G tasks that have samples, family by family, and which samples they have.
 
     Attributes:
-        order: (N,) samples, task by task, else in canonical order.
+        order: (N,) samples, task by task, else as they stand; None where they stand so.
+        n_samples: N.
         starts: (G,) where each task begins in `order`.
         task_index: (G,) position in `taxonomy.tasks`.
         family_starts: (F,) where each family that has samples begins among the G tasks.
         family_index: (F,) position of each of those families in `taxonomy.families`.
     """
 
-    order: IntArray
+    order: IntArray | None
+    n_samples: int
     starts: IntArray
     task_index: IntArray
     family_starts: IntArray
@@ -75,7 +77,7 @@ class TaskGroups:
     @cached_property
     def sizes(self) -> IntArray:
         """(F + G + 1,) number of samples of each family, of each task, and of all."""
-        sizes: IntArray = self.with_totals(np.diff(self.starts, append=len(self.order)))
+        sizes: IntArray = self.with_totals(np.diff(self.starts, append=self.n_samples))
         return sizes
 
     def with_totals(self, of_tasks: NDArray[Any]) -> NDArray[Any]:
@@ -123,12 +125,26 @@ class SplitArrays:
         family_index = self.family_index[order[starts]]
         family_starts = np.flatnonzero(np.diff(family_index, prepend=-1))
         return TaskGroups(
-            order=order,
+            order=order if (np.diff(order) < 0).any() else None,
+            n_samples=len(order),
             starts=starts,
             task_index=self.task_index[order[starts]],
             family_starts=family_starts,
             family_index=family_index[family_starts],
         )
+
+    @cached_property
+    def task_by_task(self) -> "SplitArrays":
+        """The same samples in the order of `by_task`, once per split: what is summed again and again."""
+        order = self.by_task.order
+        if order is None:
+            return self
+        per_sample = {
+            each.name: getattr(self, each.name)[order]
+            for each in fields(self)
+            if isinstance(getattr(self, each.name), np.ndarray)
+        }
+        return replace(self, **per_sample)
 
     @cached_property
     def prepared_regions(self) -> PreparedRegions:

@@ -142,7 +142,8 @@ class Settled:
     Attributes:
         sheet: The sheet without its breakdown; in `micro` what is said of controls.
         means: (R, M) as of `group_means`; NaN where the challenge's `regrading` gives the metric.
-        measured: What `regrading`, `extra` and `clearance_curve` read, each (N,).
+        measured: What `regrading`, `extra` and `clearance_curve` read, each (N,), task by task where
+            there is a `regrading`.
     """
 
     sheet: ScoreSheet
@@ -199,7 +200,11 @@ def settle(
     )
     if scoring.regrading is not None:
         means[:, scoring.regrading.places] = np.nan
-        measured = {name: measured[name] for name in scoring.regrading.columns}
+        order = split.by_task.order
+        measured = {
+            name: measured[name] if order is None else measured[name][order]
+            for name in scoring.regrading.columns
+        }
     return Settled(sheet, means, measured)
 
 
@@ -207,7 +212,7 @@ def graded_breakdown(
     scoring: ChallengeScoring, settled: Settled, split: SplitArrays, protocol: ProtocolDocument
 ) -> Breakdown:
     """Grade and aggregate what required clearances change, and put it beside the rest."""
-    means = settled.means
+    means, split = settled.means, _as_kept(split, scoring)
     if scoring.regrading is not None:
         scores = scoring.regrading.grade(settled.measured, split, protocol)
         means = means.copy()
@@ -223,7 +228,8 @@ def graded_sheet(
     protocol: ProtocolDocument,
 ) -> ScoreSheet:
     """Put the exact sheet together from what is settled and what required clearances change."""
-    measured, found = settled.measured, graded_breakdown(scoring, settled, split, protocol)
+    measured, split = settled.measured, _as_kept(split, scoring)
+    found = graded_breakdown(scoring, settled, split, protocol)
     graded = {
         "protocol": ProtocolRef(version=protocol.version, digest=protocol.digest),
         "split": split_ref,
@@ -235,6 +241,11 @@ def graded_sheet(
         "clearance_curve": scoring.clearance_curve(measured, split, protocol),
     }
     return ScoreSheet.model_validate(dict(settled.sheet) | graded)
+
+
+def _as_kept(split: SplitArrays, scoring: ChallengeScoring) -> SplitArrays:
+    """The split in the order of `Settled.measured`."""
+    return split if scoring.regrading is None else split.task_by_task
 
 
 def exact_sheet(

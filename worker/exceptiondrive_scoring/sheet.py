@@ -69,12 +69,14 @@ def group_means(scores: SampleScores, split: SplitArrays) -> FloatArray:
         samples, and the mean of the families.
     """
     groups = split.by_task
-    values = scores.values.T.take(groups.order, 1, mode="clip")  # no index is out of range
+    values = scores.values.T
+    if groups.order is not None:
+        values = values.take(groups.order, 1, mode="clip")  # no index is out of range
     of_tasks = np.add.reduceat(values, groups.starts, axis=1)
     counts: NDArray[Any] = groups.sizes
     if np.isnan(of_tasks).any():
         undefined = np.isnan(values)
-        values[undefined] = 0.0
+        values = np.where(undefined, 0.0, values)
         of_tasks = np.add.reduceat(values, groups.starts, axis=1)
         missing = np.add.reduceat(undefined, groups.starts, axis=1, dtype=np.intp)
         counts = _nan_for_zero(counts - groups.with_totals(missing))

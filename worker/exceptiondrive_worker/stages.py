@@ -324,7 +324,7 @@ def _read_as(target: Target) -> tuple[str, ...]:
 
 def _settled_key(measurement_key: str, target: Target) -> str:
     return content_key(
-        "settled",
+        "settled, task by task",
         SCORER_VERSION,
         target.challenge.id,
         measurement_key,
