@@ -17,6 +17,7 @@ from exceptiondrive.cli.fitted_table import Column, FittedTable
 from exceptiondrive.cli.tables import (
     board_view,
     left_words,
+    queue_text,
     quota_table,
     records_table,
     submission_view,
@@ -274,3 +275,30 @@ def test_what_is_left_is_told_by_the_limit_that_binds() -> None:
     assert submissions_left(little) == "2 of 20 submissions left in all"
     told = [left_words(each) for each in (quota(), enough, little)]
     assert told == ["2 of 3 today", "2 of 3 today", "2 of 20 in all"]
+
+
+HELD_UNTIL = datetime(2026, 11, 26, 14, 4, 10, tzinfo=UTC)
+
+
+@pytest.mark.parametrize(
+    ("queue", "text"),
+    [
+        ({"position": 3}, "3 ahead, about 12 s"),
+        ({"position": 0, "attempts": 1}, "next, about 12 s, attempt 2"),
+        ({"workers_alive": 0}, "next, no worker is alive: it waits until one is"),
+        (
+            {"attempts": 1, "lease_until": HELD_UNTIL},
+            "by another worker from 14:04:10 UTC on if this one is lost",
+        ),
+        (
+            {"attempts": 2, "lease_until": HELD_UNTIL},
+            "attempt 2, by another worker from 14:04:10 UTC on if this one is lost",
+        ),
+    ],
+    ids=["waits", "again", "nobody", "in work", "in work again"],
+)
+def test_a_file_that_waits_says_for_how_long_and_one_in_work_until_when(
+    queue: dict[str, Any], text: str
+) -> None:
+    usual = {"position": 0, "expected_wait_s": 12.3, "attempts": 0, "workers_alive": 4}
+    assert queue_text(QueuePlace(**(usual | queue))) == text

@@ -86,6 +86,22 @@ def test_a_submission_being_scored_shows_its_attempt(world: World) -> None:
     assert (found.queue.position, found.queue.attempts) == (0, 1)
 
 
+def test_until_when_a_worker_has_a_file_is_told_while_it_has_it(world: World) -> None:
+    accepted = world.submit("file")
+    waiting = seen(world, accepted.submission.id).queue
+    assert waiting is not None
+    assert waiting.lease_until is None
+    claimed = world.claim(accepted.job_id)
+    held = seen(world, accepted.submission.id).queue
+    assert held is not None
+    assert held.lease_until == claimed.lease_until is not None
+    with world.database.write() as session:
+        session.get_one(Job, accepted.job_id).lease_until = claimed.leased_at
+    lost = seen(world, accepted.submission.id).queue
+    assert lost is not None
+    assert lost.lease_until is None
+
+
 def test_a_scored_submission_shows_its_sheet_until_it_is_withdrawn(world: World) -> None:
     accepted = world.submit("file")
     world.score(accepted.job_id)

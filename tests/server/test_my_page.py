@@ -2,7 +2,11 @@
 
 import re
 from collections.abc import Callable
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
+
+from exceptiondrive_schemas.api.submission import QueuePlace
+from exceptiondrive_server.submissions.view import place_words
 
 if TYPE_CHECKING:
     from tests.support.application import Api, TeamBrowser
@@ -48,6 +52,17 @@ def test_a_run_that_waits_stands_beside_one_with_a_score(
     waiting, done = my_rows(api, browse)
     assert "next in line" in waiting
     assert "50.00" in done
+
+
+def test_a_run_in_work_says_until_when_its_worker_has_it() -> None:
+    queue = QueuePlace(
+        position=0,
+        expected_wait_s=0.0,
+        attempts=1,
+        workers_alive=1,
+        lease_until=datetime(2026, 11, 26, 14, 4, 10, tzinfo=UTC),
+    )
+    assert place_words(queue) == "if its worker is lost, another begins again at 14:04:10 UTC"
 
 
 def test_what_is_not_ranked_says_why(

@@ -110,10 +110,13 @@ def queue_text(queue: QueuePlace) -> str:
     place = f"{queue.position} ahead" if queue.position else "next"
     if queue.workers_alive == 0:
         return f"{place}, no worker is alive: it waits until one is"
+    if queue.lease_until is not None:
+        attempt = f"attempt {queue.attempts}, " if queue.attempts > 1 else ""
+        return f"{attempt}by another worker from {queue.lease_until:%H:%M:%S} UTC on if this one is lost"
     wait = ""
     if queue.expected_wait_s is not None:
         wait = f", about {max(1, round(queue.expected_wait_s))} s"
-    again = f", attempt {queue.attempts + 1}" if queue.attempts > 1 else ""
+    again = f", attempt {queue.attempts + 1}" if queue.attempts else ""
     return f"{place}{wait}{again}"
 
 

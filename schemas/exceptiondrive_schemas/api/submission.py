@@ -48,6 +48,8 @@ class QueuePlace(Document):
     expected_wait_s: float | None
     attempts: int
     workers_alive: int
+    lease_until: datetime | None = None
+    """A worker is scoring it: if that worker is lost, another may begin again then."""
 
 
 class Failure(Document):

@@ -97,7 +97,7 @@ def views(
         for phase in phases
     }
     disqualified = disqualified_since(session, submissions)
-    places = queue_places(session, submissions, heartbeat_ttl_s=heartbeat_ttl_s)
+    places = queue_places(session, submissions, now, heartbeat_ttl_s=heartbeat_ttl_s)
     told = [each.id for each in submissions if _is_scored(each) and each.report is None]
     awaited = profiles_coming(session, told) if told else set()
     return tuple(
@@ -225,7 +225,11 @@ def _is_scored(submission: Submission) -> bool:
 
 
 def queue_places(
-    session: Session, submissions: Sequence[Submission], *, heartbeat_ttl_s: float = 15.0
+    session: Session,
+    submissions: Sequence[Submission],
+    now: datetime,
+    *,
+    heartbeat_ttl_s: float = 15.0,
 ) -> dict[str, QueuePlace]:
     """Return how many live jobs come before each in fair order now, and how long that may take.
 
@@ -246,6 +250,7 @@ def queue_places(
             expected_wait_s=_expected_wait_s(scoring_s, ahead.get(job.id, 0), alive),
             attempts=job.attempts,
             workers_alive=alive.workers,
+            lease_until=_lease_until(job, now),
         )
         for job in jobs
     }
@@ -285,6 +290,13 @@ def _expected_wait_s(scoring_s: float | None, position: int, alive: LiveWorkers)
     if scoring_s is None or alive.slots == 0:
         return None
     return round(max(0, position - alive.slots + 1) * scoring_s / alive.slots, 1)
+
+
+def _lease_until(job: Job, now: datetime) -> datetime | None:
+    is_held = (
+        job.state is WorkState.LEASED and job.lease_until is not None and job.lease_until > now
+    )
+    return job.lease_until if is_held else None
 
 
 def _failure(submission: Submission) -> Failure | None:
