@@ -112,6 +112,8 @@ def test_the_query_orders_all_that_waits_as_the_model_does(
                 add_job(session, team_id, next(numbers), at(since_s + place))
         now = database_now(session)
         found = list(session.scalars(fair_order(waits(Lane.LIVE, now), Lane.LIVE, now)))
+        firsts = fair_order(waits(Lane.LIVE, now), Lane.LIVE, now, firsts_alone=True)
+        firsts_found = list(session.scalars(firsts))
         order = [session.get_one(Job, job_id).team_id for job_id in found]
         ages = [session.get_one(Job, job_id).created_at for job_id in found]
         running = sum(n_running for n_running, *_ in teams)
@@ -125,6 +127,8 @@ def test_the_query_orders_all_that_waits_as_the_model_does(
         for team_id, (n_running, n_waiting, since_s, served_s) in zip(ids, teams, strict=True)
     ]  # fmt: skip
     assert order == rounds(queues)
+    assert firsts_found[0] == found[0], "a claim takes who comes first of all"
+    assert len(firsts_found) == len(teams), "one of each team"
     for team_id in ids:
         mine = [age for age, owner in zip(ages, order, strict=True) if owner == team_id]
         assert mine == sorted(mine), "within a team the oldest first"

@@ -121,6 +121,21 @@ def test_who_comes_next_costs_in_proportion_to_what_waits(world: World) -> None:
     assert of_800 < 1.5 * 8 * of_100
 
 
+def next_to_claim(session: Session) -> object:
+    now = database_now(session)
+    waiting = waits(Lane.LIVE, now)
+    return session.scalars(fair_order(waiting, Lane.LIVE, now, firsts_alone=True).limit(1)).one()
+
+
+def test_a_claim_costs_what_there_are_teams_not_what_waits_or_is_over(world: World) -> None:
+    add_jobs(world, "some", 100, WorkState.QUEUED)
+    of_100 = steps_of(world.database, next_to_claim)
+    add_jobs(world, "more", 700, WorkState.QUEUED)  # of as many teams again
+    assert steps_of(world.database, next_to_claim) <= 2 * of_100 + 2
+    add_jobs(world, "done", 900, WorkState.DONE)  # and again
+    assert steps_of(world.database, next_to_claim) <= 3 * of_100 + 2
+
+
 @pytest.mark.parametrize(
     "read",
     [

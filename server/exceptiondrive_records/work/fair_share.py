@@ -12,8 +12,9 @@ from sqlalchemy import ColumnElement, Select, and_, exists, func, or_, select
 from sqlalchemy.orm import Session, aliased
 
 from exceptiondrive_records.db.clock import NOW, Moment
+from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.lease import CLAIMED_FROM, is_claimable
-from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_records.work.tables import IS_OPEN_JOB, Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
 
 
@@ -22,18 +23,29 @@ def waits(lane: Lane, now: Moment) -> ColumnElement[bool]:
     return and_(Job.lane == lane, is_claimable(Job, now))
 
 
-def fair_order(waiting: ColumnElement[bool], lane: Lane, now: Moment) -> Select[str]:
+def fair_order(
+    waiting: ColumnElement[bool], lane: Lane, now: Moment, *, firsts_alone: bool = False
+) -> Select[str]:
     """Select the ids of waiting jobs in the order in which they are to be scored.
 
     Args:
         waiting: Condition on `Job` (`waits`).
         lane: Of these jobs.
         now: By the database's clock.
+        firsts_alone: Of each team its oldest job: the first of all is one of them. To find it then
+            costs what there are teams, not what waits.
     """
+    one = aliased(Job) if firsts_alone else Job
     place = func.row_number().over(
-        partition_by=Job.team_id, order_by=(Job.created_at, Job.id)
+        partition_by=one.team_id, order_by=(one.created_at, one.id)
     )  # 1 is the team's oldest
-    queue = select(Job.id, Job.team_id, Job.created_at, place.label("place")).where(waiting).cte()
+    rows = select(one.id, one.team_id, one.created_at, place.label("place"))
+    if firsts_alone:
+        waits_of_team = select(Job.id).where(Job.team_id == Team.id, IS_OPEN_JOB, waiting)
+        oldest = waits_of_team.order_by(Job.created_at, Job.id).limit(1).correlate(Team)
+        queue = rows.select_from(Team).join(one, one.id == oldest.scalar_subquery()).cte()
+    else:
+        queue = rows.where(waiting).cte()
     running = (
         select(Job.team_id, func.count(Job.id).label("number"))
         .where(Job.lane == lane, _runs(now))

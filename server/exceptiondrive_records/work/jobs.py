@@ -98,16 +98,20 @@ def claim_job(
         max_attempts: Beyond this the reconciler gives a job up.
         which: Conditions on `Job`, for a worker that cannot take every one.
     """
-    job = claim(session, Job, _in_fair_order(lane, max_attempts, *which), lease_s)
+    job = claim(session, Job, _in_fair_order(lane, max_attempts, True, *which), lease_s)
+    if job is None:  # others may have locked the first of each team: their next ones wait behind
+        job = claim(session, Job, _in_fair_order(lane, max_attempts, False, *which), lease_s)
     if job is not None and job.is_first:
         _set_status(session, job.submission_id, SubmissionStatus.SCORING)
     return job
 
 
 @lru_cache
-def _in_fair_order(lane: Lane, max_attempts: int, *which: ColumnElement[bool]) -> Select[str]:
+def _in_fair_order(
+    lane: Lane, max_attempts: int, firsts_alone: bool, *which: ColumnElement[bool]
+) -> Select[str]:
     waiting = and_(waits(lane, NOW), Job.attempts < max_attempts, *which)
-    return fair_order(waiting, lane, NOW)
+    return fair_order(waiting, lane, NOW, firsts_alone=firsts_alone)
 
 
 def finish_scored(

@@ -3,7 +3,7 @@
 from datetime import datetime
 from enum import StrEnum
 
-from sqlalchemy import CheckConstraint, ForeignKey, Index, UniqueConstraint
+from sqlalchemy import CheckConstraint, ForeignKey, Index, UniqueConstraint, literal_column, text
 from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
@@ -205,6 +205,18 @@ class Leader(WorkItem):
 Index("ix_work_submission", Job.submission_id)
 Index("ix_work_run", Recheck.run_id)
 Index("ix_work_share", Job.team_id, Job.lane, Job.leased_at)
+_OPEN = text("state IN ('queued', 'leased')")
+Index(
+    "ix_work_turn",
+    Job.team_id,
+    Job.lane,
+    Job.created_at,
+    Job.id,
+    sqlite_where=_OPEN,
+    postgresql_where=_OPEN,
+)
+IS_OPEN_JOB = Job.state.in_([literal_column("'queued'"), literal_column("'leased'")])
+"""Word for word the condition of `ix_work_turn`: an index of some rows serves no other question."""
 
 
 class WorkerHeartbeat(Base):

@@ -668,6 +668,13 @@ def create_work() -> None:
     op.create_index("ix_work_run", "work", ["run_id"])
     op.create_index("ix_work_share", "work", ["team_id", "lane", "leased_at"])
     op.create_index("ix_work_submission", "work", ["submission_id"])
+    op.create_index(
+        "ix_work_turn",
+        "work",
+        ["team_id", "lane", "created_at", "id"],
+        sqlite_where=sa.text("state IN ('queued', 'leased')"),
+        postgresql_where=sa.text("state IN ('queued', 'leased')"),
+    )
 
 
 def protect(table: str) -> None:
