@@ -288,11 +288,11 @@ HELD_UNTIL = datetime(2026, 11, 26, 14, 4, 10, tzinfo=UTC)
         ({"workers_alive": 0}, "next, no worker is alive: it waits until one is"),
         (
             {"attempts": 1, "lease_until": HELD_UNTIL},
-            "by another worker from 14:04:10 UTC on if this one is lost",
+            "again from 14:04:10 UTC if its worker is lost",
         ),
         (
             {"attempts": 2, "lease_until": HELD_UNTIL},
-            "attempt 2, by another worker from 14:04:10 UTC on if this one is lost",
+            "attempt 2, again from 14:04:10 UTC if its worker is lost",
         ),
     ],
     ids=["waits", "again", "nobody", "in work", "in work again"],

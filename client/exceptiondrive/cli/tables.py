@@ -112,7 +112,7 @@ def queue_text(queue: QueuePlace) -> str:
         return f"{place}, no worker is alive: it waits until one is"
     if queue.lease_until is not None:
         attempt = f"attempt {queue.attempts}, " if queue.attempts > 1 else ""
-        return f"{attempt}by another worker from {queue.lease_until:%H:%M:%S} UTC on if this one is lost"
+        return f"{attempt}again from {queue.lease_until:%H:%M:%S} UTC if its worker is lost"
     wait = ""
     if queue.expected_wait_s is not None:
         wait = f", about {max(1, round(queue.expected_wait_s))} s"
