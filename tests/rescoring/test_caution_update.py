@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from exceptiondrive.cli import app
 from exceptiondrive_records.notifications.inbox import list_notifications
 from exceptiondrive_records.teams.teams import find_team
-from exceptiondrive_worker.stages import Stages
+from exceptiondrive_worker.stages import Stages, Target
 
 Stage = Any
 Serve = Callable[[Stage], tuple[str, str]]
@@ -65,9 +65,9 @@ def counted(stage: Stage) -> Counter[str]:
             done["read"] += 1
             return super()._read(*given)
 
-        def _grade(self, *given: Any) -> Any:
-            done["grade"] += 1
-            return super()._grade(*given)
+        def _grade(self, target: Target, *given: Any) -> Any:
+            done["grade" if target.made is None else "grade a reference row"] += 1
+            return super()._grade(target, *given)
 
     old = stage.context.stages
     measured = dict(old._scoring)
@@ -114,7 +114,8 @@ def test_a_new_order_of_caution_goes_from_document_to_rollback(
     run = organizer.rescore("start", *draft, *REASON)
     organizer.rescore("begin", run["id"], *REASON)
     assert agents.work() == 3
-    assert done == {"grade": 3}, "a new order of caution reads and measures nothing again"
+    graded = {"grade": 3, "grade a reference row": 1}
+    assert done == graded, "a new order of caution reads and measures nothing again"
 
     before = organizer.board()
     preview = organizer.rescore("preview", run["id"])
