@@ -131,9 +131,14 @@ def test_an_unchanged_page_asks_the_records_for_their_state_alone(
 ) -> None:
     for clock in (kept_pages, of_site):  # a slow machine must not turn it in between
         monkeypatch.setattr(clock, "CLOCK_S", 3600.0)
-    first = life.client.get(address.format(**boarded))
-    with statements(services(life.client).database) as asked:
-        again = life.client.get(address.format(**boarded))
+    database = services(life.client).database
+    for _ in range(20):
+        before = database.state()
+        first = life.client.get(address.format(**boarded))
+        with statements(database) as asked:
+            again = life.client.get(address.format(**boarded))
+        if database.state() == before:  # else PostgreSQL vacuumed of itself, which looks like a write
+            break
     assert (first.status_code, again.text, len(asked)) == (200, first.text, 1)
 
 
