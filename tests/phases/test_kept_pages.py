@@ -137,7 +137,9 @@ def test_an_unchanged_page_asks_the_records_for_their_state_alone(
         first = life.client.get(address.format(**boarded))
         with statements(database) as asked:
             again = life.client.get(address.format(**boarded))
-        if database.state() == before:  # else PostgreSQL vacuumed of itself, which looks like a write
+        if (
+            database.state() == before
+        ):  # else PostgreSQL vacuumed of itself, which looks like a write
             break
     assert (first.status_code, again.text, len(asked)) == (200, first.text, 1)
 

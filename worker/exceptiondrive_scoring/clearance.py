@@ -112,7 +112,10 @@ def _box_gap_m(
 ) -> FloatArray:
     """Gap of the boxes around tube piece and region piece, in the frame of the later footprint."""
     first = 1 if swept else 0
-    extent = boxes[1:].extent_with(boxes[:-1]) if swept else boxes.own_extent()
+    extent = boxes.own_extent()
+    if swept:
+        later = boxes[1:]
+        extent = later.extent_with(later.extent_of(boxes[:-1]))
     gap_x, gap_y = gap_along_axes(ahead[first:], left[first:], extent)
     np.maximum(gap_x, 0.0, out=gap_x)
     np.maximum(gap_y, 0.0, out=gap_y)

@@ -1,8 +1,8 @@
 """Exact distance between hull(A, B), A and B two footprints, and a convex region piece.
 
-The hull is never built. Each edge of hull(A, B) is covered by edges of A, edges of B and *links*
-from a corner of A to a corner of B, and all of these lie inside the hull. So looking at all of them
-in place of the true boundary is exact: what lies inside the hull is never nearer than the hull.
+The hull is never built. Its edges are edges of A, edges of B and *links* from a corner of A to a
+corner of B. All edges of A and B are looked at in place of those that are the hull's: what lies
+inside the hull is never nearer than the hull.
 
 * Two disjoint convex polygons are as far apart as the nearest pair (vertex of one, edge of other).
 * They are disjoint exactly if the normal of some edge of one of them separates them. The hull's
@@ -12,15 +12,17 @@ Four things are looked at, each for a separating gap and for a least distance: r
 rectangle B, in their own frames, where distance and extent are a few comparisons; the links; and
 the edges of the region piece.
 
-Of the 16 links 8 suffice. A link is an edge of the hull only if both its corners are outermost in
-one direction, and a rectangle's corner is outermost in one quadrant of directions. Turn B by an
-angle in [0, 90] degrees against A: its quadrant j then meets only A's quadrants j and j + 1.
+Of the 16 links two or so are edges of the hull. A corner of a rectangle is its outermost in one
+quadrant of directions. Turn B by an angle in [0, 90] degrees against A: its quadrant j then meets
+only A's quadrants j and j + 1, in arcs between an axis of the one and an axis of the other. Within
+an arc both outermost corners stay, and which of them lies further out turns at most once, as the
+arc is less than a half turn: the link of the two is an edge of the hull exactly if it turned.
 
 Arrays are `(feature, column)`; a column is one pair of a tube piece and a region piece.
 """
 
 from collections.abc import Iterable, Iterator
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,16 +30,27 @@ from numpy.typing import NDArray
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.footprint import Extent, Footprints
 
+T = TypeVar("T", bound=np.generic)
 SHORTEST_EDGE_M = 1e-15
+EQUALLY_FAR_M = 1e-13
+"""Of two rectangles that reach less apart than this, the first counts as the outermost."""
+NEXT = np.array([1, 2, 3, 0])
+"""Corner after a corner, axis after an axis, counter-clockwise."""
 LINK_START = np.array([0, 1, 2, 3, 1, 2, 3, 0])
 LINK_END = np.array([4, 5, 6, 7, 4, 5, 6, 7])
 """Corners 0..3 of A and 4..7 of B: links j-j and (j + 1)-j."""
-NEXT_CORNER = np.array([1, 2, 3, 0])
 
 
 class _Points(NamedTuple):
     x: FloatArray
     y: FloatArray
+
+
+class _Hull(NamedTuple):
+    """Corners of two footprints, (8, column); which links are edges of their hull, (link, column)."""
+
+    corners: _Points
+    is_edge: NDArray[np.bool_]
 
 
 class _Edges(NamedTuple):
@@ -72,25 +85,31 @@ def hull_distance_m(
         (n,) metres.
     """
     region = _Points(region_x_m, region_y_m)
-    hull = _corners_paired_by_quadrant(a, b)
+    b_from_a, a_from_b = a.extent_of(b), b.extent_of(a)
+    hull = _hull(a, b, b_from_a, a_from_b)
     in_frames = [box.local(region.x, region.y) for box in (a, b)]
-    links, sides = _links(hull, region), _region_edges(region, hull)
+    column, links = _links(hull, region)
+    sides = _region_edges(region, hull.corners)
     gaps = (
-        *gap_along_axes(*in_frames[0], a.extent_with(b)),
-        *gap_along_axes(*in_frames[1], b.extent_with(a)),
-        _gap_of_links(links, a, b),
+        *gap_along_axes(*in_frames[0], a.extent_with(b_from_a)),
+        *gap_along_axes(*in_frames[1], b.extent_with(a_from_b)),
         _gap_of_region_edges(sides),
     )
-    apart = np.flatnonzero(np.maximum.reduce(gaps) > 0)  # distances of these alone
+    gap = np.maximum.reduce(gaps)
+    np.maximum.at(gap, column, _gap_of_links(links, a[column], b[column]))
+    apart = np.flatnonzero(gap > 0)  # distances of these alone
     squares = (
         *(
             box.square_outside(*_taken(place, apart)).min(axis=0)
             for box, place in zip((a, b), in_frames, strict=True)
         ),
-        *(_square_distances(each, apart) for each in (links, sides)),
+        _square_distances(sides, apart),
     )
-    distance = np.zeros(len(gaps[0]))
-    distance[apart] = np.sqrt(np.minimum.reduce(squares))
+    square = np.zeros(len(gap))
+    square[apart] = np.minimum.reduce(squares)
+    far = np.flatnonzero(gap.take(column) > 0)
+    np.minimum.at(square, column.take(far), _square_distances(links, far))
+    distance: FloatArray = np.sqrt(square)
     return distance
 
 
@@ -108,21 +127,25 @@ def gap_along_axes(
     )
 
 
-def _links(hull: _Points, region: _Points) -> _Sides:
-    start = _Points(hull.x.take(LINK_START, 0), hull.y.take(LINK_START, 0))
-    links = _edges(start, _Points(hull.x.take(LINK_END, 0), hull.y.take(LINK_END, 0)))
-    return _Sides(links, _left_of(links.along, region), region)
+def _links(hull: _Hull, region: _Points) -> tuple[NDArray[np.intp], _Sides]:
+    """Links that are edges of a hull, (1, m), and the column of each, ascending."""
+    column, link = np.nonzero(hull.is_edge.T)
+    start, end = (
+        corner.take(link) * len(hull.is_edge.T) + column for corner in (LINK_START, LINK_END)
+    )
+    ends = (_Points(*(axis.take(at)[None] for axis in hull.corners)) for at in (start, end))
+    links, region = _edges(*ends), _Points(*_taken(region, column))
+    return column, _Sides(links, _left_of(links.along, region), region)
 
 
 def _gap_of_links(links: _Sides, a: Footprints, b: Footprints) -> FloatArray:
     low, high = _extent_left_of(links.edges.along, a, b)
-    gaps = np.maximum(links.left.min(axis=1) - high, low - links.left.max(axis=1))
-    widest: FloatArray = gaps.max(axis=0)
-    return widest
+    gap: FloatArray = np.maximum(links.left.min(axis=1) - high, low - links.left.max(axis=1))[0]
+    return gap
 
 
 def _region_edges(region: _Points, hull: _Points) -> _Sides:
-    edges = _edges(region, _Points(*(axis.take(NEXT_CORNER, 0) for axis in region)))
+    edges = _edges(region, _Points(*(axis.take(NEXT, 0) for axis in region)))
     return _Sides(edges, _left_of(edges.along, hull), hull)
 
 
@@ -133,16 +156,32 @@ def _gap_of_region_edges(sides: _Sides) -> FloatArray:
     return gap
 
 
-def _corners_paired_by_quadrant(a: Footprints, b: Footprints) -> _Points:
-    """Corners of the one and of the other, (8, n), the other turned left by 0 to 90 degrees."""
-    (ax, ay), (bx, by) = a.corners_m(), b.corners_m()
+def _hull(a: Footprints, b: Footprints, b_from_a: Extent, a_from_b: Extent) -> _Hull:
+    """Pair the corners of the one and of the other, turned left against it by 0 to 90 degrees."""
     b_is_right_of_a = a.cos * b.sin < a.sin * b.cos
-    one = _Points(np.where(b_is_right_of_a, bx, ax), np.where(b_is_right_of_a, by, ay))
-    other = _Points(np.where(b_is_right_of_a, ax, bx), np.where(b_is_right_of_a, ay, by))
-    obtuse = a.cos * b.cos + a.sin * b.sin < 0
-    if obtuse.any():
-        other = _Points(*(np.where(obtuse, np.roll(c, 1, axis=0), c) for c in other))
-    return _Points(np.concatenate([one.x, other.x]), np.concatenate([one.y, other.y]))
+    is_obtuse = a.cos * b.cos + a.sin * b.sin < 0
+
+    def paired(of_a: NDArray[T], of_b: NDArray[T]) -> tuple[NDArray[T], NDArray[T]]:
+        one = np.where(b_is_right_of_a, of_b, of_a)
+        other = np.where(b_is_right_of_a, of_a, of_b)
+        if is_obtuse.any():
+            other = np.where(is_obtuse, np.roll(other, 1, axis=0), other)
+        return one, other
+
+    (ax, ay), (bx, by) = a.corners_m(), b.corners_m()
+    corners = _Points(np.concatenate(paired(ax, bx)), np.concatenate(paired(ay, by)))
+    a_is_outermost, still = paired(
+        _beyond_m(b_from_a, a) <= EQUALLY_FAR_M, _beyond_m(a_from_b, b) >= -EQUALLY_FAR_M
+    )
+    then = a_is_outermost.take(NEXT, 0)
+    return _Hull(corners, np.concatenate([still != then, then != still.take(NEXT, 0)]))
+
+
+def _beyond_m(extent: Extent, box: Footprints) -> FloatArray:
+    """How much further than a footprint an extent reaches along each axis of it, (4, n)."""
+    length, width = box.half_length_m, box.half_width_m
+    low_x, high_x, low_y, high_y = extent
+    return np.array([high_x - length, high_y - width, -low_x - length, -low_y - width])
 
 
 def _edges(start: _Points, end: _Points) -> _Edges:

@@ -34,8 +34,8 @@ class Footprints:
     half_length_m: float
     half_width_m: float
 
-    def __getitem__(self, key: slice) -> "Footprints":
-        """Footprints of some time steps."""
+    def __getitem__(self, key: "slice | IntArray") -> "Footprints":
+        """Footprints of some time steps; of arrays (n,), any of them."""
         return self._with(self.x_m[key], self.y_m[key], self.cos[key], self.sin[key])
 
     def of_samples(self, sample: IntArray) -> "Footprints":
@@ -80,8 +80,8 @@ class Footprints:
         beyond_x += beyond_y
         return beyond_x
 
-    def extent_with(self, other: "Footprints") -> Extent:
-        """Extent of hull(self, other) along the axes of this footprint, from its centre."""
+    def extent_of(self, other: "Footprints") -> Extent:
+        """Extent of another footprint along the axes of this one, from its centre."""
         length, width = self.half_length_m, self.half_width_m
         to_x, to_y = other.x_m - self.x_m, other.y_m - self.y_m
         ahead, left = to_x * self.cos + to_y * self.sin, to_y * self.cos - to_x * self.sin
@@ -89,11 +89,16 @@ class Footprints:
         turn_sin = np.abs(self.cos * other.sin - self.sin * other.cos)
         reach_x = length * turn_cos + width * turn_sin
         reach_y = length * turn_sin + width * turn_cos
+        return Extent(ahead - reach_x, ahead + reach_x, left - reach_y, left + reach_y)
+
+    def extent_with(self, other: Extent) -> Extent:
+        """Extent of the hull of this footprint and of what has that extent along its axes."""
+        length, width = self.half_length_m, self.half_width_m
         return Extent(
-            np.minimum(ahead - reach_x, -length),
-            np.maximum(ahead + reach_x, length),
-            np.minimum(left - reach_y, -width),
-            np.maximum(left + reach_y, width),
+            np.minimum(other.low_x, -length),
+            np.maximum(other.high_x, length),
+            np.minimum(other.low_y, -width),
+            np.maximum(other.high_y, width),
         )
 
     def own_extent(self) -> Extent:
