@@ -4,12 +4,15 @@
 samples, uploads ten different full files, and prints how long each took to be on the board. Then it
 lets the system idle for a while, uploads forty more without waiting, and prints the CPU time that
 each process took for one until nothing is left to do: the whole, and what is above the idle rate.
-Heartbeats, the reconciler and polls burn that rate whether files come or not.
+Heartbeats, the reconciler and polls burn that rate whether files come or not. Before and after, another
+process does nothing but the arithmetic of the same files, with the memory of a worker: on a machine that
+is slow at the time both are, and their ratio stays.
 """
 
 import gzip
 import hashlib
 import json
+import multiprocessing
 import os
 import random
 import signal
@@ -20,7 +23,9 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,6 +33,8 @@ import httpx
 from sqlalchemy import select
 
 from benchmarks.report import at_most, note, show
+from benchmarks.timing import cpu_seconds, typical
+from benchmarks.upload import score
 from exceptiondrive_records.accounts.tokens import issue_token
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.phases import create_phase
@@ -36,10 +43,13 @@ from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, W
 from exceptiondrive_schemas.api.phase_settings import NewPhase
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
+from exceptiondrive_worker.process import keep_memory
 from exceptiondrive_worker.sample.files import OPEN_FLOORS
 from exceptiondrive_worker.splits.floors import FLOORS_FILE
+from exceptiondrive_worker.splits.store import load_split, read_split
 
 N_SAMPLES = 3181
+PROTOCOL = "1.0"
 N_WATCHED, N_IN_A_ROW = 10, 40
 IDLE_S = 15.0
 BIN = Path(sys.executable).parent
@@ -61,12 +71,13 @@ def run(_: ProtocolDocument) -> None:
                 records = Database(_records_url(base))
                 _wait_until_all_is_done(records)
                 idle = _cpu_while(system.launcher, lambda: time.sleep(IDLE_S))
-                uploads = _cpu_while(
-                    system.launcher, lambda: _upload_all(http, files[N_WATCHED:], records)
-                )
+                in_a_row = files[N_WATCHED:]
+                before = arithmetic_s(base, in_a_row)
+                uploads = _cpu_while(system.launcher, lambda: _upload_all(http, in_a_row, records))
+                arithmetic = before + arithmetic_s(base, in_a_row)
                 records.dispose()
     _report_times(times_s)
-    _report_cpu(idle, uploads)
+    _report_cpu(idle, uploads, 1000 * typical(arithmetic))
 
 
 class System(NamedTuple):
@@ -80,7 +91,7 @@ class System(NamedTuple):
 @contextmanager
 def running_system(base: Path, n_samples: int) -> Iterator[System]:
     """Run the embedded default in a folder, over a split of its own with an open phase: `bench`."""
-    _write_split(base / "splits" / "bench" / "split.json.gz", n_samples)
+    _write_split(_split_file(base), n_samples)
     port, environment = _free_port(), _environment(base)
     launcher = subprocess.Popen(
         [BIN / "exceptiondrive-server", "run", "--port", str(port), "--data", base / "data"],
@@ -95,6 +106,21 @@ def running_system(base: Path, n_samples: int) -> Iterator[System]:
     finally:
         launcher.send_signal(signal.SIGINT)
         launcher.wait(timeout=60)
+
+
+def arithmetic_s(base: Path, files: list[bytes]) -> list[float]:
+    """CPU seconds of parsing, measuring and grading each file, in a process of its own."""
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(1, context, initializer=keep_memory) as process:
+        return process.submit(_arithmetic_s, _split_file(base), files).result()
+
+
+def _arithmetic_s(split_file: Path, files: list[bytes]) -> list[float]:
+    protocol = packaged_protocol(PROTOCOL)
+    split = load_split(read_split(split_file), protocol)
+    jobs = [partial(score, data, split.manifest, split.arrays, protocol) for data in files]
+    jobs[0]()
+    return [cpu_seconds(job) for job in jobs]
 
 
 class Spent(NamedTuple):
@@ -159,7 +185,7 @@ def _program(words: list[str]) -> str:
     return next((known[word] for word in words if word in known), "broker")
 
 
-def _report_cpu(idle: Spent, uploads: Spent) -> None:
+def _report_cpu(idle: Spent, uploads: Spent, arithmetic_ms: float) -> None:
     """Print what one upload cost, in ms; CPU is told to a hundredth of a second by the system."""
     rows, above_ms = [], 0.0
     for name in (*sorted(uploads.cpu_s), "together"):
@@ -171,7 +197,9 @@ def _report_cpu(idle: Spent, uploads: Spent) -> None:
     title = f"CPU of one of {N_IN_A_ROW} uploads in a row, ms"
     show(title, ("", "whole", "above idle", "idle, ms a second"), rows)
     note(f"{N_IN_A_ROW} uploads were done in {uploads.took_s:.1f} s")
+    note(f"parsing, measuring and grading one of them by itself takes {arithmetic_ms:.1f} ms")
     at_most("an upload, all processes, above idle", above_ms, 50, "ms of CPU")
+    at_most("the same", above_ms / arithmetic_ms, 3, "x its own arithmetic")
 
 
 def _cpu_of(name: str, spent: Spent) -> float:
@@ -265,6 +293,10 @@ def _sample_id(number: int) -> str:
     return f"{number:08x}e823ae8f040e2b3306002c57"
 
 
+def _split_file(base: Path) -> Path:
+    return base / "splits" / "bench" / "split.json.gz"
+
+
 def _records_url(base: Path) -> str:
     return f"sqlite:///{base}/data/records.sqlite3"
 
@@ -290,7 +322,7 @@ def _open_phase(base: Path, environment: dict[str, str]) -> str:
             challenge=PLANNING.id,
             title="Bench",
             split="bench",
-            protocol="1.0",
+            protocol=PROTOCOL,
             quota_per_day=50,
             quota_total=None,
             rejected_per_day=50,
