@@ -2,6 +2,7 @@
 
 pytest_plugins = [
     "tests.canary.plugin",  # the whole run is searched for a withheld coordinate
+    "tests.chaos.story",
     "tests.support.broker",
     "tests.support.browser",
     "tests.support.databases",

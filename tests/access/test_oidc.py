@@ -8,7 +8,7 @@ import pytest
 from itsdangerous import TimestampSigner
 from pydantic import ValidationError
 from sqlalchemy import select
-from tests.access.conftest import query_of, with_provider
+from tests.access.people import query_of, with_provider
 from tests.support.processes import free_port
 
 from exceptiondrive_records.accounts import sign_in
@@ -17,7 +17,7 @@ from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_server.web.settings import ServerSettings
 
 if TYPE_CHECKING:
-    from tests.access.conftest import PersonBrowser, RunningProvider
+    from tests.access.people import PersonBrowser, RunningProvider
     from tests.support.application import Api, TeamBrowser
 
 Open = Callable[["Api"], "PersonBrowser"]

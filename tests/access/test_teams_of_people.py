@@ -25,7 +25,7 @@ from exceptiondrive_records.db.errors import Conflict, NotFound
 from exceptiondrive_records.teams.teams import switch_self_registration
 
 if TYPE_CHECKING:
-    from tests.access.conftest import PersonBrowser, RunningProvider
+    from tests.access.people import PersonBrowser, RunningProvider
     from tests.support.application import Api, TeamBrowser
 
     from exceptiondrive_records.db.database import Database

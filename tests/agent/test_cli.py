@@ -1,16 +1,13 @@
 import subprocess
 import sys
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import pytest
-from typer.testing import Result
+from tests.agent.bench import invoke
 
 if TYPE_CHECKING:
-    from tests.agent.conftest import Bench
+    from tests.agent.bench import Bench
     from tests.support.chat_endpoint import ChatEndpoint
-
-Run = Callable[[list[str]], Result]
 
 
 def python(program: str) -> "subprocess.CompletedProcess[str]":
@@ -41,8 +38,8 @@ def test_without_the_extra_the_error_says_what_to_install() -> None:
 
 
 @pytest.mark.parametrize("command", ["remind", "decide"])
-def test_no_option_takes_a_key(run_command: Run, command: str) -> None:
-    text = run_command([command, "--help"]).stdout.lower()
+def test_no_option_takes_a_key(command: str) -> None:
+    text = invoke([command, "--help"]).stdout.lower()
     assert "--base-url" in text
     assert "--key" not in text
     assert "--api-key" not in text

@@ -10,7 +10,7 @@ from exceptiondrive_schemas.check import check_bytes
 from exceptiondrive_schemas.protocol import packaged_protocol
 
 if TYPE_CHECKING:
-    from tests.agent.conftest import Bench
+    from tests.agent.bench import Bench
     from tests.support.chat_endpoint import ChatEndpoint, Reply, Seen
 
 Shade = Callable[["Seen"], int]

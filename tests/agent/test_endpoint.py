@@ -10,7 +10,7 @@ from exceptiondrive_agent.questions import messages
 from exceptiondrive_endpoints.endpoint import Endpoint, EndpointSettings, ModelSettings
 
 if TYPE_CHECKING:
-    from tests.agent.conftest import Bench
+    from tests.agent.bench import Bench
     from tests.support.chat_endpoint import ChatEndpoint, Reply, Seen
 
 KEY = "key-of-the-tests-0123456789"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from tests.agent.conftest import Bench
+    from tests.agent.bench import Bench
     from tests.support.chat_endpoint import ChatEndpoint, Reply, Seen
 
 PAGE = Path(__file__).parents[2] / "docs" / "strategy-quickstart.md"

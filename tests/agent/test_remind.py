@@ -11,7 +11,7 @@ import pytest
 from exceptiondrive_schemas.submission_files import ReminderRecord
 
 if TYPE_CHECKING:
-    from tests.agent.conftest import Bench
+    from tests.agent.bench import Bench
     from tests.support.chat_endpoint import ChatEndpoint, Seen
 
 FOLDER = Path(__file__).parent / "recorded"

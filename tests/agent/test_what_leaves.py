@@ -15,7 +15,7 @@ import pytest
 from exceptiondrive_schemas.protocol import packaged_protocol
 
 if TYPE_CHECKING:
-    from tests.agent.conftest import Bench
+    from tests.agent.bench import Bench
     from tests.support.chat_endpoint import ChatEndpoint, Reply, Seen
 
 Made = Callable[..., bytes]

@@ -24,6 +24,7 @@ from tests.support.floors import leave_open
 from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.submissions.file_store import FileStore
@@ -47,6 +48,12 @@ NEEDLES = {
     "scene": CANARY_SCENE.encode(),
 }
 CLI = "from exceptiondrive_worker.operator_cli import main; main()"
+
+
+@pytest.fixture(scope="session")
+def world_settings() -> RecordsSettings:
+    """Settings of whoever wakes workers: the defaults."""
+    return RecordsSettings()
 
 
 def split_document(**changes: Any) -> dict[str, Any]:

@@ -62,6 +62,23 @@ def test_no_folder_of_tests_is_left_out(pytestconfig: pytest.Config) -> None:
     assert [name for name in folders if any(fnmatch(name, each) for each in left_out)] == []
 
 
+def test_a_conftest_holds_fixtures_alone_and_nobody_imports_it() -> None:
+    """What tests and fixtures work with has a module of its own, named after what it is."""
+    tests = sorted((ROOT / "tests").rglob("*.py"))
+    assert len(tests) > 400
+    for path in tests:
+        assert not any("conftest" in name for name in imported_modules(path)), path
+    for path in (ROOT / "tests").rglob("conftest.py"):
+        own = [
+            node.name
+            for node in ast.parse(path.read_text()).body
+            if isinstance(node, ast.ClassDef | ast.FunctionDef)
+            and not any("fixture" in ast.unparse(each) for each in node.decorator_list)
+            and not node.name.startswith("pytest_")
+        ]
+        assert own == [], path
+
+
 def test_the_import_contracts_hold() -> None:
     command = [str(Path(sys.executable).parent / "lint-imports"), "--no-cache"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)

@@ -45,19 +45,13 @@ def stand_in(read_shop: Path) -> Iterator[StandIn]:
 def shop(read_shop: Path, stand_in: StandIn, tmp_path: Path) -> Path:
     """A workshop of three keyframes whose endpoints are the stand-in; six tasks are in use."""
     folder = Path(copytree(read_shop, tmp_path / "shop"))
-    set_up(folder, stand_in.base_url)
-    return folder
-
-
-def set_up(
-    folder: Path, base_url: str, tasks: str = '"SE1", "LB1", "LB3", "BG1", "SR1", "RS1"'
-) -> None:
-    """Point a workshop at an endpoint."""
     path = folder / "workshop.toml"
     text = path.read_text()
     for port in (8000, 8001):
-        text = text.replace(f"http://127.0.0.1:{port}/v1", base_url)
+        text = text.replace(f"http://127.0.0.1:{port}/v1", stand_in.base_url)
+    tasks = '"SE1", "LB1", "LB3", "BG1", "SR1", "RS1"'
     path.write_text(text.replace("tasks = []", f"tasks = [{tasks}]"))
+    return folder
 
 
 @pytest.fixture(autouse=True)

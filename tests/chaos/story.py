@@ -1,13 +1,16 @@
-"""A small story, truly lived by records and files, for the checker to read."""
+"""A pytest plugin: a small story, truly lived by records and files, for whoever checks or keeps them."""
 
+import dataclasses
 import json
-from collections.abc import Callable
+import shutil
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import select
+import pytest
+from sqlalchemy import select, text
 from sqlalchemy.orm import Session
 from tests.chaos.history import BoardSeen, Call, History, Sighting
 from tests.support.documents import REVISION, make_manifest
@@ -183,3 +186,61 @@ def tell(database: Database, folder: Path) -> Story:
     teller.finish(failed, None)
     teller.publish((best, second))
     return Story(database, files, folder, teller.history, (best, second), failed)
+
+
+@pytest.fixture
+def story(database: Database, tmp_path: Path) -> Story:
+    """The story on SQLite, then on PostgreSQL."""
+    return tell(database, tmp_path)
+
+
+@pytest.fixture(scope="session")
+def told_once(migrated_sqlite: Path, tmp_path_factory: pytest.TempPathFactory) -> Story:
+    """The story on SQLite, to copy from; without the triggers that forbid what is planted."""
+    folder = tmp_path_factory.mktemp("story")
+    shutil.copy(migrated_sqlite, folder / "records.sqlite3")
+    database = Database(f"sqlite:///{folder / 'records.sqlite3'}")
+    story = tell(database, folder)
+    with database.write() as session:
+        names = session.scalars(text("SELECT name FROM sqlite_master WHERE type = 'trigger'"))
+        for name in list(names):
+            session.execute(text(f'DROP TRIGGER "{name}"'))
+    database.dispose()
+    return story
+
+
+@pytest.fixture
+def embedded_story(told_once: Story, tmp_path: Path) -> Iterator[Story]:
+    """A copy of the story on SQLite that a test may spoil."""
+    folder = tmp_path / "copy"
+    shutil.copytree(told_once.folder, folder)
+    database = Database(f"sqlite:///{folder / 'records.sqlite3'}")
+    files = FileStore((folder / "uploads").as_uri())
+    history = told_once.history.so_far()
+    yield dataclasses.replace(
+        told_once, database=database, files=files, folder=folder, history=history
+    )
+    database.dispose()
+
+
+@dataclass(frozen=True)
+class Lived:
+    """Records and uploads on SQLite."""
+
+    url: str
+    database: Database
+    files: FileStore
+    uploads: Path
+
+
+@pytest.fixture
+def lived(tmp_path: Path, migrated_sqlite: Path) -> Iterator[Lived]:
+    """The story of the fault suite's checker."""
+    folder = tmp_path / "lived"
+    folder.mkdir()
+    shutil.copy(migrated_sqlite, folder / "records.sqlite3")
+    url = f"sqlite:///{folder / 'records.sqlite3'}"
+    database = Database(url)
+    story = tell(database, folder)
+    yield Lived(url, database, story.files, folder / "uploads")
+    database.dispose()

@@ -7,7 +7,6 @@ all else is tested against the real application in test_with_server.py.
 import json
 import threading
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,12 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from exceptiondrive import Client
-
 if TYPE_CHECKING:
     from tests.support.snapshots import Snapshots
 
-    from exceptiondrive_worker.context import WorkerContext
+from tests.client.servers import SPLIT, STRAIGHT, CannedServer, Running, fill_records, work_until
 
 IS_ALONE = find_spec("exceptiondrive_server") is None
 """The client by itself, as on Python 3.10: see tests/on_every_python.py."""
@@ -39,25 +36,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items if IS_ALONE else ():
         if {"running", "working", "sqlite_url"} & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.skip(reason="needs the server"))
-
-
-STRAIGHT = [[4.0 * step, 0.0] for step in range(1, 7)]
-SPLIT = {
-    "schema": "exceptiondrive.split/1",
-    "name": "tiny",
-    "title": "Tiny",
-    "samples": [
-        {
-            "sample_id": f"s{number}",
-            "scene_id": f"scene-{number // 2}",
-            "task": ("SE1", "LB1", "SR1", "IC1")[number],
-            "region": [[20.0, -1.0], [22.0, -1.0], [22.0, 1.0], [20.0, 1.0]],
-        }
-        for number in range(4)
-    ],
-}
-
-Answer = tuple[int, dict[str, str], bytes]
 
 
 @pytest.fixture(autouse=True)
@@ -98,39 +76,6 @@ def split_file(tmp_path: Path) -> Path:
     return path
 
 
-@dataclass
-class CannedServer:
-    """A real HTTP server on the loopback that gives set answers, the last one for ever."""
-
-    url: str = ""
-    answers: dict[str, list[Answer]] = field(default_factory=dict)
-    requests: list[tuple[str, str, bytes]] = field(default_factory=list)
-    headers: list[dict[str, str]] = field(default_factory=list)
-
-    def answer(
-        self, path: str, status: int, document: Any, headers: dict[str, str] | None = None
-    ) -> None:
-        """Add an answer for `METHOD /path`, to be given once the earlier ones are used."""
-        body = document if isinstance(document, bytes) else json.dumps(document).encode()
-        self.answers.setdefault(path, []).append((status, headers or {}, body))
-
-    def problem(self, path: str, status: int, code: str, **more: Any) -> None:
-        """Add an RFC 9457 problem."""
-        document = {
-            "type": f"/problems/{code}",
-            "title": code,
-            "status": status,
-            "code": code,
-            "detail": more.pop("detail", f"The server says {code}."),
-        }
-        self.answer(path, status, {**document, **more})
-
-    def take(self, path: str) -> Answer:
-        """Return the next answer for a path."""
-        waiting = self.answers.get(path) or [(404, {}, b"no such canned answer")]
-        return waiting.pop(0) if len(waiting) > 1 else waiting[0]
-
-
 @pytest.fixture
 def canned_server() -> Iterator[CannedServer]:
     """Start a server with set answers."""
@@ -165,23 +110,6 @@ def canned_server() -> Iterator[CannedServer]:
     thread.join()
 
 
-# The real application, in a thread on the loopback over a SQLite file. The worker's own functions
-# run in another thread, in place of Celery, which tests/end_to_end has.
-
-
-@dataclass
-class Running:
-    """A server with a phase of each challenge on the tiny split, a team and an organizer."""
-
-    url: str
-    token: str
-    organizer_token: str
-    context: "WorkerContext"
-
-    def client(self) -> Client:
-        return Client(self.url, self.token)
-
-
 @pytest.fixture
 def running(
     tmp_path: Path, sqlite_url: str, broker_url: str, split_file: Path, snapshots: "Snapshots"
@@ -205,7 +133,7 @@ def running(
     (folder / "split.json").write_bytes(split_file.read_bytes())
     worker = WorkerSettings(**places, splits_dir=folder.parent, private_dir=tmp_path / "private")
     context = open_context(worker)
-    tokens = snapshots.fill("client", sqlite_url, tmp_path, lambda: _fill_records(context))
+    tokens = snapshots.fill("client", sqlite_url, tmp_path, lambda: fill_records(context))
     application = create_app(ServerSettings(**places, receipt_key_file=tmp_path / "key.pem"))
     # CliRunner would take the server's lines for the CLI's
     with served(application) as url, structlog.testing.capture_logs():
@@ -213,44 +141,12 @@ def running(
     context.close()
 
 
-def _fill_records(context: "WorkerContext") -> tuple[str, str]:
-    """Make protocol, split, two phases, a team and its token, an organizer and theirs."""
-    from tests.support.records import add_phase, found
-
-    from exceptiondrive_records.accounts.tokens import PARTICIPANT_SCOPES
-    from exceptiondrive_schemas.protocol import packaged_protocol
-    from exceptiondrive_worker.splits.admin import publish_split_file, register_all_splits
-
-    protocol = packaged_protocol()
-    with context.database.write() as session:
-        tokens = found(session, scopes=PARTICIPANT_SCOPES).tokens
-    register_all_splits(context.database, context.splits, protocol)
-    publish_split_file(context.database, context.files, context.splits, "tiny", protocol)
-    with context.database.write() as session:
-        for phase, challenge in (("dev", "planning"), ("words", "strategy")):
-            usual = {"title": "Development", "split": "tiny", "quota_per_day": 2}
-            add_phase(session, phase, challenge=challenge, **usual)
-    return tokens["alpha"], tokens["organizer"]
-
-
 @pytest.fixture
 def working(running: Running) -> Iterator[Running]:
     """The same, with the worker's functions doing what is queued."""
     stop = threading.Event()
-    thread = threading.Thread(target=_work, args=(running.context, stop), daemon=True)
+    thread = threading.Thread(target=work_until, args=(running.context, stop), daemon=True)
     thread.start()
     yield running
     stop.set()
     thread.join()
-
-
-def _work(context: "WorkerContext", stop: threading.Event) -> None:
-    from tests.support.worker import build_wanted_boards, due_jobs, score_submission
-
-    from exceptiondrive_worker.profile_run import describe_next
-
-    while not stop.wait(0.02):
-        for job_id in due_jobs(context.database):
-            score_submission(context, job_id)
-        build_wanted_boards(context)
-        describe_next(context)

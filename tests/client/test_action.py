@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 import yaml
-from tests.client.conftest import Running
+from tests.client.servers import Running
 from tests.support.distributions import bare_environment, build
 
 from exceptiondrive_schemas.api.submission import SubmissionView

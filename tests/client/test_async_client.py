@@ -13,7 +13,7 @@ from exceptiondrive import AsyncClient, AsyncSubmission, Client, NotFoundError, 
 from exceptiondrive.errors import InvalidFileError, WaitTimeoutError
 
 if TYPE_CHECKING:
-    from tests.client.conftest import CannedServer, Running
+    from tests.client.servers import CannedServer, Running
 
 MakeFile = Callable[..., Path]
 

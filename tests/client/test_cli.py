@@ -17,7 +17,7 @@ from exceptiondrive import __version__
 from exceptiondrive.cli import COMMANDS, app
 
 if TYPE_CHECKING:
-    from tests.client.conftest import CannedServer
+    from tests.client.servers import CannedServer
 
 MakeFile = Callable[..., Path]
 ME = {"team": "alpha", "token_name": "ci", "scopes": ["submit"], "expires_at": None}

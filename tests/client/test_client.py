@@ -35,7 +35,7 @@ from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_schemas.protocol import packaged_protocol
 
 if TYPE_CHECKING:
-    from tests.client.conftest import CannedServer
+    from tests.client.servers import CannedServer
 
 ME = {"team": "alpha", "token_name": "ci", "scopes": ["submit"], "expires_at": None}
 VIEW: dict[str, Any] = {

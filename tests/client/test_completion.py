@@ -14,7 +14,7 @@ from typer.main import get_command
 from exceptiondrive.cli import app
 
 if TYPE_CHECKING:
-    from tests.client.conftest import Running
+    from tests.client.servers import Running
 
 NOBODY = "http://127.0.0.1:9"
 

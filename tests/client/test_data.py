@@ -21,7 +21,7 @@ from exceptiondrive.transport import is_here, require_private_link
 from exceptiondrive_schemas.api.data_manifest import DataFile, DataManifest
 
 if TYPE_CHECKING:
-    from tests.client.conftest import Running
+    from tests.client.servers import Running
 
 CONTENT = bytes(range(256)) * 2000
 HOSTILE_NAMES = (

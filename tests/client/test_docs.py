@@ -16,7 +16,7 @@ from exceptiondrive.cli import app
 from exceptiondrive.cli.reference import command_reference, with_reference
 
 if TYPE_CHECKING:
-    from tests.client.conftest import Running
+    from tests.client.servers import Running
 
 DOCS = Path(__file__).parents[2] / "docs"
 CLIENT = DOCS / "client.md"

@@ -13,7 +13,7 @@ from exceptiondrive.facts import facts_of, facts_of_pairs
 from exceptiondrive_schemas.method_facts import MethodFacts
 
 if TYPE_CHECKING:
-    from tests.client.conftest import Running
+    from tests.client.servers import Running
 
 
 def ok(done: Any) -> str:

@@ -23,7 +23,7 @@ from exceptiondrive.inputs import given_manifest, given_protocol, given_split, g
 from exceptiondrive_schemas.split import Manifest
 
 if TYPE_CHECKING:
-    from tests.client.conftest import Running
+    from tests.client.servers import Running
 
 MakeFile = Callable[..., Path]
 IDS = [f"s{number}" for number in range(4)]

@@ -29,7 +29,7 @@ from exceptiondrive_server.app import create_app
 from exceptiondrive_server.web.settings import ServerSettings
 
 if TYPE_CHECKING:
-    from tests.client.conftest import Running
+    from tests.client.servers import Running
 
 NEW = {"new_here": {"of_any_form": [1, "two"]}, "new_text": "text", "new_number": 0}
 

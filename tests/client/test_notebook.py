@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.client.conftest import Running
+from tests.client.servers import Running
 
 NOTEBOOK = Path(__file__).parents[2] / "docs/notebooks/first_entry.ipynb"
 INSTALL = '%pip install --quiet "exceptiondrive[evaluate,data]"'

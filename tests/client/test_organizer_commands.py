@@ -16,7 +16,7 @@ from exceptiondrive_schemas.api.similarity import SimilarityReport
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
 if TYPE_CHECKING:
-    from tests.client.conftest import Running
+    from tests.client.servers import Running
 
 
 def organize(server: "Running", *arguments: object, token: str | None = None) -> Any:

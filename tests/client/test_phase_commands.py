@@ -21,7 +21,7 @@ from exceptiondrive_schemas.board import BoardEntry
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
 if TYPE_CHECKING:
-    from tests.client.conftest import Running
+    from tests.client.servers import Running
 
 MakeFile = Callable[..., Path]
 PAUSE_S = 0.05

@@ -15,7 +15,7 @@ from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive.receipts import ReceiptError, keys_path, verify_receipt
 
 if TYPE_CHECKING:
-    from tests.client.conftest import Running
+    from tests.client.servers import Running
 
 
 @pytest.fixture

@@ -45,7 +45,7 @@ from exceptiondrive_scoring.similarity import AlikeRule
 from exceptiondrive_worker import upload_reader
 
 if TYPE_CHECKING:
-    from tests.client.conftest import Running
+    from tests.client.servers import Running
 
 
 def metric(key: str, label: str, **more: Any) -> Metric:

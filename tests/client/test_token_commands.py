@@ -11,7 +11,7 @@ from exceptiondrive.cli import app
 from exceptiondrive.organizer import Organizer
 
 if TYPE_CHECKING:
-    from tests.client.conftest import Running
+    from tests.client.servers import Running
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from zipfile import ZipFile
 
 import pytest
 from packaging.metadata import Metadata
-from tests.client.conftest import Running
+from tests.client.servers import Running
 from tests.support.distributions import bare_environment, build, names_in
 from tests.support.pythons import Version, pythons
 

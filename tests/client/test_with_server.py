@@ -31,7 +31,7 @@ from exceptiondrive import (
 from exceptiondrive.cli import app
 
 if TYPE_CHECKING:
-    from tests.client.conftest import Running
+    from tests.client.servers import Running
 
 MakeFile = Callable[..., Path]
 QUOTA = 2

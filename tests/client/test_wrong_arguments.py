@@ -23,7 +23,7 @@ from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_schemas.published import example_text
 
 if TYPE_CHECKING:
-    from tests.client.conftest import Running
+    from tests.client.servers import Running
 
 MakeFile = Callable[..., Path]
 VIEW = SubmissionView.read(example_text("submission"))

@@ -8,18 +8,23 @@ import io
 import json
 import pickle
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
+from tests.hostile.site import Site, open_site
 
 from exceptiondrive_schemas.protocol import packaged_protocol
 
-if TYPE_CHECKING:
-    from tests.hostile.conftest import Site
-
 WAY = [[1.0 * step, 0.0] for step in range(1, 7)]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory, migrated_sqlite: Path) -> Iterator[Site]:
+    with open_site(tmp_path_factory.mktemp("hostile"), migrated_sqlite) as site:
+        yield site
 
 
 def document(**first: Any) -> dict[str, Any]:
@@ -132,7 +137,7 @@ CONTENT: list[tuple[str, bytes, str]] = [
         for n, (row, data, code) in enumerate(CONTENT)
     ],
 )
-def test_a_hostile_file_is_rejected_with_its_code(site: "Site", data: bytes, code: str) -> None:
+def test_a_hostile_file_is_rejected_with_its_code(site: Site, data: bytes, code: str) -> None:
     shown = site.score(data)
     assert shown["status"] == "rejected"
     assert shown["failure"] is None
@@ -147,7 +152,7 @@ def test_the_pickle_that_is_uploaded_would_be_noticed_by_whoever_loads_it() -> N
 
 
 @pytest.mark.row("I29")
-def test_the_answer_to_a_file_of_invalid_samples_is_small(site: "Site") -> None:
+def test_the_answer_to_a_file_of_invalid_samples_is_small(site: Site) -> None:
     shown = site.score(answers_of(*(f"ECHO-{i}" for i in range(2500))))
     unknown = [each for each in shown["report"]["faults"] if each["code"] == "unknown_sample"]
     assert [each["count"] for each in unknown] == [2500]
@@ -155,7 +160,7 @@ def test_the_answer_to_a_file_of_invalid_samples_is_small(site: "Site") -> None:
 
 
 @pytest.mark.row("I08")
-def test_i08_a_missing_source_is_scored_and_its_coverage_shown(site: "Site") -> None:
+def test_i08_a_missing_source_is_scored_and_its_coverage_shown(site: Site) -> None:
     shown = site.score(sound(source=None), method="No source")
     assert shown["status"] == "scored"
     assert shown["sheet"]["coverage"]["source"] == 0.5
@@ -171,7 +176,7 @@ def test_i08_a_missing_source_is_scored_and_its_coverage_shown(site: "Site") -> 
     ],
 )
 def test_i17_what_no_car_does_is_flagged_and_shown_on_the_board(
-    site: "Site", way: list[list[float]], flag: str
+    site: Site, way: list[list[float]], flag: str
 ) -> None:
     answers = [{"sample_id": f"s{i}", "source": WAY, "edited": way} for i in range(2)]
     data = json.dumps({**document(), "predictions": answers}).encode()
@@ -199,7 +204,7 @@ def test_i17_what_no_car_does_is_flagged_and_shown_on_the_board(
         pytest.param("a\r\nSet-Cookie: x=1", id="I28-header-injection"),
     ],
 )
-def test_a_name_that_cannot_be_shown_is_refused_and_not_repeated(site: "Site", name: str) -> None:
+def test_a_name_that_cannot_be_shown_is_refused_and_not_repeated(site: Site, name: str) -> None:
     before = site.n_submissions
     response = site.post(sound(), method=name)
     assert response.status_code == 400
@@ -223,7 +228,7 @@ NAMES = {
 
 
 @pytest.fixture(scope="module")
-def named(site: "Site") -> "Site":
+def named(site: Site) -> Site:
     """A board with every hostile name."""
     for number, name in enumerate(NAMES.values()):
         way = [[1.0 * step, 0.1 * number] for step in range(1, 7)]
@@ -234,7 +239,7 @@ def named(site: "Site") -> "Site":
 
 @pytest.mark.row("I12", "I11")
 @pytest.mark.parametrize("path", ["/?phase=dev", "/feed.atom?phase=dev"])
-def test_i12_names_are_inert_on_the_page_and_in_the_feed(named: "Site", path: str) -> None:
+def test_i12_names_are_inert_on_the_page_and_in_the_feed(named: Site, path: str) -> None:
     response = named.client.get(path)
     assert response.status_code == 200
     assert "<script>alert" not in response.text
@@ -249,7 +254,7 @@ def test_i12_names_are_inert_on_the_page_and_in_the_feed(named: "Site", path: st
 @pytest.mark.parametrize(
     "path", ["/api/v1/leaderboard.csv?phase=dev", "/export/board.csv?phase=dev"]
 )
-def test_i12_names_are_no_formulas_in_a_spreadsheet(named: "Site", path: str) -> None:
+def test_i12_names_are_no_formulas_in_a_spreadsheet(named: Site, path: str) -> None:
     import csv
 
     rows = list(csv.reader(io.StringIO(named.client.get(path).text)))
@@ -260,7 +265,7 @@ def test_i12_names_are_no_formulas_in_a_spreadsheet(named: "Site", path: str) ->
 
 
 @pytest.mark.row("I12")
-def test_i12_names_are_no_commands_in_latex(named: "Site") -> None:
+def test_i12_names_are_no_commands_in_latex(named: Site) -> None:
     text = named.client.get("/export/board.tex?phase=dev").text
     assert r"\input{" not in text
     assert r"\textbackslash{}input" in text
@@ -268,7 +273,7 @@ def test_i12_names_are_no_commands_in_latex(named: "Site") -> None:
 
 
 @pytest.mark.row("I12")
-def test_i12_names_are_themselves_in_json(named: "Site") -> None:
+def test_i12_names_are_themselves_in_json(named: Site) -> None:
     response = named.client.get("/api/v1/leaderboard?phase=dev")
     assert set(NAMES.values()) <= {row["method"] for row in response.json()["entries"]}
     assert response.headers["content-type"] == "application/json"
@@ -279,14 +284,14 @@ def test_i12_names_are_themselves_in_json(named: "Site") -> None:
 @pytest.mark.parametrize(
     "link", ["javascript:alert(1)", "data:text/html,x", "http://10.0.0.1/", "file:///etc/passwd"]
 )
-def test_i12_a_link_that_is_not_https_is_refused(site: "Site", link: str) -> None:
+def test_i12_a_link_that_is_not_https_is_refused(site: Site, link: str) -> None:
     data = sound() + b" " * len(link)  # bytes of its own: the same again are the first submission
     assert site.post(data, code_url=link).status_code == 400
 
 
 @pytest.mark.row("I14")
 @pytest.mark.parametrize("encoding", ["gzip", "deflate", "zstd", "br"])
-def test_i14_an_encoded_body_is_refused(site: "Site", encoding: str) -> None:
+def test_i14_an_encoded_body_is_refused(site: Site, encoding: str) -> None:
     response = site.client.post(
         "/api/v1/submissions",
         headers={"Authorization": f"Bearer {site.token}", "Content-Encoding": encoding},
@@ -299,7 +304,7 @@ def test_i14_an_encoded_body_is_refused(site: "Site", encoding: str) -> None:
 @pytest.mark.parametrize(
     "name", ["../../../etc/passwd", "/etc/passwd", "a\\..\\b", "x" * 4000, "%2e%2e%2fx", "nul\x00"]
 )
-def test_i28_the_name_of_a_file_is_never_used(site: "Site", name: str) -> None:
+def test_i28_the_name_of_a_file_is_never_used(site: Site, name: str) -> None:
     response = site.client.post(
         "/api/v1/submissions",
         headers={"Authorization": f"Bearer {site.token}"},

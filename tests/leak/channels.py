@@ -32,7 +32,7 @@ from exceptiondrive_scoring.rank import rank_intervals, told_rank_intervals
 from exceptiondrive_worker.boards.rounding import Rounding
 
 if TYPE_CHECKING:
-    from tests.leak.conftest import Oracle
+    from tests.leak.oracle import Oracle
 
 FloatArray = NDArray[np.float64]
 METRICS = PLANNING.interval_metrics

@@ -21,7 +21,7 @@ from exceptiondrive_scoring.grade import clearance_compliance, proximity_respons
 from exceptiondrive_worker.splits.store import load_split, read_split
 
 if TYPE_CHECKING:
-    from tests.leak.conftest import Oracle
+    from tests.leak.oracle import Oracle
 
 FloatArray = NDArray[np.float64]
 METRICS = ("hcc", "ur", "hpr")
@@ -186,7 +186,7 @@ class Attack:
 
 def main() -> None:
     """Print how well 21 regions are read; the figures of docs/leakage.md."""
-    from tests.leak.conftest import SAMPLE, Oracle
+    from tests.leak.oracle import SAMPLE, Oracle
 
     for version, counts in (("1.1", (8, 22)), (NEWEST_WITHHELD, (8, 20))):
         protocol = packaged_protocol(version)

@@ -18,7 +18,7 @@ from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_worker.boards.rounding import Rounding
 
 if TYPE_CHECKING:
-    from tests.leak.conftest import Oracle
+    from tests.leak.oracle import Oracle
 
 FloatArray = NDArray[np.float64]
 CELLS = ["task", "family", "overall"]

@@ -13,7 +13,7 @@ from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_worker.splits.store import LoadedSplit
 
 if TYPE_CHECKING:
-    from tests.leak.conftest import Oracle
+    from tests.leak.oracle import Oracle
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "leakage.md"
 CLEARANCES_M = np.concatenate([[0.0], np.linspace(0.005, 4.0, 400), np.linspace(4.5, 40.0, 30)])
@@ -32,7 +32,7 @@ def newest() -> ProtocolDocument:
 @pytest.fixture(scope="module")
 def audited(sample_split: LoadedSplit, newest: ProtocolDocument) -> tuple["Oracle", int, Exact]:
     """The sample that weighs most in any draw of scenes: nobody is told more finely."""
-    from tests.leak.conftest import Oracle
+    from tests.leak.oracle import Oracle
 
     oracle = Oracle(sample_split, newest)
     arrays = oracle.split.arrays

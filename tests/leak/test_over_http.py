@@ -27,7 +27,7 @@ from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.splits.admin import register_all_splits
 
 if TYPE_CHECKING:
-    from tests.leak.conftest import Oracle
+    from tests.leak.oracle import Oracle
 
 SPLITS = Path(__file__).parents[2] / "hidden_splits"
 API = "/api/v1"

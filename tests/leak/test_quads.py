@@ -10,7 +10,7 @@ from tests.leak.quads import Attack
 from exceptiondrive_schemas.protocol import NEWEST_WITHHELD, packaged_protocol
 
 if TYPE_CHECKING:
-    from tests.leak.conftest import Oracle
+    from tests.leak.oracle import Oracle
 
 N_UPLOADS = 8
 """As many days with the advised quota of one a day."""

@@ -8,7 +8,7 @@ import numpy as np
 from exceptiondrive_schemas.protocol import NEWEST_WITHHELD, packaged_protocol
 
 if TYPE_CHECKING:
-    from tests.leak.conftest import Oracle
+    from tests.leak.oracle import Oracle
 
 METRICS = ("hcc", "hpr", "ur")
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from sqlalchemy import select
-from tests.operating.conftest import Lived
+from tests.chaos.story import Lived
 
 from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.boards.tables import BoardRow
@@ -16,6 +16,37 @@ from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_server.operations.backup import BackupError, restore_backup, write_backup
+
+
+@pytest.fixture
+def sqlite_path(tmp_path: Path) -> Path:
+    """Where a database may be made."""
+    return tmp_path / "fresh.sqlite3"
+
+
+@pytest.fixture
+def add_board() -> Callable[[Database], int]:
+    """Append a board like the last one, by its own number; return the id that it got."""
+
+    def add(database: Database) -> int:
+        with database.write() as session:
+            last = session.query(BoardRow).order_by(BoardRow.id.desc()).first()
+            assert last is not None
+            row = BoardRow(
+                phase_id=last.phase_id,
+                protocol_digest=last.protocol_digest,
+                split_revision=last.split_revision,
+                number=last.number + 1,
+                digest=last.digest,
+                body_digest=last.body_digest,
+                body=last.body,
+                published_at=last.published_at,
+            )
+            session.add(row)
+            session.flush()
+            return row.id
+
+    return add
 
 
 def all_rows(database: Database) -> dict[str, list[str]]:

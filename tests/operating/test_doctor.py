@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from sqlalchemy import select, text
 from sqlalchemy.exc import DBAPIError
-from tests.operating.conftest import Lived
+from tests.chaos.story import Lived
 from tests.support.processes import plain_environment, wait_until
 
 from exceptiondrive_records.db.clock import database_now

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 from starlette.testclient import TestClient
 
 if TYPE_CHECKING:
-    from tests.phases.conftest import Life
+    from tests.phases.life import Life
 
 HTML = {"Accept": "text/html", "Origin": "https://server.test"}
 

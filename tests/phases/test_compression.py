@@ -7,7 +7,7 @@ import pytest
 from tests.phases.browsing import visitor
 
 if TYPE_CHECKING:
-    from tests.phases.conftest import Life
+    from tests.phases.life import Life
 
 PACKED = {"Accept-Encoding": "gzip", "Accept": "text/html"}
 OF_ONE = ("/my", "/my/team", "/my/tokens", "/submit?phase=test", "/sign-in", "/organize", "/?q=x")

@@ -17,7 +17,7 @@ from tests.phases.test_parts import CAREFUL, PRIVATE_ONLY, PUBLIC_ONLY, reveal, 
 from exceptiondrive_server.submissions.download import PIECE_BYTES, written_down
 
 if TYPE_CHECKING:
-    from tests.phases.conftest import Life
+    from tests.phases.life import Life
 
 EXPORT = "/api/v1/organizer/phases/test/export"
 SHARED = Path(tests.support.__path__[0]) / "every_eval_ever" / "eval.schema.json"

@@ -6,7 +6,7 @@ from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
 if TYPE_CHECKING:
-    from tests.phases.conftest import Life
+    from tests.phases.life import Life
 
 
 def test_an_update_says_what_it_changed_and_the_reason(life: "Life") -> None:

@@ -13,7 +13,7 @@ from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
 from exceptiondrive_records.teams.teams import create_team
 
 if TYPE_CHECKING:
-    from tests.phases.conftest import Life
+    from tests.phases.life import Life
 
 STANDS_MPS, BLIND_MPS = 0.1, 4.0
 """Ends 0.3 m from the start; drives as before the edit."""

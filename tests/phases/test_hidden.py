@@ -19,7 +19,7 @@ from exceptiondrive_worker.splits.store import SplitStore
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tests.phases.conftest import Life
+    from tests.phases.life import Life
 
 SECRETS = ("veiled-phase", "Veiled title", "Veiled words", "veiled-split")
 FOR_WHO_OWNS = (

@@ -9,7 +9,7 @@ from tests.support.browser import axe_violations
 from tests.support.serving import served
 
 if TYPE_CHECKING:
-    from tests.phases.conftest import Life
+    from tests.phases.life import Life
 
 pytestmark = [
     pytest.mark.browser,

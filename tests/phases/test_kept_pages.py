@@ -20,7 +20,7 @@ from exceptiondrive_server.web import services as of_site
 from exceptiondrive_server.web.kept_pages import KeptPages
 
 if TYPE_CHECKING:
-    from tests.phases.conftest import Life
+    from tests.phases.life import Life
 
 BOARDS = ("/?phase=test", "/", "/?phase=test&sort=-ur", "/?phase=test&q=alpha")
 OTHERS = (

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from tests.phases.browsing import send, visitor
 
 if TYPE_CHECKING:
-    from tests.phases.conftest import Life
+    from tests.phases.life import Life
 
 BACK = {"back": "my"}
 

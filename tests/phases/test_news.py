@@ -6,7 +6,7 @@ import pytest
 from tests.phases.browsing import send, visitor
 
 if TYPE_CHECKING:
-    from tests.phases.conftest import Life
+    from tests.phases.life import Life
 
 NEWS = {"title": "The workshop moves", "text": "It is on **Friday** now."}
 QUESTION = "May a planner use <b>maps</b>?"

@@ -8,7 +8,7 @@ from starlette.testclient import TestClient
 from tests.phases.browsing import visitor
 
 if TYPE_CHECKING:
-    from tests.phases.conftest import Life
+    from tests.phases.life import Life
 
 BOARD = "/?phase=test"
 

@@ -7,7 +7,7 @@ import pytest
 from tests.phases.browsing import send, visitor
 
 if TYPE_CHECKING:
-    from tests.phases.conftest import Life
+    from tests.phases.life import Life
 
 TEXTS = {
     "rules": "# Allowed\n\n- any *planner*",

@@ -19,7 +19,7 @@ from exceptiondrive_worker.splits.faults import SplitRefusedError
 from exceptiondrive_worker.splits.store import load_split
 
 if TYPE_CHECKING:
-    from tests.phases.conftest import Life
+    from tests.phases.life import Life
 
 CAREFUL = dict.fromkeys("abcde", 1.0)
 PUBLIC_ONLY = CAREFUL | {"a": 9.0, "c": 9.0, "e": 9.0}
@@ -110,10 +110,10 @@ def test_the_live_board_counts_the_public_part_of_files_that_answer_everything(
 
 def test_a_part_scores_as_a_split_of_its_samples_alone(life: "Life") -> None:
     """The sheet under a part equals that of a split which holds nothing else."""
-    from tests.phases import conftest as world
+    from tests.phases.life import SAMPLES, split_of
 
-    alone = {key: value for key, value in world.SAMPLES.items() if value[2] == "private"}
-    life.add_split(world.split_of({k: (t, m, None) for k, (t, m, _) in alone.items()}, "alone"))
+    alone = {key: value for key, value in SAMPLES.items() if value[2] == "private"}
+    life.add_split(split_of({k: (t, m, None) for k, (t, m, _) in alone.items()}, "alone"))
     life.make_phase("lone", split="alone")
     life.make_phase()
     mixed = {"a": 9.0, "b": 9.0, "c": 1.0, "d": 9.0, "e": 3.5}

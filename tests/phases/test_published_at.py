@@ -7,7 +7,7 @@ from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
 if TYPE_CHECKING:
-    from tests.phases.conftest import Life
+    from tests.phases.life import Life
 
 
 def test_a_draft_board_is_published_when_it_is_applied_and_its_bytes_stay(life: "Life") -> None:

@@ -6,7 +6,7 @@ from tests.phases.test_page import text_of
 from tests.phases.test_parts import CAREFUL, PRIVATE_ONLY, PUBLIC_ONLY, reveal
 
 if TYPE_CHECKING:
-    from tests.phases.conftest import Life
+    from tests.phases.life import Life
 
 REPORT, PAGE = "/api/v1/phases/test/report", "/phases/test/report"
 

@@ -12,7 +12,7 @@ from tests.phases.browsing import send, visitor
 from tests.phases.test_export import files_of
 
 if TYPE_CHECKING:
-    from tests.phases.conftest import Beginning, Life
+    from tests.phases.life import Beginning, Life
 
 PATH = "/phases/test/reported"
 REVISION = "sha256:" + "a" * 64

@@ -7,7 +7,7 @@ import pytest
 from exceptiondrive_schemas.api.phase_settings import PhasePolicy
 
 if TYPE_CHECKING:
-    from tests.phases.conftest import Life
+    from tests.phases.life import Life
 
 LATER = "2126-11-21T12:00:00Z"
 LATER_STILL = "2126-12-21T12:00:00Z"

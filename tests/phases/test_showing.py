@@ -14,7 +14,7 @@ from exceptiondrive_records.submissions.submissions import LONGEST_UPLOAD, arriv
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
 if TYPE_CHECKING:
-    from tests.phases.conftest import Life
+    from tests.phases.life import Life
 
 PUBLIC = (
     "/?phase=test",

@@ -23,7 +23,7 @@ from exceptiondrive_worker.splits.floors import FloorHeldError
 from exceptiondrive_worker.splits.floors_held import hold_floors_alone
 
 if TYPE_CHECKING:
-    from tests.phases.conftest import Life
+    from tests.phases.life import Life
 
 TOUCH = "hazard regions that touch the footprint at t = 0"
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 from tests.phases.browsing import visitor
-from tests.phases.conftest import SAMPLES, Life, split_of
+from tests.phases.life import SAMPLES, Life, split_of
 from tests.support.work import claim_board_of, let_time_pass
 from tests.support.worker import due_jobs, score_submission
 from typer.testing import CliRunner

@@ -8,7 +8,7 @@ from tests.phases.browsing import send, visitor
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
 if TYPE_CHECKING:
-    from tests.phases.conftest import Life
+    from tests.phases.life import Life
 
 DRAFT = (
     packaged_protocol_toml()

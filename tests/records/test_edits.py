@@ -3,7 +3,7 @@
 import pytest
 from sqlalchemy import select, text
 from sqlalchemy.exc import DatabaseError
-from tests.records.conftest import World
+from tests.records.world import World
 
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.boards.ranking import entries_for_board

@@ -20,6 +20,7 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 from sqlalchemy import func, select
+from tests.records.world import build_world
 from tests.support.work import let_time_pass
 
 from exceptiondrive_records.audit.log import verify_audit
@@ -252,14 +253,14 @@ def run(machine: type[Lifecycle], n_examples: int) -> None:
 
 
 def test_every_interleaving_ends_every_submission_once_on_sqlite(
-    lifecycle: type[Lifecycle], migrated_sqlite: Any, tmp_path: Any, world_on: Any
+    lifecycle: type[Lifecycle], migrated_sqlite: Any, tmp_path: Any
 ) -> None:
     numbers = iter(range(1_000_000))
 
     def new_world() -> Any:
         path = tmp_path / f"{next(numbers)}.sqlite3"
         shutil.copy(migrated_sqlite, path)
-        return world_on(f"sqlite:///{path}")
+        return build_world(Database(f"sqlite:///{path}"))
 
     lifecycle.new_world = staticmethod(new_world)
     run(lifecycle, 12)
@@ -267,13 +268,13 @@ def test_every_interleaving_ends_every_submission_once_on_sqlite(
 
 @pytest.mark.postgres
 def test_every_interleaving_ends_every_submission_once_on_postgres(
-    lifecycle: type[Lifecycle], postgres: Any, world_on: Any
+    lifecycle: type[Lifecycle], postgres: Any
 ) -> None:
     names: list[str] = []
 
     def new_world() -> Any:
         names.append(postgres.create("migrated"))
-        return world_on(postgres.url(names[-1]))
+        return build_world(Database(postgres.url(names[-1])))
 
     lifecycle.new_world = staticmethod(new_world)
     try:

@@ -6,8 +6,8 @@ import time
 import pytest
 from sqlalchemy import text, update
 from sqlalchemy.exc import OperationalError
-from tests.records.conftest import World
 from tests.records.test_boards import board, take
+from tests.records.world import World
 
 from exceptiondrive_records.boards.boards import publish_board
 from exceptiondrive_records.boards.requests import want_boards

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import pytest
-from tests.records.conftest import World
+from tests.records.world import World
 
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
 from exceptiondrive_records.db.identifiers import checked_name, checked_team, skeleton

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 from sqlalchemy import select
-from tests.records.conftest import World
 from tests.records.test_edits import close, standing
+from tests.records.world import World
 
 from exceptiondrive_records.accounts.tables import Token
 from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token

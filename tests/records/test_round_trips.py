@@ -11,8 +11,8 @@ import pytest
 from sqlalchemy import func, insert, make_url, select, text, update
 from sqlalchemy.exc import DBAPIError
 from tests.chaos.proxy import Proxy
-from tests.records.conftest import World
 from tests.records.test_boards import board, take
+from tests.records.world import World
 
 from exceptiondrive_records.audit.log import audit, audit_page, verify_audit
 from exceptiondrive_records.boards.boards import publish_board

@@ -1,8 +1,8 @@
 """Which run of a method stands: newest, best or chosen, as phase and team say, until the deadline."""
 
 import pytest
-from tests.records.conftest import World
 from tests.records.test_edits import close, scored, standing
+from tests.records.world import World
 
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.entries.selection import MAX_CHOICES_A_DAY, choose

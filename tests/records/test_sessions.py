@@ -1,7 +1,7 @@
 """What a session asks the database for, and how often."""
 
-from tests.records.conftest import World
 from tests.records.statements import statements
+from tests.records.world import World
 
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.splits.tables import SplitRow

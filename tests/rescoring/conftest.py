@@ -3,27 +3,22 @@
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import pytest
 from starlette.testclient import TestClient
+from tests.rescoring.application import Api, application_over, organizers_token
 from tests.rescoring.documents import (
-    caution_protocol,
     new_protocol,
     split_document,
     strategy_file,
 )
 from tests.rescoring.stage import Stage, open_stage
-from tests.support.databases import as_role
 from tests.support.serving import served
 from tests.support.snapshots import Snapshots
 
-from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, issue_token
-from exceptiondrive_records.db.roles import Role
+from exceptiondrive_records.accounts.tokens import issue_token
 from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_schemas.split import Split
-from exceptiondrive_server.app import create_app
-from exceptiondrive_server.web.settings import ServerSettings
 
 
 @pytest.fixture
@@ -65,42 +60,8 @@ def make_protocol() -> Callable[..., str]:
 
 
 @pytest.fixture(scope="session")
-def make_caution_protocol() -> Callable[..., str]:
-    return caution_protocol
-
-
-@pytest.fixture(scope="session")
 def make_split() -> Callable[..., Split]:
     return split_document
-
-
-class Api:
-    """The application over a stage, as organizer, team Alpha, or nobody."""
-
-    def __init__(self, client: TestClient, tokens: dict[str, str]) -> None:
-        self.client = client
-        self.tokens = tokens
-
-    def __call__(self, method: str, path: str, who: str = "organizer", **more: Any) -> Any:
-        token = self.tokens.get(who)
-        headers = {"Authorization": f"Bearer {token}"} if token else {}
-        headers |= more.pop("headers", {})
-        return self.client.request(method, f"/api/v1{path}", headers=headers, **more)
-
-
-def application_over(stage: Stage) -> Any:
-    return create_app(
-        ServerSettings(
-            database_url=as_role(stage.settings.database_url, Role.API),
-            broker_url="memory://",
-            file_store_url=stage.settings.file_store_url,
-        )
-    )
-
-
-def organizers_token(stage: Stage) -> str:
-    with stage.database.write() as session:
-        return issue_token(session, None, "me", ORGANIZER_SCOPES, actor="test")[0]
 
 
 @pytest.fixture

@@ -10,7 +10,10 @@ from typing import Any
 import httpx
 import pytest
 from structlog.testing import capture_logs
-from tests.rescoring.documents import strategy_file
+from tests.rescoring.documents import (
+    caution_protocol,
+    strategy_file,
+)
 from typer.testing import CliRunner
 
 from exceptiondrive.cli import app
@@ -100,10 +103,9 @@ def test_a_new_order_of_caution_goes_from_document_to_rollback(
     agents: Stage,
     organizer: Organizer,
     tmp_path: Path,
-    make_caution_protocol: Callable[..., str],
 ) -> None:
     toml = tmp_path / "1.1.toml"
-    toml.write_text(make_caution_protocol("1.1", D_BELOW_E))
+    toml.write_text(caution_protocol("1.1", D_BELOW_E))
     told = organizer.say("protocols", "diff", str(toml), "--phase", "dev")
     assert "A < B < E < D < C -> A < B < D < E < C" in told
     assert "under-warning strategies of task SE1 (occluded pedestrian): A, B, E -> A, B" in told
@@ -151,9 +153,8 @@ def test_a_csv_carries_the_reminders_effect_before_and_after(
     agents: Stage,
     organizer: Organizer,
     tmp_path: Path,
-    make_caution_protocol: Callable[..., str],
 ) -> None:
-    run_id = agents.ready(make_caution_protocol("1.1", D_BELOW_E))
+    run_id = agents.ready(caution_protocol("1.1", D_BELOW_E))
     path = tmp_path / "new.csv"
     organizer.say("rescore", "preview", run_id, "--csv", str(path))
     head, *lines = (line.split(",") for line in path.read_text().splitlines())
@@ -164,11 +165,9 @@ def test_a_csv_carries_the_reminders_effect_before_and_after(
     assert rows["agent"]["new_reminder_effect.under_warning"] == ""
 
 
-def test_a_team_is_told_when_only_the_effect_of_its_reminder_changes(
-    agents: Stage, make_caution_protocol: Callable[..., str]
-) -> None:
+def test_a_team_is_told_when_only_the_effect_of_its_reminder_changes(agents: Stage) -> None:
     """The entry's own numbers stay; those of its counterpart, and so the effect, do not."""
-    unmoved = make_caution_protocol("1.1", D_BELOW_E)
+    unmoved = caution_protocol("1.1", D_BELOW_E)
     agents.submit_file(strategy_file("CCCC"), "sure", "alpha", linked_to=agents.submitted[0])
     agents.work()
     run_id = agents.ready(unmoved)

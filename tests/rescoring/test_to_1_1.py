@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from starlette.testclient import TestClient
-from tests.rescoring.conftest import application_over, organizers_token
+from tests.rescoring.application import application_over, organizers_token
 from tests.rescoring.test_caution_update import Organizer, Serve
 from tests.rescoring.test_organizer_pages import SITE, Visitor
 

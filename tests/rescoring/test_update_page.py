@@ -9,7 +9,7 @@ from sqlalchemy import update
 from exceptiondrive_records.phases.tables import Phase
 
 if TYPE_CHECKING:
-    from tests.rescoring.conftest import Api
+    from tests.rescoring.application import Api
 
 Stage = Any
 D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 4.5")

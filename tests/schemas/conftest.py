@@ -1,5 +1,3 @@
-import json
-from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -51,11 +49,3 @@ def strategy() -> dict[str, Any]:
         "split": "example",
         "predictions": [{"sample_id": sample_id, "strategy": "C"} for sample_id in SAMPLE_IDS],
     }
-
-
-@pytest.fixture
-def encoded() -> Callable[[Any], bytes]:
-    def encode(document: Any) -> bytes:
-        return json.dumps(document).encode()
-
-    return encode

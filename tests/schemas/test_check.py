@@ -19,6 +19,14 @@ Encode = Callable[[Any], bytes]
 
 
 @pytest.fixture
+def encoded() -> Callable[[Any], bytes]:
+    def encode(document: Any) -> bytes:
+        return json.dumps(document).encode()
+
+    return encode
+
+
+@pytest.fixture
 def faults(protocol: ProtocolDocument, manifest: Manifest, encoded: Encode) -> Callable[[Any], Any]:
     def check_object(document: Any) -> dict[FaultCode, FaultGroup]:
         data = document if isinstance(document, bytes) else encoded(document)

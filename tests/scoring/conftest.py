@@ -1,13 +1,12 @@
 """Shared parts of the scoring tests: the protocol, small splits, real files where present."""
 
-import importlib.util
 import json
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.support import naive_scorer, realdata
+from tests.support import naive_scorer
 
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.split import Split
@@ -25,32 +24,6 @@ def protocol() -> ProtocolDocument:
 @pytest.fixture(scope="session")
 def geometry(protocol: ProtocolDocument) -> GeometrySection:
     return protocol.geometry
-
-
-@pytest.fixture(scope="session")
-def naive_clearances_m() -> Callable[[FloatArray, FloatArray, GeometrySection], FloatArray]:
-    """The naive shapely loop of the benchmarks: it shares no code with the scoring package."""
-    spec = importlib.util.spec_from_file_location("naive", REPOSITORY / "benchmarks" / "naive.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    function: Callable[[FloatArray, FloatArray, GeometrySection], FloatArray]
-    function = module.naive_clearances_m
-    return function
-
-
-@pytest.fixture(scope="session")
-def real_case(
-    read_case: Callable[..., tuple[TrajectoryPairs, SplitArrays]],
-) -> Callable[[str, str], tuple[TrajectoryPairs, SplitArrays]]:
-    """Read (split, method) of the real planner files, or skip."""
-
-    def read(name: str, method: str) -> tuple[TrajectoryPairs, SplitArrays]:
-        realdata.require()
-        return read_case(realdata.split_path(name), realdata.file_path(name, method))
-
-    return read
 
 
 @pytest.fixture(scope="session")

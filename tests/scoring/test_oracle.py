@@ -1,6 +1,8 @@
 """The kernel against a naive shapely loop that shares no code with it, on awkward sets."""
 
+import importlib.util
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +16,22 @@ N, T = 120, 6
 FRONT, SIDE = 3.528, 0.925
 Oracle = Callable[[FloatArray, FloatArray, GeometrySection], FloatArray]
 Case = tuple[FloatArray, FloatArray]
+
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="session")
+def naive_clearances_m() -> Callable[[FloatArray, FloatArray, GeometrySection], FloatArray]:
+    """The naive shapely loop of the benchmarks: it shares no code with the scoring package."""
+    spec = importlib.util.spec_from_file_location("naive", ROOT / "benchmarks" / "naive.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    function: Callable[[FloatArray, FloatArray, GeometrySection], FloatArray]
+    function = module.naive_clearances_m
+    return function
 
 
 def polar_quads(rng: np.random.Generator, centre: FloatArray, reach: float) -> FloatArray:

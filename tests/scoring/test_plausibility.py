@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from tests.support import realdata
 
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import Plausibility
@@ -25,6 +26,19 @@ JUMP = np.stack([[1, 2, 3, 23, 24, 25], np.zeros(6)], axis=-1).astype(float)
 HAIRPIN = np.array([[2, 0], [4, 0], [4, 2], [2, 2], [0, 2], [-2, 2]], dtype=float)
 MISSING = np.full((6, 2), np.nan)
 FAR_AWAY = ((60.0, 60.0), (62.0, 60.0), (62.0, 62.0), (60.0, 62.0))
+
+
+@pytest.fixture(scope="session")
+def real_case(
+    read_case: Callable[..., tuple[TrajectoryPairs, SplitArrays]],
+) -> Callable[[str, str], tuple[TrajectoryPairs, SplitArrays]]:
+    """Read (split, method) of the real planner files, or skip."""
+
+    def read(name: str, method: str) -> tuple[TrajectoryPairs, SplitArrays]:
+        realdata.require()
+        return read_case(realdata.split_path(name), realdata.file_path(name, method))
+
+    return read
 
 
 def _judge(

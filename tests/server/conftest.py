@@ -1,6 +1,5 @@
 """The application, and what the tests of the server make: board entries and a split."""
 
-import json
 from collections.abc import Callable
 
 import pytest
@@ -28,16 +27,3 @@ def make_entry() -> Callable[..., BoardEntry]:
 def digest_of() -> Callable[[bytes], str]:
     """The name of a stored file."""
     return documents.digest_of
-
-
-@pytest.fixture
-def split_document() -> bytes:
-    """A small development split."""
-    sample = {
-        "sample_id": "s1",
-        "scene_id": "scene-1",
-        "task": "SE1",
-        "region": [[20.0, -1.0], [22.0, -1.0], [22.0, 1.0], [20.0, 1.0]],
-    }
-    document = {"schema": "exceptiondrive.split/1", "name": "sample", "title": "S"}
-    return json.dumps({**document, "samples": [sample]}).encode()

@@ -1,5 +1,6 @@
 """GET /phases, /splits, /protocols, /tasks, /schemas, /examples, /entries, /me."""
 
+import json
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,19 @@ if TYPE_CHECKING:
     from tests.support.application import Api
 
 Problem = Callable[[Any, int, str], dict[str, Any]]
+
+
+@pytest.fixture
+def split_document() -> bytes:
+    """A small development split."""
+    sample = {
+        "sample_id": "s1",
+        "scene_id": "scene-1",
+        "task": "SE1",
+        "region": [[20.0, -1.0], [22.0, -1.0], [22.0, 1.0], [20.0, 1.0]],
+    }
+    document = {"schema": "exceptiondrive.split/1", "name": "sample", "title": "S"}
+    return json.dumps({**document, "samples": [sample]}).encode()
 
 
 def test_phases_are_public_and_carry_no_quota_without_a_token(api_on_both: "Api") -> None:

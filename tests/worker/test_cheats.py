@@ -15,7 +15,7 @@ import pytest
 from tests.support import cheats, realdata
 from tests.support.cheats import CHEATS, MISTAKES, OF_CONTROLS_ALONE, File
 from tests.support.worker import build_board_of, worker_settings
-from tests.worker.conftest import World
+from tests.worker.world import World
 
 from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.operations.invariants import broken_boards

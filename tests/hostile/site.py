@@ -2,11 +2,11 @@
 
 import shutil
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import pytest
 import structlog
 from starlette.testclient import TestClient
 from tests.canary.values import CANARY_M
@@ -67,9 +67,9 @@ class Site:
             return session.query(Submission).count()
 
 
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory, migrated_sqlite: Path) -> Iterator[Site]:
-    folder = tmp_path_factory.mktemp("hostile")
+@contextmanager
+def open_site(folder: Path, migrated_sqlite: Path) -> Iterator[Site]:
+    """Open a site in a folder, with one team and one phase."""
     shutil.copy(migrated_sqlite, folder / "records.sqlite3")
     hazard = {"task": "LB1", "region": region_ahead(40.0, CANARY_M)}
     made = split_document({f"s{i}": {"scene_id": f"scene-{i}", **hazard} for i in range(N_SAMPLES)})
