@@ -16,10 +16,9 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from exceptiondrive_schemas.protocol import GeometrySection
-from exceptiondrive_scoring.aliases import FloatArray
+from exceptiondrive_scoring.aliases import FloatArray, IntArray
 from exceptiondrive_scoring.convex_distance import gap_along_axes, hull_distance_m
 from exceptiondrive_scoring.footprint import Footprints, footprints
 from exceptiondrive_scoring.kinematics import positions, steps
@@ -76,7 +75,7 @@ def clearance_of_footprints_m(
     above, column, below = _bounds_m(boxes, regions, swept=swept)
     nearest, sample = _least_by_sample(above, regions), regions.sample.take(column)
 
-    def look(piece: NDArray[np.intp], place: NDArray[np.intp]) -> None:
+    def look(piece: IntArray, place: IntArray) -> None:
         distance = _exact_m(boxes, regions, piece, column.take(place), swept=swept)
         np.minimum.at(nearest, sample.take(place), distance)
 
@@ -90,7 +89,7 @@ def clearance_of_footprints_m(
 
 def _bounds_m(
     boxes: Footprints, regions: PreparedRegions, *, swept: bool
-) -> tuple[FloatArray, NDArray[np.intp], FloatArray]:
+) -> tuple[FloatArray, IntArray, FloatArray]:
     """Upper bound per region piece, (P,); those that it does not settle, (Q,); their lower bounds.
 
     The latter are of each pair of a tube piece and such a region piece, (pieces, Q).
@@ -133,8 +132,8 @@ def _least_by_sample(per_piece: FloatArray, regions: PreparedRegions) -> FloatAr
 def _exact_m(
     boxes: Footprints,
     regions: PreparedRegions,
-    piece: NDArray[np.intp],
-    column: NDArray[np.intp],
+    piece: IntArray,
+    column: IntArray,
     *,
     swept: bool,
 ) -> FloatArray:

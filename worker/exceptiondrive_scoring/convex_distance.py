@@ -27,7 +27,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from exceptiondrive_scoring.aliases import FloatArray
+from exceptiondrive_scoring.aliases import BoolArray, FloatArray
 from exceptiondrive_scoring.footprint import Extent, Footprints
 
 T = TypeVar("T", bound=np.generic)
@@ -50,7 +50,7 @@ class _Hull(NamedTuple):
     """Corners of two footprints, (8, column); which links are edges of their hull, (link, column)."""
 
     corners: _Points
-    is_edge: NDArray[np.bool_]
+    is_edge: BoolArray
 
 
 class _Edges(NamedTuple):
@@ -157,24 +157,30 @@ def _gap_of_region_edges(sides: _Sides) -> FloatArray:
 
 
 def _hull(a: Footprints, b: Footprints, b_from_a: Extent, a_from_b: Extent) -> _Hull:
-    """Pair the corners of the one and of the other, turned left against it by 0 to 90 degrees."""
-    b_is_right_of_a = a.cos * b.sin < a.sin * b.cos
-    is_obtuse = a.cos * b.cos + a.sin * b.sin < 0
-
-    def paired(of_a: NDArray[T], of_b: NDArray[T]) -> tuple[NDArray[T], NDArray[T]]:
-        one = np.where(b_is_right_of_a, of_b, of_a)
-        other = np.where(b_is_right_of_a, of_a, of_b)
-        if is_obtuse.any():
-            other = np.where(is_obtuse, np.roll(other, 1, axis=0), other)
-        return one, other
-
+    """Corners of the one and of the other, turned left against it by 0 to 90 degrees, in pairs."""
+    pairing = _Pairing(a.cos * b.sin < a.sin * b.cos, a.cos * b.cos + a.sin * b.sin < 0)
     (ax, ay), (bx, by) = a.corners_m(), b.corners_m()
-    corners = _Points(np.concatenate(paired(ax, bx)), np.concatenate(paired(ay, by)))
-    a_is_outermost, still = paired(
+    corners = _Points(np.concatenate(pairing.of(ax, bx)), np.concatenate(pairing.of(ay, by)))
+    a_is_outermost, still = pairing.of(
         _beyond_m(b_from_a, a) <= EQUALLY_FAR_M, _beyond_m(a_from_b, b) >= -EQUALLY_FAR_M
     )
     then = a_is_outermost.take(NEXT, 0)
     return _Hull(corners, np.concatenate([still != then, then != still.take(NEXT, 0)]))
+
+
+class _Pairing(NamedTuple):
+    """Which of A and B is the one, and by how many corners the other is turned on: both (n,)."""
+
+    b_is_right_of_a: BoolArray
+    is_obtuse: BoolArray
+
+    def of(self, of_a: NDArray[T], of_b: NDArray[T]) -> tuple[NDArray[T], NDArray[T]]:
+        """Put what belongs to corners or axes of A and of B, (4, n) each, into that order."""
+        one = np.where(self.b_is_right_of_a, of_b, of_a)
+        other = np.where(self.b_is_right_of_a, of_a, of_b)
+        if self.is_obtuse.any():
+            other = np.where(self.is_obtuse, np.roll(other, 1, axis=0), other)
+        return one, other
 
 
 def _beyond_m(extent: Extent, box: Footprints) -> FloatArray:
