@@ -1,6 +1,4 @@
-import os
 import stat
-import time
 from pathlib import Path
 
 import numpy as np
@@ -109,17 +107,20 @@ def test_a_folder_that_stood_open_is_closed(tmp_path: Path) -> None:
     assert stat.S_IMODE(root.stat().st_mode) == 0o700
 
 
-def test_the_sweep_removes_old_leftovers_and_nothing_else(store: PrivateStore) -> None:
-    store.write(Shelf.SHEETS, "k", b"{}")
-    old, young = (store.root / Shelf.SHEETS / f".writing-{age}" for age in ("old", "young"))
-    old.write_bytes(b"half")
-    young.write_bytes(b"half")
-    os.utime(old, (time.time() - 7200,) * 2)
-    store.sweep()
-    assert sorted(path.name for path in (store.root / Shelf.SHEETS).iterdir()) == [
-        ".writing-young",
-        "k",
-    ]
+def test_a_writer_that_is_killed_on_its_way_leaves_nothing_that_is_read(
+    store: PrivateStore,
+) -> None:
+    data = pack_columns(COLUMNS)
+    store.write(Shelf.SUMS, "k", data)
+    path = store.root / Shelf.SUMS / "k"
+    whole = path.read_bytes()
+    for n_written in range(len(whole)):  # over what another one wrote whole, or half
+        path.write_bytes(whole[:n_written])
+        assert store.read(Shelf.SUMS, "k") is None
+        path.write_bytes(bytes(n_written) + whole[n_written:])
+        assert n_written == 0 or store.read(Shelf.SUMS, "k") is None
+    path.write_bytes(whole)
+    assert store.read(Shelf.SUMS, "k") == data
 
 
 def test_keys_tell_apart_what_joining_would_confuse() -> None:

@@ -10,8 +10,9 @@ import time
 import structlog
 
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.work.dispatch import wake_lanes
+from exceptiondrive_records.work.dispatch import kinds_due, wake_lanes
 from exceptiondrive_records.work.fair_share import is_live_work_open
+from exceptiondrive_records.work.tables import BoardRequest, Job, Profile, Recheck, Trial
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_worker.boards.run import build_next_board
 from exceptiondrive_worker.context import WorkerContext
@@ -65,11 +66,15 @@ def _do_next(context: WorkerContext, lane: Lane) -> bool:
         if Lane.LIVE in context.lanes and _do_next(context, Lane.LIVE):
             return True
         let_live_work_pass(context)
-        if try_next_split(context):
-            return True
-    if build_next_board(context, lane) or score_next(context, lane):
-        return True
-    return verify_next(context) if lane is Lane.RESCORE else describe_next(context)
+    with context.database.read() as session:
+        due = kinds_due(session, lane, context.settings.max_attempts)
+    return (
+        (Trial in due and try_next_split(context))
+        or (BoardRequest in due and build_next_board(context, lane))
+        or (Job in due and score_next(context, lane))
+        or (Recheck in due and verify_next(context))
+        or (Profile in due and describe_next(context))
+    )
 
 
 def let_live_work_pass(context: WorkerContext) -> None:

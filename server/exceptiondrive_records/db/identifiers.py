@@ -9,7 +9,8 @@ from urllib.parse import urlsplit
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_schemas.references import RESERVED_NAMES, is_reserved
 
-_LETTERS = "0123456789abcdefghjkmnpqrstvwxyz"  # Crockford base 32: nothing looks like another
+_LETTERS = "0123456789abcdefghjkmnpqrstvwxyz"
+"""Crockford base 32: nothing looks like another. 32 divide the 256 values of a byte."""
 _UNSEEN = frozenset(
     chr(code)
     for first, last in (
@@ -30,7 +31,7 @@ _SLUG = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
 
 def random_id(length: int = 16) -> str:
     """Return a random id of 5 bits per letter that cannot be guessed or misread."""
-    return "".join(secrets.choice(_LETTERS) for _ in range(length))
+    return "".join(_LETTERS[byte % len(_LETTERS)] for byte in secrets.token_bytes(length))
 
 
 def checked_slug(kind: str, slug: str) -> str:

@@ -20,8 +20,10 @@ def allowance_of(session: Session, team_id: int, phase_id: str) -> Allowance | N
     return session.scalars(_ALLOWANCE, {"team": team_id, "phase": phase_id}).first()
 
 
-def is_open_to(session: Session, phase: Phase, allowance: Allowance | None, now: datetime) -> bool:
-    """Whether a phase takes submissions of a team with this allowance.
+def is_open_to(
+    session: Session, phase: Phase, own_closes_at: datetime | None, now: datetime
+) -> bool:
+    """Whether a phase takes submissions of a team that may have been granted a later deadline of its own.
 
     A later deadline ends with the reveal of what was kept back: whoever knows it would answer it.
     """
@@ -29,8 +31,8 @@ def is_open_to(session: Session, phase: Phase, allowance: Allowance | None, now:
         return True
     if phase.visibility != "shown" or (phase.opens_at is not None and now < phase.opens_at):
         return False
-    closes_at = None if allowance is None else allowance.closes_at
-    return closes_at is not None and now < closes_at and not is_revealed(session, phase)
+    is_longer = own_closes_at is not None and now < own_closes_at
+    return is_longer and not is_revealed(session, phase)
 
 
 def is_revealed(session: Session, phase: Phase) -> bool:

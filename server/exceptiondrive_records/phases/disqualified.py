@@ -30,16 +30,6 @@ def is_disqualified() -> ColumnElement[bool]:
     )
 
 
-_OF_FILE = (
-    select(Submission.id)
-    .where(
-        Submission.team_id == bindparam("team"),
-        Submission.phase_id == bindparam("phase"),
-        Submission.file_digest == bindparam("file"),
-        is_disqualified(),
-    )
-    .limit(1)
-)
 _IN_FORCE = and_(
     Disqualification.team_id == bindparam("team"),
     Disqualification.reinstated_at.is_(None),
@@ -51,6 +41,22 @@ _OF_TEAM = (
     .order_by(Disqualification.id)
     .limit(1)
 )
+_OF_UPLOAD = (
+    select(Disqualification)
+    .outerjoin(Submission, Submission.id == Disqualification.submission_id)
+    .where(
+        _IN_FORCE,
+        Disqualification.submission_id.is_(None)
+        | and_(
+            Submission.team_id == bindparam("team"),
+            Submission.phase_id == bindparam("phase"),
+            Submission.file_digest == bindparam("file"),
+        ),
+    )
+    .order_by(Disqualification.submission_id.is_not(None), Disqualification.id)
+    .limit(1)
+)
+"""The whole team first, then these bytes of it."""
 _OF_TEAMS = select(Disqualification).where(
     Disqualification.team_id.in_(bindparam("teams", expanding=True)),
     Disqualification.reinstated_at.is_(None),
@@ -88,30 +94,26 @@ def require_not_disqualified(
     Raises:
         NotAllowed: The team, or this very file of it, is disqualified.
     """
-    found = _of_team(session, team_id, phase)
-    if found is not None:
-        where = "in this phase" if found.phase_id else "here"
-        raise NotAllowed(
-            f"Your team is disqualified {where} since {found.disqualified_at:%Y-%m-%d}; the reason "
-            "stands in your notices. Ask the organizers."
-        )
     given = {"team": team_id, "phase": phase.id, "file": file_digest}
-    submission_id = session.scalar(_OF_FILE, given)
-    if submission_id is not None:
+    found = session.scalars(_OF_UPLOAD, given).first()
+    if found is None:
+        return
+    if found.submission_id is not None:
         raise NotAllowed(
-            f"These bytes were disqualified as submission {submission_id!r}; the reason stands in "
-            "your notices. Ask the organizers."
+            f"These bytes were disqualified as submission {found.submission_id!r}; the reason stands "
+            "in your notices. Ask the organizers."
         )
+    where = "in this phase" if found.phase_id else "here"
+    raise NotAllowed(
+        f"Your team is disqualified {where} since {found.disqualified_at:%Y-%m-%d}; the reason "
+        "stands in your notices. Ask the organizers."
+    )
 
 
 def team_disqualified_since(session: Session, team_id: int, phase: Phase) -> datetime | None:
     """Return since when no upload of a team is taken in a phase; None: its uploads are."""
-    found = _of_team(session, team_id, phase)
+    found = session.scalars(_OF_TEAM, {"team": team_id, "phase": phase.id}).first()
     return None if found is None else found.disqualified_at
-
-
-def _of_team(session: Session, team_id: int, phase: Phase) -> Disqualification | None:
-    return session.scalars(_OF_TEAM, {"team": team_id, "phase": phase.id}).first()
 
 
 def disqualification_notes(session: Session, phase: Phase) -> tuple[DisqualificationNote, ...]:

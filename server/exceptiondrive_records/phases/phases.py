@@ -10,7 +10,7 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import flush_or_refuse
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.db.identifiers import checked_link, checked_slug, checked_text
-from exceptiondrive_records.phases.allowances import allowance_of, is_open_to
+from exceptiondrive_records.phases.allowances import is_open_to
 from exceptiondrive_records.phases.disqualified import team_disqualified_since
 from exceptiondrive_records.phases.policy import new_salt, phase_now
 from exceptiondrive_records.phases.quotas import quota_of
@@ -235,6 +235,8 @@ def phase_view(
 ) -> PhaseView:
     """Return the phase as the API shows it, with the quota of a team if given."""
     whole = whole_split(session, phase.split_name, phase.split_revision)
+    quota = None if team_id is None else quota_of(session, team_id, phase)
+    own_closes_at = None if quota is None else quota.closes_at
     return PhaseView(
         id=phase.id,
         challenge=phase.challenge,
@@ -244,11 +246,11 @@ def phase_view(
         n_samples=whole.n_samples,
         protocol=find_protocol(session, phase.protocol_digest).version,
         protocol_digest=phase.protocol_digest,
-        is_open=_is_open_now(session, phase, team_id),
+        is_open=is_open_to(session, phase, own_closes_at, database_now(session)),
         max_upload_bytes=max_upload_bytes,
         not_checked=not_checked(phase.challenge, whole),
         now=phase_now(session, phase),
-        quota=None if team_id is None else quota_of(session, team_id, phase),
+        quota=quota,
         disqualified_at=None
         if team_id is None
         else team_disqualified_since(session, team_id, phase),
@@ -268,11 +270,6 @@ def not_checked(challenge: str, whole: SplitRow) -> tuple[str, ...]:
         "the check of your file prints with those of your planner."
     )
     return (words,)
-
-
-def _is_open_now(session: Session, phase: Phase, team_id: int | None) -> bool:
-    own = None if team_id is None else allowance_of(session, team_id, phase.id)
-    return is_open_to(session, phase, own, database_now(session))
 
 
 def settings_of(phase: Phase) -> dict[str, Any]:

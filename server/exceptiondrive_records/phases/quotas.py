@@ -71,8 +71,8 @@ def _used_and_granted() -> Select[Any]:
     return select(used, *granted).outerjoin_from(used, Allowance, is_own)
 
 
-def require_quota(session: Session, team_id: int, phase: Phase) -> None:
-    """Refuse one submission more than allowed; the caller holds the lock of the team.
+def require_quota(quota: Quota) -> None:
+    """Refuse one submission more than allowed; who accepts one has read the quota under the team's lock.
 
     Raises:
         QuotaExceeded: The day's or the total quota is used up.
@@ -80,7 +80,6 @@ def require_quota(session: Session, team_id: int, phase: Phase) -> None:
         ConcurrentQuotaExceeded: Too many submissions of the team still wait for their score: more
             than the phase lets wait at once, or more than may turn out to be wrong today.
     """
-    quota = quota_of(session, team_id, phase)
     if quota.total is not None and quota.used_total >= quota.total:
         raise QuotaExceeded(quota.total, resets_at=None)
     if quota.used_today >= quota.per_day:

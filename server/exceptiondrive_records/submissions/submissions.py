@@ -17,12 +17,11 @@ from exceptiondrive_records.db.identifiers import (
     checked_text,
     random_id,
 )
-from exceptiondrive_records.participation.tables import Allowance
-from exceptiondrive_records.phases.allowances import allowance_of, is_open_to
+from exceptiondrive_records.phases.allowances import is_open_to
 from exceptiondrive_records.phases.disqualified import require_not_disqualified
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.policy import has_closed, has_revealed, takes_late_entries
-from exceptiondrive_records.phases.quotas import require_quota
+from exceptiondrive_records.phases.quotas import quota_of, require_quota
 from exceptiondrive_records.phases.scoring_keys import shadow_key_of_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.phases.terms import require_terms
@@ -235,7 +234,7 @@ def accept(
         "code_url": checked_link("code", links.code),
         "facts": None if facts is None else checked_facts(facts),
     }
-    first = require_acceptable(
+    first, granted_until = require_acceptable(
         session,
         team,
         phase,
@@ -267,7 +266,7 @@ def accept(
         received_at=now,
         status_at=now,
         arrived_at=arrival(session, phase, arrived_at, now),
-        granted_until=_granted_until(session, team_id, phase),
+        granted_until=granted_until,
         idempotency_key=idempotency_key,
         asks_first=asks_first,
     )
@@ -328,11 +327,6 @@ def _last_facts(
     return session.scalars(_LAST_FACTS, given).first()
 
 
-def _granted_until(session: Session, team_id: int, phase: Phase) -> datetime | None:
-    allowance = allowance_of(session, team_id, phase.id)
-    return None if allowance is None else allowance.closes_at
-
-
 def require_acceptable(
     session: Session,
     team: Team,
@@ -343,11 +337,15 @@ def require_acceptable(
     arrived_at: datetime | None,
     idempotency_key: str | None = None,
     asks_first: bool = False,
-) -> Submission | None:
-    """Refuse what cannot be accepted; return the team's first submission of the same bytes, if any.
+) -> tuple[Submission | None, datetime | None]:
+    """Refuse what cannot be accepted.
 
     Asked before a byte is stored, and again by `accept` under the lock of the team, which alone
     makes quotas exact.
+
+    Returns:
+        The team's first submission of the same bytes, if any, and the later deadline that it was granted
+        for a new one.
 
     Raises:
         RecordsError: As `accept`, but for texts and links.
@@ -359,13 +357,13 @@ def require_acceptable(
     first = first or _same_bytes(session, team.id, phase, file_digest)
     if first is not None and not _gives_way(first, now, asks_first=asks_first):
         require_same_link(first, linked_to)
-        return first
+        return first, None
     require_terms(session, team.id, phase)
-    allowance = allowance_of(session, team.id, phase.id)
-    _require_open(session, phase, allowance, arrival(session, phase, arrived_at, now))
-    require_quota(session, team.id, phase)
+    quota = quota_of(session, team.id, phase)
+    _require_open(session, phase, quota.closes_at, arrival(session, phase, arrived_at, now))
+    require_quota(quota)
     require_counterpart(session, team.id, phase, linked_to)
-    return first
+    return first, quota.closes_at
 
 
 def _gives_way(first: Submission, now: datetime, *, asks_first: bool) -> bool:
@@ -546,9 +544,9 @@ def _same_bytes(
 
 
 def _require_open(
-    session: Session, phase: Phase, allowance: Allowance | None, now: datetime
+    session: Session, phase: Phase, own_closes_at: datetime | None, now: datetime
 ) -> None:
-    if is_open_to(session, phase, allowance, now) or takes_late_entries(session, phase, now):
+    if is_open_to(session, phase, own_closes_at, now) or takes_late_entries(session, phase, now):
         return
     if phase.visibility != "shown":
         raise PhaseClosed(phase.title, f"is {phase.visibility}")

@@ -6,7 +6,7 @@ that one took. So boards go at the pace of readers, whose pages look every three
 slots to scoring; but none lags behind for long, and the last score of a rush is followed by a build at once.
 """
 
-from functools import lru_cache
+from functools import cache
 
 from sqlalchemy import ColumnElement, Select, and_, or_, select
 from sqlalchemy.orm import Session
@@ -65,28 +65,20 @@ def is_board_wanted(
     return state in OPEN_STATES
 
 
-def claim_board(
-    session: Session, lane: Lane, lease_s: float, *which: ColumnElement[bool]
-) -> BoardRequest | None:
+def claim_board(session: Session, lane: Lane, lease_s: float) -> BoardRequest | None:
     """Lease the build of a board of a lane that is due longest; None: none is due.
 
     Args:
         session: Of a write transaction.
         lane: Which.
         lease_s: How long nobody else builds it.
-        which: Conditions on `BoardRequest`; by default any.
     """
-    return claim(session, BoardRequest, _due_longest_first(lane, *which), lease_s)
+    return claim(session, BoardRequest, _due_longest_first(lane), lease_s)
 
 
-def is_any_due(session: Session, lane: Lane, *which: ColumnElement[bool]) -> bool:
-    """Whether a board of a lane is due; `which` as for `claim_board`."""
-    return session.scalars(_due_longest_first(lane, *which)).first() is not None
-
-
-@lru_cache
-def _due_longest_first(lane: Lane, *which: ColumnElement[bool]) -> Select[str]:
-    due = select(BoardRequest.id).where(is_due(lane, NOW), *which)
+@cache
+def _due_longest_first(lane: Lane) -> Select[str]:
+    due = select(BoardRequest.id).where(is_due(lane, NOW))
     return due.order_by(BoardRequest.available_at, BoardRequest.id)
 
 

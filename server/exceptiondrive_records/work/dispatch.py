@@ -17,7 +17,7 @@ from celery import Celery
 from kombu import Exchange, Queue
 from kombu.exceptions import KombuError
 from redis.exceptions import RedisError
-from sqlalchemy import Select, func, select, update
+from sqlalchemy import ColumnElement, Select, and_, exists, func, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import NOW, database_now
@@ -27,7 +27,7 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.board_requests import is_due
 from exceptiondrive_records.work.heartbeats import live_workers
 from exceptiondrive_records.work.lease import is_claimable
-from exceptiondrive_records.work.tables import BoardRequest, WorkItem
+from exceptiondrive_records.work.tables import BoardRequest, Job, Profile, Recheck, Trial, WorkItem
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.jobs import JobName, Lane
 
@@ -36,6 +36,8 @@ _log = structlog.get_logger("exceptiondrive.dispatch")
 KEY_PREFIX = "ed:"
 SOCKET_TIMEOUT_S = 1.0
 QUIET_AFTER_FAILURE_S = 2.0
+_KINDS: tuple[type[WorkItem], ...] = (BoardRequest, Job, Trial, Recheck, Profile)
+"""Those that workers are woken for."""
 
 
 def transport_options(*, socket_timeout_s: float = 5.0) -> dict[str, Any]:
@@ -134,6 +136,12 @@ def wake_lanes(
     )
 
 
+def kinds_due(session: Session, lane: Lane, max_attempts: int) -> frozenset[type[WorkItem]]:
+    """Return the kinds of items of which one could be done now in a lane."""
+    found = session.execute(_is_due_by_kind(lane, max_attempts)).one()
+    return frozenset(kind for kind, is_any in zip(_KINDS, found, strict=True) if is_any)
+
+
 def mark_queued(session: Session) -> int:
     """Show submissions for which a worker was woken as queued; return how many."""
     found = (
@@ -160,12 +168,24 @@ def _items_due(session: Session, lane: Lane, settings: RecordsSettings) -> int:
 def _number_due(lane: Lane, max_attempts: int) -> Select[int, int]:
     items = select(func.count(WorkItem.id)).where(
         WorkItem.kind != BoardRequest.__mapper__.polymorphic_identity,
-        WorkItem.lane == lane,
-        WorkItem.attempts < max_attempts,
-        is_claimable(WorkItem, NOW),
+        _is_item_due(WorkItem, lane, max_attempts),
     )
-    boards = select(func.count(BoardRequest.id)).where(is_due(lane, NOW))
+    boards = select(func.count(BoardRequest.id)).where(
+        _is_item_due(BoardRequest, lane, max_attempts)
+    )
     return select(items.scalar_subquery(), boards.scalar_subquery())
+
+
+@cache
+def _is_due_by_kind(lane: Lane, max_attempts: int) -> Select[Any]:
+    due: list[Any] = [exists().where(_is_item_due(kind, lane, max_attempts)) for kind in _KINDS]
+    return select(*due)
+
+
+def _is_item_due(kind: type[WorkItem], lane: Lane, max_attempts: int) -> ColumnElement[bool]:
+    if kind is BoardRequest:
+        return is_due(lane, NOW)
+    return and_(kind.lane == lane, kind.attempts < max_attempts, is_claimable(kind, NOW))
 
 
 def _slots(session: Session, lane: Lane, settings: RecordsSettings) -> int:

@@ -6,7 +6,6 @@ from datetime import UTC, datetime
 from itertools import zip_longest
 
 import structlog
-from sqlalchemy import ColumnElement
 
 from exceptiondrive_records.boards.boards import current_board, latest_board, publish_board
 from exceptiondrive_records.boards.documents import entries_of, entry_documents
@@ -16,7 +15,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.drawings import find_public_split
 from exceptiondrive_records.splits.splits import find_split, part_of
-from exceptiondrive_records.work.board_requests import claim_board, is_any_due
+from exceptiondrive_records.work.board_requests import claim_board
 from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.api.phase_settings import BoardView
 from exceptiondrive_schemas.board import Board, BoardEntry
@@ -48,21 +47,13 @@ from exceptiondrive_worker.stages import Target
 _log = structlog.get_logger("exceptiondrive.worker")
 
 
-def build_next_board(context: WorkerContext, lane: Lane, *which: ColumnElement[bool]) -> bool:
+def build_next_board(context: WorkerContext, lane: Lane) -> bool:
     """Build and publish the board of a lane that is due longest; whether there was one.
 
     A build that ends in an error keeps its lease, and is tried again when that runs out.
-
-    Args:
-        context: Of this process.
-        lane: Which.
-        which: Conditions on `BoardRequest`; by default any.
     """
-    with context.database.read() as session:
-        if not is_any_due(session, lane, *which):
-            return False
     with context.database.claim() as session:
-        request = claim_board(session, lane, context.settings.board_lease_s, *which)
+        request = claim_board(session, lane, context.settings.board_lease_s)
     if request is None:
         return False
     with job_boundary(request.subject, lambda _: None):

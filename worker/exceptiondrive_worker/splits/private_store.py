@@ -10,7 +10,6 @@ import json
 import math
 import os
 import shutil
-import tempfile
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -28,7 +27,6 @@ from exceptiondrive_scoring.aliases import Columns
 _CHECKSUM_BYTES = 4
 _ALIGNED_BYTES = 16
 """No array wants more, and what is read from a file begins at a multiple of it."""
-TEMPORARY_PREFIX = ".writing-"
 STALE_AFTER_S = 3600
 _USED_TO_S = 86_400
 
@@ -121,17 +119,13 @@ class PrivateStore:
         return data if _checksum(data) == checksum else None
 
     def write(self, shelf: Shelf, key: str, data: bytes) -> None:
-        """Keep `data` under `key`; a reader sees all of it or none."""
-        folder = self.root / shelf
-        handle, temporary = tempfile.mkstemp(prefix=TEMPORARY_PREFIX, dir=folder)
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(_checksum(data))
-                file.write(data)
-            os.replace(temporary, self._path(shelf, key))
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
+        """Keep `data` under `key`.
+
+        It is written in its place: until all of it is there, and where the writer was killed, a reader
+        finds it absent. Two that write one key write the same bytes.
+        """
+        with open(self._path(shelf, key), "wb", opener=_as_owner) as file:
+            file.write(_checksum(data) + data)
 
     def read_columns(self, shelf: Shelf, key: str) -> dict[str, NDArray[Any]] | None:
         """Return the columns kept under `key`, or None."""
@@ -142,17 +136,12 @@ class PrivateStore:
         """Keep columns under `key`."""
         self.write(shelf, key, pack_columns(columns))
 
-    def sweep(self) -> None:
-        """Remove what killed writers left behind more than an hour ago."""
-        for path in self.root.glob(f"*/{TEMPORARY_PREFIX}*"):
-            try:
-                if time.time() - path.stat().st_mtime > STALE_AFTER_S:
-                    path.unlink()
-            except FileNotFoundError:
-                continue
-
     def _path(self, shelf: Shelf, key: str) -> str:
         return f"{self.root}/{shelf}/{key}"
+
+
+def _as_owner(path: str, flags: int) -> int:
+    return os.open(path, flags, 0o600)
 
 
 def _note_use(file: int) -> None:
@@ -189,8 +178,7 @@ def files_to_prune(
 
 
 def prune(store: PrivateStore, *, max_bytes: int, max_age_days: float) -> int:
-    """Remove what is too old or too much, and what killed processes left; return how many files."""
-    store.sweep()
+    """Remove what is too old or too much, and what killed verifications left; return how many files."""
     _sweep_verifications(store.root)
     unused_since = time.time() - max_age_days * _DAY_S
     doomed = files_to_prune(_kept_files(store.root), max_bytes, unused_since)
@@ -209,8 +197,7 @@ def _kept_files(root: Path) -> Iterable[KeptFile]:
                 status = path.stat()
             except FileNotFoundError:  # another process was quicker
                 continue
-            if not path.name.startswith(TEMPORARY_PREFIX):
-                yield KeptFile(path, status.st_size, status.st_mtime)
+            yield KeptFile(path, status.st_size, status.st_mtime)
 
 
 def _sweep_verifications(root: Path) -> None:
