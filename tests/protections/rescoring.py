@@ -29,12 +29,12 @@ def _asks_though_a_job_waits(_: Any) -> Callable[..., Any]:
 
 
 def _asks_though_a_sheet_is_there(_: Any) -> Callable[..., Any]:
-    from sqlalchemy import exists, not_
+    from sqlalchemy import not_
 
     from exceptiondrive_records.rescoring import pairs
 
     return lambda phase_id, key, limit: pairs._scored(phase_id).where(
-        not_(exists().where(pairs._job_of(key)))
+        not_(pairs._jobs_of(key).exists())
     )
 
 

@@ -6,13 +6,16 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from sqlalchemy import select
 
 from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work import dispatch
-from exceptiondrive_records.work.dispatch import Dispatcher, mark_queued, wake_lanes
+from exceptiondrive_records.work.dispatch import Dispatcher, kinds_due, mark_queued, wake_lanes
 from exceptiondrive_records.work.heartbeats import beat
-from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_records.work.jobs import Finish
+from exceptiondrive_records.work.profiles import ask_for_profile
+from exceptiondrive_records.work.tables import BoardRequest, Job, Profile, WorkItem, WorkState
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.jobs import Lane
 
@@ -115,6 +118,28 @@ def test_where_nothing_is_to_be_done_nobody_is_woken(
         job.state, job.lease_until = WorkState.HELD, None
     assert wake_lanes(world.database, dispatcher, SETTINGS) == 0, "it waits for its run"
     assert waiting(broker) == 0
+
+
+def test_a_worker_is_told_which_kinds_of_work_are_due_in_its_lane(world: World) -> None:
+    def due(lane: Lane = Lane.LIVE) -> set[type[WorkItem]]:
+        with world.database.read() as session:
+            return set(kinds_due(session, lane, SETTINGS.max_attempts))
+
+    board_is_built(world)
+    assert due() == set()
+    accepted = world.submit("file")
+    assert due() == {Job}
+    job = world.claim(accepted.job_id)
+    assert due() == set(), "somebody is at it"
+    assert world.finish(job, 0.5) is Finish.RECORDED
+    assert due() == {BoardRequest}
+    with world.database.write() as session:
+        ask_for_profile(session, accepted.submission.id)
+    assert due() == {BoardRequest, Profile}
+    with world.database.write() as session:
+        session.scalars(select(Profile)).one().attempts = SETTINGS.max_attempts
+    assert due() == {BoardRequest}, "it had all its attempts"
+    assert due(Lane.RESCORE) == set()
 
 
 def board_is_built(world: World) -> None:

@@ -4,16 +4,26 @@ from datetime import UTC, datetime
 from typing import Any
 
 import pytest
-from sqlalchemy import update
+from sqlalchemy import select, update
 from sqlalchemy.exc import IntegrityError
 from tests.support.work import claim_this
 
 from exceptiondrive_records.audit.log import count_audit_lines, verify_audit
 from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.phases.scoring_keys import ScoringKey
+from exceptiondrive_records.rescoring.pairs import count_pairs, missing_pairs, waiting_elsewhere
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.jobs import Finish
-from exceptiondrive_records.work.tables import NEEDED, BoardRequest, Job, WorkItem, WorkState
+from exceptiondrive_records.work.profiles import ask_for_profile
+from exceptiondrive_records.work.tables import (
+    NEEDED,
+    BoardRequest,
+    Job,
+    Profile,
+    WorkItem,
+    WorkState,
+)
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.faults import CheckReport, FaultCode, FaultGroup
@@ -206,3 +216,21 @@ def test_an_item_without_what_its_kind_needs_is_refused(
         database.write() as session,
     ):
         session.execute(WorkItem.metadata.tables["work"].insert().values(values))
+
+
+def test_a_file_that_is_looked_at_has_no_job_by_that(world: World) -> None:
+    accepted = world.submit("file")
+    key, again = (ScoringKey(world.protocol_digest, revision) for revision in ("r2", "r3"))
+    with world.database.write() as session:
+        ask_for_profile(session, accepted.submission.id)
+        profile = session.scalars(select(Profile)).one()
+        profile.split_revision = key.split_revision
+    with world.database.read() as session:
+        for each in (key, again):
+            waiting = session.scalars(waiting_elsewhere(world.phase_id, each)).all()
+            assert [one.id for one in waiting] == [accepted.submission.id], each
+    world.score(accepted.job_id)
+    with world.database.read() as session:
+        missing = session.scalars(missing_pairs(world.phase_id, key, 9)).all()
+        assert [one.id for one in missing] == [accepted.submission.id]
+        assert count_pairs(session, world.phase_id, key).failed == 0

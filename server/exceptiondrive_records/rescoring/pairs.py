@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from sqlalchemy import ColumnElement, Select, and_, exists, func, not_, select
+from sqlalchemy import ColumnElement, Select, exists, func, not_, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.boards import entry_ids, latest_board
@@ -58,7 +58,7 @@ def missing_pairs(phase_id: str, key: ScoringKey, limit: int) -> Select[Submissi
     """Select scored submissions without sheet and without job: nobody will score them yet."""
     return (
         _scored(phase_id)
-        .where(not_(_has_sheet(key)), not_(exists().where(_job_of(key))))
+        .where(not_(_has_sheet(key)), not_(_jobs_of(key).exists()))
         .order_by(Submission.received_at, Submission.id)
         .limit(limit)
     )
@@ -69,14 +69,14 @@ def waiting_elsewhere(phase_id: str, key: ScoringKey) -> Select[Submission]:
     return (
         select(Submission)
         .where(Submission.phase_id == phase_id, Submission.status.in_(WAITING))
-        .where(not_(exists().where(_job_of(key))))
+        .where(not_(_jobs_of(key).exists()))
         .order_by(Submission.received_at, Submission.id)
     )
 
 
 def failed_pairs(phase_id: str, key: ScoringKey) -> Select[Submission]:
     """Select scored submissions whose job has ended without a sheet."""
-    ended = exists().where(_job_of(key), Job.state.not_in(OPEN_STATES))
+    ended = _jobs_of(key).where(Job.state.not_in(OPEN_STATES)).exists()
     return _scored(phase_id).where(not_(_has_sheet(key)), ended)
 
 
@@ -148,8 +148,8 @@ def _has_sheet(key: ScoringKey) -> ColumnElement[bool]:
     )
 
 
-def _job_of(key: ScoringKey) -> ColumnElement[bool]:
-    return and_(
+def _jobs_of(key: ScoringKey) -> Select[str]:
+    return select(Job.id).where(
         Job.submission_id == Submission.id,
         Job.protocol_digest == key.protocol_digest,
         Job.split_revision == key.split_revision,

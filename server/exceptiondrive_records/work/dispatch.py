@@ -17,7 +17,7 @@ from celery import Celery
 from kombu import Exchange, Queue
 from kombu.exceptions import KombuError
 from redis.exceptions import RedisError
-from sqlalchemy import ColumnElement, Select, and_, exists, func, select, update
+from sqlalchemy import ColumnElement, Select, and_, func, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import NOW, database_now
@@ -36,8 +36,11 @@ _log = structlog.get_logger("exceptiondrive.dispatch")
 KEY_PREFIX = "ed:"
 SOCKET_TIMEOUT_S = 1.0
 QUIET_AFTER_FAILURE_S = 2.0
-_KINDS: tuple[type[WorkItem], ...] = (BoardRequest, Job, Trial, Recheck, Profile)
-"""Those that workers are woken for."""
+_KINDS: dict[Lane, tuple[type[WorkItem], ...]] = {
+    Lane.LIVE: (BoardRequest, Job, Profile),
+    Lane.RESCORE: (BoardRequest, Job, Trial, Recheck),
+}
+"""What workers of a lane do."""
 
 
 def transport_options(*, socket_timeout_s: float = 5.0) -> dict[str, Any]:
@@ -139,7 +142,7 @@ def wake_lanes(
 def kinds_due(session: Session, lane: Lane, max_attempts: int) -> frozenset[type[WorkItem]]:
     """Return the kinds of items of which one could be done now in a lane."""
     found = session.execute(_is_due_by_kind(lane, max_attempts)).one()
-    return frozenset(kind for kind, is_any in zip(_KINDS, found, strict=True) if is_any)
+    return frozenset(kind for kind, is_any in zip(_KINDS[lane], found, strict=True) if is_any)
 
 
 def mark_queued(session: Session) -> int:
@@ -178,7 +181,10 @@ def _number_due(lane: Lane, max_attempts: int) -> Select[int, int]:
 
 @cache
 def _is_due_by_kind(lane: Lane, max_attempts: int) -> Select[Any]:
-    due: list[Any] = [exists().where(_is_item_due(kind, lane, max_attempts)) for kind in _KINDS]
+    due: list[Any] = [
+        select(kind.id).where(_is_item_due(kind, lane, max_attempts)).exists()
+        for kind in _KINDS[lane]
+    ]
     return select(*due)
 
 
