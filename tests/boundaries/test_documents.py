@@ -128,7 +128,7 @@ def test_the_nouns_of_the_architecture_are_the_folders_of_both_sides() -> None:
     nouns = re.findall(r"^\| \*\*(\w+)\*\* \| (yes|no) \| (yes|no) \|", text, re.MULTILINE)
     sides = {"exceptiondrive_records": 1, "exceptiondrive_server": 2}
     for package, column in sides.items():
-        others = set(re.findall(rf"`{package}/(\w+)/`", text))
+        others = set(re.findall(rf"`{package}\.(\w+)`", text))
         folders = {path.parent.name for path in (ROOT / "server" / package).glob("*/__init__.py")}
         assert folders - others - NO_NOUNS == {row[0] for row in nouns if row[column] == "yes"}
 

@@ -140,12 +140,10 @@ def _score(context: WorkerContext, job: Job) -> None:
     with context.database.read() as session:
         sent = session.execute(_SENT, {"submission": job.submission_id}).one()
         protocol = find_protocol(session, job.protocol_digest)
-        accepted = accepted_under(session, job.submission_id)
+        read_under = accepted_under(session, job.submission_id)
         ref = SplitRef(name=sent.split_name, revision=job.split_revision)
         is_public = find_public_split(session, ref) is not None
-        is_new = not is_public and (
-            accepted is None or not is_scored(session, ref.name, job.submission_id)
-        )
+        is_new = not is_public and not is_scored(session, ref.name, job.submission_id)
     floors, newcomer = context.splits.floors(ref.name), job.submission_id if is_new else None
     with held_floors_are_told(context.database, ref, protocol, sent.phase_id):
         if not is_public:
@@ -153,7 +151,7 @@ def _score(context: WorkerContext, job: Job) -> None:
                 hold_floors(session, floors, ref, protocol, newcomer)
         challenge = CHALLENGES[sent.challenge]
         split = context.splits.find(ref.name, ref.revision, protocol)
-        target = Target(sent.file_digest, challenge, split, protocol, accepted)
+        target = Target(sent.file_digest, challenge, split, protocol, read_under)
         try:
             if sent.asks_first:
                 _require_nothing_to_ask(context, target, job.submission_id)
