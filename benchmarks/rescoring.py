@@ -76,7 +76,7 @@ def run(protocol: ProtocolDocument) -> None:
         )
         at_least("regrade, over the private store", over_store, 30, "x measuring again")
         _show(
-            "over the private store: whole sheets, kept and signed",
+            "over the private store: whole sheets, signed",
             _all(score, geometries),
             _all(score, clearances),
         )

@@ -5,11 +5,13 @@ on the files of real planners too, where they are. Each test makes what it looks
 """
 
 import csv
+import gzip
 import html
 import io
 import json
 import re
 import shutil
+import sqlite3
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -22,7 +24,10 @@ from tests.support.reference import held_to
 from tests.support.system import System, running_system
 
 from exceptiondrive import evaluate_file
-from exceptiondrive_worker.splits.private_store import PrivateStore, Shelf
+from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_schemas.split import Split
+from exceptiondrive_worker.splits.store import load_split
+from exceptiondrive_worker.stages import Scored
 
 pytestmark = [pytest.mark.slow]
 MADE = extract.make_extract()
@@ -83,6 +88,19 @@ class Job:
             content, split = self.file(*key).read_bytes(), self.split(phase).read_bytes()
             self._naive[key] = naive_scorer.score(content, naive_scorer.read(split))
         return self._naive[key]
+
+    def exact_digest(self, submission_id: str) -> str:
+        """Return the digest of the unrounded sheet that the records hold."""
+        with sqlite3.connect(self.system.data / "records.sqlite3") as records:
+            ((digest,),) = records.execute(
+                "SELECT exact_digest FROM score_sheets WHERE submission_id = ?", (submission_id,)
+            )
+        return str(digest)
+
+    def regions_digest(self, phase: str) -> str:
+        """Return the digest of all regions of a split, which is the key of those digests."""
+        split = Split.model_validate_json(gzip.decompress(self.split(phase).read_bytes()))
+        return load_split(split, packaged_protocol()).regions_digest
 
     def board(self, phase: str) -> dict[str, Any]:
         """Return the board on which all planners of a phase stand."""
@@ -162,25 +180,14 @@ def test_a_planners_file_is_scored(job: Job, phase: str, method: str) -> None:
 
 
 @pytest.mark.parametrize(("phase", "method"), EVERY_FILE)
-def test_the_workers_exact_sheet_is_what_evaluate_computes_at_home(
+def test_the_worker_scored_bit_for_bit_what_evaluate_computes_at_home(
     job: Job, phase: str, method: str
 ) -> None:
-    job.submitted(phase, method)
-    sheet = evaluate_file(job.file(phase, method), split=job.split(phase))
-    at_home = sheet.model_dump(mode="json", by_alias=True)
-    assert_exact(at_home, job.naive(phase, method))
-    assert _means(at_home) in [_means(kept) for kept in _exact_sheets(job.system)]
-
-
-def _exact_sheets(system: System) -> list[dict[str, Any]]:
-    """What the worker keeps for itself: the unrounded sheets."""
-    store = PrivateStore(system.data / "private")
-    keys = [path.name for path in (store.root / Shelf.SHEETS).iterdir()]
-    return [json.loads(store.read(Shelf.SHEETS, key) or b"null") for key in keys]
-
-
-def _means(sheet: dict[str, Any]) -> dict[str, Any]:
-    return {key: sheet[key] for key in ("n", "micro", "macro_family", "families", "tasks")}
+    submitted = job.submitted(phase, method)
+    sheet = evaluate_file(job.file(phase, method), split=job.split(phase), protocol="1.0")
+    assert_exact(sheet.model_dump(mode="json", by_alias=True), job.naive(phase, method))
+    at_home = Scored(sheet, measurement_key="", regions_digest=job.regions_digest(phase))
+    assert job.exact_digest(submitted["id"]) == at_home.digest
 
 
 @pytest.mark.parametrize(("phase", "method"), [(extract.NAME, "wild"), *realdata.WITH_REFERENCE])

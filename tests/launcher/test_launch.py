@@ -173,7 +173,7 @@ def test_who_takes_over_the_web_process_reads_no_region(
             for name, pid in running.children().items()
             if name != "fill-sample"
         }
-        kept = next((data / "private" / "sheets").iterdir())
+        kept = next((data / "private" / "settled").iterdir())
         split = httpx.get(f"http://127.0.0.1:{port}/api/v1/splits/sample")
     finally:
         running.end()

@@ -137,8 +137,8 @@ def test_the_servers_user_gets_into_neither_splits_nor_private_store(
     run: Run, walled: Users
 ) -> None:
     split = run.topology.splits / "sample" / "split.json.gz"
-    sheet = next((run.topology.folder / "private" / "sheets").iterdir())
-    for path in (split, sheet):
+    settled = next((run.topology.folder / "private" / "settled").iterdir())
+    for path in (split, settled):
         allowed = _read_as(walled.worker, walled.group, path)
         assert allowed.returncode == 0, allowed.stderr
         refused = _read_as(walled.server, walled.group, path)

@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from exceptiondrive.cli import app
 from exceptiondrive_records.notifications.inbox import list_notifications
 from exceptiondrive_records.teams.teams import find_team
-from exceptiondrive_worker.stages import Stages, Target
+from exceptiondrive_worker.stages import Scored, Stages, Target
 
 Stage = Any
 Serve = Callable[[Stage], tuple[str, str]]
@@ -68,9 +68,9 @@ def counted(stage: Stage) -> Counter[str]:
             done["read"] += 1
             return super()._read(*given)
 
-        def _grade(self, target: Target, *given: Any) -> Any:
-            done["grade" if target.made is None else "grade a reference row"] += 1
-            return super()._grade(target, *given)
+        def score(self, target: Target) -> Scored:
+            done["score" if target.made is None else "score a reference row"] += 1
+            return super().score(target)
 
     old = stage.context.stages
     measured = dict(old._scoring)
@@ -116,8 +116,8 @@ def test_a_new_order_of_caution_goes_from_document_to_rollback(
     run = organizer.rescore("start", *draft, *REASON)
     organizer.rescore("begin", run["id"], *REASON)
     assert agents.work() == 3
-    graded = {"grade": 3, "grade a reference row": 1}
-    assert done == graded, "a new order of caution reads and measures nothing again"
+    scored = {"score": 3, "score a reference row": 1}
+    assert done == scored, "a new order of caution reads and measures nothing again"
 
     before = organizer.board()
     preview = organizer.rescore("preview", run["id"])

@@ -54,11 +54,11 @@ def test_a_sheet_that_differs_is_named(stage: Stage) -> None:
 
 
 def test_the_private_store_is_not_looked_at(stage: Stage) -> None:
-    kept = sorted((stage.settings.private_dir / "sheets").iterdir())
+    kept = sorted((stage.settings.private_dir / "settled").iterdir())
     assert len(kept) == 4, "three submissions and FREEZE"
-    sheets = [file.read_bytes() for file in kept]
-    for file, sheet_of_another in zip(kept, [*sheets[1:], sheets[0]], strict=True):
-        file.write_bytes(sheet_of_another)  # whole and readable, and wrong
+    settled = [file.read_bytes() for file in kept]
+    for file, that_of_another in zip(kept, [*settled[1:], settled[0]], strict=True):
+        file.write_bytes(that_of_another)  # whole and readable, and wrong
     assert verified(stage).n_equal == 3
 
 

@@ -55,18 +55,18 @@ def age(path: Path, days: float) -> None:
 
 def test_reading_a_file_keeps_it(store: PrivateStore) -> None:
     for key in ("read", "forgotten"):
-        store.write(Shelf.SHEETS, key, b"{}")
-        age(store.root / Shelf.SHEETS / key, days=40)
-    assert store.read(Shelf.SHEETS, "read") == b"{}"
+        store.write(Shelf.COMPARISONS, key, b"{}")
+        age(store.root / Shelf.COMPARISONS / key, days=40)
+    assert store.read(Shelf.COMPARISONS, "read") == b"{}"
     assert prune(store, max_bytes=10**6, max_age_days=30) == 1
-    assert store.read(Shelf.SHEETS, "read") == b"{}"
-    assert store.read(Shelf.SHEETS, "forgotten") is None
+    assert store.read(Shelf.COMPARISONS, "read") == b"{}"
+    assert store.read(Shelf.COMPARISONS, "forgotten") is None
 
 
 def test_dead_verifications_go(store: PrivateStore) -> None:
     dead, alive = store.root / "verify-dead", store.root / "verify-alive"
     for folder in (dead, alive):
-        PrivateStore(folder).write(Shelf.SHEETS, "k", b"{}")
+        PrivateStore(folder).write(Shelf.COMPARISONS, "k", b"{}")
     age(dead, days=1)
     prune(store, max_bytes=0, max_age_days=30)
     assert (dead.exists(), alive.exists()) == (False, True)

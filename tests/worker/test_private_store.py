@@ -89,15 +89,15 @@ def test_one_flipped_bit_makes_a_file_absent(store: PrivateStore, place: int) ->
 def test_a_file_of_which_a_power_cut_left_zeros_is_absent(
     store: PrivateStore, n_zeros: int
 ) -> None:
-    (store.root / Shelf.SHEETS / "k").write_bytes(bytes(n_zeros))
-    assert store.read(Shelf.SHEETS, "k") is None
+    (store.root / Shelf.COMPARISONS / "k").write_bytes(bytes(n_zeros))
+    assert store.read(Shelf.COMPARISONS, "k") is None
 
 
 def test_only_the_owner_may_enter_or_read(store: PrivateStore) -> None:
-    store.write(Shelf.SHEETS, "k", b"{}")
-    for folder in (store.root, store.root / Shelf.SHEETS):
+    store.write(Shelf.COMPARISONS, "k", b"{}")
+    for folder in (store.root, store.root / Shelf.COMPARISONS):
         assert stat.S_IMODE(folder.stat().st_mode) == 0o700
-    assert stat.S_IMODE((store.root / Shelf.SHEETS / "k").stat().st_mode) == 0o600
+    assert stat.S_IMODE((store.root / Shelf.COMPARISONS / "k").stat().st_mode) == 0o600
 
 
 def test_a_folder_that_stood_open_is_closed(tmp_path: Path) -> None:

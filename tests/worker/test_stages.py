@@ -74,7 +74,9 @@ class Counted:
         return digest, dict(self.done)
 
 
-GRADED = {"grade": 1, "regrade": 1}
+REGRADED = {"regrade": 1}
+"""What required clearances change; all else of a sheet is settled and kept."""
+GRADED = {"grade": 1, **REGRADED}
 """Every metric, then those that required clearances change."""
 EVERYTHING = {"load": 1, "read": 1, "measure": 1, **GRADED}
 
@@ -103,13 +105,11 @@ def test_the_first_run_does_everything_once(counted: Counted, target: Target) ->
     assert counted.score(target)[1] == EVERYTHING
 
 
-def test_the_same_again_does_nothing_and_comes_to_the_same_bits(
+def test_the_same_again_comes_to_the_same_bits_from_what_is_settled(
     counted: Counted, target: Target
 ) -> None:
     first, _ = counted.score(target)
-    again, work = counted.score(target)
-    assert work == {}
-    assert again == first
+    assert counted.score(target) == (first, REGRADED)
 
 
 def test_a_fresh_store_comes_to_the_same_bits(
@@ -139,7 +139,7 @@ def test_new_required_clearances_touch_neither_upload_nor_geometry(
     other = target.protocol.model_copy(update={"tasks": tasks, "version": "1.1"})
     changed = replace(target, protocol=other, split=load_split(tiny, other))
     digest, work = counted.score(changed)
-    assert work == {"regrade": 1}
+    assert work == REGRADED
     assert digest != first
 
 
@@ -149,14 +149,14 @@ def test_new_required_clearances_of_samples_touch_no_other_metric(
     counted.score(target)
     samples = (sample.model_copy(update={"d_safe_m": 9.0}) for sample in tiny.samples)
     stricter = load_split(tiny.model_copy(update={"samples": tuple(samples)}), target.protocol)
-    assert counted.score(replace(target, split=stricter))[1] == {"regrade": 1}
+    assert counted.score(replace(target, split=stricter))[1] == REGRADED
 
 
 @pytest.mark.parametrize(
     ("sections", "work"),
     [
-        ({"grading": {"d_safe_scale": 2.0}}, {"regrade": 1}),
-        ({"grading": {"headline": "micro"}}, {"regrade": 1}),
+        ({"grading": {"d_safe_scale": 2.0}}, REGRADED),
+        ({"grading": {"headline": "micro"}}, REGRADED),
         ({"plausibility": {"flag_blind": 0.5}}, GRADED),
     ],
     ids=["scale", "headline", "plausibility"],
@@ -207,12 +207,12 @@ def test_a_sheet_from_what_was_kept_is_that_of_a_fresh_store(
     [{"ranking": {"bootstrap_draws": 200}}, {"publication": {"percent_decimals": 1}}],
     ids=["ranking", "publication"],
 )
-def test_ranking_and_publication_need_no_new_sheet(
+def test_ranking_and_publication_settle_nothing_anew(
     counted: Counted, target: Target, tiny: Split, sections: dict[str, dict[str, Any]]
 ) -> None:
     counted.score(target)
     changed = under(target, tiny, **sections)
-    assert counted.score(changed)[1] == {}
+    assert counted.score(changed)[1] == REGRADED
     assert counted.stages.score(changed).sheet.protocol.version == "1.1"
 
 
@@ -260,10 +260,9 @@ def test_another_number_of_waypoints_needs_the_upload_again_and_rejects_it(
 @pytest.mark.parametrize(
     ("shelf", "work"),
     [
-        (Shelf.SHEETS, {"regrade": 1}),
-        (Shelf.SETTLED, {}),
-        (Shelf.MEASUREMENTS, {}),
-        (Shelf.ANSWERS, {}),
+        (Shelf.SETTLED, GRADED),
+        (Shelf.MEASUREMENTS, REGRADED),
+        (Shelf.ANSWERS, REGRADED),
     ],
 )
 def test_a_damaged_file_is_made_again_where_it_is_needed(

@@ -10,7 +10,6 @@ import hmac
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 from pydantic import ValidationError
 
@@ -19,7 +18,7 @@ from exceptiondrive_schemas.challenges import Challenge, ChallengeId
 from exceptiondrive_schemas.check import check_bytes
 from exceptiondrive_schemas.faults import CheckReport, Fault, FaultCode, FaultGroup
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_schemas.score_sheet import ProtocolRef, ScoreSheet
+from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_scoring.aliases import Columns, IntArray
@@ -77,12 +76,7 @@ class Scored:
         sample may have, and no rounding of what is published would bound that.
         """
         key = self.regions_digest.encode("ascii")
-        return f"sha256:{hmac.digest(key, self.exact_json, 'sha256').hex()}"
-
-    @cached_property
-    def exact_json(self) -> bytes:
-        """The exact sheet in canonical JSON."""
-        return canonical_json(self.sheet)
+        return f"sha256:{hmac.digest(key, canonical_json(self.sheet), 'sha256').hex()}"
 
 
 class RejectedUpload(Exception):  # noqa: N818 - the file is wrong, not the program
@@ -134,19 +128,11 @@ class Stages:
             RejectedUpload: The upload has faults.
         """
         measurement_key = _measurement_key(target)
-        sheet_key = _graded_key("sheet", measurement_key, target)
-        kept = self._kept_sheet(sheet_key)
-        sheet = self._grade(target, measurement_key) if kept is None else kept
-        protocol = target.protocol
-        refs = {
-            "protocol": ProtocolRef(version=protocol.version, digest=protocol.digest),
-            "split": target.split.manifest.ref,
-        }
-        found = sheet.model_copy(update=refs)
-        scored = Scored(found, measurement_key, target.split.regions_digest)
-        if kept is None:
-            self._private.write(Shelf.SHEETS, sheet_key, scored.exact_json)
-        return scored
+        settled, split = self._settled(target, measurement_key), target.split
+        sheet = graded_sheet(
+            self._scoring_of(target), settled, split.arrays, split.manifest.ref, target.protocol
+        )
+        return Scored(sheet, measurement_key, split.regions_digest)
 
     def settled(self, target: Target) -> Settled:
         """Return what no required clearance changes in the sheet of an upload.
@@ -228,7 +214,15 @@ class Stages:
 
     def sums_key(self, target: Target, measurement_key: str) -> str:
         """Return the key of the scene sums that belong to measurements."""
-        return content_key(_graded_key("sums", measurement_key, target), target.split.scenes_digest)
+        return content_key(
+            "sums",
+            SCORER_VERSION,
+            target.challenge.id,
+            measurement_key,
+            target.protocol.grading_digest,
+            target.split.grading_digest,
+            target.split.scenes_digest,
+        )
 
     def scene_sums(self, target: Target, measurement_key: str) -> SceneSums:
         """Return the sums per scene of an entry, for the bootstrap.
@@ -269,20 +263,6 @@ class Stages:
         if isinstance(answers, CheckReport):
             raise RejectedUpload(answers)
         return answers
-
-    def _kept_sheet(self, key: str) -> ScoreSheet | None:
-        data = self._private.read(Shelf.SHEETS, key)
-        if data is None:
-            return None
-        try:
-            return ScoreSheet.model_validate_json(data)
-        except ValidationError:
-            return None  # written by another version
-
-    def _grade(self, target: Target, measurement_key: str) -> ScoreSheet:
-        split, settled = target.split, self._settled(target, measurement_key)
-        ref = split.manifest.ref
-        return graded_sheet(self._scoring_of(target), settled, split.arrays, ref, target.protocol)
 
 
 def _rows(answers: Columns, rows: IntArray | None) -> Columns:
@@ -330,15 +310,4 @@ def _settled_key(measurement_key: str, target: Target) -> str:
         measurement_key,
         target.protocol.plausibility_digest,
         target.split.groups_digest,
-    )
-
-
-def _graded_key(what: str, measurement_key: str, target: Target) -> str:
-    return content_key(
-        what,
-        SCORER_VERSION,
-        target.challenge.id,
-        measurement_key,
-        target.protocol.grading_digest,
-        target.split.grading_digest,
     )

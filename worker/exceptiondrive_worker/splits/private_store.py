@@ -1,6 +1,6 @@
 """The worker's private store: what scoring keeps, under the hash of what made it.
 
-Per-sample columns and exact score sheets are withheld: only workers may read this folder (0700).
+Per-sample columns are withheld: only workers may read this folder (0700).
 Nothing here is the truth. Every file can be made again from the uploads and the splits, so a file
 that is missing, cut short or damaged is simply absent, and the next run writes it anew.
 """
@@ -40,10 +40,8 @@ class Shelf(StrEnum):
     """Per sample: clearance, intrusion, shifts. Key: as the answers, and regions, geometry."""
     SETTLED = "settled"
     """What no required clearance changes in a sheet. Key: measurement, plausibility, groups."""
-    SHEETS = "sheets"
-    """Exact totals and breakdown. Key: measurement, grading, tasks of the split."""
     SUMS = "sums"
-    """Sums per scene, for the bootstrap. Key: as the sheet, and the scenes of the split."""
+    """Sums per scene, for the bootstrap. Key: measurement, grading, tasks and scenes of the split."""
     INTERVALS = "intervals"
     """Intervals and draws of one entry. Key: as the sums, and ranking."""
     EFFECTS = "effects"
