@@ -17,6 +17,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import datetime, timedelta
 from multiprocessing import get_context
 from pathlib import Path
@@ -48,7 +49,7 @@ from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_scoring import SCORER_VERSION
-from exceptiondrive_scoring.bootstrap import GRID
+from exceptiondrive_scoring.bootstrap import GRID, SceneSums
 from exceptiondrive_server.app import create_app
 from exceptiondrive_server.web.settings import ServerSettings
 from exceptiondrive_worker.boards import run as board_run
@@ -250,6 +251,8 @@ class _Entries:
         self._scored = context.stages.score(self._target)
         self._measurements = context.stages.measurements(self._target)
         self._sums = context.stages.scene_sums(self._target, self._scored.measurement_key)
+        self._factor_of: dict[str, float] = {}
+        context.stages.scene_sums = self._scene_sums  # type: ignore[method-assign]
         self._sheet = Rounding(PLANNING, self._protocol.publication).sheet(self._scored.sheet)
 
     @property
@@ -269,13 +272,16 @@ class _Entries:
                 session.add(row)
 
     def _keep(self, number: int) -> None:
-        """Write what the worker would have kept: sums, and measurements of those to be compared."""
-        private, key = self._context.private, _measurement_key(number)
-        if number in self._best:
-            private.write_columns(Shelf.MEASUREMENTS, key, self._measurements)
-        columns = self._sums.columns()
-        columns["sums"] = np.rint(columns["sums"] * self._factors[number] / GRID) * GRID
-        private.write_columns(Shelf.SUMS, self._context.stages.sums_key(self._target, key), columns)
+        """Write what the worker would have kept of those to be compared, and of the last one."""
+        key = _measurement_key(number)
+        self._factor_of[key] = self._factors[number]
+        if number in self._best or number == len(self._factors) - 1:
+            self._context.private.write_columns(Shelf.MEASUREMENTS, key, self._measurements)
+
+    def _scene_sums(self, target: Target, measurement_key: str) -> SceneSums:
+        """Return what the worker would make of an entry's measurements."""
+        sums = self._sums.sums * self._factor_of.get(measurement_key, 1.0)
+        return replace(self._sums, sums=np.rint(sums / GRID) * GRID)
 
     def _submission(self, number: int, now: datetime) -> Submission:
         return Submission(

@@ -262,9 +262,9 @@ def test_another_user_cannot_read_the_private_store(open_folder: Path) -> None:
     public.write_text("anyone may read this")
     assert read_as_nobody(public).stdout == "anyone may read this"
     store = PrivateStore(open_folder / "private")
-    store.write(Shelf.SUMS, "k", b"{}")
-    (store.root / Shelf.SUMS / "k").chmod(0o644)  # the folder alone must be enough
-    refused = read_as_nobody(store.root / Shelf.SUMS / "k")
+    store.write(Shelf.SETTLED, "k", b"{}")
+    (store.root / Shelf.SETTLED / "k").chmod(0o644)  # the folder alone must be enough
+    refused = read_as_nobody(store.root / Shelf.SETTLED / "k")
     assert refused.returncode != 0
     assert "Permission denied" in refused.stderr
 

@@ -107,7 +107,7 @@ def test_a_leak_in_a_row_is_found(postgres: "Postgres") -> None:
 
 def test_a_leak_in_a_file_is_found_and_what_workers_keep_is_not_one(tmp_path: Path) -> None:
     watch = Watch()
-    places = ("splits/tiny/split.json", "private/sums/x", "tiny.split.json")
+    places = ("splits/tiny/split.json", "private/settled/x", "tiny.split.json")
     leaks = ("export.csv", "uploads/blob", "records.sqlite3", "logs/server.log")
     for place in (*places, *leaks):
         path = tmp_path / place

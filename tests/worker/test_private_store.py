@@ -77,12 +77,12 @@ def test_a_file_cut_short_is_absent_and_can_be_written_again(store: PrivateStore
 
 @pytest.mark.parametrize("place", [0, 40, -1], ids=["checksum", "head", "body"])
 def test_one_flipped_bit_makes_a_file_absent(store: PrivateStore, place: int) -> None:
-    store.write_columns(Shelf.SUMS, "k", COLUMNS)
-    path = store.root / Shelf.SUMS / "k"
+    store.write_columns(Shelf.SETTLED, "k", COLUMNS)
+    path = store.root / Shelf.SETTLED / "k"
     data = bytearray(path.read_bytes())
     data[place] ^= 1
     path.write_bytes(data)
-    assert store.read_columns(Shelf.SUMS, "k") is None
+    assert store.read_columns(Shelf.SETTLED, "k") is None
 
 
 @pytest.mark.parametrize("n_zeros", [0, 1, 4, 5, 4096])
@@ -111,16 +111,16 @@ def test_a_writer_that_is_killed_on_its_way_leaves_nothing_that_is_read(
     store: PrivateStore,
 ) -> None:
     data = pack_columns(COLUMNS)
-    store.write(Shelf.SUMS, "k", data)
-    path = store.root / Shelf.SUMS / "k"
+    store.write(Shelf.SETTLED, "k", data)
+    path = store.root / Shelf.SETTLED / "k"
     whole = path.read_bytes()
     for n_written in range(len(whole)):  # over what another one wrote whole, or half
         path.write_bytes(whole[:n_written])
-        assert store.read(Shelf.SUMS, "k") is None
+        assert store.read(Shelf.SETTLED, "k") is None
         path.write_bytes(bytes(n_written) + whole[n_written:])
-        assert n_written == 0 or store.read(Shelf.SUMS, "k") is None
+        assert n_written == 0 or store.read(Shelf.SETTLED, "k") is None
     path.write_bytes(whole)
-    assert store.read(Shelf.SUMS, "k") == data
+    assert store.read(Shelf.SETTLED, "k") == data
 
 
 def test_keys_tell_apart_what_joining_would_confuse() -> None:

@@ -14,7 +14,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import islice
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,14 +51,6 @@ class SceneSums:
     values: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     scene_index: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.intp))
     group_index: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.intp))
-
-    def columns(self) -> dict[str, NDArray[Any]]:
-        """What a store keeps: an array per attribute, those of sums alone where all are means."""
-        kept: dict[str, NDArray[Any]] = {"sums": self.sums, "counts": self.counts}
-        if self.values.size:
-            kept |= {"values": self.values}
-            kept |= {"scene_index": self.scene_index, "group_index": self.group_index}
-        return kept
 
 
 def scene_sums(scores: SampleScores, split: SplitArrays, taxonomy: Taxonomy) -> SceneSums:

@@ -212,8 +212,8 @@ class Stages:
         """
         return _rows(self.answers(target), target.split.rows)
 
-    def sums_key(self, target: Target, measurement_key: str) -> str:
-        """Return the key of the scene sums that belong to measurements."""
+    def scene_sums_key(self, target: Target, measurement_key: str) -> str:
+        """Return the key of what is made of the scene sums that belong to measurements."""
         return content_key(
             "sums",
             SCORER_VERSION,
@@ -228,17 +228,11 @@ class Stages:
         """Return the sums per scene of an entry, for the bootstrap.
 
         Raises:
-            RejectedUpload: The sums are not kept any more, and the upload now has faults.
+            RejectedUpload: The measurements are not kept any more, and the upload now has faults.
         """
-        key = self.sums_key(target, measurement_key)
-        kept = self._private.read_columns(Shelf.SUMS, key)
-        if kept is not None:
-            return SceneSums(**kept)
         scores = self.sample_scores(target, measurement_key)
         scores = scores.only(target.challenge.interval_metrics)
-        sums = scene_sums(scores, target.split.arrays, target.protocol.taxonomy)
-        self._private.write_columns(Shelf.SUMS, key, sums.columns())
-        return sums
+        return scene_sums(scores, target.split.arrays, target.protocol.taxonomy)
 
     def sample_scores(self, target: Target, measurement_key: str) -> SampleScores:
         """Return the metric values of each sample: withheld, never to leave the worker.

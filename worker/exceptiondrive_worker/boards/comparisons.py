@@ -155,7 +155,7 @@ def _kept_or_made(
     target = a[0]
     key = content_key(
         "comparison/2",
-        *(stages.sums_key(each, record.measurement_key) for each, record in (a, b)),
+        *(stages.scene_sums_key(each, record.measurement_key) for each, record in (a, b)),
         target.protocol.ranking_digest,
         target.protocol.grading.headline,
         *(text for _, record in (a, b) for text in (record.submission_id, record.method)),
@@ -273,7 +273,7 @@ def _key(stages: Stages, target: Target, measurement_key: str) -> str:
     protocol = target.protocol
     return content_key(
         "intervals",
-        stages.sums_key(target, measurement_key),
+        stages.scene_sums_key(target, measurement_key),
         protocol.ranking_digest,
         protocol.grading.headline,
     )

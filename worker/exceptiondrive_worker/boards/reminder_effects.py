@@ -61,8 +61,8 @@ def _effect(
     other = replace(target, file_digest=linked.file_digest)
     key = content_key(
         "effect",
-        stages.sums_key(target, record.measurement_key),
-        stages.sums_key(other, linked.measurement_key),
+        stages.scene_sums_key(target, record.measurement_key),
+        stages.scene_sums_key(other, linked.measurement_key),
         target.protocol.ranking_digest,
         target.protocol.grading.headline,
         linked.submission_id,

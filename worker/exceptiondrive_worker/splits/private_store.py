@@ -40,16 +40,14 @@ class Shelf(StrEnum):
     """Per sample: clearance, intrusion, shifts. Key: as the answers, and regions, geometry."""
     SETTLED = "settled"
     """What no required clearance changes in a sheet. Key: measurement, plausibility, groups."""
-    SUMS = "sums"
-    """Sums per scene, for the bootstrap. Key: measurement, grading, tasks and scenes of the split."""
     INTERVALS = "intervals"
-    """Intervals and draws of one entry. Key: as the sums, and ranking."""
+    """Intervals and draws of one entry. Key: measurement, grading, tasks and scenes of the split, ranking."""
     EFFECTS = "effects"
-    """An entry against its linked counterpart. Key: the sums of both, and ranking."""
+    """An entry against its linked counterpart. Key: as the intervals of both."""
     FINGERPRINTS = "fingerprints"
     """What some samples were answered with. Key: file, and which samples."""
     COMPARISONS = "comparisons"
-    """Two entries against each other. Key: the sums of both, and ranking."""
+    """Two entries against each other. Key: as the intervals of both."""
 
 
 def content_key(*parts: str) -> str:
