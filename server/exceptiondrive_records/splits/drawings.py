@@ -7,7 +7,7 @@ only where the whole split file is public; and the table refuses it otherwise (`
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from sqlalchemy import and_, select
+from sqlalchemy import and_, bindparam, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
@@ -24,6 +24,11 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import SplitRef
 
 
+_PUBLIC_FILE = select(SplitRow.public_file_digest).where(
+    SplitRow.name == bindparam("name"), SplitRow.revision == bindparam("revision")
+)
+
+
 @dataclass(frozen=True)
 class PublicSplit:
     """A split revision whose whole file anyone may have."""
@@ -34,10 +39,8 @@ class PublicSplit:
 
 def find_public_split(session: Session, ref: SplitRef) -> PublicSplit | None:
     """Return the split if it is public; None: it is withheld, and nothing of it may be drawn."""
-    row = session.get(SplitRow, (ref.name, ref.revision))
-    if row is None or row.public_file_digest is None:
-        return None
-    return PublicSplit(ref, row.public_file_digest)
+    digest = session.scalars(_PUBLIC_FILE, {"name": ref.name, "revision": ref.revision}).first()
+    return None if digest is None else PublicSplit(ref, digest)
 
 
 def drawn_submissions(session: Session, protocol_digest: str, split_revision: str) -> set[str]:

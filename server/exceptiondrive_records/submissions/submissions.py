@@ -149,6 +149,7 @@ _SAME_BYTES = select(Submission).where(
     Submission.file_digest == bindparam("file"),
     ~is_one_of(Submission.status, _SAME_BYTES_AGAIN),
 )
+_LOCKED_TEAM = select(Team).where(Team.id == bindparam("team")).with_for_update()
 _LAST_FACTS = (
     select(Submission.facts)
     .where(_OF_TEAM, Submission.method == bindparam("method"))
@@ -497,7 +498,7 @@ def keeps_its_file(session: Session) -> ColumnElement[bool]:
 
 def lock_team(session: Session, team_id: int) -> Team:
     """Lock the row of the team, so that its quota is counted by one transaction at a time."""
-    team = session.scalars(select(Team).where(Team.id == team_id).with_for_update()).first()
+    team = session.scalars(_LOCKED_TEAM, {"team": team_id}).first()
     if team is None:
         raise NotFound("team", str(team_id))
     return team

@@ -255,8 +255,7 @@ def take_upload(
     if accepted.job_id is not None:
         wake(services)
     with services.database.read() as session:
-        submission = find_submission(session, accepted.submission.id)
-        taken = view(session, submission, is_duplicate=accepted.is_duplicate)
+        taken = view(session, accepted.submission, is_duplicate=accepted.is_duplicate)
         return taken, quota_of(session, team_id, phase)
 
 
