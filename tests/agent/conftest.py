@@ -1,12 +1,12 @@
 """The endpoint of the tests, made images, and a folder to work in."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.agent.bench import KEY, Bench, made_jpeg, made_png, shade_of
-from tests.support.chat_endpoint import ChatEndpoint, Seen
+from tests.agent.bench import KEY, Bench
+from tests.support.chat_endpoint import ChatEndpoint
 
 
 @pytest.fixture(autouse=True)
@@ -30,21 +30,6 @@ def endpoint() -> Iterator[ChatEndpoint]:
 @pytest.fixture
 def bench(tmp_path: Path, endpoint: ChatEndpoint) -> Bench:
     return Bench(tmp_path, endpoint)
-
-
-@pytest.fixture
-def png() -> Callable[..., bytes]:
-    return made_png
-
-
-@pytest.fixture
-def jpeg() -> Callable[..., bytes]:
-    return made_jpeg
-
-
-@pytest.fixture
-def shade() -> Callable[[Seen], int]:
-    return shade_of
 
 
 @pytest.fixture

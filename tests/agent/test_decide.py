@@ -5,18 +5,17 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tests.agent.bench import Bench, shade_of
+
 from exceptiondrive.inputs import given_manifest
 from exceptiondrive_schemas.check import check_bytes
 from exceptiondrive_schemas.protocol import packaged_protocol
 
 if TYPE_CHECKING:
-    from tests.agent.bench import Bench
     from tests.support.chat_endpoint import ChatEndpoint, Reply, Seen
 
-Shade = Callable[["Seen"], int]
 
-
-def faults_of(bench: "Bench") -> list[str]:
+def faults_of(bench: Bench) -> list[str]:
     """What the server's own checker finds wrong with the submission."""
     manifest = given_manifest(bench.manifest)
     report = check_bytes(bench.out.read_bytes(), protocol=packaged_protocol(), manifest=manifest)
@@ -37,12 +36,12 @@ def answer_both(
 
 
 def test_the_submission_is_valid_and_null_where_the_answer_is_not(
-    bench: "Bench", endpoint: "ChatEndpoint", shade: Shade
+    bench: Bench, endpoint: "ChatEndpoint"
 ) -> None:
     samples = bench.add_samples(4)
     bench.write_manifest([*samples, "without-images"])
     texts = ['{"strategy": "B"}', "C", "I would stop or yield.", '{"strategy": "stop"}']
-    endpoint.answer = lambda seen: endpoint.says(texts[shade(seen)])
+    endpoint.answer = lambda seen: endpoint.says(texts[shade_of(seen)])
     report = bench.report("decide")
     assert faults_of(bench) == []
     assert [p["strategy"] for p in bench.submission()["predictions"]] == ["B", "C"] + [None] * 3
@@ -52,12 +51,12 @@ def test_the_submission_is_valid_and_null_where_the_answer_is_not(
 
 
 def test_the_reminder_is_the_only_difference_between_the_two_settings(
-    bench: "Bench", endpoint: "ChatEndpoint", record: dict[str, Any], shade: Shade
+    bench: Bench, endpoint: "ChatEndpoint", record: dict[str, Any]
 ) -> None:
     bench.add_samples(3)
     endpoint.answer = answer_both(endpoint, record)
     bench.report("decide")
-    baseline = {shade(seen): seen.document for seen in endpoint.seen}
+    baseline = {shade_of(seen): seen.document for seen in endpoint.seen}
     bench.report("remind")
     endpoint.seen.clear()
     journal = bench.folder / "with.jsonl"
@@ -68,11 +67,11 @@ def test_the_reminder_is_the_only_difference_between_the_two_settings(
         given = seen.document
         added = given["messages"][1]["content"].pop()
         assert added["text"].startswith("Risk reminder, written by an auxiliary agent")
-        assert given == baseline[shade(seen)]
+        assert given == baseline[shade_of(seen)]
 
 
 def test_reminder_records_travel_with_the_answers_only_when_asked_for(
-    bench: "Bench", endpoint: "ChatEndpoint", record: dict[str, Any]
+    bench: Bench, endpoint: "ChatEndpoint", record: dict[str, Any]
 ) -> None:
     bench.add_samples(2)
     endpoint.answer = answer_both(endpoint, record)
@@ -86,10 +85,10 @@ def test_reminder_records_travel_with_the_answers_only_when_asked_for(
 
 
 def test_a_sample_whose_reminder_failed_is_asked_without_and_again_once_it_has_one(
-    bench: "Bench", endpoint: "ChatEndpoint", record: dict[str, Any], shade: Shade
+    bench: Bench, endpoint: "ChatEndpoint", record: dict[str, Any]
 ) -> None:
     bench.add_samples(2)
-    endpoint.answer = lambda seen: endpoint.says(json.dumps(record) if shade(seen) else "hm")
+    endpoint.answer = lambda seen: endpoint.says(json.dumps(record) if shade_of(seen) else "hm")
     bench.report("remind")
     endpoint.answer = answer_both(endpoint, record)
     more = ("--reminders", str(bench.reminders), "--attach-reminders")
@@ -103,7 +102,7 @@ def test_a_sample_whose_reminder_failed_is_asked_without_and_again_once_it_has_o
 
 
 def test_the_two_settings_never_share_a_journal(
-    bench: "Bench", endpoint: "ChatEndpoint", record: dict[str, Any]
+    bench: Bench, endpoint: "ChatEndpoint", record: dict[str, Any]
 ) -> None:
     bench.add_samples(1)
     endpoint.answer = answer_both(endpoint, record)
@@ -115,7 +114,7 @@ def test_the_two_settings_never_share_a_journal(
 
 
 def test_reminders_of_other_samples_or_of_no_journal_are_refused(
-    bench: "Bench", endpoint: "ChatEndpoint", record: dict[str, Any], tmp_path: Path
+    bench: Bench, endpoint: "ChatEndpoint", record: dict[str, Any], tmp_path: Path
 ) -> None:
     samples = bench.add_samples(1)
     endpoint.answer = answer_both(endpoint, record)
@@ -136,7 +135,7 @@ def test_reminders_of_other_samples_or_of_no_journal_are_refused(
 
 
 def test_reminders_with_hazard_types_of_another_protocol_are_refused(
-    bench: "Bench", endpoint: "ChatEndpoint", record: dict[str, Any]
+    bench: Bench, endpoint: "ChatEndpoint", record: dict[str, Any]
 ) -> None:
     bench.add_samples(1)
     endpoint.answer = answer_both(endpoint, record)
@@ -147,7 +146,7 @@ def test_reminders_with_hazard_types_of_another_protocol_are_refused(
     assert "hazard types that this protocol does not know: XX1" in result.stderr
 
 
-def test_attaching_needs_reminders(bench: "Bench", endpoint: "ChatEndpoint") -> None:
+def test_attaching_needs_reminders(bench: Bench, endpoint: "ChatEndpoint") -> None:
     bench.add_samples(1)
     result = bench.run("decide", "--attach-reminders")
     assert (result.exit_code, endpoint.seen) == (2, [])
@@ -155,7 +154,7 @@ def test_attaching_needs_reminders(bench: "Bench", endpoint: "ChatEndpoint") -> 
 
 
 def test_images_that_match_no_sample_of_the_manifest_stop_the_run(
-    bench: "Bench", endpoint: "ChatEndpoint"
+    bench: Bench, endpoint: "ChatEndpoint"
 ) -> None:
     bench.add_samples(1)
     bench.write_manifest(["something-else"])

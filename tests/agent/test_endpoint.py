@@ -5,12 +5,12 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from tests.agent.bench import Bench, shade_of
 
 from exceptiondrive_agent.questions import messages
 from exceptiondrive_endpoints.endpoint import Endpoint, EndpointSettings, ModelSettings
 
 if TYPE_CHECKING:
-    from tests.agent.bench import Bench
     from tests.support.chat_endpoint import ChatEndpoint, Reply, Seen
 
 KEY = "key-of-the-tests-0123456789"
@@ -28,7 +28,7 @@ class Sequence:
 
 
 def test_429_with_retry_after_is_waited_for_and_asked_again(
-    bench: "Bench", endpoint: "ChatEndpoint"
+    bench: Bench, endpoint: "ChatEndpoint"
 ) -> None:
     bench.add_samples(1)
     busy = endpoint.fails(429, headers={"Retry-After": "0.2"})
@@ -38,9 +38,7 @@ def test_429_with_retry_after_is_waited_for_and_asked_again(
 
 
 @pytest.mark.parametrize("status", [500, 503])
-def test_a_server_error_is_asked_again(
-    bench: "Bench", endpoint: "ChatEndpoint", status: int
-) -> None:
+def test_a_server_error_is_asked_again(bench: Bench, endpoint: "ChatEndpoint", status: int) -> None:
     bench.add_samples(1)
     broken = endpoint.fails(status, headers={"retry-after-ms": "20"})
     endpoint.answer = Sequence(broken, endpoint.says(DECISION))
@@ -51,7 +49,7 @@ def test_a_server_error_is_asked_again(
     ("status", "reason"), [(429, "rate_limited"), (500, "server_error"), (503, "server_error")]
 )
 def test_after_the_last_retry_the_sample_is_null_and_the_exit_code_says_network(
-    bench: "Bench", endpoint: "ChatEndpoint", status: int, reason: str
+    bench: Bench, endpoint: "ChatEndpoint", status: int, reason: str
 ) -> None:
     (sample,) = bench.add_samples(1)
     broken = endpoint.fails(status, headers={"retry-after-ms": "20"})
@@ -62,9 +60,7 @@ def test_after_the_last_retry_the_sample_is_null_and_the_exit_code_says_network(
     assert bench.submission()["predictions"] == [{"sample_id": sample, "strategy": None}]
 
 
-def test_an_endpoint_that_is_too_slow_is_a_timeout(
-    bench: "Bench", endpoint: "ChatEndpoint"
-) -> None:
+def test_an_endpoint_that_is_too_slow_is_a_timeout(bench: Bench, endpoint: "ChatEndpoint") -> None:
     bench.add_samples(1)
     gone = threading.Event()
 
@@ -79,7 +75,7 @@ def test_an_endpoint_that_is_too_slow_is_a_timeout(
 
 
 def test_a_response_that_breaks_off_is_a_lost_connection_and_asked_again(
-    bench: "Bench", endpoint: "ChatEndpoint"
+    bench: Bench, endpoint: "ChatEndpoint"
 ) -> None:
     bench.add_samples(1)
     whole = endpoint.says(DECISION)
@@ -89,7 +85,7 @@ def test_a_response_that_breaks_off_is_a_lost_connection_and_asked_again(
 
 
 def test_without_an_endpoint_the_sample_is_null_with_no_connection(
-    bench: "Bench", endpoint: "ChatEndpoint"
+    bench: Bench, endpoint: "ChatEndpoint"
 ) -> None:
     bench.add_samples(1)
     closed = ("--base-url", "http://127.0.0.1:1/v1", "--max-retries", "0")
@@ -100,7 +96,7 @@ def test_without_an_endpoint_the_sample_is_null_with_no_connection(
 
 
 def test_a_refused_key_stops_the_run_at_once_and_is_not_repeated_in_the_message(
-    bench: "Bench", endpoint: "ChatEndpoint"
+    bench: Bench, endpoint: "ChatEndpoint"
 ) -> None:
     bench.add_samples(30)
     endpoint.answer = Sequence(endpoint.fails(401, f"Incorrect API key provided: {KEY}"))
@@ -119,7 +115,7 @@ def test_a_refused_key_stops_the_run_at_once_and_is_not_repeated_in_the_message(
     ],
 )
 def test_what_no_sample_can_survive_stops_the_run(
-    bench: "Bench",
+    bench: Bench,
     endpoint: "ChatEndpoint",
     status: int,
     code: str | None,
@@ -134,7 +130,7 @@ def test_what_no_sample_can_survive_stops_the_run(
 
 
 def test_an_endpoint_that_has_gone_stops_the_run_after_twenty_samples_in_a_row(
-    bench: "Bench", endpoint: "ChatEndpoint"
+    bench: Bench, endpoint: "ChatEndpoint"
 ) -> None:
     bench.add_samples(40)
     endpoint.answer = Sequence(endpoint.fails(503))
@@ -144,14 +140,14 @@ def test_an_endpoint_that_has_gone_stops_the_run_after_twenty_samples_in_a_row(
     assert len(endpoint.seen) <= 21
 
 
-def test_unusable_answers_do_not_stop_a_run(bench: "Bench", endpoint: "ChatEndpoint") -> None:
+def test_unusable_answers_do_not_stop_a_run(bench: Bench, endpoint: "ChatEndpoint") -> None:
     bench.add_samples(25)
     endpoint.answer = Sequence(endpoint.says("hm"))
     assert bench.report("decide")["failed"] == {"not_json": 25}
 
 
 def test_an_endpoint_without_structured_output_is_asked_in_plainer_forms_and_remembered(
-    bench: "Bench", endpoint: "ChatEndpoint"
+    bench: Bench, endpoint: "ChatEndpoint"
 ) -> None:
     bench.add_samples(3)
 
@@ -168,7 +164,7 @@ def test_an_endpoint_without_structured_output_is_asked_in_plainer_forms_and_rem
 
 
 def test_a_renamed_token_limit_and_a_fixed_temperature_are_met(
-    bench: "Bench", endpoint: "ChatEndpoint"
+    bench: Bench, endpoint: "ChatEndpoint"
 ) -> None:
     bench.add_samples(2)
 
@@ -186,11 +182,11 @@ def test_a_renamed_token_limit_and_a_fixed_temperature_are_met(
 
 
 def test_a_request_that_is_refused_in_every_form_is_null_and_spoils_no_other(
-    bench: "Bench", endpoint: "ChatEndpoint", shade: Any
+    bench: Bench, endpoint: "ChatEndpoint"
 ) -> None:
     bench.add_samples(2)
     endpoint.answer = lambda seen: (
-        endpoint.fails(400, "image too small") if shade(seen) == 0 else endpoint.says(DECISION)
+        endpoint.fails(400, "image too small") if shade_of(seen) == 0 else endpoint.says(DECISION)
     )
     report = bench.report("decide", "--concurrency", "1")
     assert (report["done"], report["failed"]) == (1, {"request_refused": 1})
@@ -200,7 +196,7 @@ def test_a_request_that_is_refused_in_every_form_is_null_and_spoils_no_other(
 
 
 def test_a_redirect_is_not_followed_so_images_go_nowhere_else(
-    bench: "Bench", endpoint: "ChatEndpoint"
+    bench: Bench, endpoint: "ChatEndpoint"
 ) -> None:
     bench.add_samples(1)
     elsewhere = {"Location": f"{endpoint.base_url}/elsewhere"}
@@ -227,7 +223,7 @@ async def test_every_http_request_waits_for_its_slot_retries_included(
     assert [round(wait_s / 600) for wait_s in waits_s] == [0, 1, 2, 3]  # ten minutes a slot
 
 
-def test_extra_fields_reach_the_endpoint(bench: "Bench", endpoint: "ChatEndpoint") -> None:
+def test_extra_fields_reach_the_endpoint(bench: Bench, endpoint: "ChatEndpoint") -> None:
     bench.add_samples(1)
     endpoint.answer = Sequence(endpoint.says(DECISION))
     bench.report("decide", "--extra-body", json.dumps({"seed": 7, "chat_template_kwargs": {}}))
@@ -235,5 +231,5 @@ def test_extra_fields_reach_the_endpoint(bench: "Bench", endpoint: "ChatEndpoint
     assert endpoint.seen[0].document["chat_template_kwargs"] == {}
 
 
-def journal_of(bench: "Bench") -> Any:
+def journal_of(bench: Bench) -> Any:
     return bench.out.with_name(f"{bench.out.name}.journal.jsonl")

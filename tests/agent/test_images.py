@@ -1,8 +1,8 @@
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.agent.bench import made_png
 
 from exceptiondrive_agent.errors import AgentError
 from exceptiondrive_agent.images import find_images
@@ -50,9 +50,9 @@ def test_a_missing_folder_is_refused(tmp_path: Path) -> None:
         find_images(tmp_path / "nowhere")
 
 
-def test_images_are_loaded_without_metadata(tmp_path: Path, png: Callable[..., bytes]) -> None:
-    (tmp_path / "a.png").write_bytes(png(1, b"secret"))
-    assert [image.data for image in load_images((tmp_path / "a.png",))] == [png(1)]
+def test_images_are_loaded_without_metadata(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_bytes(made_png(1, b"secret"))
+    assert [image.data for image in load_images((tmp_path / "a.png",))] == [made_png(1)]
 
 
 def test_a_sample_without_images_has_a_reason() -> None:

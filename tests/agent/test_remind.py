@@ -2,20 +2,18 @@
 
 import json
 import threading
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from tests.agent.bench import Bench, shade_of
 
 from exceptiondrive_schemas.submission_files import ReminderRecord
 
 if TYPE_CHECKING:
-    from tests.agent.bench import Bench
     from tests.support.chat_endpoint import ChatEndpoint, Seen
 
 FOLDER = Path(__file__).parent / "recorded"
-Shade = Callable[["Seen"], int]
 RECORDED = {
     0: ("good-vllm.json", None),
     1: ("good-ollama-fenced-no-usage.json", None),
@@ -31,10 +29,10 @@ RECORDED = {
 
 
 def test_every_sample_gets_a_validated_record_or_null_with_its_reason(
-    bench: "Bench", endpoint: "ChatEndpoint", shade: Shade
+    bench: Bench, endpoint: "ChatEndpoint"
 ) -> None:
     samples = bench.add_samples(len(RECORDED))
-    endpoint.answer = lambda seen: endpoint.recorded(FOLDER / RECORDED[shade(seen)][0])
+    endpoint.answer = lambda seen: endpoint.recorded(FOLDER / RECORDED[shade_of(seen)][0])
     report = bench.report("remind", "--price-in", "2", "--price-out", "10")
     journal = bench.journal()
     for number, sample_id in enumerate(samples):
@@ -52,7 +50,7 @@ def test_every_sample_gets_a_validated_record_or_null_with_its_reason(
 
 
 def test_the_raw_answer_of_a_failure_is_kept_truncated(
-    bench: "Bench", endpoint: "ChatEndpoint"
+    bench: Bench, endpoint: "ChatEndpoint"
 ) -> None:
     (sample,) = bench.add_samples(1)
     endpoint.answer = lambda seen: endpoint.says("no " * 5000)
@@ -61,22 +59,22 @@ def test_the_raw_answer_of_a_failure_is_kept_truncated(
 
 
 def test_a_second_run_skips_what_is_done_and_asks_again_what_failed(
-    bench: "Bench", endpoint: "ChatEndpoint", shade: Shade, record: dict[str, Any]
+    bench: Bench, endpoint: "ChatEndpoint", record: dict[str, Any]
 ) -> None:
     samples = bench.add_samples(4)
     good = endpoint.says(json.dumps(record))
-    endpoint.answer = lambda seen: good if shade(seen) != 2 else endpoint.says("hm")
+    endpoint.answer = lambda seen: good if shade_of(seen) != 2 else endpoint.says("hm")
     assert bench.report("remind")["answered"] == 3
     endpoint.answer = lambda seen: good
     report = bench.report("remind")
     assert (report["asked"], report["answered"]) == (1, 4)
-    assert [shade(seen) for seen in endpoint.seen[4:]] == [2]
+    assert [shade_of(seen) for seen in endpoint.seen[4:]] == [2]
     assert bench.journal()[samples[2]]["reminder"] == record
     assert bench.report("remind")["requests"] == 0
 
 
 def test_a_sample_whose_images_are_missing_or_damaged_is_null_and_never_sent(
-    bench: "Bench", endpoint: "ChatEndpoint", record: dict[str, Any]
+    bench: Bench, endpoint: "ChatEndpoint", record: dict[str, Any]
 ) -> None:
     first, second, third = bench.add_samples(3)
     (bench.images / first / "front.png").unlink()
@@ -89,7 +87,7 @@ def test_a_sample_whose_images_are_missing_or_damaged_is_null_and_never_sent(
 
 
 def test_no_more_than_concurrency_samples_are_in_flight_and_that_many_are(
-    bench: "Bench", endpoint: "ChatEndpoint", record: dict[str, Any]
+    bench: Bench, endpoint: "ChatEndpoint", record: dict[str, Any]
 ) -> None:
     bench.add_samples(12)
     together = threading.Barrier(3)
@@ -104,7 +102,7 @@ def test_no_more_than_concurrency_samples_are_in_flight_and_that_many_are(
 
 
 def test_limit_asks_the_next_few_samples_only(
-    bench: "Bench", endpoint: "ChatEndpoint", record: dict[str, Any]
+    bench: Bench, endpoint: "ChatEndpoint", record: dict[str, Any]
 ) -> None:
     bench.add_samples(5)
     endpoint.answer = lambda seen: endpoint.says(json.dumps(record))
@@ -113,7 +111,7 @@ def test_limit_asks_the_next_few_samples_only(
 
 
 def test_views_are_named_to_the_model_and_their_number_must_fit(
-    bench: "Bench", endpoint: "ChatEndpoint", record: dict[str, Any]
+    bench: Bench, endpoint: "ChatEndpoint", record: dict[str, Any]
 ) -> None:
     bench.add_samples(1)
     endpoint.answer = lambda seen: endpoint.says(json.dumps(record))
@@ -124,7 +122,7 @@ def test_views_are_named_to_the_model_and_their_number_must_fit(
 
 
 def test_a_journal_of_another_model_is_not_mixed_in(
-    bench: "Bench", endpoint: "ChatEndpoint", record: dict[str, Any]
+    bench: Bench, endpoint: "ChatEndpoint", record: dict[str, Any]
 ) -> None:
     bench.add_samples(1)
     endpoint.answer = lambda seen: endpoint.says(json.dumps(record))

@@ -6,24 +6,22 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from tests.agent.bench import Bench
-    from tests.support.chat_endpoint import ChatEndpoint, Reply, Seen
+from tests.agent.bench import Bench, shade_of
 
-Shade = Callable[["Seen"], int]
+if TYPE_CHECKING:
+    from tests.support.chat_endpoint import ChatEndpoint, Reply, Seen
 
 
 def test_after_sigkill_midway_the_same_command_finishes_and_asks_only_what_is_open(
-    bench: "Bench", endpoint: "ChatEndpoint", shade: Shade, record: dict[str, Any]
+    bench: Bench, endpoint: "ChatEndpoint", record: dict[str, Any]
 ) -> None:
     samples = bench.add_samples(12)
     midway, released = threading.Event(), threading.Event()
 
     def answer(seen: "Seen") -> "Reply":
-        if shade(seen) >= 6:  # two workers: samples 6 and 7 are in flight when the kill comes
+        if shade_of(seen) >= 6:  # two workers: samples 6 and 7 are in flight when the kill comes
             midway.set()
             released.wait(timeout=60)
         return endpoint.says(json.dumps(record))
@@ -48,12 +46,12 @@ def test_after_sigkill_midway_the_same_command_finishes_and_asks_only_what_is_op
     endpoint.answer = lambda seen: endpoint.says(json.dumps(record))
     report = bench.report("remind")
     assert report["answered"] == 12
-    asked = {samples[shade(seen)] for seen in endpoint.seen}
+    asked = {samples[shade_of(seen)] for seen in endpoint.seen}
     assert asked == set(samples) - finished
     assert set(bench.journal()) == set(samples)
 
 
-def wait_for_lines(bench: "Bench", count: int) -> None:
+def wait_for_lines(bench: Bench, count: int) -> None:
     """Wait until the journal holds so many lines; the run has already asked for more."""
     pause = threading.Event()
     for _ in range(600):

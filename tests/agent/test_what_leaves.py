@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 import pytest
+from tests.agent.bench import Bench, made_jpeg, made_png
 
 from exceptiondrive_schemas.protocol import packaged_protocol
 
 if TYPE_CHECKING:
-    from tests.agent.bench import Bench
     from tests.support.chat_endpoint import ChatEndpoint, Reply, Seen
 
 Made = Callable[..., bytes]
@@ -42,22 +42,22 @@ DATA_URL = re.compile(r"data:image/[a-z]+;base64,[A-Za-z0-9+/=]+")
 
 
 @pytest.fixture
-def secretive(bench: "Bench", png: Made, jpeg: Made) -> "Bench":
+def secretive(bench: Bench) -> Bench:
     """Samples whose ids, folders, file names and image metadata give their task and region away."""
     bench.images = bench.folder / "withheld-folder"
     for number, (sample_id, secret) in enumerate(SAMPLES.items()):
         folder = bench.images / sample_id
         folder.mkdir(parents=True)
         note = f"{folder} {secret}".encode()
-        (folder / f"{sample_id}__CAM_FRONT.png").write_bytes(png(number, note) + note)
-        (folder / f"{sample_id}__CAM_FRONT_LEFT.jpg").write_bytes(jpeg(bytes([number]), note))
+        (folder / f"{sample_id}__CAM_FRONT.png").write_bytes(made_png(number, note) + note)
+        (folder / f"{sample_id}__CAM_FRONT_LEFT.jpg").write_bytes(made_jpeg(bytes([number]), note))
     bench.write_manifest(list(SAMPLES))
     return bench
 
 
 @pytest.fixture
 def sent(
-    secretive: "Bench", endpoint: "ChatEndpoint", record: dict[str, Any]
+    secretive: Bench, endpoint: "ChatEndpoint", record: dict[str, Any]
 ) -> dict[str, list["Seen"]]:
     """All requests of the three runs of the paper, by run."""
 
@@ -84,7 +84,7 @@ def sent(
     return runs
 
 
-def journal(bench: "Bench") -> str:
+def journal(bench: Bench) -> str:
     return str(bench.folder / "with.jsonl")
 
 
@@ -114,12 +114,12 @@ def test_all_that_differs_between_samples_is_the_coded_pixels(
         assert len(bodies) == 1
 
 
-def test_the_images_that_leave_are_the_coded_pixels_alone(
-    sent: dict[str, list["Seen"]], png: Made, jpeg: Made
-) -> None:
+def test_the_images_that_leave_are_the_coded_pixels_alone(sent: dict[str, list["Seen"]]) -> None:
     for requests in sent.values():
         images = sorted(seen.images for seen in requests)
-        assert images == sorted([png(number), jpeg(bytes([number]))] for number in range(3))
+        assert images == sorted(
+            [made_png(number), made_jpeg(bytes([number]))] for number in range(3)
+        )
 
 
 def test_headers_are_the_same_for_every_sample_and_do_not_describe_this_machine(
@@ -165,7 +165,7 @@ def test_a_request_holds_the_fields_that_are_documented_and_no_others(
 
 
 def test_a_run_connects_to_the_endpoint_and_to_nothing_else(
-    secretive: "Bench", endpoint: "ChatEndpoint", record: dict[str, Any], tmp_path: Path
+    secretive: Bench, endpoint: "ChatEndpoint", record: dict[str, Any], tmp_path: Path
 ) -> None:
     """An audit hook inside the run writes down every name it looks up and address it connects to."""
     endpoint.answer = lambda seen: endpoint.says(json.dumps(record))

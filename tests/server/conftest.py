@@ -3,7 +3,6 @@
 from collections.abc import Callable
 
 import pytest
-from tests.support import documents
 from tests.support.application import (  # noqa: F401 - fixtures
     api,
     api_on_both,
@@ -21,9 +20,3 @@ from exceptiondrive_schemas.board import BoardEntry
 def make_entry() -> Callable[..., BoardEntry]:
     """Makes a board entry; keywords replace fields and metrics."""
     return entry
-
-
-@pytest.fixture
-def digest_of() -> Callable[[bytes], str]:
-    """The name of a stored file."""
-    return documents.digest_of

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import escape
 from tests.server.nasty_strings import NASTY, UNSHOWABLE
+from tests.support.documents import digest_of
 
 if TYPE_CHECKING:
     from tests.support.application import Api, TeamBrowser
@@ -94,7 +95,7 @@ def test_facts_travel_with_the_upload_form(api: "Api", browse: Browse) -> None:
 
 
 def test_what_was_sent_comes_back_bit_by_bit_to_its_team_alone(
-    api: "Api", as_problem: Problem, browse: Browse, digest_of: Callable[[bytes], str]
+    api: "Api", as_problem: Problem, browse: Browse
 ) -> None:
     content = b"\x1f\x8b any bytes at all \x00\xff"
     for data, suffix in ((content, ".json.gz"), (b"{}", ".json")):

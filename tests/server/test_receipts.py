@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+from tests.support.documents import digest_of
 
 from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.receipt import Receipt, ReceiptKeys, altered_fields, signed_bytes
@@ -43,9 +44,7 @@ def check(api: "Api", receipt: Receipt) -> None:
     assert altered_fields(receipt) == ()
 
 
-def test_a_receipt_states_what_was_published_and_is_signed(
-    api_on_both: "Api", digest_of: Callable[[bytes], str]
-) -> None:
+def test_a_receipt_states_what_was_published_and_is_signed(api_on_both: "Api") -> None:
     submission_id = scored(api_on_both)
     receipt = receipt_of(api_on_both, submission_id)
     check(api_on_both, receipt)

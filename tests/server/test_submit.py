@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import httpx
 import pytest
 from sqlalchemy import func, select, update
+from tests.support.documents import digest_of
 from tests.support.work import claim_this
 
 from exceptiondrive_records.accounts.tables import Token
@@ -43,9 +44,7 @@ def mentioned(api: "Api") -> set[str]:
         return set(file_digests(session))
 
 
-def test_an_upload_is_accepted_kept_and_shown(
-    api_on_both: "Api", digest_of: Callable[[bytes], str]
-) -> None:
+def test_an_upload_is_accepted_kept_and_shown(api_on_both: "Api") -> None:
     response = api_on_both.submit(
         b'{"any": "bytes"}',
         method=" Kestrel 2 ",
