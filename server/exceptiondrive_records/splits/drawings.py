@@ -23,7 +23,6 @@ from exceptiondrive_schemas.drawing import (
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import SplitRef
 
-
 _PUBLIC_FILE = select(SplitRow.public_file_digest).where(
     SplitRow.name == bindparam("name"), SplitRow.revision == bindparam("revision")
 )
