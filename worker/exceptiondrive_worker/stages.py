@@ -1,4 +1,4 @@
-"""The stages from an upload to a score sheet, each result kept under the hash of what made it.
+"""The stages from an upload to a score sheet; all but the sheet is kept, under the hash of what made it.
 
     upload --read--> answers --measure--> measurements --settle--> settled --grade--> exact sheet
 
