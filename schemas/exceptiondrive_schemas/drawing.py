@@ -10,14 +10,13 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
 from typing import Literal
 
 from pydantic import Field
 
 from exceptiondrive_schemas.base import Document, content_digest
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.protocol import PACKAGED_PROTOCOLS, ProtocolDocument
 from exceptiondrive_schemas.score_sheet import MetricRow
 from exceptiondrive_schemas.taxonomy import Strategy, Task
 
@@ -128,7 +127,7 @@ def pictured_digest(protocol: ProtocolDocument) -> str:
 @cache
 def packaged_drawing() -> ProtocolDrawing:
     """Return the drawing of protocol 1.0, written by `python -m exceptiondrive_worker.drawing`."""
-    file = resources.files("exceptiondrive_schemas") / "protocols" / PACKAGED
+    file = PACKAGED_PROTOCOLS / PACKAGED
     return ProtocolDrawing.model_validate_json(file.read_bytes())
 
 

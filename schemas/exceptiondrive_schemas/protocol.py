@@ -9,7 +9,7 @@ document says: a field that came later, with a default, leaves the digests of ol
 import json
 from collections.abc import Collection, Mapping
 from functools import cache, cached_property
-from importlib import resources
+from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
@@ -326,6 +326,8 @@ def parse_protocol(toml: str) -> ProtocolDocument:
         raise ProtocolError(["not a protocol: a number has too many digits"]) from None
 
 
+PACKAGED_PROTOCOLS = Path(__file__).parent / "protocols"
+"""Folder of the protocols that ship with this package."""
 NEWEST = "1.1"
 """Version of the packaged protocol that a new phase takes."""
 NEWEST_WITHHELD = "1.1-withheld"
@@ -338,8 +340,7 @@ def packaged_protocol_toml(version: str = "1.0") -> str:
     Raises:
         FileNotFoundError: No such version ships.
     """
-    folder = resources.files("exceptiondrive_schemas") / "protocols"
-    return (folder / f"{version}.toml").read_text(encoding="utf-8")
+    return (PACKAGED_PROTOCOLS / f"{version}.toml").read_text(encoding="utf-8")
 
 
 @cache
@@ -355,9 +356,5 @@ def packaged_protocol(version: str = "1.0") -> ProtocolDocument:
 @cache
 def packaged_digests() -> frozenset[str]:
     """Return the digests of all protocols that ship with this package: they are no secret."""
-    files = (resources.files("exceptiondrive_schemas") / "protocols").iterdir()
-    return frozenset(
-        parse_protocol(file.read_text(encoding="utf-8")).digest
-        for file in files
-        if file.name.endswith(".toml")
-    )
+    files = PACKAGED_PROTOCOLS.glob("*.toml")
+    return frozenset(parse_protocol(file.read_text(encoding="utf-8")).digest for file in files)

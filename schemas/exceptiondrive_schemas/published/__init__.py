@@ -3,7 +3,7 @@
 Written by `python -m exceptiondrive_schemas.publish` and served by the server under `/api/v1`.
 """
 
-from importlib import resources
+from pathlib import Path
 
 DOCUMENT_NAMES = (
     "planning",
@@ -40,5 +40,5 @@ def example_text(name: str) -> str:
 def _read(folder: str, name: str) -> str:
     if name not in DOCUMENT_NAMES:
         raise KeyError(name)
-    file = resources.files("exceptiondrive_schemas.published") / folder / f"{name}.json"
+    file = Path(__file__).parent / folder / f"{name}.json"
     return file.read_text(encoding="utf-8")

@@ -3,7 +3,7 @@
 import json
 from decimal import Decimal
 from functools import cache
-from importlib import resources
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -53,7 +53,7 @@ class ReportedPaper(Document):
 @cache
 def reported_paper() -> ReportedPaper:
     """Read the ExceptionDrive paper's rows, which ship with this package."""
-    path = resources.files(__name__) / "exceptiondrive-paper.toml"
+    path = Path(__file__).with_name("exceptiondrive-paper.toml")
     document = tomllib.loads(path.read_text(encoding="utf-8"))
     return ReportedPaper.model_validate_json(json.dumps(document))
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib import resources
 from pathlib import Path
 
 from sqlalchemy import make_url
@@ -12,6 +11,7 @@ from exceptiondrive_records.db.database import Database, sentence_of
 from exceptiondrive_records.db.settings import RecordsSettings, SettingsError
 from exceptiondrive_records.migrations import is_usable, migrate
 from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_schemas.protocol import PACKAGED_PROTOCOLS
 
 _ACTOR = "installation"
 DATA_HELP = (
@@ -29,11 +29,9 @@ def prepare(database_url: str) -> None:
     """
     migrate(database_url)
     database = Database(database_url)
-    folder = resources.files("exceptiondrive_schemas") / "protocols"
     try:
-        documents = [file for file in folder.iterdir() if file.name.endswith(".toml")]
         with database.write() as session:
-            for file in sorted(documents, key=lambda entry: entry.name):
+            for file in sorted(PACKAGED_PROTOCOLS.glob("*.toml")):
                 add_protocol(session, file.read_text(encoding="utf-8"), _ACTOR)
     finally:
         database.dispose()
