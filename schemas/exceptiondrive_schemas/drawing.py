@@ -103,7 +103,7 @@ class ProtocolDrawing(Document):
     sample: SampleDrawing
 
 
-PACKAGED = "1.0.drawing.json"
+PACKAGED_DRAWING = PACKAGED_PROTOCOLS / "1.0.drawing.json"
 
 
 def pictured_task(protocol: ProtocolDocument) -> Task:
@@ -127,8 +127,7 @@ def pictured_digest(protocol: ProtocolDocument) -> str:
 @cache
 def packaged_drawing() -> ProtocolDrawing:
     """Return the drawing of protocol 1.0, written by `python -m exceptiondrive_worker.drawing`."""
-    file = PACKAGED_PROTOCOLS / PACKAGED
-    return ProtocolDrawing.model_validate_json(file.read_bytes())
+    return ProtocolDrawing.model_validate_json(PACKAGED_DRAWING.read_bytes())
 
 
 MARGIN_M = 2.0

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from functools import cached_property
-from operator import attrgetter
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -68,13 +67,13 @@ class Split(Document):
     def counted(self) -> tuple[SplitSample, ...]:
         """The N samples that count, by sample id."""
         found = [each for each in self.samples if each.counts]
-        return tuple(sorted(found, key=attrgetter("sample_id")))
+        return tuple(sorted(found, key=lambda each: each.sample_id))
 
     @property
     def controls(self) -> tuple[SplitSample, ...]:
         """The controls that are not withdrawn, by sample id."""
         found = [each for each in self.samples if each.control and each.withdrawn is None]
-        return tuple(sorted(found, key=attrgetter("sample_id")))
+        return tuple(sorted(found, key=lambda each: each.sample_id))
 
     @property
     def has_parts(self) -> bool:
@@ -120,7 +119,7 @@ class Manifest(Document):
             geometry: How a trajectory is given.
             revision: Of the part that counts; by default of the whole.
         """
-        samples = sorted(split.samples, key=attrgetter("sample_id"))
+        samples = sorted(split.samples, key=lambda sample: sample.sample_id)
         paths = {each.sample_id: each.recorded for each in samples if each.recorded is not None}
         return cls(
             schema_="exceptiondrive.manifest/1",

@@ -7,7 +7,6 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from operator import attrgetter
 from typing import Any, Protocol
 
 import numpy as np
@@ -194,7 +193,7 @@ def split_arrays(samples: Iterable[Sample], taxonomy: Taxonomy) -> SplitArrays:
     Raises:
         ValueError: A task is not in the taxonomy, or recorded paths are of different lengths.
     """
-    ordered = sorted(samples, key=attrgetter("sample_id"))
+    ordered = sorted(samples, key=lambda sample: sample.sample_id)
     position = {task.id: index for index, task in enumerate(taxonomy.tasks)}
     unknown = sorted({sample.task for sample in ordered} - position.keys())
     if unknown:

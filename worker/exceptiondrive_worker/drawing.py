@@ -17,8 +17,8 @@ from exceptiondrive_records.splits.drawings import (
     keep_entry_drawings,
     keep_protocol_drawing,
 )
-from exceptiondrive_schemas.drawing import PACKAGED, EntryDrawings
-from exceptiondrive_schemas.protocol import PACKAGED_PROTOCOLS, packaged_protocol
+from exceptiondrive_schemas.drawing import PACKAGED_DRAWING, EntryDrawings
+from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_scoring.drawing import protocol_drawing
 from exceptiondrive_worker.context import WorkerContext
@@ -114,4 +114,4 @@ def packaged_drawing_text() -> str:
 
 
 if __name__ == "__main__":
-    (PACKAGED_PROTOCOLS / PACKAGED).write_text(packaged_drawing_text(), encoding="utf-8")
+    PACKAGED_DRAWING.write_text(packaged_drawing_text(), encoding="utf-8")
