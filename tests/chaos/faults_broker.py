@@ -64,9 +64,9 @@ def flush(run: Run) -> str:
     run.clients.stream(10, every_s=0.02)
     run.topology.wait_until(lambda: run.count(WorkState.QUEUED) >= 3, "jobs that wait")
     with run.topology.broker.client() as client:
-        n_flushes, n_keys = _n_calls(client, "flushall"), int(client.dbsize())
+        n_flushes, n_keys = run.topology.broker.n_calls("flushall"), int(client.dbsize())
         client.flushall()
-        assert _n_calls(client, "flushall") > n_flushes, "the broker was not flushed"
+    assert run.topology.broker.n_calls("flushall") > n_flushes, "the broker was not flushed"
     waiting = run.waiting()
     assert n_keys, "the broker held nothing that could be lost"
     assert waiting.jobs, "nothing waited"
@@ -80,11 +80,6 @@ def flush(run: Run) -> str:
 
 def _told(calls: list[Call]) -> str:
     return f"not every upload was taken: {[call.status for call in calls]}"
-
-
-def _n_calls(client: redis.Redis, command: str) -> int:
-    """How often the broker was told a command, as it counts itself."""
-    return int(client.info("commandstats").get(f"cmdstat_{command}", {}).get("calls", 0))
 
 
 def flap(run: Run) -> str:
@@ -226,8 +221,7 @@ def _n_waiting(client: redis.Redis) -> int:
 def deliver_again(run: Run) -> str:
     """Ten messages while it is scored, at once from several sides, and ten after it."""
     scored = run.lines("submission scored")
-    with run.topology.broker.client() as client:
-        n_messages = _n_calls(client, "lpush")
+    n_messages = run.topology.broker.n_calls("lpush")
     call = run.upload(order="1")
     dispatcher = Dispatcher(run.topology.environment["EXCEPTIONDRIVE_BROKER_URL"])
 
@@ -241,7 +235,7 @@ def deliver_again(run: Run) -> str:
         assert all(several.map(wake, range(10)))
     with run.topology.broker.client() as client:
         run.topology.wait_until(lambda: not _n_waiting(client), "all to be delivered")
-        n_messages = _n_calls(client, "lpush") - n_messages
+    n_messages = run.topology.broker.n_calls("lpush") - n_messages
     assert n_messages > 20, f"{n_messages} messages were sent"
     run.clients.stream(4)
     run.settle()

@@ -100,6 +100,12 @@ class Broker:
         except redis.exceptions.RedisError:
             return False
 
+    def n_calls(self, command: str) -> int:
+        """How often it was told a command, as it counts itself."""
+        with self.client() as client:
+            told = client.info("commandstats").get(f"cmdstat_{command}", {})
+        return int(told.get("calls", 0))
+
     def kill(self) -> None:
         self.process.kill()
         self.process.wait()
