@@ -5,7 +5,6 @@ import signal
 import time
 
 from tests.chaos.history import Call
-from tests.chaos.processes import Process
 from tests.chaos.run import Hit, Run
 from tests.chaos.saboteur import VISIBILITY_S, VISIBILITY_TIMEOUT
 from tests.chaos.topology import LEASE_S, MAX_ATTEMPTS, PATIENT
@@ -106,7 +105,7 @@ def freeze_past_the_lease(run: Run) -> str:
     stale = run.lines("stale fence rejected")
     run.clients.stream(6, every_s=0.02)
     frozen = run.topology.worker
-    _freeze_outside_a_write(run, frozen)
+    _freeze_while_it_scores(run)
     other = run.topology.add_worker()
     time.sleep(LEASE_S + 2)
     run.at_full_speed()
@@ -125,16 +124,14 @@ def freeze_past_the_lease(run: Run) -> str:
     return f"{refused} late writes refused by the fence, and audited"
 
 
-def _freeze_outside_a_write(run: Run, worker: Process) -> None:
-    """On SQLite, who is frozen in the middle of a write keeps everybody from writing till the end."""
+def _freeze_while_it_scores(run: Run) -> None:
     for _ in range(20):
         run.wait_for_lease()
-        worker.freeze()
-        if run.topology.takes_writes() and run.held().jobs:
+        run.topology.freeze_between_writes()
+        if run.held().jobs:
             return
-        worker.thaw()
-        time.sleep(0.1)
-    raise AssertionError("the worker could not be frozen between two writes")
+        run.topology.worker.thaw()
+    raise AssertionError("each job had ended when the worker was frozen")
 
 
 def poison(run: Run) -> str:

@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 import signal
-import sqlite3
 import subprocess
 import sys
 import tempfile
@@ -12,7 +11,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -236,24 +235,14 @@ class Topology:
         except (urllib.error.URLError, TimeoutError, ConnectionError):
             return {}
 
-    def takes_writes(self) -> bool:
-        """Whether nobody holds the lock of the records on SQLite for longer than a moment."""
-        path = self.data / "records.sqlite3"
-        with closing(sqlite3.connect(path, timeout=1, isolation_level=None)) as connection:
-            try:
-                connection.execute("BEGIN IMMEDIATE")
-            except sqlite3.OperationalError:
-                return False
-        return True
-
     def freeze_between_writes(self) -> None:
-        """Freeze the worker and its children where none of them holds the lock of the records."""
-        for _ in range(20):
+        """Freeze the worker and its children, none of them in the middle of a write.
+
+        On SQLite such a one would keep everybody from writing till it thaws: the lock is ours meanwhile.
+        """
+        with self.database.write() as session:
+            session.connection()  # takes the lock
             self.worker.freeze()
-            if self.takes_writes():
-                return
-            self.worker.thaw()
-        raise AssertionError("the worker could not be frozen between two writes")
 
     def wait_until(
         self, question: Callable[[], object], what: str, timeout_s: float | None = None
