@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from functools import cached_property
+from operator import attrgetter, itemgetter
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -119,8 +120,8 @@ class Manifest(Document):
             geometry: How a trajectory is given.
             revision: Of the part that counts; by default of the whole.
         """
-        samples = sorted(split.samples, key=lambda sample: sample.sample_id)
-        paths = {each.sample_id: each.recorded for each in samples if each.recorded is not None}
+        told = sorted(map(attrgetter("sample_id", "recorded"), split.samples), key=itemgetter(0))
+        paths = {sample_id: path for sample_id, path in told if path is not None}
         return cls(
             schema_="exceptiondrive.manifest/1",
             name=split.name,
@@ -128,7 +129,7 @@ class Manifest(Document):
             revision=split.revision if revision is None else revision,
             waypoints=geometry.waypoints,
             time_step_s=geometry.time_step_s,
-            sample_ids=tuple(sample.sample_id for sample in samples),
+            sample_ids=tuple(sample_id for sample_id, _ in told),
             recorded=paths if split.recorded_is_public and paths else None,
         )
 

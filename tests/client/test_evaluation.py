@@ -89,6 +89,17 @@ def test_a_split_with_tasks_that_the_protocol_does_not_list_is_refused(
         evaluate_file(planning_file(), split=split_file)
 
 
+def test_a_split_in_which_no_sample_counts_is_refused(
+    planning_file: MakeFile, split_file: Path
+) -> None:
+    document = json.loads(split_file.read_text())
+    for sample in document["samples"]:
+        sample["withdrawn"] = "the edit is not to be seen"
+    split = Split.model_validate_json(json.dumps(document))
+    with pytest.raises(InvalidArgumentError, match="no sample counts"):
+        evaluate_file(planning_file(), split=split)
+
+
 def test_a_split_whose_region_crosses_itself_is_refused(
     planning_file: MakeFile, split_file: Path
 ) -> None:

@@ -77,3 +77,8 @@ def test_a_split_is_sorted_by_sample_and_takes_defaults_from_its_tasks(
 def test_a_task_that_the_protocol_does_not_list_is_named(protocol: ProtocolDocument) -> None:
     with pytest.raises(ValueError, match="does not list these tasks: ZZ9"):
         split_arrays([_sample("a", "s", "ZZ9")], protocol.taxonomy)
+
+
+def test_samples_of_which_none_counts_are_refused(protocol: ProtocolDocument) -> None:
+    with pytest.raises(ValueError, match="no sample counts"):
+        split_arrays([], protocol.taxonomy)

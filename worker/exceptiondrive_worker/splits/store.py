@@ -166,7 +166,7 @@ def load_split(
         scenes_digest=array_digest(arrays.scene_index),
         rows=None if len(rows) == len(samples) else np.array(rows, dtype=np.int64),
         control_rows=control_rows,
-        recorded_m=recorded_m(samples),
+        recorded_m=recorded_m([sample.recorded for sample in samples]),
     )
 
 
