@@ -7,7 +7,9 @@ import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from exceptiondrive.errors import InvalidArgumentError, extra_missing
+from pydantic import ValidationError
+
+from exceptiondrive.errors import InvalidArgumentError, extra_missing, first_fault
 from exceptiondrive.inputs import (
     ManifestLike,
     ProtocolLike,
@@ -67,9 +69,18 @@ def manifest_of(split: Split, protocol: ProtocolDocument) -> Manifest:
     """Return what a check asks of a split that is at hand: recorded drives too, but no revision.
 
     Its digest would take longer than the check.
+
+    Raises:
+        InvalidArgumentError: Its recorded drives have other waypoints than the protocol.
     """
     whole = split.model_copy(update={"recorded_is_public": True})
-    return Manifest.of(whole, protocol.geometry, revision="")
+    try:
+        return Manifest.of(whole, protocol.geometry, revision="")
+    except ValidationError as error:
+        raise InvalidArgumentError(
+            "wrong_split_file",
+            f"The split does not go with protocol {protocol.version} ({first_fault(error)}).",
+        ) from None
 
 
 def write_file(path: Path, content: str | bytes) -> int:

@@ -11,7 +11,7 @@ from urllib.parse import urljoin
 
 from pydantic import ValidationError
 
-from exceptiondrive.errors import InvalidArgumentError, NetworkError
+from exceptiondrive.errors import InvalidArgumentError, NetworkError, first_fault
 from exceptiondrive.transport import LinkAnswer, Progress, is_here, open_link
 from exceptiondrive_schemas.api.data_manifest import PARTIAL, DataFile, DataManifest
 
@@ -38,11 +38,9 @@ def read_data_manifest(url: str) -> DataManifest:
     try:
         manifest = DataManifest.model_validate_json(bytes(content))
     except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False)[0]
-        where = ".".join(str(part) for part in first["loc"])
         raise InvalidArgumentError(
             "wrong_manifest",
-            f"{url} is not a list of files that can be downloaded ({where}: {first['msg']}).",
+            f"{url} is not a list of files that can be downloaded ({first_fault(error)}).",
             "Tell the organizers; nothing was written.",
         ) from None
     files = [file.model_copy(update={"url": urljoin(url, file.url)}) for file in manifest.files]

@@ -14,7 +14,7 @@ from typing import Any, BinaryIO, NamedTuple, Protocol, TypeVar, cast
 
 from pydantic import ValidationError
 
-from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.errors import InvalidArgumentError, first_fault
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY
 from exceptiondrive_schemas.check.inflate import UnreadableFileError, inflate
@@ -193,8 +193,7 @@ def _model(kind: type[Model], given: object, noun: str, advice: str) -> Model:
     except (UnreadableFileError, TypeError) as error:
         reason = str(error)
     except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False)[0]
-        reason = f"{'.'.join(str(part) for part in first['loc'])}: {first['msg']}"
+        reason = first_fault(error)
     code = f"wrong_{noun.replace(' ', '_')}"
     raise InvalidArgumentError(code, f"{name} is not a {noun} ({reason}).", advice)
 

@@ -30,6 +30,7 @@ from exceptiondrive.errors import (
     NotSignedInError,
     QuotaError,
     ServerError,
+    first_fault,
 )
 from exceptiondrive.version import __version__
 from exceptiondrive_schemas.api.problems import Problem, ProblemCode
@@ -430,12 +431,10 @@ def read_answer(read: Callable[[bytes], Answer], response: httpx.Response) -> An
     try:
         return read(response.content)
     except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False)[0]
-        where = ".".join(str(part) for part in first["loc"])
         raise ServerError(
             "unexpected_answer",
             f"The server answered {response.url.path} in a form that this client does not know "
-            f"({where}: {first['msg']}).",
+            f"({first_fault(error)}).",
             "Install the newest client, from the page /client/ of the server.",
         ) from None
 

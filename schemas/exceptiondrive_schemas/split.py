@@ -5,10 +5,11 @@ from functools import cached_property
 from operator import attrgetter, itemgetter
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from exceptiondrive_schemas.base import Document, content_digest
 from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import GeometrySection
 from exceptiondrive_schemas.python310 import Self
 from exceptiondrive_schemas.submission_files import SampleId, Trajectory, Waypoint
@@ -111,6 +112,16 @@ class Manifest(Document):
     challenge: ChallengeId | None = Field(default=None, exclude_if=lambda it: it is None)
     """Of the phase that it was asked of: what a file for these samples must be."""
 
+    @model_validator(mode="after")
+    def _paths_are_whole(self) -> Self:
+        wrong = [key for key, path in (self.recorded or {}).items() if len(path) != self.waypoints]
+        if wrong:
+            paths = counted(len(wrong), "recorded path")
+            raise ValueError(
+                f"{paths} of other than {self.waypoints} waypoints, the first of {wrong[0]}"
+            )
+        return self
+
     @classmethod
     def of(cls, split: Split, geometry: GeometrySection, revision: str | None = None) -> Self:
         """Return what may be known of a split, samples by id.
@@ -132,6 +143,11 @@ class Manifest(Document):
             sample_ids=tuple(sample_id for sample_id, _ in told),
             recorded=paths if split.recorded_is_public and paths else None,
         )
+
+    def drives(self, geometry: GeometrySection) -> Mapping[str, Trajectory] | None:
+        """The recorded paths, where they are told at the times of a protocol's waypoints."""
+        has_times = (self.waypoints, self.time_step_s) == (geometry.waypoints, geometry.time_step_s)
+        return self.recorded if has_times else None
 
     @property
     def ref(self) -> SplitRef:

@@ -110,7 +110,7 @@ def test_an_invalid_file_is_2_and_every_fault_is_shown(planning_file: MakeFile) 
 def test_a_valid_file_is_0(planning_file: MakeFile, split_file: Path) -> None:
     done = run("check", planning_file(), "--split", split_file)
     assert done.exit_code == 0
-    assert done.stderr.startswith("No recorded drives are known of these samples")
+    assert done.stderr.startswith("The sources could not be compared with recorded drives")
     first, note, *profile = done.stdout.splitlines()
     assert first == "planner.json is valid: planning, 4 predictions, split tiny"
     assert "will be flagged Blind to the edit: source and edited are alike in 100%" in note

@@ -19,8 +19,9 @@ from exceptiondrive import (
     evaluate_file,
     evaluate_samples,
 )
+from exceptiondrive.checking import manifest_of
 from exceptiondrive.inputs import given_manifest, given_protocol, given_split, given_submission
-from exceptiondrive_schemas.split import Manifest
+from exceptiondrive_schemas.split import Manifest, Split
 
 if TYPE_CHECKING:
     from tests.client.servers import Running
@@ -101,6 +102,55 @@ def test_a_manifest_is_the_same_in_every_form(
     for form in (str(path), text.encode(), json.loads(text), manifest, given_split(split_file)):
         assert check_file(missing, manifest=form).faults == exact.faults
     assert given_manifest(manifest) is manifest
+
+
+def with_drives(split_file: Path, n_waypoints: int) -> Split:
+    document = json.loads(split_file.read_text())
+    for sample in document["samples"]:
+        sample["recorded"] = [[2.0 * step, 0.1] for step in range(1, n_waypoints + 1)]
+    return Split.model_validate_json(json.dumps(document))
+
+
+@pytest.mark.parametrize("n_waypoints", [0, 5, 7])
+def test_drives_of_other_waypoints_than_the_protocol_asks_for_are_refused(
+    planning_file: MakeFile, split_file: Path, n_waypoints: int
+) -> None:
+    split = with_drives(split_file, n_waypoints)
+    for reads in (
+        lambda: check_file(planning_file(), manifest=split),
+        lambda: evaluate_file(planning_file(), split=split),
+    ):
+        with pytest.raises(
+            InvalidArgumentError, match="4 recorded paths of other than 6 waypoints"
+        ):
+            reads()
+
+
+def test_a_manifest_with_drives_of_other_waypoints_than_it_tells_is_refused(
+    planning_file: MakeFile, split_file: Path
+) -> None:
+    manifest = manifest_of(with_drives(split_file, 6), given_protocol(None))
+    document = {**json.loads(manifest.model_dump_json(by_alias=True)), "waypoints": 5}
+    with pytest.raises(InvalidArgumentError, match="4 recorded paths of other than 5 waypoints"):
+        check_file(planning_file(), manifest=document)
+
+
+@pytest.mark.parametrize(("waypoints", "time_step_s"), [(12, 0.5), (6, 0.25)])
+def test_drives_at_other_times_than_the_protocol_asks_for_are_compared_with_nothing(
+    planning_file: MakeFile, split_file: Path, waypoints: int, time_step_s: float
+) -> None:
+    usual = given_protocol(None)
+    manifest = manifest_of(with_drives(split_file, 6), usual)
+    times = {"waypoints": waypoints, "time_step_s": time_step_s}
+    other = usual.model_copy(update={"geometry": usual.geometry.model_copy(update=times)})
+    path = [[2.0 * step, 0.1] for step in range(1, waypoints + 1)]
+    told = [{"sample_id": each, "source": path, "edited": path} for each in IDS]
+    compared = check_file(planning_file(), manifest=manifest).profile
+    profile = check_file(planning_file(predictions=told), manifest=manifest, protocol=other).profile
+    assert compared is not None
+    assert profile is not None
+    assert compared.source_l2_m is not None
+    assert profile.source_l2_m is None
 
 
 def test_the_recorder_takes_a_manifest_too(tmp_path: Path, split_file: Path) -> None:

@@ -355,6 +355,7 @@ def test_what_a_split_need_not_say_leaves_its_revision(make_split: MakeSplit) ->
     ("changes", "what"),
     [
         ({"recorded": STRAIGHT[:5]}, "recorded paths of other than 6 waypoints"),
+        ({"recorded": ()}, "recorded paths of other than 6 waypoints"),
         ({"recorded": (*STRAIGHT[:5], (201.0, 0.0))}, "recorded paths beyond 200 m"),
         ({"control": True}, "no sample counts: all are controls or withdrawn"),
         ({"withdrawn": "why"}, "no sample counts: all are controls or withdrawn"),

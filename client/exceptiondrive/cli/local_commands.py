@@ -79,7 +79,7 @@ def check(
     is_fit_unknown = report.profile is not None and report.profile.source_l2_m is None
     if has_samples and report.is_valid and is_fit_unknown:
         say(
-            "No recorded drives are known of these samples: whether the sources fit the scenes, and "
+            "The sources could not be compared with recorded drives: whether they fit the scenes, and "
             "so the frame, the time step and the order of the rows, could only be checked in part."
         )
     if report.is_valid and not json and not has_samples:

@@ -133,12 +133,11 @@ class PlanningRules:
             tracks = self._tracks = PairTracks.of(answers.values(), n_waypoints)
         sources = tracks.source if tracks else Tracks.of(self._sources, n_waypoints)
         frame = FrameCheck.of(sources, self._protocol)
-        is_comparable = manifest is not None and frame.is_of_the_car
         profile = file_profile(
             answers,
             self._geometry,
             self._protocol.plausibility,
-            manifest.recorded if manifest and is_comparable else None,
+            manifest.drives(self._geometry) if manifest and frame.is_of_the_car else None,
             self._n_given,
             tracks,
         )

@@ -95,7 +95,7 @@ def _recorded_faults(split: Split, geometry: GeometrySection) -> list[SplitFault
     told = {each.sample_id: each.recorded for each in split.samples if each.recorded is not None}
     wrong = [name for name, path in told.items() if len(path) != geometry.waypoints]
     limit_m = geometry.max_coordinate_m
-    far = [name for name, path in told.items() if max(abs(c) for at in path for c in at) > limit_m]
+    far = [name for name, path in told.items() if any(abs(c) > limit_m for at in path for c in at)]
     return [
         SplitFault(
             f"recorded paths of other than {geometry.waypoints} waypoints", tuple(sorted(wrong))
