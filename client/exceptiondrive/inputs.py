@@ -23,7 +23,7 @@ from exceptiondrive_schemas.protocol import (
     ProtocolDocument,
     ProtocolError,
     packaged_protocol,
-    parse_protocol,
+    read_protocol,
 )
 from exceptiondrive_schemas.split import Manifest, Split
 
@@ -159,14 +159,10 @@ def given_protocol(given: ProtocolLike | None) -> ProtocolDocument:
     path = Path(given)
     try:
         if path.is_file():
-            return parse_protocol(path.read_text(encoding="utf-8-sig"))
+            return read_protocol(path)
         return packaged_protocol(str(given))
     except ProtocolError as error:
         raise InvalidArgumentError("wrong_protocol", f"{given}: {error}") from None
-    except UnicodeDecodeError:
-        raise InvalidArgumentError(
-            "wrong_protocol", f"{given} is not UTF-8 text; a protocol is a TOML file."
-        ) from None
     except OSError:
         raise InvalidArgumentError(
             "wrong_protocol",

@@ -326,6 +326,19 @@ def parse_protocol(toml: str) -> ProtocolDocument:
         raise ProtocolError(["not a protocol: a number has too many digits"]) from None
 
 
+def read_protocol(path: Path) -> ProtocolDocument:
+    """Read a protocol from a TOML file; it may begin with a byte order mark.
+
+    Raises:
+        ProtocolError: Not UTF-8, not TOML, or the document breaks the schema.
+        OSError: It cannot be read.
+    """
+    try:
+        return parse_protocol(path.read_text(encoding="utf-8-sig"))
+    except UnicodeDecodeError:
+        raise ProtocolError(["the file is not UTF-8 text; a protocol is a TOML file"]) from None
+
+
 PACKAGED_PROTOCOLS = Path(__file__).parent / "protocols"
 """Folder of the protocols that ship with this package."""
 NEWEST = "1.1"

@@ -14,6 +14,7 @@ from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.splits.splits import find_split, list_splits
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_schemas.datasheet import Datasheet
+from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker import operator_cli
 from exceptiondrive_worker.splits.store import read_split
@@ -247,6 +248,18 @@ def test_check_split_says_that_a_split_is_sound(
     code, out, _ = operate("check-split", str(put(tmp_path, make_split({"a": {}}))))
     assert code == 0
     assert out.startswith("tiny: 1 samples, sha256:")
+
+
+def test_check_split_takes_a_protocol_with_a_mark_of_byte_order_and_refuses_what_is_no_text(
+    operate: Operate, tmp_path: Path, make_split: MakeSplit
+) -> None:
+    split, protocol = put(tmp_path, make_split({"a": {}})), tmp_path / "own.toml"
+    protocol.write_bytes(b"\xef\xbb\xbf" + packaged_protocol_toml().encode())
+    assert operate("check-split", str(split), "--protocol", str(protocol))[0] == 0
+    protocol.write_bytes(b"version = \xe9")
+    code, out, err = operate("check-split", str(split), "--protocol", str(protocol))
+    assert (code, out) == (2, "")
+    assert "the file is not UTF-8 text; a protocol is a TOML file" in err
 
 
 def test_check_split_warns_of_a_doubtful_split_and_does_not_refuse_it(

@@ -18,7 +18,7 @@ from exceptiondrive_schemas.protocol import (
     ProtocolDocument,
     ProtocolError,
     packaged_protocol,
-    parse_protocol,
+    read_protocol,
 )
 from exceptiondrive_worker.heartbeat import youngest_heartbeat_age_s
 from exceptiondrive_worker.logs import configure_logging
@@ -297,4 +297,4 @@ def _lanes(text: str) -> list[Lane]:
 
 
 def _protocol(path: Path | None) -> ProtocolDocument:
-    return packaged_protocol() if path is None else parse_protocol(path.read_text("utf-8"))
+    return packaged_protocol() if path is None else read_protocol(path)
