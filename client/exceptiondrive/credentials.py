@@ -108,7 +108,7 @@ def _read() -> dict[str, Any]:
             content = json.load(stream)
     except FileNotFoundError:
         return {}
-    except ValueError:
+    except (ValueError, RecursionError):
         content = None
     if not isinstance(content, dict) or not isinstance(content.get("tokens", {}), dict):
         raise InvalidArgumentError(

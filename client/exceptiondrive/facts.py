@@ -30,7 +30,7 @@ def facts_of(given: Facts) -> MethodFacts:
         return _valid(given)
     try:
         return _valid(json.loads(Path(given).read_text(encoding="utf-8")))
-    except (OSError, TypeError, ValueError) as error:
+    except (OSError, TypeError, ValueError, RecursionError) as error:
         raise InvalidArgumentError(
             "wrong_facts", f"{given}: this is no JSON file of facts ({error})."
         ) from None

@@ -80,7 +80,7 @@ def _run(form: PlannerForm, paths: Sequence[Path], mode: int | None) -> dict[str
 def _document(path: Path) -> Any:
     try:
         return json.loads(read_text(path))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise fault(path, f"is not JSON: {error}.") from None
 
 

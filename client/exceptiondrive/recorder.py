@@ -175,7 +175,7 @@ class Journal:
     def _parse(self, line: bytes) -> Dict[str, Any]:
         try:
             value = json.loads(line.decode("utf-8"))
-        except ValueError:
+        except (ValueError, RecursionError):
             value = None
         if not isinstance(value, dict) or not {"schema", "sample_id"} & set(value):
             raise RecorderError(
@@ -301,7 +301,7 @@ def _manifest_ids(given: Any, split: str) -> Set[str]:
             path = os.fspath(given)
             with open(path, encoding="utf-8") as stream:
                 manifest = json.load(stream)
-        except (OSError, TypeError, ValueError) as error:
+        except (OSError, TypeError, ValueError, RecursionError) as error:
             raise RecorderError(f"the manifest {given!r} cannot be read: {error}")
     if not isinstance(manifest, dict) or not manifest.get("sample_ids"):
         raise RecorderError(f"{path} is not a manifest: it has no sample_ids")

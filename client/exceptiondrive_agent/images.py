@@ -45,7 +45,7 @@ def _images_of_json(file: Path) -> dict[str, tuple[Path, ...]]:
     wanted = f"{file}: expected JSON of the form {{sample_id: [path, ...]}}"
     try:
         document = json.loads(file.read_text(encoding="utf-8"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise AgentError(f"{wanted}: {error}") from None
     if not isinstance(document, dict):
         raise AgentError(wanted)

@@ -32,7 +32,9 @@ def test_a_json_file_gives_paths_relative_to_itself_in_its_own_order(tmp_path: P
     assert find_images(file) == {"any/id": (tmp_path / "x/2.png", tmp_path / "x/1.png")}
 
 
-@pytest.mark.parametrize("text", ["", "[]", '{"s": "a.png"}', '{"s": [1]}', "{}"])
+@pytest.mark.parametrize(
+    "text", ["", "[]", '{"s": "a.png"}', '{"s": [1]}', "{}", "[" * 100_000], ids=range(6)
+)
 def test_a_json_file_of_another_form_is_refused(tmp_path: Path, text: str) -> None:
     file = tmp_path / "images.json"
     file.write_text(text)

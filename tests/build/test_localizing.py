@@ -124,7 +124,15 @@ def test_corners_in_another_frame_are_refused_whole(reviewed: Path, move: Any, s
 
 @pytest.mark.parametrize(
     "document",
-    ["{", "[1, 2]", {"a": [{"corners": [[0, 0]]}]}, {"results": {"a": [{"size": 1}]}}, {"a": 3}],
+    [
+        "{",
+        "[" * 100_000,
+        "[1, 2]",
+        {"a": [{"corners": [[0, 0]]}]},
+        {"results": {"a": [{"size": 1}]}},
+        {"a": 3},
+    ],
+    ids=range(6),
 )
 def test_a_file_that_is_no_detectors_is_refused(reviewed: Path, document: Any) -> None:
     result = localize(reviewed, document)

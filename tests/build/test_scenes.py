@@ -221,6 +221,10 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda folder: (folder / VERSION / "log.json").write_text("<html>"),
         r"log.json is no table of nuScenes",
     ),
+    "depth": (
+        lambda folder: (folder / VERSION / "log.json").write_text("[" * 100_000),
+        r"log.json is no table of nuScenes",
+    ),
     "pose": (
         edit("ego_pose", lambda rows: rows[0].update(rotation=[1, 1, 0, 0])),
         r"ego_pose.json, row [0-9a-f]{32}: no translation of three metres and unit quaternion",

@@ -69,7 +69,7 @@ def test_forgetting_leaves_the_tokens_of_other_servers() -> None:
     assert find_token(DEFAULT_SERVER) == "two"
 
 
-@pytest.mark.parametrize("content", ["rubbish", "[]", '{"tokens": 5}'])
+@pytest.mark.parametrize("content", ["rubbish", "[]", '{"tokens": 5}', "[" * 100_000], ids=range(4))
 def test_a_damaged_file_is_said(content: str) -> None:
     path = credentials_path()
     path.parent.mkdir(parents=True)

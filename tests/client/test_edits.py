@@ -104,7 +104,7 @@ def test_a_wrong_fact_is_named_before_anything_is_sent(pair: str, words: str) ->
 
 def test_a_file_of_facts_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     file = tmp_path / "facts.json"
-    for text in ("{", "[1]", '{"type": 3}'):
+    for text in ("{", "[1]", '{"type": 3}', "[" * 100_000):
         file.write_text(text)
         with pytest.raises(InvalidArgumentError):
             facts_of(file)

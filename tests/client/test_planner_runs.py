@@ -249,6 +249,13 @@ def test_a_file_of_another_form_is_refused(
         read_runs(FORMS[name], [path], [], None)
 
 
+def test_a_file_that_is_nested_too_deeply_is_no_json(tmp_path: Path) -> None:
+    path = as_json(tmp_path, None)
+    path.write_text("[" * 100_000)
+    with pytest.raises(InvalidArgumentError, match="is not JSON"):
+        read_runs(FORMS["vad"], [path], [], None)
+
+
 def test_an_unknown_planner_is_told_which_are_known() -> None:
     with pytest.raises(InvalidArgumentError, match="one of trajectories, uniad"):
         planner_form("unidad")

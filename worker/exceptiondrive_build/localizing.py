@@ -183,7 +183,7 @@ def _reader(file: Path, data: bytes) -> Callable[[Candidate], list[Box]]:
                 _in_ego_frame(result, candidate) for result in _of(results, candidate)
             ]
         boxes = _BOXES.validate_python(_as_boxes(document))
-    except (ValueError, ValidationError) as error:
+    except (ValueError, RecursionError) as error:
         first = str(error).partition("\n")[0]
         if isinstance(error, ValidationError):
             told = error.errors(include_url=False, include_input=False)[0]

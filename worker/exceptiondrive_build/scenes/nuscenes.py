@@ -120,7 +120,7 @@ def _read_table(tables: Path, name: str) -> pd.DataFrame:
         frame = pd.DataFrame.from_records(rows)
     except FileNotFoundError:
         raise BuildError(f"missing table: {path}") from None
-    except (ValueError, TypeError, AttributeError) as error:
+    except (ValueError, TypeError, AttributeError, RecursionError) as error:
         raise BuildError(f"{path} is no table of nuScenes: {error}") from error
     lacking = [column for column in COLUMNS[name] if column not in frame]
     if lacking:
