@@ -132,7 +132,8 @@ def read_arrays(path: Path, data: bytes, *names: str) -> tuple[list[Any], ...]:
         names: Of the arrays.
 
     Raises:
-        InvalidArgumentError: No such array, it holds objects, or numpy is missing.
+        InvalidArgumentError: No such array, it holds objects, they are not equally long, or numpy is
+            missing.
     """
     try:
         import numpy as np
@@ -149,11 +150,22 @@ def read_arrays(path: Path, data: bytes, *names: str) -> tuple[list[Any], ...]:
         with arrays:
             if sum(member.file_size for member in arrays.zip.infolist()) > MOST_BYTES:
                 raise fault(path, TOO_LARGE)
-            return tuple(arrays[name].tolist() for name in names)
+            columns = tuple(arrays[name].tolist() for name in names)
     except KeyError as error:
         raise fault(path, f"has no array {error}.") from None
-    except (ValueError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
+    except (
+        ValueError,
+        EOFError,
+        MemoryError,
+        RuntimeError,
+        zipfile.BadZipFile,
+        zlib.error,
+    ) as error:
         raise fault(path, f"cannot be read as arrays of numbers: {error}") from None
+    lengths = {len(column) if isinstance(column, list) else None for column in columns}
+    if len(lengths) != 1 or None in lengths:
+        raise fault(path, f"the arrays {', '.join(names)} must have as many rows each.")
+    return columns
 
 
 def points_of(
@@ -282,10 +294,13 @@ def _predictions(path: Path, text: str, splits: set[str], on_form: OnForm) -> It
                 on_form(f"a file of the schema {schema!r}")
             if isinstance(value.get("split"), str):
                 splits.add(value["split"])
-            predictions = value.get("predictions", ())
+            predictions = value.get("predictions", [])
             if isinstance(predictions, str):
                 on_form("predictions written as text")
-                (predictions,) = _documents(path, predictions)
+                documents = list(_documents(path, predictions))
+                predictions = documents[0] if len(documents) == 1 else None
+            if not isinstance(predictions, list | dict):
+                raise fault(path, "predictions must be a list, or an object by sample id.")
             yield from _listed(predictions)
         elif isinstance(value, dict) and isinstance(value.get("sample_id"), list):
             yield from _of_columns(path, value)
@@ -403,9 +418,9 @@ def _pairs_of_parquet(path: Path, data: bytes, mode: int | None) -> Iterator[Raw
     try:
         # Without threads: one that is alive when the process ends aborts it.
         table = read_table(BufferReader(data), use_threads=False, pre_buffer=False)
-    except (ArrowException, OSError) as error:
+        rows = table.to_pylist()
+    except (ArrowException, OSError, UnicodeDecodeError) as error:
         raise fault(path, f"cannot be read as Parquet: {error}") from None
-    rows = table.to_pylist()
     if {"sample_id", *SIDES} <= set(table.column_names):
         for row in rows:
             yield _pair_of_json(path, row, mode, lambda _: None)
@@ -429,7 +444,9 @@ def _pairs_of_rows(path: Path, rows: Iterable[tuple[str, dict[str, Any]]]) -> It
         if row["trajectory"] not in SIDES:
             raise fault(path, f"{where}: trajectory must be source or edited.")
         step, point = _row(path, where, row)
-        of_side = points.setdefault(row["sample_id"], {}).setdefault(row["trajectory"], {})
+        if not isinstance(row["sample_id"], str | int):
+            raise fault(path, f"{where}: sample_id must be a text.")
+        of_side = points.setdefault(str(row["sample_id"]), {}).setdefault(row["trajectory"], {})
         if step in of_side:
             raise fault(path, f"{where}: step {step} occurs twice.")
         of_side[step] = point
@@ -443,7 +460,7 @@ def _row(path: Path, where: str, row: dict[str, Any]) -> tuple[int, tuple[float,
     numbers = (row["x_m"], row["y_m"], *(() if heading in (None, "") else (heading,)))
     try:
         return int(row["step"]), tuple(map(_csv_number, numbers))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise fault(path, f"{where}: step must be a whole number, x_m and y_m numbers.") from None
 
 

@@ -91,6 +91,13 @@ def _object(path: Path) -> dict[str, Any]:
     return document
 
 
+def _list(path: Path, key: str) -> list[Any]:
+    found = _object(path).get(key, [])
+    if not isinstance(found, list):
+        raise fault(path, f"{key} must be a list.")
+    return found
+
+
 def read_trajectories(path: Path, mode: int | None) -> Tokens:
     """Read `{token: [[x, y], ...]}`, or NPZ with `token` (N) and `trajectory` (N, T, 2 or 3).
 
@@ -164,7 +171,7 @@ def read_lightemma(path: Path, mode: int | None) -> Tokens:
     ego pose, x forward and y left (utils.py lines 172 to 192). Its runs in CARLA write `actions` and
     name a frame by its image (predict_and_eval_carla.py lines 186 to 191).
     """
-    for frame in _object(path).get("frames", ()):
+    for frame in _list(path, "frames"):
         try:
             token = frame.get("sample_token") or Path(frame["image_name"]).stem
             inference = frame["inference"]
@@ -182,10 +189,12 @@ def _driven(said: Any) -> Waypoints | None:
     """Drive pairs of speed in m/s and curvature in 1/m; None where they are no six pairs."""
     try:
         actions = [(float(speed), float(curvature)) for speed, curvature in ast.literal_eval(said)]
-    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
+        return _path_of(actions) if len(actions) == N_ACTIONS else None
+    except (ValueError, TypeError, OverflowError, SyntaxError, MemoryError, RecursionError):
         return None
-    if len(actions) != N_ACTIONS:
-        return None
+
+
+def _path_of(actions: Sequence[tuple[float, float]]) -> Waypoints:
     x = y = heading_rad = 0.0
     points = []
     for speed_mps, curvature in actions:
@@ -216,7 +225,7 @@ def read_waymo(path: Path, mode: int | None) -> Tokens:
     waymo-open-dataset of Waymo @ 508fb26, src/waymo_open_dataset/protos/
     end_to_end_driving_submission.proto lines 25 to 44: +x forward, +y left, 20 waypoints at 4 Hz, the first at 0.25 s.
     """
-    for frame in _object(path).get("predictions", ()):
+    for frame in _list(path, "predictions"):
         try:
             token = frame.get("frameName") or frame["frame_name"]
             at = frame["trajectory"]

@@ -143,6 +143,10 @@ def test_arrays_are_read_and_objects_in_them_refused(tmp_path: Path) -> None:
     np.savez(path, sample_id=np.array(["s1"]))
     with pytest.raises(InvalidArgumentError, match="has no array"):
         read_pairs([path])
+    for ids in (np.array("s1"), np.array(["s1", "s2"])):
+        np.savez(path, sample_id=ids, source=missing, edited=missing)
+        with pytest.raises(InvalidArgumentError, match="must have as many rows each"):
+            read_pairs([path])
     with path.open("wb") as one_array:
         np.save(one_array, missing)
     with pytest.raises(InvalidArgumentError, match="one array without names"):
@@ -161,7 +165,17 @@ def huge_array() -> bytes:
     return packed.getvalue()
 
 
+def encrypted() -> bytes:
+    """An NPZ that says that its one member is encrypted."""
+    packed = io.BytesIO()
+    np.savez(packed, sample_id=np.array(["s1"]))
+    data = bytearray(packed.getvalue())
+    data[data.index(b"PK\x01\x02") + 8] |= 1
+    return bytes(data)
+
+
 BROKEN = {
+    "encrypted": encrypted(),
     "cut gzip": gzip.compress(json.dumps(DOCUMENT).encode())[:-12],
     "gzip of noise": b"\x1f\x8b\x08\0\0\0\0\0\0\x03" + b"noise" * 9,
     "broken archive": b"PK\x03\x04" + b"noise" * 9,
@@ -227,6 +241,17 @@ def test_parquet_of_another_form_is_refused(tmp_path: Path) -> None:
     path = parquet(tmp_path / "a.parquet", {"sample_id": ["s1"], "x": [1.0]})
     with pytest.raises(InvalidArgumentError, match="has no column step, trajectory, x_m, y_m"):
         read_pairs([path])
+    row = {"sample_id": ["s1"], "trajectory": ["source"], "step": [1.0], "x_m": [1.0], "y_m": [0.0]}
+    path = parquet(tmp_path / "b.parquet", row | {"sample_id": [["s1"]]})
+    with pytest.raises(InvalidArgumentError, match="row 1: sample_id must be a text"):
+        read_pairs([path])
+    path = parquet(tmp_path / "c.parquet", row | {"step": [math.inf]})
+    with pytest.raises(InvalidArgumentError, match="row 1: step must be a whole number"):
+        read_pairs([path])
+    no_text = pa.array([b"\xff"]).view(pa.string())
+    path = parquet(tmp_path / "d.parquet", row | {"sample_id": no_text})
+    with pytest.raises(InvalidArgumentError, match="cannot be read as Parquet"):
+        read_pairs([path])
     path.write_bytes(b"PAR1" + bytes(20))
     with pytest.raises(InvalidArgumentError, match="cannot be read as Parquet"):
         read_pairs([path])
@@ -280,6 +305,8 @@ HEADER = "sample_id,trajectory,step,x_m,y_m\n"
         ('{"sample_id": "s1", "edited": 5}', "s1: edited must be a list"),
         ('{"sample_id": "s1", "edited": [[true, 1]]}', "s1: edited must be a list"),
         ('{"schema": "exceptiondrive.strategy/1", "split": "x"}', "only .* has trajectories"),
+        ('{"predictions": null}', "predictions must be a list, or an object by sample id"),
+        ('{"predictions": "[] []"}', "predictions must be a list, or an object by sample id"),
     ],
 )
 def test_an_unreadable_file_says_where(tmp_path: Path, text: str, message: str) -> None:

@@ -210,7 +210,10 @@ def test_every_form_is_tried() -> None:
         "[(1, 'a')] ",
         None,
         "(" * 10_000,
+        str([(1e308, 1e308)] * 6),
+        str([(10**400, 0)] * 6),
     ],
+    ids=range(9),
 )
 def test_an_answer_of_lightemma_that_is_no_six_pairs_is_missing(said: Any, tmp_path: Path) -> None:
     scene = {"frames": [{"sample_token": TOKEN, "inference": {"pred_actions_str": said}}]}
@@ -237,6 +240,8 @@ def test_a_token_of_one_run_alone_has_no_other_trajectory(tmp_path: Path) -> Non
         ("vad", {TOKEN: [[1, 2]]}, "needs ego_fut_preds and ego_fut_cmd"),
         ("lightemma", {"frames": [{}]}, "needs frames with a token"),
         ("waymo", {"predictions": [{"frameName": "a"}]}, "needs predictions with frameName"),
+        ("lightemma", {"frames": 3}, "frames must be a list"),
+        ("waymo", {"predictions": 3}, "predictions must be a list"),
         ("uniad", [1], "must be a JSON object by token"),
         ("uniad", {TOKEN: "x"}, "must be a list of"),
     ],
