@@ -99,7 +99,7 @@ def given_submission(given: object, split: str | None = None) -> GivenFile:
     Raises:
         InvalidArgumentError: It is none of these.
     """
-    to_dict = getattr(given, "to_dict", None)
+    to_dict = getattr(given, "to_dict", None) if hasattr(given, "columns") else None
     if not isinstance(given, Mapping) and callable(to_dict):
         attrs = getattr(given, "attrs", None) or {}
         columns = cast("dict[str, list[Any]]", to_dict("list"))
@@ -156,14 +156,13 @@ def given_protocol(given: ProtocolLike | None) -> ProtocolDocument:
         return packaged_protocol(NEWEST)
     if isinstance(given, ProtocolDocument):
         return given
-    path = Path(given)
     try:
-        if path.is_file():
-            return read_protocol(path)
+        if Path(given).is_file():
+            return read_protocol(Path(given))
         return packaged_protocol(str(given))
     except ProtocolError as error:
         raise InvalidArgumentError("wrong_protocol", f"{given}: {error}") from None
-    except OSError:
+    except (OSError, TypeError, ValueError):
         raise InvalidArgumentError(
             "wrong_protocol",
             f"{str(given)!r} is neither a protocol file nor a version that ships with this client.",

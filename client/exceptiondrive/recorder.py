@@ -227,7 +227,8 @@ class StrategyRecorder(Journal):
         Raises:
             RecorderError: Unknown strategy or unknown reminder key.
         """
-        if strategy is not None and strategy not in STRATEGIES:
+        is_known = isinstance(strategy, str) and strategy in STRATEGIES
+        if strategy is not None and not is_known:
             raise RecorderError(
                 f"{sample_id}: strategy must be one of {', '.join(STRATEGIES)} or None, "
                 f"not {strategy!r}"
@@ -278,7 +279,10 @@ def _waypoint(point: Any, where: str) -> List[float]:
 def _coordinate(number: Any, where: str) -> float:
     if isinstance(number, (bool, str, bytes)) or not hasattr(number, "__float__"):
         raise RecorderError(f"{where} must hold numbers, got {number!r}")
-    number = float(number)
+    try:
+        number = float(number)
+    except OverflowError:
+        number = math.inf
     if not math.isfinite(number):
         raise RecorderError(
             f"{where} is not finite ({number}); record None where the planner failed"

@@ -104,6 +104,17 @@ def test_a_manifest_is_the_same_in_every_form(
     assert given_manifest(manifest) is manifest
 
 
+@pytest.mark.parametrize("protocol", [True, 5, "9.9", "a\0", "\ud800"])
+def test_what_is_no_protocol_is_refused(planning_file: MakeFile, protocol: Any) -> None:
+    with pytest.raises(InvalidArgumentError, match="is neither a protocol file nor a version"):
+        check_file(planning_file(), protocol=protocol)
+
+
+def test_a_series_is_no_submission() -> None:
+    with pytest.raises(InvalidArgumentError, match="is of type Series, which is not taken"):
+        check_file(pd.Series([1.0]))
+
+
 def with_drives(split_file: Path, n_waypoints: int) -> Split:
     document = json.loads(split_file.read_text())
     for sample in document["samples"]:

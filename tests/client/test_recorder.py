@@ -60,6 +60,7 @@ def test_it_takes_arrays_tuples_and_numpy_scalars(tmp_path: Path) -> None:
         ([[1.0]] * 6, r"must be \[x, y\]"),
         ([[math.nan, 0.0]] * 6, "record None where the planner failed"),
         ([[0.0, -math.inf]] * 6, "not finite"),
+        ([[10**400, 0]] * 6, "not finite"),
         ([["1", "2"]] * 6, "must hold numbers"),
         ([[True, False]] * 6, "must hold numbers"),
         ("standing", "must be a list of waypoints or None"),
@@ -183,8 +184,9 @@ def test_strategies_are_recorded_with_their_reminder(tmp_path: Path) -> None:
     with StrategyRecorder(tmp_path / "a.json", split="sample") as recorder:
         recorder.add("s1", strategy="C", reminder={"hazard_present": True, "risk_level": "high"})
         recorder.add("s2", strategy=None)
-        with pytest.raises(RecorderError, match="one of A, B, C, D, E or None"):
-            recorder.add("s3", strategy="stop")
+        for wrong in ("stop", ["A"], np.array(["A", "B"])):
+            with pytest.raises(RecorderError, match="one of A, B, C, D, E or None"):
+                recorder.add("s3", strategy=wrong)  # type: ignore[arg-type]
         with pytest.raises(RecorderError, match="unknown reminder key colour"):
             recorder.add("s3", strategy="C", reminder={"colour": "red"})
     assert json.loads((tmp_path / "a.json").read_text()) == {
