@@ -119,6 +119,11 @@ def test_the_manifest_carries_no_region_task_or_scene(
             id="too far",
         ),
         pytest.param(
+            ((-1e308, -1e308), (1e308, -1e308), (1e308, 1e308), (-1e308, 1e308)),
+            "hazard regions with a corner more than 100 m away",
+            id="farther than numbers go",
+        ),
+        pytest.param(
             ((3.528, -1), (5, -1), (5, 1), (3.528, 1)),
             "hazard regions that touch the footprint at t = 0",
             id="touching the front bumper",

@@ -118,10 +118,12 @@ def _region_faults(samples: Sequence[SplitSample], geometry: GeometrySection) ->
         return has_it
 
     limit_m, least_m2 = geometry.max_region_distance_m, geometry.min_region_area_m2
-    ask(
-        f"hazard regions with a corner more than {limit_m:g} m away",
-        lambda regions: np.hypot(regions[..., 0], regions[..., 1]).max(axis=1) > limit_m,
-    )
+    with np.errstate(over="ignore"):  # too far away for a number is too far away
+        far = ask(
+            f"hazard regions with a corner more than {limit_m:g} m away",
+            lambda regions: np.hypot(regions[..., 0], regions[..., 1]).max(axis=1) > limit_m,
+        )
+    sound[far] = False
     sound[ask("hazard regions that cross or touch themselves", _crosses_itself)] = False
     small = ask(
         f"hazard regions smaller than {least_m2:g} m2",
