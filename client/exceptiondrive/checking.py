@@ -9,7 +9,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from exceptiondrive.errors import InvalidArgumentError, extra_missing, first_fault
+from exceptiondrive.errors import InvalidArgumentError, extra_missing
 from exceptiondrive.inputs import (
     ManifestLike,
     ProtocolLike,
@@ -18,6 +18,7 @@ from exceptiondrive.inputs import (
     given_protocol,
     given_submission,
 )
+from exceptiondrive_schemas.base import faults_in
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.check import MAX_UPLOAD_BYTES, check_bytes
 from exceptiondrive_schemas.faults import CheckReport
@@ -79,7 +80,7 @@ def manifest_of(split: Split, protocol: ProtocolDocument) -> Manifest:
     except ValidationError as error:
         raise InvalidArgumentError(
             "wrong_split_file",
-            f"The split does not go with protocol {protocol.version} ({first_fault(error)}).",
+            f"The split does not go with protocol {protocol.version} ({faults_in(error)[0]}).",
         ) from None
 
 

@@ -11,9 +11,10 @@ from urllib.parse import urljoin
 
 from pydantic import ValidationError
 
-from exceptiondrive.errors import InvalidArgumentError, NetworkError, first_fault
+from exceptiondrive.errors import InvalidArgumentError, NetworkError
 from exceptiondrive.transport import LinkAnswer, Progress, is_here, open_link
 from exceptiondrive_schemas.api.data_manifest import PARTIAL, DataFile, DataManifest
+from exceptiondrive_schemas.base import faults_in
 
 MAX_MANIFEST_BYTES = 32 * 1024 * 1024
 ATTEMPTS = 5
@@ -40,7 +41,7 @@ def read_data_manifest(url: str) -> DataManifest:
     except ValidationError as error:
         raise InvalidArgumentError(
             "wrong_manifest",
-            f"{url} is not a list of files that can be downloaded ({first_fault(error)}).",
+            f"{url} is not a list of files that can be downloaded ({faults_in(error)[0]}).",
             "Tell the organizers; nothing was written.",
         ) from None
     files = [file.model_copy(update={"url": urljoin(url, file.url)}) for file in manifest.files]

@@ -18,8 +18,6 @@ from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any, ClassVar
 
 if TYPE_CHECKING:
-    from pydantic import ValidationError
-
     from exceptiondrive_schemas.api.submission import SubmissionView
     from exceptiondrive_schemas.faults import CheckReport
 
@@ -71,13 +69,6 @@ def extra_missing(sentence: str, extra: str, otherwise: str = "") -> InvalidArgu
     """Return what is said where a library is not installed that an extra of the client brings."""
     advice = f'Run: pip install "exceptiondrive[{extra}]"{otherwise}'
     return InvalidArgumentError("extra_missing", sentence, advice)
-
-
-def first_fault(error: "ValidationError") -> str:
-    """Say what is wrong with a document, the first fault and its place: `name: Field required`."""
-    first = error.errors(include_url=False, include_input=False)[0]
-    words = first["msg"].removeprefix("Value error, ")
-    return f"{'.'.join(map(str, first['loc']))}: {words}" if first["loc"] else words
 
 
 SUBMIT_AGAIN = "Correct the faults in the list and submit again; nothing was counted."

@@ -14,8 +14,8 @@ from typing import Any, BinaryIO, NamedTuple, Protocol, TypeVar, cast
 
 from pydantic import ValidationError
 
-from exceptiondrive.errors import InvalidArgumentError, first_fault
-from exceptiondrive_schemas.base import Document
+from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive_schemas.base import Document, faults_in
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY
 from exceptiondrive_schemas.check.inflate import UnreadableFileError, inflate
 from exceptiondrive_schemas.protocol import (
@@ -188,7 +188,7 @@ def _model(kind: type[Model], given: object, noun: str, advice: str) -> Model:
     except (UnreadableFileError, TypeError) as error:
         reason = str(error)
     except ValidationError as error:
-        reason = first_fault(error)
+        reason = faults_in(error)[0]
     code = f"wrong_{noun.replace(' ', '_')}"
     raise InvalidArgumentError(code, f"{name} is not a {noun} ({reason}).", advice)
 

@@ -30,10 +30,10 @@ from exceptiondrive.errors import (
     NotSignedInError,
     QuotaError,
     ServerError,
-    first_fault,
 )
 from exceptiondrive.version import __version__
 from exceptiondrive_schemas.api.problems import Problem, ProblemCode
+from exceptiondrive_schemas.base import faults_in
 from exceptiondrive_schemas.python310 import UTC, Self
 
 Progress = Callable[[int, int], None]
@@ -434,7 +434,7 @@ def read_answer(read: Callable[[bytes], Answer], response: httpx.Response) -> An
         raise ServerError(
             "unexpected_answer",
             f"The server answered {response.url.path} in a form that this client does not know "
-            f"({first_fault(error)}).",
+            f"({faults_in(error)[0]}).",
             "Install the newest client, from the page /client/ of the server.",
         ) from None
 

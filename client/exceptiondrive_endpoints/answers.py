@@ -14,6 +14,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from exceptiondrive_endpoints.errors import NoAnswerError, Reason
+from exceptiondrive_schemas.base import faults_in
 
 Schema = dict[str, Any]
 _FENCE = re.compile(r"```(?:json)?\s*\n?(.*?)```", re.DOTALL)
@@ -106,7 +107,4 @@ def after_thinking(text: str) -> str:
 
 def sentence_of(error: ValidationError) -> str:
     """What is wrong with an answer, in one sentence."""
-    return "; ".join(
-        f"{'.'.join(str(part) for part in item['loc'])}: {item['msg']}"
-        for item in error.errors(include_url=False, include_input=False)
-    )
+    return "; ".join(faults_in(error))

@@ -9,7 +9,7 @@ import json
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from exceptiondrive_schemas.python310 import Self
 from exceptiondrive_schemas.short import html, short
@@ -66,6 +66,14 @@ class Document(BaseModel):
         for name in copied.__dict__.keys() - type(self).model_fields.keys():
             del copied.__dict__[name]
         return copied
+
+
+def faults_in(error: ValidationError) -> list[str]:
+    """Say each fault of a document with its place: `samples.0.task: Field required`; no value of it."""
+    found = error.errors(include_url=False, include_input=False, include_context=False)
+    places = (".".join(map(str, each["loc"])) for each in found)
+    words = (each["msg"].removeprefix("Value error, ") for each in found)
+    return [f"{at}: {said}" if at else said for at, said in zip(places, words, strict=True)]
 
 
 def canonical_json(value: Any) -> bytes:

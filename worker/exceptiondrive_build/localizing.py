@@ -31,7 +31,7 @@ from exceptiondrive_build.records import Author, Kind, Record
 from exceptiondrive_build.scenes.nuscenes import rigid
 from exceptiondrive_build.values import Corners, Localized, Screened
 from exceptiondrive_build.workshop import Workshop
-from exceptiondrive_schemas.base import Document, bytes_digest
+from exceptiondrive_schemas.base import Document, bytes_digest, faults_in
 from exceptiondrive_schemas.submission_files import Waypoint
 from exceptiondrive_scoring.aliases import FloatArray
 
@@ -184,10 +184,7 @@ def _reader(file: Path, data: bytes) -> Callable[[Candidate], list[Box]]:
             ]
         boxes = _BOXES.validate_python(_as_boxes(document))
     except (ValueError, RecursionError) as error:
-        first = str(error).partition("\n")[0]
-        if isinstance(error, ValidationError):
-            told = error.errors(include_url=False, include_input=False)[0]
-            first = f"{'.'.join(str(part) for part in told['loc'])}: {told['msg']}"
+        first = faults_in(error)[0] if isinstance(error, ValidationError) else error
         raise BuildError(f"{file}: no detector's file: {first}.", "Its forms: --help.") from None
     return lambda candidate: [
         Box(_in_order(np.array(box.corners)), box.score) for box in _of(boxes, candidate)

@@ -21,6 +21,7 @@ from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.records import Kind, Record, Records
 from exceptiondrive_build.scenes.keyframe import Keyframe
 from exceptiondrive_build.settings import TaskTexts, WorkshopSettings
+from exceptiondrive_schemas.base import faults_in
 from exceptiondrive_schemas.protocol import (
     NEWEST,
     ProtocolDocument,
@@ -240,7 +241,5 @@ def _why(error: Exception) -> str:
     if isinstance(error, OSError):
         return error.strerror or type(error).__name__
     if isinstance(error, ValidationError):
-        first = error.errors(include_url=False, include_input=False)[0]
-        place = ".".join(str(part) for part in first["loc"])
-        return f"{place}: {first['msg']}" if place else first["msg"]
+        return faults_in(error)[0]
     return str(error)

@@ -199,19 +199,21 @@ def split_arrays(samples: Iterable[Sample], taxonomy: Taxonomy) -> SplitArrays:
     ordered = sorted(samples, key=attrgetter("sample_id"))
     if not ordered:
         raise ValueError("no sample counts: all are controls or withdrawn")
-    task, scene, region, d_safe_m, acceptable, paths = zip(*map(_TOLD, ordered), strict=True)
+    tasks, scene_ids, regions_m, d_safe_m, acceptable, paths_m = zip(
+        *map(_TOLD, ordered), strict=True
+    )
     position = {task.id: index for index, task in enumerate(taxonomy.tasks)}
-    unknown = sorted(set(task) - position.keys())
+    unknown = sorted(set(tasks) - position.keys())
     if unknown:
         raise ValueError(f"the protocol does not list these tasks: {', '.join(unknown)}")
-    task_index = np.array([position[each] for each in task], dtype=np.intp)
-    scenes = sorted(set(scene))
-    scene_position = {each: index for index, each in enumerate(scenes)}
+    task_index = np.array([position[task] for task in tasks], dtype=np.intp)
+    scenes = sorted(set(scene_ids))
+    scene_position = {scene: index for index, scene in enumerate(scenes)}
     return SplitArrays(
-        regions_m=_points_m(region, 4),
+        regions_m=_points_m(regions_m, 4),
         task_index=task_index,
         family_index=_family_of_task(taxonomy)[task_index],
-        scene_index=np.array([scene_position[each] for each in scene], dtype=np.intp),
+        scene_index=np.array([scene_position[scene] for scene in scene_ids], dtype=np.intp),
         n_scenes=len(scenes),
         d_safe_m=_own_or_of_task(
             d_safe_m, np.array([task.d_safe_m for task in taxonomy.tasks])[task_index]
@@ -220,7 +222,7 @@ def split_arrays(samples: Iterable[Sample], taxonomy: Taxonomy) -> SplitArrays:
             [own and _is_acceptable(own) for own in acceptable],
             np.array([_is_acceptable(task.acceptable) for task in taxonomy.tasks])[task_index],
         ),
-        recorded_m=recorded_m(paths),
+        recorded_m=recorded_m(paths_m),
     )
 
 

@@ -40,6 +40,7 @@ from exceptiondrive_records.teams.teams import require_approved
 from exceptiondrive_records.work.dispatch import wake_lanes
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.api.submission import Quota, SubmissionView
+from exceptiondrive_schemas.base import faults_in
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.method_facts import Links, MethodFacts
 from exceptiondrive_server.submissions.facts_form import PREFIX, facts_of_form
@@ -88,9 +89,7 @@ class UploadFields(BaseModel):
         try:
             _ = facts and MethodFacts.model_validate_json(facts)
         except ValidationError as error:
-            found = error.errors(include_url=False, include_input=False)
-            words = [f"{'.'.join(map(str, item['loc']))}: {item['msg']}" for item in found]
-            raise ValueError("; ".join(words)) from None
+            raise ValueError("; ".join(faults_in(error))) from None
         return facts
 
     @property

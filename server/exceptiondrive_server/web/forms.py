@@ -11,6 +11,7 @@ from starlette.datastructures import FormData
 
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_schemas.api.form_fields import FormField, Kind, document_of
+from exceptiondrive_schemas.base import faults_in
 from exceptiondrive_schemas.datetimes import in_utc
 
 MAX_DIGITS = 9
@@ -87,9 +88,7 @@ def made(model: type[Model], fields: Sequence[FormField], values: Mapping[str, A
     try:
         return model.model_validate(document_of(fields, values))
     except ValidationError as error:
-        found = error.errors(include_url=False, include_input=False)
-        words = [f"{'.'.join(map(str, item['loc']))}: {item['msg']}." for item in found]
-        raise InvalidRecord(" ".join(words)) from None
+        raise InvalidRecord(" ".join(f"{fault}." for fault in faults_in(error))) from None
 
 
 def text_of(value: object) -> str:

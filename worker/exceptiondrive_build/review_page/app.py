@@ -23,7 +23,7 @@ from exceptiondrive_build.review_page.leases import Holder
 from exceptiondrive_build.review_page.region import measured
 from exceptiondrive_build.values import Inspected, Mark, Verified
 from exceptiondrive_build.workshop import Workshop
-from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.base import Document, faults_in
 
 Word = TypeVar("Word", Inspected, Verified)
 STATIC = Path(__file__).parent / "static"
@@ -165,8 +165,7 @@ def _read(model: type[Word], value: dict[str, Any]) -> Word:
     try:
         return model.model_validate(value, strict=False)  # JSON has no tuples
     except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False)[0]
-        raise BuildError(f"{'.'.join(map(str, first['loc']))}: {first['msg']}.") from None
+        raise BuildError(f"{faults_in(error)[0]}.") from None
 
 
 def _add_doors(app: FastAPI) -> None:

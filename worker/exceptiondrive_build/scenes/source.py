@@ -9,6 +9,7 @@ from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.scenes.keyframe import Keyframe
 from exceptiondrive_build.scenes.nuscenes import read_nuscenes
 from exceptiondrive_build.scenes.scene_set import SceneSet
+from exceptiondrive_schemas.base import faults_in
 
 
 def read_scenes(source: Path, version: str | None = None) -> SceneSet:
@@ -60,11 +61,7 @@ def _keyframe(line: bytes, where: str) -> Keyframe:
     try:
         return Keyframe.model_validate_json(line)
     except ValidationError as error:
-        problems = [
-            f"{'.'.join(map(str, one['loc'])) or 'the line'}: {one['msg']}"
-            for one in error.errors()
-        ]
-        raise BuildError(f"{where}: {'; '.join(problems)}.") from None
+        raise BuildError(f"{where}: {'; '.join(faults_in(error))}.") from None
 
 
 def write_scenes(scenes: SceneSet, path: Path) -> None:

@@ -17,7 +17,7 @@ import tomllib
 from pydantic import Field, ValidationError, model_validator
 
 from exceptiondrive_schemas.api.confirmation import PublicKey
-from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.base import Document, faults_in
 from exceptiondrive_schemas.protocol import ProtocolDocument
 
 FLOORS_FILE = "floors.toml"
@@ -120,10 +120,8 @@ def read_floors(folder: Path) -> SplitFloors:
     except FileNotFoundError:
         return SplitFloors()
     except ValidationError as error:
-        lines = [f"{'.'.join(map(str, it['loc'])) or 'file'}: {it['msg']}" for it in error.errors()]
-        raise FloorsUnreadableError(
-            f"{FLOORS_FILE} of {folder.name}:\n" + "\n".join(lines)
-        ) from None
+        lines = "\n".join(faults_in(error))
+        raise FloorsUnreadableError(f"{FLOORS_FILE} of {folder.name}:\n{lines}") from None
     except (OSError, ValueError) as error:
         raise FloorsUnreadableError(
             f"{FLOORS_FILE} of {folder.name} cannot be read ({type(error).__name__})"
