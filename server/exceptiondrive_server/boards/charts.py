@@ -407,6 +407,8 @@ _OFFSETS: tuple[tuple[float, float, Anchor], ...] = (
     (22, -8, "start"),
     (-22, -8, "end"),
     (0, 27, "middle"),
+    (60, 4, "start"),
+    (-60, 4, "end"),
     (4, -36, "start"),
     (-4, -36, "end"),
     (-34, 34, "end"),

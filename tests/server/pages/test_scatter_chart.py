@@ -204,3 +204,19 @@ def test_labels_never_cover_each_other_and_stay_in_the_frame(
                     middle.left < x < middle.right and middle.top < y < middle.bottom
                     for x, y in line
                 )
+
+
+@pytest.mark.parametrize(
+    ("frame", "anchors"),
+    [
+        (Box(40, 20, 612, 438), [("Llama", 600, 409.5), ("Claude", 600, 415), ("Human", 600, 438)]),
+        (Box(40, 20, 332, 316), [("Llama", 320, 300.5), ("Claude", 320, 303)]),
+    ],
+)
+def test_names_of_points_that_touch_in_a_corner_stand_in_the_order_of_the_points(
+    frame: Box, anchors: list[tuple[str, float, float]]
+) -> None:
+    whiskers = [Box(x - 20, y - 2, x + 2, y + 2) for _, x, y in anchors]
+    labels = place_labels(anchors, frame, whiskers)
+    from_the_top = sorted(labels, key=lambda label: float(label.y))
+    assert [label.text for label in from_the_top] == [name for name, _, _ in anchors]
