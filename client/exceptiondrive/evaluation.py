@@ -22,12 +22,13 @@ from exceptiondrive.inputs import (
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import CheckedDocument, check
 from exceptiondrive_schemas.faults import CheckReport
-from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.printable import counted, first_of
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.split import Split, SplitRef
 
 if TYPE_CHECKING:
+    from exceptiondrive_scoring.aliases import BoolArray
     from exceptiondrive_scoring.arrays import SplitArrays
 
 
@@ -120,10 +121,23 @@ def score(
 
 def _arrays(split: Split, protocol: ProtocolDocument) -> "SplitArrays":
     from exceptiondrive_scoring.arrays import split_arrays
+    from exceptiondrive_scoring.region import is_far, is_small
+
+    geometry = protocol.geometry
+
+    def none_may(has_it: "BoolArray", what: str) -> None:
+        if has_it.any():
+            names = sorted(sample.sample_id for sample in split.counted)
+            named = [names[index] for index in has_it.nonzero()[0]]
+            raise ValueError(f"hazard regions {what} ({len(named):,}): {first_of(named)}")
 
     try:
         arrays = split_arrays(split.counted, protocol.taxonomy)
+        far = f"with a corner more than {geometry.max_region_distance_m:g} m away"
+        none_may(is_far(arrays.regions_m, geometry), far)
         _ = arrays.prepared_regions  # made now: it names regions that cross themselves
+        small = f"smaller than {geometry.min_region_area_m2:g} m2"
+        none_may(is_small(arrays.regions_m, geometry), small)
     except ValueError as error:
         raise InvalidArgumentError("wrong_split_file", f"{error}.") from None
     return arrays

@@ -20,6 +20,7 @@ from exceptiondrive.inputs import (
 )
 from exceptiondrive_schemas.check import CheckedDocument, PlanningDocument
 from exceptiondrive_schemas.drawing import SampleDrawing, caption, shapes
+from exceptiondrive_schemas.printable import first_of
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Split
 
@@ -72,11 +73,11 @@ class Scenes:
                 "Only planning files can be drawn: strategies have no trajectories.",
                 "Give a file with the schema exceptiondrive.planning/1.",
             )
+        self._results = sample_results(document, split, protocol)
         self.sample_ids = tuple(sorted(sample.sample_id for sample in split.samples))
         arrays = split_arrays(split.samples, protocol.taxonomy)
         pairs = TrajectoryPairs.from_columns(document_columns(document, self.sample_ids))
         measured = measure(pairs, arrays.prepared_regions, protocol.geometry)
-        self._results = sample_results(document, split, protocol)
         self._drawer = Drawer(self.sample_ids, pairs, measured, arrays, protocol)
 
     def worst(self, count: int) -> list[str]:
@@ -94,13 +95,9 @@ class Scenes:
             raise InvalidArgumentError(
                 "unknown_sample",
                 f"The split has no sample {sample_id!r}.",
-                f"Its samples are {_few(self.sample_ids)}.",
+                f"Its samples are {first_of(self.sample_ids)}.",
             )
         return self._drawer.drawing(self.sample_ids.index(sample_id))
-
-
-def _few(names: Sequence[str]) -> str:
-    return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
 
 
 def picture(

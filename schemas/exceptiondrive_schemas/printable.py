@@ -5,6 +5,7 @@ rows, hand-made records and foreign servers are cleaned here once more, just bef
 """
 
 import re
+from collections.abc import Sequence
 
 REPLACEMENT = "\ufffd"
 _UNSAFE = re.compile(
@@ -41,3 +42,9 @@ def from_spreadsheet(text: str) -> str:
 def counted(count: int, noun: str, plural: str | None = None) -> str:
     """Return `1 value`, `1,000 values`, `3 entries`."""
     return f"{count:,} {noun if count == 1 else plural or noun + 's'}"
+
+
+def first_of(names: Sequence[str], shown: int = 5) -> str:
+    """Return `a, b`, or `a, b, c, d, e and 3 more`."""
+    more = len(names) - shown
+    return ", ".join(names[:shown]) + (f" and {more:,} more" if more > 0 else "")

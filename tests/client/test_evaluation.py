@@ -111,6 +111,29 @@ def test_a_split_whose_region_crosses_itself_is_refused(
         evaluate_file(planning_file(), split=split_file)
 
 
+@pytest.mark.parametrize(
+    ("region", "fault"),
+    [
+        ([[5.0, 2.0]] * 4, "smaller than 0.01 m2"),
+        ([[5.0, 2.0], [6.0, 2.0], [7.0, 2.0], [8.0, 2.0]], "smaller than 0.01 m2"),
+        ([[90.0, 60.0], [91.0, 60.0], [91.0, 61.0], [90.0, 61.0]], "more than 100 m away"),
+        ([[1e308, 1e308], [1e308, 2.0], [5.0, 2.0], [5.0, 1e308]], "more than 100 m away"),
+    ],
+    ids=["a point", "a line", "far", "farther than numbers go"],
+)
+def test_a_split_whose_region_is_too_far_or_too_small_is_refused(
+    planning_file: MakeFile, split_file: Path, region: list[list[float]], fault: str
+) -> None:
+    document = json.loads(split_file.read_text())
+    for sample in document["samples"][1::2]:
+        sample["region"] = region
+    split_file.write_text(json.dumps(document))
+    named = sorted(sample["sample_id"] for sample in document["samples"][1::2])
+    with pytest.raises(InvalidArgumentError) as caught:
+        evaluate_file(planning_file(), split=split_file)
+    assert f"{fault} ({len(named)}): {named[0]}, " in str(caught.value)
+
+
 @pytest.mark.parametrize("name", reference.NAMES)
 def test_reference_scores_are_reproduced_to_1e_9(name: str, tmp_path: Path) -> None:
     case = reference.reference(name, tmp_path)

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from exceptiondrive_scoring.aliases import FloatArray
+from exceptiondrive_schemas.protocol import GeometrySection
+from exceptiondrive_scoring.aliases import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,20 @@ def signed_area_m2(corners_m: FloatArray) -> FloatArray:
     other = corners_m[:, 3] - corners_m[:, 1]
     area: FloatArray = (diagonal[:, 0] * other[:, 1] - diagonal[:, 1] * other[:, 0]) / 2
     return area
+
+
+def is_far(corners_m: FloatArray, geometry: GeometrySection) -> BoolArray:
+    """Whether a corner of each region lies beyond `max_region_distance_m`; (N, 4, 2) -> (N,)."""
+    with np.errstate(over="ignore"):  # too far away for a number is too far away
+        away_m = np.hypot(corners_m[..., 0], corners_m[..., 1]).max(axis=1)
+    far: BoolArray = away_m > geometry.max_region_distance_m
+    return far
+
+
+def is_small(corners_m: FloatArray, geometry: GeometrySection) -> BoolArray:
+    """Whether each region has less than `min_region_area_m2`; (N, 4, 2) -> (N,)."""
+    small: BoolArray = np.abs(signed_area_m2(corners_m)) < geometry.min_region_area_m2
+    return small
 
 
 def counter_clockwise(corners_m: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.clearance import clearance_m
 from exceptiondrive_scoring.drawing import tube_pieces_m
 from exceptiondrive_scoring.footprint import footprints_m
-from exceptiondrive_scoring.region import prepare_regions, signed_area_m2
+from exceptiondrive_scoring.region import is_far, is_small, prepare_regions
 
 
 def region_faults(corners: Corners | None, protocol: ProtocolDocument) -> tuple[str, ...]:
@@ -26,9 +26,9 @@ def region_faults(corners: Corners | None, protocol: ProtocolDocument) -> tuple[
     if not shapely.is_valid(shapely.polygons(points)):
         return ("it crosses or touches itself",)
     faults = []
-    if np.hypot(*points.T).max() > geometry.max_region_distance_m:
+    if is_far(points[None], geometry)[0]:
         faults.append(f"a corner is more than {geometry.max_region_distance_m:g} m away")
-    if abs(signed_area_m2(points[None])[0]) < geometry.min_region_area_m2:
+    if is_small(points[None], geometry)[0]:
         faults.append(f"it is smaller than {geometry.min_region_area_m2:g} m²")
     if path_clearance_m(corners, (), protocol) == 0:
         faults.append("it touches the car where it stands")

@@ -17,7 +17,7 @@ from exceptiondrive_schemas.split import Split, SplitSample
 from exceptiondrive_scoring.aliases import BoolArray, FloatArray
 from exceptiondrive_scoring.arrays import TrajectoryPairs
 from exceptiondrive_scoring.measure import measure
-from exceptiondrive_scoring.region import signed_area_m2
+from exceptiondrive_scoring.region import is_far, is_small
 
 
 @dataclass(frozen=True)
@@ -118,16 +118,15 @@ def _region_faults(samples: Sequence[SplitSample], geometry: GeometrySection) ->
         return has_it
 
     limit_m, least_m2 = geometry.max_region_distance_m, geometry.min_region_area_m2
-    with np.errstate(over="ignore"):  # too far away for a number is too far away
-        far = ask(
-            f"hazard regions with a corner more than {limit_m:g} m away",
-            lambda regions: np.hypot(regions[..., 0], regions[..., 1]).max(axis=1) > limit_m,
-        )
+    far = ask(
+        f"hazard regions with a corner more than {limit_m:g} m away",
+        lambda regions: is_far(regions, geometry),
+    )
     sound[far] = False
     sound[ask("hazard regions that cross or touch themselves", _crosses_itself)] = False
     small = ask(
         f"hazard regions smaller than {least_m2:g} m2",
-        lambda regions: np.abs(signed_area_m2(regions)) < least_m2,
+        lambda regions: is_small(regions, geometry),
     )
     sound[small] = False
     ask(
