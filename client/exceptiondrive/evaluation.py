@@ -121,6 +121,7 @@ def score(
 
 def _arrays(split: Split, protocol: ProtocolDocument) -> "SplitArrays":
     from exceptiondrive_scoring.arrays import split_arrays
+    from exceptiondrive_scoring.measure import touches_start
     from exceptiondrive_scoring.region import is_far, is_small
 
     geometry = protocol.geometry
@@ -138,6 +139,7 @@ def _arrays(split: Split, protocol: ProtocolDocument) -> "SplitArrays":
         _ = arrays.prepared_regions  # made now: it names regions that cross themselves
         small = f"smaller than {geometry.min_region_area_m2:g} m2"
         none_may(is_small(arrays.regions_m, geometry), small)
+        none_may(touches_start(arrays.regions_m, geometry), "that touch the footprint at t = 0")
     except ValueError as error:
         raise InvalidArgumentError("wrong_split_file", f"{error}.") from None
     return arrays

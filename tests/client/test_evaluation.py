@@ -118,10 +118,12 @@ def test_a_split_whose_region_crosses_itself_is_refused(
         ([[5.0, 2.0], [6.0, 2.0], [7.0, 2.0], [8.0, 2.0]], "smaller than 0.01 m2"),
         ([[90.0, 60.0], [91.0, 60.0], [91.0, 61.0], [90.0, 61.0]], "more than 100 m away"),
         ([[1e308, 1e308], [1e308, 2.0], [5.0, 2.0], [5.0, 1e308]], "more than 100 m away"),
+        ([[3.0, 0.0], [9.0, 0.0], [9.0, 2.0], [3.0, 2.0]], "that touch the footprint at t = 0"),
+        ([[-20, -20], [20, -20], [20, 20], [-20, 20]], "that touch the footprint at t = 0"),
     ],
-    ids=["a point", "a line", "far", "farther than numbers go"],
+    ids=["a point", "a line", "far", "farther than numbers go", "at the car", "around the car"],
 )
-def test_a_split_whose_region_is_too_far_or_too_small_is_refused(
+def test_a_split_with_a_region_that_no_server_takes_is_refused(
     planning_file: MakeFile, split_file: Path, region: list[list[float]], fault: str
 ) -> None:
     document = json.loads(split_file.read_text())

@@ -8,6 +8,7 @@ import pytest
 from exceptiondrive_schemas.protocol import GeometrySection
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.clearance import clearance_m
+from exceptiondrive_scoring.measure import touches_start
 from exceptiondrive_scoring.region import prepare_regions
 
 FRONT, REAR, SIDE = 3.528, 0.556, 0.925
@@ -82,6 +83,20 @@ def test_a_quarter_turn_to_the_left_sweeps_the_hull_of_both_footprints(
     near = middle + 0.75 * outward
     region = near + np.array([[0.0, 0.0], [3.0, 0.2], [3.0, 3.0], [0.2, 3.0]])
     assert clearance_of(turn, region.tolist(), geometry) == pytest.approx(0.75, abs=1e-12)
+
+
+@pytest.mark.parametrize("ahead_m", [-2.0, 1.486, 20.0])
+def test_what_touches_the_start_is_what_a_standing_car_has_no_clearance_of(
+    ahead_m: float, geometry: GeometrySection
+) -> None:
+    placed = geometry.model_copy(update={"footprint_centre_ahead_m": ahead_m})
+    rng = np.random.default_rng(20)
+    corners = np.array(box(-1, -1, 1, 1)) * rng.uniform(0.1, 8, (2000, 1, 2))
+    regions = corners + rng.uniform(-25, 25, (2000, 1, 2))
+    clear = clearance_m(np.zeros((2000, 7, 2)), prepare_regions(regions), placed)
+    touching = touches_start(regions, placed)
+    assert 20 < touching.sum() < 1000
+    np.testing.assert_array_equal(touching, clear <= geometry.contact_tolerance_m)
 
 
 def test_no_samples_have_no_clearances(geometry: GeometrySection) -> None:

@@ -12,6 +12,7 @@ from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.clearance import clearance_m
 from exceptiondrive_scoring.drawing import tube_pieces_m
 from exceptiondrive_scoring.footprint import footprints_m
+from exceptiondrive_scoring.measure import touches_start
 from exceptiondrive_scoring.region import is_far, is_small, prepare_regions
 
 
@@ -25,35 +26,30 @@ def region_faults(corners: Corners | None, protocol: ProtocolDocument) -> tuple[
         return ("a corner is not finite",)
     if not shapely.is_valid(shapely.polygons(points)):
         return ("it crosses or touches itself",)
-    faults = []
     if is_far(points[None], geometry)[0]:
-        faults.append(f"a corner is more than {geometry.max_region_distance_m:g} m away")
+        return (f"a corner is more than {geometry.max_region_distance_m:g} m away",)
+    faults = []
     if is_small(points[None], geometry)[0]:
         faults.append(f"it is smaller than {geometry.min_region_area_m2:g} m²")
-    if path_clearance_m(corners, (), protocol) == 0:
+    if touches_start(points[None], geometry)[0]:
         faults.append("it touches the car where it stands")
     return tuple(faults)
-
-
-def path_clearance_m(
-    corners: Corners, path: tuple[Waypoint, ...], protocol: ProtocolDocument
-) -> float:
-    """Clearance of a driven path from a region in metres; of a car that stands, if it is empty."""
-    points = _from_origin(path or ((0.0, 0.0),) * protocol.geometry.waypoints)
-    regions = prepare_regions(np.array([corners]))
-    return float(clearance_m(points[None], regions, protocol.geometry)[0])
 
 
 def measured(
     corners: Corners, path: tuple[Waypoint, ...] | None, protocol: ProtocolDocument
 ) -> dict[str, Any]:
     """Area, clearance of the recorded drive (None where it is not known), and faults of a region."""
-    faults = region_faults(corners, protocol)
-    is_shape = shapely.is_valid(shapely.polygons(np.array(corners)))
+    area_m2 = drive_m = None
+    if shapely.is_valid(shapely.polygons(np.array(corners))):
+        area_m2 = float(shapely.Polygon(corners).area)
+        if path:
+            regions = prepare_regions(np.array([corners]))
+            drive_m = float(clearance_m(_from_origin(path)[None], regions, protocol.geometry)[0])
     return {
-        "faults": faults,
-        "area_m2": float(shapely.Polygon(corners).area) if is_shape else None,
-        "clearance_m": path_clearance_m(corners, path, protocol) if path and is_shape else None,
+        "faults": region_faults(corners, protocol),
+        "area_m2": area_m2,
+        "clearance_m": drive_m,
     }
 
 

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 from exceptiondrive_schemas.split import Split, SplitSample
 from exceptiondrive_scoring.aliases import BoolArray, FloatArray
-from exceptiondrive_scoring.arrays import TrajectoryPairs
-from exceptiondrive_scoring.measure import measure
+from exceptiondrive_scoring.measure import touches_start
 from exceptiondrive_scoring.region import is_far, is_small
 
 
@@ -131,7 +130,7 @@ def _region_faults(samples: Sequence[SplitSample], geometry: GeometrySection) ->
     sound[small] = False
     ask(
         "hazard regions that touch the footprint at t = 0",
-        lambda regions: _touches_start(regions, geometry),
+        lambda regions: touches_start(regions, geometry),
     )
     return faults
 
@@ -139,14 +138,6 @@ def _region_faults(samples: Sequence[SplitSample], geometry: GeometrySection) ->
 def _crosses_itself(regions_m: FloatArray) -> BoolArray:
     simple: BoolArray = np.asarray(shapely.is_valid(shapely.polygons(regions_m)), dtype=np.bool_)
     return ~simple
-
-
-def _touches_start(regions_m: FloatArray, geometry: GeometrySection) -> BoolArray:
-    """Whether each region meets the footprint at t = 0: what a car that stands still measures."""
-    n_samples = len(regions_m)
-    still = np.zeros((n_samples, geometry.waypoints, 2))
-    given = np.ones(n_samples, dtype=np.bool_)
-    return measure(TrajectoryPairs(still, still, given, given), regions_m, geometry).intrusion
 
 
 def _fault(what: str, ids: NDArray[np.str_], has_it: BoolArray) -> SplitFault:
