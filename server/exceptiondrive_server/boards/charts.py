@@ -372,7 +372,7 @@ def _whisker(interval: Interval | None, scale: Scale) -> tuple[str, str] | None:
 def _labels(
     marks: Sequence[_Mark], x: Scale, y: Scale, corners: Sequence[Label]
 ) -> tuple[Label, ...]:
-    frame = Box(x.extent[0] + 2, y.extent[1] + 2, x.extent[1] + 12, y.extent[0] - 2)
+    frame = Box(x.extent[0] + 2, y.extent[1] + 2, x.extent[1] + 12, y.extent[0] + 4)
     names = labels_of([mark.entry for mark in marks], MAX_CHARACTERS)
     anchors = [(name, x.at(m.x), y.at(m.y)) for name, m in zip(names, marks, strict=True)]
     bars = [_extent_box(mark, x, y) for mark in marks]
@@ -399,7 +399,15 @@ def _description(marks: Sequence[_Mark], metrics: tuple[Metric, Metric]) -> str:
     return f"{up.label} against {along.label} in per cent: {shown}{more}."
 
 
-_OFFSETS: tuple[tuple[float, float, Anchor], ...] = (
+_Offset = tuple[float, float, Anchor]
+_BESIDE: tuple[_Offset, ...] = (
+    (60, 4, "start"),
+    (-60, 4, "end"),
+    (60, 2, "start"),
+    (-60, 2, "end"),
+)
+"""At the height of the point, so that names stand in its order; but a long name fills the row."""
+_OFFSETS: tuple[_Offset, ...] = (
     (10, -9, "start"),
     (10, 18, "start"),
     (-10, 18, "end"),
@@ -407,8 +415,7 @@ _OFFSETS: tuple[tuple[float, float, Anchor], ...] = (
     (22, -8, "start"),
     (-22, -8, "end"),
     (0, 27, "middle"),
-    (60, 4, "start"),
-    (-60, 4, "end"),
+    *_BESIDE,
     (4, -36, "start"),
     (-4, -36, "end"),
     (-34, 34, "end"),
@@ -427,22 +434,38 @@ def place_labels(
 ) -> tuple[Label, ...]:
     """Place the labels that fit; a label without room is left out (its point has a title).
 
+    They stand beside their points unless more of them find room without that.
+
     Args:
         anchors: Text and position of each point, most important first.
         frame: Labels stay inside it.
         obstacles: Rectangles that labels keep off, besides the points themselves.
     """
+    placed = _placed(anchors, frame, obstacles, _OFFSETS)
+    if len(placed) == len(anchors):
+        return placed
+    others = tuple(offset for offset in _OFFSETS if offset not in _BESIDE)
+    return max(placed, _placed(anchors, frame, obstacles, others), key=len)
+
+
+def _placed(
+    anchors: Sequence[tuple[str, float, float]],
+    frame: Box,
+    obstacles: Sequence[Box],
+    offsets: Sequence[_Offset],
+) -> tuple[Label, ...]:
     taken = [Box(x - 7, y - 7, x + 7, y + 7) for _, x, y in anchors] + list(obstacles)
     placed: list[Label] = []
     names: list[Box] = []
     for text, x, y in anchors:
         short = _cut(text, MAX_CHARACTERS)
-        for dx, dy, anchor in _OFFSETS:
+        for dx, dy, anchor in offsets:
             box = _text_box(short, x + dx, y + dy, anchor)
+            if not frame.holds(box) or box.meets(taken):
+                continue
             leader = _leader(x, y, dx, dy)
-            is_free = frame.holds(box) and not box.meets(taken)
             steps = _steps(leader)
-            if is_free and not any(step.meets(names) for step in steps):
+            if not any(step.meets(names) for step in steps):
                 taken += [box, *steps]
                 names.append(box)
                 placed.append(Label(px(x + dx), px(y + dy), anchor, short, leader))

@@ -220,3 +220,16 @@ def test_names_of_points_that_touch_in_a_corner_stand_in_the_order_of_the_points
     labels = place_labels(anchors, frame, whiskers)
     from_the_top = sorted(labels, key=lambda label: float(label.y))
     assert [label.text for label in from_the_top] == [name for name, _, _ in anchors]
+
+
+REAL_PLANNERS = [("llama-3.2-11b", 7.91), ("claude-3.7-sonnet", 6.45), ("recorded-human", 0.51)]
+
+
+@pytest.mark.parametrize(("right", "bottom"), [(624, 428), (334, 348)], ids=["wide", "narrow"])
+def test_three_planners_that_lose_no_progress_and_hardly_react_all_have_their_names(
+    right: float, bottom: float
+) -> None:
+    anchors = [(name, right, bottom - (bottom - 32) * hcc / 100) for name, hcc in REAL_PLANNERS]
+    whiskers = [Box(right - 20, y - 2, right + 2, y + 2) for _, _, y in anchors]
+    labels = place_labels(anchors, Box(54, 34, right + 12, bottom + 4), whiskers)
+    assert [label.text for label in labels] == [name for name, _ in REAL_PLANNERS]
