@@ -27,7 +27,7 @@ from benchmarks.upload_to_rank import planning_text, running_system
 from benchmarks.workload import BENCHMARK_SAMPLES, Workload, make_workload
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
-from exceptiondrive_scoring.measure import touches_start
+from exceptiondrive_scoring.clearance import touches_start
 
 ROUNDS = 5
 LARGE = 20_000
@@ -81,7 +81,10 @@ def scorable_workload(protocol: ProtocolDocument, n_samples: int) -> Workload:
     """Make the seeded workload, with no region at the car's start: a split may hold none of those."""
     workload = make_workload(protocol, n_samples)
     regions_m = workload.split.regions_m.copy()
-    regions_m[touches_start(regions_m, protocol.geometry)] += [CLEAR_OF_START_M, 0.0]
+    regions_m[touches_start(workload.split.prepared_regions, protocol.geometry)] += [
+        CLEAR_OF_START_M,
+        0.0,
+    ]
     return replace(workload, split=replace(workload.split, regions_m=regions_m))
 
 

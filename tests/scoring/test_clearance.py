@@ -7,8 +7,7 @@ import pytest
 
 from exceptiondrive_schemas.protocol import GeometrySection
 from exceptiondrive_scoring.aliases import FloatArray
-from exceptiondrive_scoring.clearance import clearance_m
-from exceptiondrive_scoring.measure import touches_start
+from exceptiondrive_scoring.clearance import clearance_m, touches_start
 from exceptiondrive_scoring.region import prepare_regions
 
 FRONT, REAR, SIDE = 3.528, 0.556, 0.925
@@ -93,8 +92,9 @@ def test_what_touches_the_start_is_what_a_standing_car_has_no_clearance_of(
     rng = np.random.default_rng(20)
     corners = np.array(box(-1, -1, 1, 1)) * rng.uniform(0.1, 8, (2000, 1, 2))
     regions = corners + rng.uniform(-25, 25, (2000, 1, 2))
-    clear = clearance_m(np.zeros((2000, 7, 2)), prepare_regions(regions), placed)
-    touching = touches_start(regions, placed)
+    prepared = prepare_regions(regions)
+    clear = clearance_m(np.zeros((2000, 7, 2)), prepared, placed)
+    touching = touches_start(prepared, placed)
     assert 20 < touching.sum() < 1000
     np.testing.assert_array_equal(touching, clear <= geometry.contact_tolerance_m)
 

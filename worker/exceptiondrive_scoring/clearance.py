@@ -18,7 +18,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from exceptiondrive_schemas.protocol import GeometrySection
-from exceptiondrive_scoring.aliases import FloatArray, IntArray
+from exceptiondrive_scoring.aliases import BoolArray, FloatArray, IntArray
 from exceptiondrive_scoring.convex_distance import gap_along_axes, hull_distance_m
 from exceptiondrive_scoring.footprint import Footprints, footprints
 from exceptiondrive_scoring.kinematics import positions, steps
@@ -45,6 +45,13 @@ def clearance_m(
     """
     at = positions(points_m)
     return clearance_of_footprints_m(footprints(at, steps(at), geometry), regions, geometry)
+
+
+def touches_start(regions: PreparedRegions, geometry: GeometrySection) -> BoolArray:
+    """Whether each of N regions meets the footprint at t = 0, what a car that stands sweeps; (N,)."""
+    standing_m = np.zeros((regions.n_samples, 2, 2))
+    touches: BoolArray = clearance_m(standing_m, regions, geometry) <= geometry.contact_tolerance_m
+    return touches
 
 
 def clearance_so_far_m(

@@ -1,6 +1,5 @@
 """Measure: trajectories and regions to one row of numbers per sample. The only geometry."""
 
-import math
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -146,34 +145,6 @@ def measure(
         reached_m=progress.reached_m,
         **({} if fit is None else fit._asdict()),
     )
-
-
-def touches_start(regions_m: FloatArray, geometry: GeometrySection) -> BoolArray:
-    """Whether each region meets the footprint at t = 0: what a car that stands still measures.
-
-    Args:
-        regions_m: (N, 4, 2) corners; only those whose upright box comes near the car are measured.
-        geometry: The section that fixes the footprint.
-
-    Returns:
-        (N,).
-
-    Raises:
-        ValueError: A region near the car crosses itself.
-    """
-    reach_m = abs(geometry.footprint_centre_ahead_m) + math.hypot(
-        geometry.footprint_length_m / 2, geometry.footprint_width_m / 2
-    )
-    by_corner_m = np.ascontiguousarray(regions_m.transpose(1, 0, 2))  # numpy is quick along these
-    low_m, high_m = by_corner_m.min(axis=0), by_corner_m.max(axis=0)
-    touches: BoolArray = ((low_m <= reach_m) & (high_m >= -reach_m)).all(axis=1)
-    if touches.any():
-        n_near = np.count_nonzero(touches)
-        still = np.zeros((n_near, geometry.waypoints, 2))
-        given = np.ones(n_near, dtype=np.bool_)
-        pairs = TrajectoryPairs(still, still, given, given)
-        touches[touches] = measure(pairs, regions_m[touches], geometry).intrusion
-    return touches
 
 
 def _clearance_m(

@@ -434,7 +434,7 @@ def place_labels(
 ) -> tuple[Label, ...]:
     """Place the labels that fit; a label without room is left out (its point has a title).
 
-    They stand beside their points unless more of them find room without that.
+    The places of `_BESIDE` are given up where that lets more labels stand.
 
     Args:
         anchors: Text and position of each point, most important first.

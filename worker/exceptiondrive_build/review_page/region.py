@@ -9,10 +9,9 @@ from exceptiondrive_build.values import Corners
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.submission_files import Waypoint
 from exceptiondrive_scoring.aliases import FloatArray
-from exceptiondrive_scoring.clearance import clearance_m
+from exceptiondrive_scoring.clearance import clearance_m, touches_start
 from exceptiondrive_scoring.drawing import tube_pieces_m
 from exceptiondrive_scoring.footprint import footprints_m
-from exceptiondrive_scoring.measure import touches_start
 from exceptiondrive_scoring.region import is_far, is_small, prepare_regions
 
 
@@ -31,7 +30,7 @@ def region_faults(corners: Corners | None, protocol: ProtocolDocument) -> tuple[
     faults = []
     if is_small(points[None], geometry)[0]:
         faults.append(f"it is smaller than {geometry.min_region_area_m2:g} m²")
-    if touches_start(points[None], geometry)[0]:
+    if touches_start(prepare_regions(points[None]), geometry)[0]:
         faults.append("it touches the car where it stands")
     return tuple(faults)
 

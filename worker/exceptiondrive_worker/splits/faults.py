@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 from exceptiondrive_schemas.split import Split, SplitSample
 from exceptiondrive_scoring.aliases import BoolArray, FloatArray
-from exceptiondrive_scoring.measure import touches_start
-from exceptiondrive_scoring.region import is_far, is_small
+from exceptiondrive_scoring.clearance import touches_start
+from exceptiondrive_scoring.region import is_far, is_small, prepare_regions
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def _region_faults(samples: Sequence[SplitSample], geometry: GeometrySection) ->
     sound[small] = False
     ask(
         "hazard regions that touch the footprint at t = 0",
-        lambda regions: touches_start(regions, geometry),
+        lambda regions: touches_start(prepare_regions(regions), geometry),
     )
     return faults
 
