@@ -49,8 +49,8 @@ def clearance_m(
 
 def touches_start(regions: PreparedRegions, geometry: GeometrySection) -> BoolArray:
     """Whether each of N regions meets the footprint at t = 0, what a car that stands sweeps; (N,)."""
-    standing_m = np.zeros((regions.n_samples, 2, 2))
-    touches: BoolArray = clearance_m(standing_m, regions, geometry) <= geometry.contact_tolerance_m
+    origin_m = np.zeros((regions.n_samples, 1, 2))
+    touches: BoolArray = clearance_m(origin_m, regions, geometry) <= geometry.contact_tolerance_m
     return touches
 
 
