@@ -3,16 +3,18 @@
 import re
 from collections.abc import Callable
 from datetime import timedelta
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import pytest
 from sqlalchemy import select, update
 from tests.support.work import claim_this
 
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.phases.changes import update_phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.tables import BoardRequest, Job, Profile, WorkState
+from exceptiondrive_schemas.api.phase_settings import PhaseChange
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.faults import CheckReport, Fault, FaultCode, FaultGroup
 from exceptiondrive_schemas.file_profile import FileProfile
@@ -161,6 +163,22 @@ def test_the_form_says_what_a_later_run_replaces_and_the_page_by_what(
     assert f"Submission {replaced_by} stands on the board in its place" in alpha.get(first).text
     shown = api.get(f"/submissions/{first.removeprefix('/submissions/')}", "alpha").json()
     assert shown["replaced_by"] == replaced_by
+
+
+@pytest.mark.parametrize("visibility", ["archived", "hidden"])
+def test_the_form_names_what_stands_where_something_can_be_sent(
+    api: "Api", alpha: "TeamBrowser", visibility: Literal["archived", "hidden"]
+) -> None:
+    api.phase("ended")
+    submission_id = api.submit("a", phase="ended").json()["id"]
+    api.score(submission_id)
+    assert f'<a href="/submissions/{submission_id}">' in alpha.get("/submit").text
+    with api.database.write() as session:
+        update_phase(session, "ended", PhaseChange(visibility=visibility), actor="test")
+    form = alpha.get("/submit")
+    assert form.status_code == 200
+    assert "data-upload" in form.text
+    assert f'<a href="/submissions/{submission_id}">' not in form.text
 
 
 def test_the_same_bytes_again_lead_to_the_first_page_and_say_so(alpha: "TeamBrowser") -> None:

@@ -131,10 +131,12 @@ def _submit_page(
     team = None if browser is None else browser.principal.team_name
     upload = None
     if browser is not None and team is not None and Scope.SUBMIT in browser.principal.scopes:
+        open_phases = _to_submit_to(phases)
+        ids = {one.id for one in open_phases}
         upload = {
             "team": team,
-            "phases": _to_submit_to(phases),
-            "standing": standing,
+            "phases": open_phases,
+            "standing": [one for one in standing if one.phase in ids],
             "wanted": wanted,
             "form_token": browser.form_token,
             "typed": texts,
