@@ -14,12 +14,15 @@ from sqlalchemy import select, update
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import (
     ConcurrentQuotaExceeded,
+    Conflict,
     QuotaExceeded,
     RejectedCapExceeded,
 )
+from exceptiondrive_records.participation.allowances import set_allowance
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.rescoring.retry import retry_submission
 from exceptiondrive_records.submissions.submissions import accept, withdraw
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import create_team
@@ -216,6 +219,53 @@ def test_our_own_failures_cost_no_quota(make_world: Callable[..., World]) -> Non
     with world.database.write() as session:
         jobs.finish_failed(session, claim, "internal", "We failed.", retry=False)
     assert not world.submit("two").is_duplicate
+
+
+def fail(world: World, content: str) -> str:
+    accepted = world.submit(content)
+    submission_id: str = accepted.submission.id
+    claim = world.claim(accepted.job_id)
+    with world.database.write() as session:
+        jobs.finish_failed(session, claim, "split_day_full", "Later.", retry=False)
+    return submission_id
+
+
+def test_what_fails_counts_among_the_files_of_a_day_without_a_score(
+    make_world: Callable[..., World],
+) -> None:
+    world = make_world(quota_per_day=5, rejected_per_day=2)
+    reject(world, "wrong")
+    fail(world, "right")
+    assert (quota(world).used_today, quota(world).rejected_today) == (0, 2)
+    with pytest.raises(RejectedCapExceeded, match="2 files of your team brought no score"):
+        world.submit("one more")
+
+
+@pytest.mark.parametrize("limits", [{"quota_per_day": 2}, {"quota_per_day": 9, "quota_total": 2}])
+def test_what_failed_is_tried_again_only_within_the_quota(
+    make_world: Callable[..., World], limits: dict[str, int]
+) -> None:
+    world = make_world(**limits)
+    first, second, third = (fail(world, content) for content in ("one", "two", "three"))
+    with world.database.write() as session:
+        retry_submission(session, first, actor="test")
+        retry_submission(session, third, actor="test")
+    assert quota(world).remaining_today == 0
+    with (
+        world.database.write() as session,
+        pytest.raises(Conflict, match="raise the team's limits"),
+    ):
+        retry_submission(session, second, actor="test")
+    with world.database.write() as session:
+        given: dict[str, Any] = {
+            "quota_per_day": 3,
+            "quota_total": 3,
+            "reason": "it was ours",
+            "actor": "test",
+        }
+        set_allowance(session, "alpha", "dev", **given)
+        retry_submission(session, second, actor="test")
+    assert quota(world).used_total == 3
 
 
 def test_a_withdrawn_submission_stays_counted(make_world: Callable[..., World]) -> None:

@@ -210,7 +210,7 @@ class PhaseSettings(Document):
         ge=1,
         le=10_000,
         title="Wrong files a day",
-        description="Of a team, per UTC day.",
+        description="Of a team, per UTC day: files that are rejected, or that we fail to score.",
     )
     shows_reported: bool = Field(
         default=False,

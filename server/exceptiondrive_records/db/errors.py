@@ -87,7 +87,7 @@ class QuotaExceeded(RecordsError):
 
 
 class RejectedCapExceeded(RecordsError):
-    """Too many files of the team were rejected today."""
+    """Too many files of the team were rejected, or failed, today."""
 
     code = ProblemCode.REJECTED_CAP_EXCEEDED
 
@@ -95,7 +95,7 @@ class RejectedCapExceeded(RecordsError):
         self.limit = limit
         self.resets_at = resets_at
         super().__init__(
-            f"{limit} files of your team were rejected today, which is the limit. Run "
+            f"{limit} files of your team brought no score today, which is the limit. Run "
             "`exceptiondrive check FILE` before you submit; "
             f"the next day begins at {resets_at:%Y-%m-%d %H:%M} UTC."
         )

@@ -1,5 +1,6 @@
-"""What a team may still submit: submissions per UTC day and in total; rejected ones are capped."""
+"""What a team may still submit: submissions per UTC day and in total; what brought no score is capped."""
 
+from datetime import datetime
 from functools import cache
 from typing import Any
 
@@ -19,15 +20,21 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.submission import Quota, SubmissionStatus
 
 COSTS_NOTHING = (SubmissionStatus.REJECTED, SubmissionStatus.FAILED)
-"""A wrong file costs no quota, nor does our own failure. A withdrawn submission does, unless another
-one counts in its place, as its team confirmed."""
+"""A wrong file costs no quota, nor does our own failure: both count among the files of a day that may
+bring no score. A withdrawn submission costs, unless another one counts in its place, as its team
+confirmed."""
 WAITING = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED, SubmissionStatus.SCORING)
 
 
-def quota_of(session: Session, team_id: int, phase: Phase) -> Quota:
-    """Return what the team has used and may still use."""
-    now = database_now(session)
-    given = {"team": team_id, "phase": phase.id, "today": start_of_day(now)}
+def quota_of(session: Session, team_id: int, phase: Phase, day: datetime | None = None) -> Quota:
+    """Return what the team has used and may still use today, or of the day of another moment."""
+    now = database_now(session) if day is None else day
+    given = {
+        "team": team_id,
+        "phase": phase.id,
+        "today": start_of_day(now),
+        "tomorrow": next_day(now),
+    }
     found = session.execute(_used_and_granted(), given).one()
     per_day = found.quota_per_day or phase.quota_per_day
     total = found.quota_total or phase.quota_total
@@ -54,8 +61,9 @@ def _used_and_granted() -> Select[Any]:
     """What a team has used of a phase, and what of it was granted to the team alone, if anything was."""
     is_asked_about = Submission.confirmed_as.is_not(None)
     is_counted = ~is_one_of(Submission.status, COSTS_NOTHING) & ~is_asked_about
-    is_rejected = (Submission.status == SubmissionStatus.REJECTED) | is_asked_about
-    is_of_today = Submission.received_at >= bindparam("today")
+    is_rejected = is_one_of(Submission.status, COSTS_NOTHING) | is_asked_about
+    received_at = Submission.received_at
+    is_of_today = (received_at >= bindparam("today")) & (received_at < bindparam("tomorrow"))
     used = (
         select(
             func.count().filter(is_counted).label("used_total"),
@@ -76,7 +84,7 @@ def require_quota(quota: Quota) -> None:
 
     Raises:
         QuotaExceeded: The day's or the total quota is used up.
-        RejectedCapExceeded: Too many files were rejected today.
+        RejectedCapExceeded: Too many files were rejected, or failed, today.
         ConcurrentQuotaExceeded: Too many submissions of the team still wait for their score: more
             than the phase lets wait at once, or more than may turn out to be wrong today.
     """

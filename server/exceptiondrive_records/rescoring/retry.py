@@ -5,9 +5,10 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.errors import Conflict, NotFound
+from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.db.identifiers import checked_reason
 from exceptiondrive_records.phases.policy import has_revealed
+from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.phases.scoring_keys import key_of_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.fan_out import score_waiting_under
@@ -42,15 +43,23 @@ def retry_submission(
     Raises:
         InvalidRecord: The reason cannot be kept.
         NotFound: No such submission.
-        Conflict: It has not failed, or the team has submitted the same bytes again since.
+        Conflict: It has not failed, the team has submitted the same bytes again since, or it has used
+            its quota without this one, which cost nothing and will.
     """
-    submission = session.get(Submission, submission_id, with_for_update=True)
-    if submission is None:
-        raise NotFound("submission", submission_id)
+    team_id = lock_team(session, find_submission(session, submission_id).team_id).id
+    submission = session.get_one(
+        Submission, submission_id, with_for_update=True, populate_existing=True
+    )
     if submission.status is not SubmissionStatus.FAILED:
         raise Conflict(f"The submission is {submission.status}; only failed ones can be retried.")
     if _same_bytes_since(session, submission):
         raise Conflict("The team has submitted the same file again since; that one counts.")
+    phase = session.get_one(Phase, submission.phase_id)
+    if quota_of(session, team_id, phase, submission.received_at).remaining_today == 0:
+        raise Conflict(
+            "It cost no quota, and the team has used all of it, of that day or of the phase. To have "
+            "this one scored as well, raise the team's limits first."
+        )
     now = database_now(session)
     ended = Job.state.in_((WorkState.FAILED, WorkState.DEAD))
     query = select(Job).where(Job.submission_id == submission_id, ended).with_for_update()
@@ -59,7 +68,6 @@ def retry_submission(
     submission.status = SubmissionStatus.RECEIVED
     submission.status_at = now
     submission.failure_code = submission.failure_message = None
-    phase = session.get_one(Phase, submission.phase_id)
     score_waiting_under(session, phase.id, key_of_phase(phase))
     detail = {} if reason is None else {"reason": checked_reason(reason)}
     audit(session, actor, "scoring retried by hand", submission_id, detail)

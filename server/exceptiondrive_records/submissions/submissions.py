@@ -223,7 +223,7 @@ def accept(
         NotAllowed: The team waits for approval, is disqualified, or has not accepted the terms.
         PhaseClosed: The phase takes no submissions now.
         QuotaExceeded: The quota of the day, or the total one, is used up.
-        RejectedCapExceeded: Too many files were rejected today.
+        RejectedCapExceeded: Too many files were rejected, or failed, today.
         ConcurrentQuotaExceeded: Too many submissions of the team still wait.
     """
     phase = find_phase(session, phase_id)

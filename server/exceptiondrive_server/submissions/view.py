@@ -240,7 +240,9 @@ def left_words(quota: Quota) -> str:
     elif quota.total is not None:
         words += f", {quota.left_in_all} of {quota.total} in all"
     if quota.rejected_today >= quota.rejected_per_day:
-        return f"{words}; {quota.rejected_today} files rejected, which is the limit of a day"
+        return (
+            f"{words}; {quota.rejected_today} files brought no score, which is the limit of a day"
+        )
     left = quota.rejected_per_day - quota.rejected_today
     return f"{words}; {left} wrong {'file' if left == 1 else 'files'} more may be sent today"
 

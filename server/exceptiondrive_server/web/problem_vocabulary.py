@@ -135,8 +135,9 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = MappingProxyType(
         ),
         ProblemCode.REJECTED_CAP_EXCEEDED: ProblemKind(
             429,
-            "Too many rejected files today",
-            "Rejected files cost no quota, but their number per day is capped.",
+            "Too many files without a score today",
+            "Rejected files cost no quota, nor do those that could not be scored, but their number per "
+            "day is capped.",
             (
                 (
                     "Check files on your own machine first: `exceptiondrive check FILE` finds the same "
