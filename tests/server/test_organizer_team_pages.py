@@ -55,13 +55,15 @@ def badges(browser: "TeamBrowser", page: str) -> list[str]:
 def settings(browser: "TeamBrowser", page: str) -> dict[str, str]:
     """What the fields of a page hold, as a browser would send them."""
     text = browser.get(page).text
-    found = dict(re.findall(r'<input[^>]*name="([a-z_0-9]+)"[^>]*value="([^"]*)"', text))
+    found = dict(re.findall(r'<input[^>]*name="([a-z_0-9.]+)"[^>]*value="([^"]*)"', text))
     for name in re.findall(r'type="checkbox" name="([a-z_]+)" value="yes">', text):
         found.pop(name, None)
     for name, body in re.findall(r'<select name="([a-z_]+)"[^>]*>(.*?)</select>', text):
         chosen = re.search(r'value="([^"]*)" selected', body)
         found[name] = chosen[1] if chosen else ""
-    for name, body in re.findall(r'<textarea name="([a-z_]+)"[^>]*>(.*?)</textarea>', text):
+    for name, body in re.findall(
+        r'<textarea\s+name="(\w+)"[^>]*>(.*?)</textarea>', text, re.DOTALL
+    ):
         found[name] = body
     found.pop("back", None)
     return found
@@ -173,7 +175,7 @@ def test_a_phase_is_made_and_a_deadline_is_moved(
         "quota_total": [20, 9],
     }
     assert "phase changed" in organizer.get(here).text
-    past = organizer.send(here, {**form, "closes_at": "2001-01-01T00:00"})
+    past = organizer.send(here, {**settings(organizer, here), "closes_at": "2001-01-01T00:00"})
     assert (past.status_code, "closes_at lies in the past" in past.text) == (400, True)
 
 
@@ -209,3 +211,81 @@ def test_a_phase_is_said_to_be_upcoming_open_or_closed(
     assert badges(one, f"{PHASES}/next")[0] == word
     row = one.get(PHASES).text.split('href="/organize/phases/next"')[1]
     assert re.findall(r'class="badge st [^"]*">([^<]*)<', row)[0] == word
+
+
+WHY = {"reason": "as announced"}
+RULES = "Be kind.\r\nBe fast."
+PAGES = (
+    (f"{PHASES}/dev", {"title": "Mine"}, {"quota_per_day": "7", "opens_at": "2026-10-01T00:00:05"}),
+    (f"{PHASES}/dev", {"quota_per_day": "7"}, {"title": "Theirs", "rules": RULES}),
+    ("/organize/site", {"contact": "ada@example.org"}, {"paper_url": "https://example.org/p"}),
+    (f"{TEAMS}/alpha/change", {"affiliation": "Mine"}, {"name": "Theirs"}),
+    (f"{TEAMS}/alpha/limits/dev", {"quota_per_day": "7"}, {"quota_total": "9"}),
+)
+
+
+@pytest.mark.parametrize(("page", "mine", "theirs"), PAGES)
+def test_what_one_leaves_alone_is_not_taken_back_from_another(
+    organizer: "TeamBrowser", page: str, mine: dict[str, str], theirs: dict[str, str]
+) -> None:
+    shown = settings(organizer, page)
+    assert organizer.send(page, {**shown, **WHY, **theirs}).status_code == 303
+    assert organizer.send(page, {**shown, **WHY, **mine}).status_code == 303
+    after = settings(organizer, page)
+    changed = {**mine, **theirs}
+    assert {name: after[name].replace("\n", "\r\n") for name in changed} == changed
+
+
+@pytest.mark.parametrize(
+    ("page", "name", "values"),
+    [
+        (f"{PHASES}/dev", "closes_at", ("2100-01-01T00:00:00", "2100-02-02T00:00:00")),
+        (f"{PHASES}/dev", "rules", ("Be kind.", "Be fast.")),
+        ("/organize/site", "paper_url", ("https://example.org/a", "https://example.org/b")),
+        (f"{TEAMS}/alpha/change", "name", ("Alef", "Aleph")),
+        (f"{TEAMS}/alpha/limits/dev", "quota_per_day", ("7", "8")),
+    ],
+)
+def test_what_two_change_at_once_is_refused_to_the_second_until_it_is_said_again(
+    organizer: "TeamBrowser", page: str, name: str, values: tuple[str, str]
+) -> None:
+    first, second = values
+    shown = settings(organizer, page)
+    assert organizer.send(page, {**shown, **WHY, name: first}).status_code == 303
+    refused = organizer.send(page, {**shown, **WHY, name: second})
+    assert refused.status_code == 409
+    assert "Changed by somebody else since this page was shown" in refused.text
+    assert f"which is {first} now" in refused.text
+    assert settings(organizer, page)[name] == first
+    assert second in refused.text
+    mark = re.search(rf'name="was.{name}" value="(\w+)"', refused.text)
+    assert mark is not None
+    again = {**shown, **WHY, name: second, f"was.{name}": mark[1]}
+    assert organizer.send(page, again).status_code == 303
+    assert settings(organizer, page)[name] == second
+
+
+def test_a_refused_form_shows_what_was_changed_meanwhile_in_what_was_left_alone(
+    one: "TeamBrowser",
+) -> None:
+    page = f"{PHASES}/dev"
+    shown = settings(one, page)
+    assert one.send(page, {**shown, "title": "Theirs"}).status_code == 303
+    refused = one.send(page, {**shown, "quota_per_day": "many"})
+    assert refused.status_code == 400
+    assert re.search(r'name="title"[^>]*value="Theirs"', refused.text)
+    assert 'value="many"' in refused.text
+
+
+@pytest.mark.parametrize(
+    "page",
+    [f"{PHASES}/dev", "/organize/site", f"{TEAMS}/alpha/change", f"{TEAMS}/alpha/limits/dev"],
+)
+def test_a_form_that_changes_nothing_says_so_and_leaves_no_line(
+    api: "Api", one: "TeamBrowser", page: str
+) -> None:
+    before = last_line(api).id
+    answer = one.send(page, {**settings(one, page), **WHY})
+    assert answer.headers["location"].endswith("?done=nothing_changed")
+    assert "Nothing was changed" in one.get(answer.headers["location"]).text
+    assert last_line(api).id == before

@@ -21,13 +21,14 @@ from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.rescoring.steps import RunLine, run_line
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import PostedForm, SignedIn
-from exceptiondrive_server.web.forms import filled, made, read, text_of, typed
+from exceptiondrive_server.web.forms import filled, is_changed, made, read, text_of, typed
 from exceptiondrive_server.web.organizer_frame import (
     OrganizerBrowser,
     duration_words,
     go,
     organizer_page,
 )
+from exceptiondrive_server.web.services import Services
 
 router = APIRouter(include_in_schema=False)
 SITE_FIELDS = fields_of(SiteLinks)
@@ -75,10 +76,7 @@ def show_overview(request: Request, services: ServicesOf, browser: OrganizerBrow
 @router.get("/organize/site")
 def show_site(request: Request, services: ServicesOf, browser: OrganizerBrowser) -> Response:
     """Show the links of header and footer."""
-    with services.database.read() as session:
-        links = values_of(SITE_FIELDS, site_links(session))
-    texts = {name: text_of(value) for name, value in links.items()}
-    return _site(request, browser, texts)
+    return _site(request, services, browser)
 
 
 @router.post("/organize/site")
@@ -87,28 +85,40 @@ def post_site(
 ) -> Response:
     """Set the links of header and footer."""
     try:
-        links = made(SiteLinks, SITE_FIELDS, read(SITE_FIELDS, form))
         with services.database.write() as session:
+            kept = _site_texts(session)
+            values = read(SITE_FIELDS, form, kept)
+            if not is_changed(values, kept):
+                return go("/organize/site", "nothing_changed")
+            links = made(SiteLinks, SITE_FIELDS, values)
             set_site_links(session, links, actor=browser.principal.actor)
     except RecordsError as refusal:
-        return _site(request, browser, typed(form), refusal)
+        return _site(request, services, browser, typed(form), refusal)
     services.site_state.forget()
     return go("/organize/site", "site_changed")
 
 
+def _site_texts(session: Session) -> dict[str, str]:
+    links = values_of(SITE_FIELDS, site_links(session))
+    return {name: text_of(value) for name, value in links.items()}
+
+
 def _site(
     request: Request,
+    services: Services,
     browser: SignedIn,
-    texts: Mapping[str, str],
+    texts: Mapping[str, str] | None = None,
     refusal: RecordsError | None = None,
 ) -> Response:
+    with services.database.read() as session:
+        kept = _site_texts(session)
     return organizer_page(
         request,
         browser,
         "operations/organizer_site.html",
         "site",
         refusal=refusal,
-        fields=filled(SITE_FIELDS, texts),
+        fields=filled(SITE_FIELDS, kept if texts is None else texts, kept),
     )
 
 

@@ -29,8 +29,8 @@ from exceptiondrive_records.participation.messages import (
     send_message,
 )
 from exceptiondrive_records.phases.allowances import allowance_of
-from exceptiondrive_records.phases.phases import find_phase, list_phases
-from exceptiondrive_records.submissions.submissions import find_submission
+from exceptiondrive_records.phases.phases import find_phase, list_phases, lock_phase
+from exceptiondrive_records.submissions.submissions import find_submission, lock_team
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team, list_teams
 from exceptiondrive_schemas.api.form_fields import FormField
@@ -134,6 +134,12 @@ def _import_page(
 @step_at(router, "/teams/{team_id}/change")
 def change(services: ServicesOf, team_id: Slug) -> Step:
     """Change name or affiliation."""
+
+    def kept(session: Session) -> dict[str, str]:
+        now = lock_team(session, find_team(session, team_id).id)
+        session.refresh(now)
+        return _names(now)
+
     with services.database.read() as session:
         team = find_team(session, team_id)
     return _step(
@@ -143,11 +149,16 @@ def change(services: ServicesOf, team_id: Slug) -> Step:
         "archived phases, stay as they are.",
         button="Change",
         fields=NAMES,
-        texts={"name": team.name, "affiliation": team.affiliation},
+        texts=_names(team),
+        kept=kept,
         command=f'exceptiondrive organizer teams change {team.slug} --name "…" --reason "…"',
         take=partial(change_team, slug=team_id),
         done="team_changed",
     )
+
+
+def _names(team: Team) -> dict[str, str]:
+    return {"name": team.name, "affiliation": team.affiliation}
 
 
 @step_at(router, "/teams/{team_id}/merge")
@@ -218,9 +229,19 @@ def _once_typed(team: Team, deed: Callable[..., Any]) -> Callable[..., Any]:
 @step_at(router, "/teams/{team_id}/limits/{phase_id}")
 def limits(services: ServicesOf, team_id: Slug, phase_id: Slug) -> Step:
     """Set the limits of one team in a phase."""
+
+    def texts(session: Session) -> dict[str, str]:
+        row = allowance_of(session, find_team(session, team_id).id, phase_id)
+        return {field.name: text_of(getattr(row, field.name, None)) for field in LIMITS[:-1]}
+
+    def kept(session: Session) -> dict[str, str]:
+        lock_phase(session, phase_id)
+        lock_team(session, find_team(session, team_id).id)
+        return texts(session)
+
     with services.database.read() as session:
         team, phase = find_team(session, team_id), find_phase(session, phase_id)
-        row = allowance_of(session, team.id, phase_id)
+        shown = texts(session)
     until = f"{phase.closes_at:%Y-%m-%d %H:%M} UTC" if phase.closes_at else "none"
     return _step(
         team,
@@ -229,7 +250,8 @@ def limits(services: ServicesOf, team_id: Slug, phase_id: Slug) -> Step:
         "upload is not late. What stays empty is as for all teams. The team is told.",
         button="Set the limits",
         fields=LIMITS,
-        texts={field.name: text_of(getattr(row, field.name, None)) for field in LIMITS[:-1]},
+        texts=shown,
+        kept=kept,
         facts=(
             ("Deadline for all", until),
             ("A day", str(phase.quota_per_day)),

@@ -22,7 +22,13 @@ from exceptiondrive_records.phases.changes import (
     reveal_names,
     update_phase,
 )
-from exceptiondrive_records.phases.phases import create_phase, find_phase, list_phases, phase_view
+from exceptiondrive_records.phases.phases import (
+    create_phase,
+    find_phase,
+    list_phases,
+    lock_phase,
+    phase_view,
+)
 from exceptiondrive_records.phases.policy import phase_now
 from exceptiondrive_records.phases.scoring_keys import list_runs
 from exceptiondrive_records.phases.tables import Phase
@@ -201,7 +207,7 @@ def show_new(
         return _new(request, services, browser, usual)
     with services.database.read() as session:
         phase = find_phase(session, like)
-        texts = {name: text_of(value) for name, value in values_of(SETTINGS, phase).items()}
+        texts = _texts(phase)
         protocol = find_protocol(session, phase.protocol_digest).version
         whole = whole_split(session, phase.split_name, phase.split_revision)
     made_of = {"challenge": phase.challenge, "split": whole.name, "split_revision": whole.revision}
@@ -233,10 +239,7 @@ def show_phase(
     request: Request, services: ServicesOf, browser: OrganizerBrowser, phase_id: PhaseId
 ) -> Response:
     """Show a phase: where it stands, its settings, its history."""
-    with services.database.read() as session:
-        now = values_of(SETTINGS, find_phase(session, phase_id))
-    texts = {name: text_of(value) for name, value in now.items()}
-    return _phase(request, services, browser, phase_id, texts)
+    return _phase(request, services, browser, phase_id)
 
 
 @router.post("/{phase_id}")
@@ -247,14 +250,17 @@ def post_phase(
     form: PostedForm,
     phase_id: PhaseId,
 ) -> Response:
-    """Change what differs from the phase; what would take back a promise is refused."""
+    """Change what was changed on the page; what would take back a promise is refused."""
     try:
-        values = read(SETTINGS, form)
         with services.database.write() as session:
-            now = values_of(SETTINGS, find_phase(session, phase_id))
+            phase = lock_phase(session, phase_id)
+            now = values_of(SETTINGS, phase)
+            values = read(SETTINGS, form, _texts(phase))
             changed = {
                 name: value for name, value in values.items() if not _is_same(now[name], value)
             }
+            if not changed:
+                return go(f"{HERE}/{phase_id}", "nothing_changed")
             change = made(PhaseChange, SETTINGS, changed)
             require_order_right(browser.principal, change)
             update_phase(session, phase_id, change, actor=browser.principal.actor)
@@ -346,11 +352,12 @@ def _phase(
     services: Services,
     browser: SignedIn,
     phase_id: str,
-    texts: Mapping[str, str],
+    texts: Mapping[str, str] | None = None,
     refusal: RecordsError | None = None,
 ) -> Response:
     with services.database.read() as session:
         phase = find_phase(session, phase_id)
+        kept = _texts(phase)
         seen = phase_view(session, phase, max_upload_bytes=services.settings.max_upload_bytes)
         now, seen_at = phase_now(session, phase), database_now(session)
         lines = history(session, phase_id, limit=HISTORY)
@@ -359,8 +366,9 @@ def _phase(
     return _page(
         request,
         browser,
-        texts,
+        kept if texts is None else texts,
         refusal,
+        kept,
         phase=seen,
         made_of=(),
         now=now,
@@ -380,6 +388,7 @@ def _page(
     browser: SignedIn,
     texts: Mapping[str, str],
     refusal: RecordsError | None,
+    kept: Mapping[str, str] | None = None,
     **values: Any,
 ) -> Response:
     settings = _of_new() if values["phase"] is None else SETTINGS
@@ -389,11 +398,16 @@ def _page(
         "phases/organizer_phase.html",
         "phases",
         refusal=refusal,
-        plain=filled([field for field in settings if field.part is None], texts),
-        page_fields=filled([field for field in settings if field.part == "page"], texts),
-        policy=filled([field for field in settings if field.part == "policy"], texts),
+        plain=filled([field for field in settings if field.part is None], texts, kept),
+        page_fields=filled([field for field in settings if field.part == "page"], texts, kept),
+        policy=filled([field for field in settings if field.part == "policy"], texts, kept),
         **values,
     )
+
+
+def _texts(phase: Phase) -> dict[str, str]:
+    """Return the settings of a phase as their fields show them."""
+    return {name: text_of(value) for name, value in values_of(SETTINGS, phase).items()}
 
 
 def _is_same(old: object, new: object) -> bool:

@@ -41,7 +41,7 @@ class Holder(StrEnum):
 
 FORM_TOKEN = "form_token"
 """What every form carries against forgery."""
-MAX_FIELDS = 40
+MAX_FIELDS = 100
 _FORGED = "The form did not come from this site, or is too old. Open the page again and send it."
 
 

@@ -1,5 +1,10 @@
-"""Small forms made from data: each field is one line, for the page and for reading it back."""
+"""Small forms made from data: each field is one line, for the page and for reading it back.
 
+A form of what is kept sends what each field showed at first (`was.NAME`): what somebody left alone is
+not theirs to change, and what two changed at once is refused to the second.
+"""
+
+import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,12 +14,13 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.datastructures import FormData
 
-from exceptiondrive_records.db.errors import InvalidRecord
+from exceptiondrive_records.db.errors import Conflict, InvalidRecord
 from exceptiondrive_schemas.api.form_fields import FormField, Kind, document_of
 from exceptiondrive_schemas.base import faults_in
 from exceptiondrive_schemas.datetimes import in_utc
 
 MAX_DIGITS = 9
+_WAS = "was."
 Model = TypeVar("Model", bound=BaseModel)
 
 
@@ -24,6 +30,8 @@ class Filled:
 
     field: FormField
     text: str
+    was: str | None = None
+    """Of a field of what is kept: stands for what is kept now."""
 
     @property
     def is_ticked(self) -> bool:
@@ -46,9 +54,27 @@ REASON = FormField(
 )
 
 
-def filled(fields: Sequence[FormField], texts: Mapping[str, str]) -> tuple[Filled, ...]:
-    """Return the fields with these texts; a missing one is empty."""
-    return tuple(Filled(field, texts.get(field.name, "")) for field in fields)
+def filled(
+    fields: Sequence[FormField], texts: Mapping[str, str], kept: Mapping[str, str] | None = None
+) -> tuple[Filled, ...]:
+    """Return the fields with these texts; a missing one is empty.
+
+    Args:
+        fields: Of the form.
+        texts: Of the fields, or all that was typed.
+        kept: What is kept of some fields now. One that was left alone shows it.
+    """
+    return tuple(_filled(field, texts, kept or {}) for field in fields)
+
+
+def _filled(field: FormField, texts: Mapping[str, str], kept: Mapping[str, str]) -> Filled:
+    text = texts.get(field.name, "")
+    if field.name not in kept:
+        return Filled(field, text)
+    now = kept[field.name]
+    if texts.get(_WAS + field.name) == _mark(_as_shown(field, text)):
+        text = now
+    return Filled(field, text, was=_mark(now))
 
 
 def typed(form: FormData) -> dict[str, str]:
@@ -59,24 +85,52 @@ def typed(form: FormData) -> dict[str, str]:
     }
 
 
-def read(fields: Sequence[FormField], form: FormData) -> dict[str, Any]:
+def read(
+    fields: Sequence[FormField], form: FormData, kept: Mapping[str, str] | None = None
+) -> dict[str, Any]:
     """Return the values of the fields; an empty one that may be empty is None.
+
+    Args:
+        fields: Of the form.
+        form: What was sent.
+        kept: What is kept of some fields now, as they show it. Of what was left alone this is returned.
 
     Raises:
         InvalidRecord: Something is missing or wrong; every field that is so is named.
+        Conflict: A field was changed here, and since the form was shown elsewhere.
     """
     values: dict[str, Any] = {}
-    faults = []
+    faults, changed_twice = [], []
     for field in fields:
         given = form.getlist(field.name) if field.kind == "several" else [form.get(field.name, "")]
         text = " ".join(map(str, given)).strip()
+        now, was = (kept or {}).get(field.name), form.get(_WAS + field.name)
         try:
-            values[field.name] = _value(field, text)
+            value = _value(field, text)
+            if now is not None and was not in (None, _mark(now)):
+                mine = _mark(text_of(value))
+                if mine == was:
+                    value = _value(field, now.strip())
+                elif mine != _mark(now):
+                    changed_twice.append(
+                        f"{field.label}, which is {now or ('no' if field.kind == 'yes' else 'empty')} now"
+                    )
+            values[field.name] = value
         except ValueError as error:
             faults.append(f"{field.label}: {error}.")
     if faults:
         raise InvalidRecord(" ".join(faults))
+    if changed_twice:
+        raise Conflict(
+            f"Changed by somebody else since this page was shown: {'; '.join(changed_twice)}. What you "
+            "typed still stands below; send it again to have it so."
+        )
     return values
+
+
+def is_changed(values: Mapping[str, Any], kept: Mapping[str, str]) -> bool:
+    """Whether a value differs from what is kept of its field; seconds are the finest that a form knows."""
+    return any(_mark(text_of(values[name])) != _mark(text) for name, text in kept.items())
 
 
 def made(model: type[Model], fields: Sequence[FormField], values: Mapping[str, Any]) -> Model:
@@ -104,6 +158,19 @@ def text_of(value: object) -> str:
     if isinstance(value, datetime):
         return value.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%S")
     return str(value)
+
+
+def _as_shown(field: FormField, text: str) -> str:
+    try:
+        return text_of(_value(field, text.strip()))
+    except ValueError:
+        return text
+
+
+def _mark(text: str) -> str:
+    """Return what stands for a text, however a browser ends its lines."""
+    plain = text.replace("\r\n", "\n").strip()
+    return hashlib.sha256(plain.encode()).hexdigest()[:16]
 
 
 def _value(field: FormField, text: str) -> Any:

@@ -1,12 +1,13 @@
 """Around every page of the organizers: who may see it, what all of them carry, and their steps."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Request
 from fastapi.responses import RedirectResponse, Response
+from sqlalchemy.orm import Session
 from starlette.datastructures import FormData
 
 from exceptiondrive_records.accounts.tokens import Principal
@@ -15,7 +16,7 @@ from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import Browser, PhaseNeeded, PostedForm, SignedIn
-from exceptiondrive_server.web.forms import filled, read, typed
+from exceptiondrive_server.web.forms import filled, is_changed, read, typed
 from exceptiondrive_server.web.organizer_rights import require_right
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 from exceptiondrive_server.web.responses import private_page
@@ -35,6 +36,7 @@ DONE: Mapping[str, str] = MappingProxyType(
         "message_sent": "The message stands in the inboxes, and goes to the confirmed addresses.",
         "token_revoked": "The token is revoked. It no longer works.",
         "phase_created": "The phase is created.",
+        "nothing_changed": "Nothing was changed: all is as it was.",
         "site_changed": "The links are changed: every page shows them from now on.",
         "phase_changed": "The phase is changed; the audit log says from what to what.",
         "news_published": "The news are published, and every team is told.",
@@ -166,6 +168,8 @@ class Step:
     fields: tuple[FormField, ...] = ()
     texts: Mapping[str, str] = field(default_factory=dict)
     """What stands in the fields at first."""
+    kept: Callable[[Session], Mapping[str, str]] | None = None
+    """Where the fields show what is kept: locks it, and tells it as `texts` does."""
     facts: tuple[tuple[str, str | tuple[str, ...]], ...] = ()
     """Name and words; several lines where there are several."""
     command: str = ""
@@ -218,7 +222,9 @@ def step_page(
         step.section,
         refusal=refusal,
         step=step,
-        fields=filled(step.fields, step.texts if texts is None else texts),
+        fields=filled(
+            step.fields, step.texts if texts is None else texts, step.texts if step.kept else None
+        ),
     )
 
 
@@ -227,8 +233,12 @@ def take_step(
 ) -> Response:
     """Take a step in one transaction, and lead on; a refusal shows the step again."""
     try:
-        values = read(step.fields, form)
         with services.database.write() as session:
+            kept = {} if step.kept is None else step.kept(session)
+            step = replace(step, texts=kept or step.texts)
+            values = read(step.fields, form, kept)
+            if kept and not is_changed(values, kept):
+                return go(step.back, "nothing_changed")
             came = step.take(session, **values, actor=browser.principal.actor)
             address = step.back if step.onward is None else step.onward(came)
     except NotFound:
