@@ -263,6 +263,26 @@ def test_families_are_absent_everywhere_until_their_date(life: "Life") -> None:
     assert tend_phases(life.database) == 0
     assert {family["id"] for family in life.board()["families"]} >= {"sudden_emergence"}
     assert life.json(f"/api/v1/entries/{mine}")["sheet"]["families"] != {}
+    refuses_to_hide_families(life)
+    withdrawn = f"/api/v1/submissions/{mine}/withdraw"
+    assert life.request("POST", withdrawn, "alpha", json={"reason": "wrong"}).status_code == 200
+    life.change({"visibility": "hidden"})
+    refuses_to_hide_families(life)
+
+
+def test_families_that_no_entry_has_shown_can_be_hidden(life: "Life") -> None:
+    plain(life, showing={"families_from": life.ahead(-5)})
+    life.work()
+    assert life.board()["families"], "of the reference rows"
+    life.change({"policy": {"families_from": life.ahead(9)}})
+    life.work()
+    assert life.board()["families"] == []
+    life.change({"policy": {"families_from": None}})
+    submit(life, "alpha", 3.0)
+    refuses_to_hide_families(life)
+
+
+def refuses_to_hide_families(life: "Life") -> None:
     words = life.refused("/phases/test", {"policy": {"families_from": life.ahead(9)}}, 409, "PATCH")
     assert "have been shown" in words
 
