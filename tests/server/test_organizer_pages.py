@@ -173,7 +173,9 @@ def test_submissions_are_narrowed_and_paged(
     assert len({*first, *re.findall(r"Alpha \d", page)}) == 3
     assert "Beta 1" not in page
     assert "No submission matches" in organizer.get("/organize/submissions?status=scored").text
-    assert organizer.get("/organize/submissions?team=nobody").status_code == 404
+    for typo in ("team=nobody", "phase=nowhere"):
+        assert organizer.get(f"/organize/submissions?{typo}").status_code == 404
+        assert organizer.get(f"/organize/submissions/archive?{typo}").status_code == 404
 
 
 def test_a_failed_submission_is_tried_again_with_a_reason(
