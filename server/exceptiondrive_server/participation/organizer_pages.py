@@ -35,6 +35,7 @@ from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team, list_teams
 from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_schemas.printable import counted
+from exceptiondrive_server.participation.queries import allowance_view
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import PostedForm
 from exceptiondrive_server.web.forms import REASON, filled, read, text_of, typed
@@ -221,6 +222,7 @@ def limits(services: ServicesOf, team_id: Slug, phase_id: Slug) -> Step:
     with services.database.read() as session:
         team, phase = find_team(session, team_id), find_phase(session, phase_id)
         row = allowance_of(session, team.id, phase_id)
+        own = None if row is None else allowance_view(phase, row)
     until = f"{phase.closes_at:%Y-%m-%d %H:%M} UTC" if phase.closes_at else "none"
     return _step(
         team,
@@ -229,7 +231,7 @@ def limits(services: ServicesOf, team_id: Slug, phase_id: Slug) -> Step:
         "upload is not late. What stays empty is as for all teams. The team is told.",
         button="Set the limits",
         fields=LIMITS,
-        texts={field.name: text_of(getattr(row, field.name, None)) for field in LIMITS[:-1]},
+        texts={field.name: text_of(getattr(own, field.name, None)) for field in LIMITS[:-1]},
         facts=(
             ("Deadline for all", until),
             ("A day", str(phase.quota_per_day)),
