@@ -72,6 +72,10 @@ def test_a_frozen_board_stays_while_scoring_goes_on(life: "Life", scores: str) -
     assert frozen_since is not None
     late = submit(life, "beta", 1.0, "Secret")
     assert life.get("/api/v1/leaderboard?phase=test").text == before
+    line = life.json("/api/v1/organizer/audit?action=board built", "organizer")[0]
+    assert (line["subject"], line["detail"]["kept_back"]) == ("test", "the board is frozen")
+    lines = life.json("/api/v1/organizer/audit?action=board published", "organizer")
+    assert line["detail"]["number"] > max(each["detail"]["number"] for each in lines)
     seen = public_texts(life, late)
     for path, text in seen.items():
         assert "Secret" not in text, path
@@ -123,6 +127,11 @@ def test_a_board_freezes_by_its_date_and_no_update_shows_what_it_hides(life: "Li
     body = {"preview": preview["digest"], "reason": "new"}
     assert "frozen since" in life.refused(f"/rescoring/{run}/apply", body, 409)
     assert life.entry_ids() == shown
+    built = life.json("/api/v1/organizer/audit?action=board built", "organizer")
+    assert {each["detail"]["kept_back"] for each in built} == {
+        "it is a draft",
+        "the board is frozen",
+    }
 
 
 def _protocol(version: str) -> str:
