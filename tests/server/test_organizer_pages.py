@@ -269,7 +269,9 @@ def test_the_log_is_narrowed_to_days_and_a_kind(
     for nothing in ("since=2999-01-01", "until=2000-01-01", "since=9999-12-31", "action=none"):
         assert "No line matches" in organizer.get(f"/organize/audit?{nothing}").text
     assert "Line" in organizer.get("/organize/audit?since=&until=9999-12-31&action=").text
-    assert organizer.get("/organize/audit?since=lately").status_code == 400
+    wrong = organizer.get("/organize/audit?since=lately")
+    assert (wrong.status_code, "must be a day such as 2026-11-21" in wrong.text) == (400, True)
+    assert "since." not in wrong.text.split("missing or wrong: since.")[1], "the field alone"
 
 
 def test_the_log_is_filtered_paged_and_verified(
