@@ -148,6 +148,8 @@ def test_a_phase_is_made_and_a_deadline_is_moved(
     api_on_both: "Api", organizer: "TeamBrowser"
 ) -> None:
     new = f"{PHASES}/new"
+    assert "that <code>exceptiondrive data</code> downloads." in organizer.get(new).text
+    assert "`" not in re.sub(r"<script.*?</script>", "", organizer.get(new).text, flags=re.DOTALL)
     form = settings(organizer, new)
     assert (form["quota_per_day"], form["late_entries"]) == ("", "refused")
     form |= {"id": "final", "title": "Final", "challenge": "planning", "split": "sample"}
