@@ -185,7 +185,7 @@ def _model(kind: type[Model], given: object, noun: str, advice: str) -> Model:
         if kind is Manifest:  # of a server that may be newer
             return kind.read(data)
         return kind.model_validate_json(data)
-    except (UnreadableFileError, TypeError) as error:
+    except (UnreadableFileError, TypeError, RecursionError) as error:
         reason = str(error)
     except ValidationError as error:
         reason = faults_in(error)[0]

@@ -72,7 +72,7 @@ def extra_fields(text: str | None) -> dict[str, Any]:
         return {}
     try:
         extra = json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise AgentError(f"--extra-body: not JSON: {error}") from None
     if not isinstance(extra, dict):
         raise AgentError("--extra-body: expected a JSON object")

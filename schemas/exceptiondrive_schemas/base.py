@@ -9,7 +9,13 @@ import json
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+)
 
 from exceptiondrive_schemas.python310 import Self
 from exceptiondrive_schemas.short import html, short
@@ -74,6 +80,18 @@ def faults_in(error: ValidationError) -> list[str]:
     places = (".".join(map(str, each["loc"])) for each in found)
     words = (each["msg"].removeprefix("Value error, ") for each in found)
     return [f"{at}: {said}" if at else said for at, said in zip(places, words, strict=True)]
+
+
+def in_words(words: str) -> WrapValidator:
+    """Return what stands after a type, and says in these words that a value is none of it."""
+
+    def read_or_say(value: Any, read: ValidatorFunctionWrapHandler) -> Any:
+        try:
+            return read(value)
+        except ValidationError:
+            raise ValueError(words) from None
+
+    return WrapValidator(read_or_say)
 
 
 def canonical_json(value: Any) -> bytes:

@@ -6,11 +6,13 @@ from typing import Annotated
 
 from pydantic import AfterValidator, AwareDatetime, BeforeValidator, Field
 
+from exceptiondrive_schemas.base import in_words
 from exceptiondrive_schemas.python310 import UTC
 
 _DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
 _BLANK_ZONE = re.compile(r"(T[0-9:.]+) ([0-9]{2}:?[0-9]{2})$")
 _SENTENCE = "must be {} such as 2026-11-21T12:00:00Z"
+_DATE_OR_TIME = _SENTENCE.format("a date such as 2026-11-21 or a time")
 
 
 def in_utc(time: datetime) -> datetime:
@@ -44,7 +46,7 @@ def _date_or_time(value: object) -> object:
     if not isinstance(value, str):
         return value
     if _DATE.match(value) is None:
-        raise ValueError(_SENTENCE.format("a date such as 2026-11-21 or a time"))
+        raise ValueError(_DATE_OR_TIME)
     try:
         return date.fromisoformat(value)
     except ValueError:
@@ -60,11 +62,17 @@ def _moment_in_utc(value: datetime | date) -> datetime | date:
 Time = Annotated[
     AwareDatetime,
     Field(strict=False),
+    in_words(_SENTENCE.format("a time with its zone,")),
     BeforeValidator(_text_or_time),
     AfterValidator(in_utc),
 ]
 """A time with its zone, kept in UTC; text in every form of JSON."""
-Moment = Annotated[datetime | date, BeforeValidator(_date_or_time), AfterValidator(_moment_in_utc)]
+Moment = Annotated[
+    datetime | date,
+    in_words(_DATE_OR_TIME),
+    BeforeValidator(_date_or_time),
+    AfterValidator(_moment_in_utc),
+]
 """A time, or a whole day."""
 
 

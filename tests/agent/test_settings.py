@@ -50,6 +50,7 @@ def test_another_protocol_brings_its_own_taxonomy(tmp_path: Path) -> None:
         ("base_url", "localhost:8000", "--base-url: expected http"),
         ("base_url", "https://me:secret@host/v1", "no user or password"),
         ("extra_body", "{", "--extra-body: not JSON"),
+        ("extra_body", "[" * 5000, "--extra-body: not JSON"),
         ("extra_body", "[1]", "--extra-body: expected a JSON object"),
         ("extra_body", '{"messages": []}', "the agent sets messages itself"),
         ("price_in", 1.0, "give both"),

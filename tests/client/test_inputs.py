@@ -52,6 +52,13 @@ def waypoints() -> pd.DataFrame:
     return pd.DataFrame(rows).sample(frac=1, random_state=1)  # in no order
 
 
+def nested(depth: int) -> list[Any]:
+    outer: list[Any] = []
+    for _ in range(depth):
+        outer = [outer]
+    return outer
+
+
 @pytest.fixture
 def document() -> dict[str, Any]:
     predictions = [
@@ -203,6 +210,7 @@ def test_a_client_submits_what_is_in_memory(working: "Running") -> None:
         lambda split: check_file(b"{}", protocol="9.9"),
         lambda split: check_file(b"{}", protocol=split),
         lambda split: evaluate_file(b"{}", split={"schema": "x"}),
+        lambda split: evaluate_file(b"{}", split={"samples": nested(5000)}),
         lambda split: evaluate_file(b"{}", split=split),
         lambda split: evaluate_file({"sample_id": ["a"], "source": []}, split=split),
         lambda split: evaluate_file(pd.DataFrame({"trajectory": ["source"]}), split=split),

@@ -1,5 +1,7 @@
 """Backup and restore: what was accepted, scored and said comes back, on either database."""
 
+import io
+import tarfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -172,4 +174,15 @@ def test_what_is_no_backup_is_refused(sqlite_path: Path) -> None:
     path = sqlite_path.parent / "notes.txt"
     path.write_text("hello")
     with pytest.raises(BackupError, match="not a whole backup"):
+        restore_backup(path, f"sqlite:///{sqlite_path}", FileStore("memory://"))
+
+
+def test_a_backup_whose_head_is_nested_too_deeply_is_refused(sqlite_path: Path) -> None:
+    path = sqlite_path.parent / "deep.tar"
+    head = b"[" * 50_000
+    with tarfile.open(path, "w") as archive:
+        member = tarfile.TarInfo("backup.json")
+        member.size = len(head)
+        archive.addfile(member, io.BytesIO(head))
+    with pytest.raises(BackupError, match="head of the backup cannot be read"):
         restore_backup(path, f"sqlite:///{sqlite_path}", FileStore("memory://"))

@@ -132,6 +132,12 @@ def test_a_list_of_objects_is_taken_as_a_table_is(scored: "Life") -> None:
     assert rows_of(made)[0]["method"] == "Far Planner"
 
 
+def test_a_number_beyond_all_measures_is_refused_in_words(scored: "Life") -> None:
+    (line,) = csv.DictReader(io.StringIO(ROWS))
+    words = scored.refused(PATH, sent(json.dumps([{**line, "hcc": 10**400}])), 400)
+    assert "write a number such as 0.1964" in words
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -142,6 +148,7 @@ def test_a_list_of_objects_is_taken_as_a_table_is(scored: "Life") -> None:
         ({REVISION: "abc"}, "Line 3: split_revision is 'abc': write it in full"),
         ({",1.0,": ",,"}, "Line 3: It does not tell protocol"),
         ({"3181": "many"}, "Line 3: n_samples is 'many'"),
+        ({"3181": "9" * 5000}, "Line 3: n_samples is '99"),
         ({"micro": "mean"}, "Line 3: average is 'mean': write micro or macro_family"),
         ({"Far Planner": "Far\u202ePlanner"}, "Line 3: The method holds characters"),
         ({"Far Planner": ""}, "Line 3: It does not tell method"),
@@ -171,6 +178,10 @@ def test_a_bad_line_is_named_with_its_cure_and_nothing_is_imported(
         (ROWS.replace("team,hcc", "hcc,hcc"), "names the column hcc twice"),
         (f'{HEAD}\n"{LINE}', "no table as CSV"),
         ("{", "is no JSON"),
+        ("[" * 5000, "nested too deeply: write a list of objects"),
+        ("{}\n" + "[" * 5000, "nested too deeply: write a list of objects"),
+        ('[{"hcc": %s}]' % ("9" * 5000), "A number of the file has too many digits"),
+        ('{}\n{"hcc": %s}' % ("9" * 5000), "Line 2: A number has too many digits"),
         ("[1]", "Row 1 is no JSON object"),
         ('{"entries": []}', "no board of an ExceptionDrive site"),
         ('{"evaluation_results": []}', "not made by ExceptionDrive"),

@@ -13,6 +13,14 @@ LATER = "2126-11-21T12:00:00Z"
 LATER_STILL = "2126-12-21T12:00:00Z"
 
 
+@pytest.mark.parametrize("time", ["2127-05-01T12:00:00", "2127-05-01", "2127-13-01T00:00:00Z"])
+def test_a_time_without_a_zone_is_refused_in_words(life: "Life", time: str) -> None:
+    life.make_phase(split="plain")
+    answer = life.organize("/phases/test", {"closes_at": time}, "PATCH")
+    words = "must be a time with its zone, such as 2026-11-21T12:00:00Z"
+    assert (answer.status_code, answer.json()["fields"]) == (400, {"closes_at": words})
+
+
 def test_every_setting_can_be_shown_in_a_form() -> None:
     for name, field in PhasePolicy.model_fields.items():
         assert field.title, name

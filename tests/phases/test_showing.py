@@ -72,6 +72,10 @@ def test_a_frozen_board_stays_while_scoring_goes_on(life: "Life", scores: str) -
     assert frozen_since is not None
     late = submit(life, "beta", 1.0, "Secret")
     assert life.get("/api/v1/leaderboard?phase=test").text == before
+    line = life.json("/api/v1/organizer/audit?action=board built", "organizer")[0]
+    assert (line["subject"], line["detail"]["kept_back"]) == ("test", "the board is frozen")
+    lines = life.json("/api/v1/organizer/audit?action=board published", "organizer")
+    assert line["detail"]["number"] > max(each["detail"]["number"] for each in lines)
     seen = public_texts(life, late)
     for path, text in seen.items():
         assert "Secret" not in text, path
@@ -123,6 +127,11 @@ def test_a_board_freezes_by_its_date_and_no_update_shows_what_it_hides(life: "Li
     body = {"preview": preview["digest"], "reason": "new"}
     assert "frozen since" in life.refused(f"/rescoring/{run}/apply", body, 409)
     assert life.entry_ids() == shown
+    built = life.json("/api/v1/organizer/audit?action=board built", "organizer")
+    assert {each["detail"]["kept_back"] for each in built} == {
+        "it is a draft",
+        "the board is frozen",
+    }
 
 
 def _protocol(version: str) -> str:
@@ -263,6 +272,26 @@ def test_families_are_absent_everywhere_until_their_date(life: "Life") -> None:
     assert tend_phases(life.database) == 0
     assert {family["id"] for family in life.board()["families"]} >= {"sudden_emergence"}
     assert life.json(f"/api/v1/entries/{mine}")["sheet"]["families"] != {}
+    refuses_to_hide_families(life)
+    withdrawn = f"/api/v1/submissions/{mine}/withdraw"
+    assert life.request("POST", withdrawn, "alpha", json={"reason": "wrong"}).status_code == 200
+    life.change({"visibility": "hidden"})
+    refuses_to_hide_families(life)
+
+
+def test_families_that_no_entry_has_shown_can_be_hidden(life: "Life") -> None:
+    plain(life, showing={"families_from": life.ahead(-5)})
+    life.work()
+    assert life.board()["families"], "of the reference rows"
+    life.change({"policy": {"families_from": life.ahead(9)}})
+    life.work()
+    assert life.board()["families"] == []
+    life.change({"policy": {"families_from": None}})
+    submit(life, "alpha", 3.0)
+    refuses_to_hide_families(life)
+
+
+def refuses_to_hide_families(life: "Life") -> None:
     words = life.refused("/phases/test", {"policy": {"families_from": life.ahead(9)}}, 409, "PATCH")
     assert "have been shown" in words
 

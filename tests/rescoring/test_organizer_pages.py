@@ -105,11 +105,16 @@ def test_an_update_goes_from_document_to_rollback_over_the_pages(
     assert "attachment" in csv.headers["content-disposition"]
     digest = organizer.seen_digest(run_id)
     assert organizer.get(f"{here}/preview.json").json()["digest"] == digest
-    assert "The preview is stale" in organizer.step(run_id, "apply", preview="sha256:0").text
+    wrong = organizer.step(run_id, "apply", preview="sha256:0").text
+    assert "it is stale, as submissions or boards have changed since, or it never was one" in wrong
     assert stage.board() == before
     assert organizer.get(f"{here}/apply").headers["location"] == f"{here}/preview"
     applied = organizer.step(run_id, "apply", preview=digest)
     assert (applied.status_code, stage.board() != before) == (303, True)
+    again = "The run is applied already; it can be applied only while it is scoring or ready."
+    page = organizer.get(f"{here}/apply?preview={digest}").text
+    assert f"It would be refused now.</b> {again}" in page
+    assert again in organizer.step(run_id, "apply", preview=digest).text
     (score_before, score_now) = _scores(
         organizer.get(f"/organize/submissions/{stage.submitted[0]}").text
     )

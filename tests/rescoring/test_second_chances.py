@@ -203,7 +203,10 @@ def test_an_archive_holds_each_file_that_matches_and_names_what_is_lost(
     files = members(api("GET", "/organizer/submissions/archive"))
     lost = [one for one in json.loads(files["manifest.json"])["files"] if one["file"] is None]
     assert [one["missing_because"] for one in lost] == ["the file is kept no longer"]
-    assert api("GET", "/organizer/submissions/archive?team=nobody").status_code == 404
+    for typo in ("team=nobody", "phase=typo"):
+        assert api("GET", f"/organizer/submissions/archive?{typo}").status_code == 404
+    lines = api("GET", "/organizer/audit?limit=500").json()
+    assert "typo" not in [line["subject"] for line in lines], "nothing was downloaded"
 
 
 @pytest.mark.parametrize(

@@ -199,7 +199,10 @@ def test_every_change_leaves_an_audit_line_and_the_chain_is_whole(api_on_both: "
     for head, is_held in ((older[-1]["hash"], True), ("f" * 64, False)):
         seen = api.get(f"/organizer/audit/verify?head={head}", "organizer").json()
         assert (seen["is_whole"], seen["holds_kept_head"]) == (True, is_held)
-    assert api.get("/organizer/audit/verify?head=x", "organizer").status_code == 400
+    assert api.get("/organizer/audit/verify?head=" + "f" * 63, "organizer").status_code == 400
+    wrong = api.get("/organizer/audit/verify?head=abc", "organizer")
+    words = "must be the head that an earlier verification told: 64 digits 0-9 and a-f"
+    assert (wrong.status_code, wrong.json()["fields"]) == (400, {"head": words})
 
 
 def test_an_altered_audit_line_is_found(api: "Api") -> None:

@@ -173,7 +173,9 @@ def test_submissions_are_narrowed_and_paged(
     assert len({*first, *re.findall(r"Alpha \d", page)}) == 3
     assert "Beta 1" not in page
     assert "No submission matches" in organizer.get("/organize/submissions?status=scored").text
-    assert organizer.get("/organize/submissions?team=nobody").status_code == 404
+    for typo in ("team=nobody", "phase=nowhere"):
+        assert organizer.get(f"/organize/submissions?{typo}").status_code == 404
+        assert organizer.get(f"/organize/submissions/archive?{typo}").status_code == 404
 
 
 def test_a_failed_submission_is_tried_again_with_a_reason(
@@ -267,7 +269,9 @@ def test_the_log_is_narrowed_to_days_and_a_kind(
     for nothing in ("since=2999-01-01", "until=2000-01-01", "since=9999-12-31", "action=none"):
         assert "No line matches" in organizer.get(f"/organize/audit?{nothing}").text
     assert "Line" in organizer.get("/organize/audit?since=&until=9999-12-31&action=").text
-    assert organizer.get("/organize/audit?since=lately").status_code == 400
+    wrong = organizer.get("/organize/audit?since=lately")
+    assert (wrong.status_code, "must be a day such as 2026-11-21" in wrong.text) == (400, True)
+    assert "since." not in wrong.text.split("missing or wrong: since.")[1], "the field alone"
 
 
 def test_the_log_is_filtered_paged_and_verified(

@@ -79,7 +79,8 @@ def test_a_team_is_made_gets_a_token_once_and_loses_it(
     here = f"{TEAMS}/gamma"
     assert made.headers["location"] == f"{here}?done=team_created"
     none = organizer.post(f"{here}/tokens", {"name": "desk"}, page=here)
-    assert (none.status_code, "none given" in none.text) == (400, True)
+    words = "The token may do nothing yet: tick at least one of submit, read:own, tokens."
+    assert (none.status_code, words in none.text) == (400, True)
     issued = organizer.post(f"{here}/tokens", {"name": "desk", "may_1": "yes"}, page=here)
     text = re.search(r"edk_s_[0-9A-Za-z_]{40,}", issued.text)
     assert text is not None
@@ -149,6 +150,8 @@ def test_a_phase_is_made_and_a_deadline_is_moved(
     api_on_both: "Api", organizer: "TeamBrowser"
 ) -> None:
     new = f"{PHASES}/new"
+    assert "that <code>exceptiondrive data</code> downloads." in organizer.get(new).text
+    assert "`" not in re.sub(r"<script.*?</script>", "", organizer.get(new).text, flags=re.DOTALL)
     form = settings(organizer, new)
     assert (form["quota_per_day"], form["late_entries"]) == ("", "refused")
     form |= {"id": "final", "title": "Final", "challenge": "planning", "split": "sample"}

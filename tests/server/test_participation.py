@@ -5,6 +5,7 @@ import json
 import re
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta, timezone
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -215,6 +216,35 @@ def test_names_limits_and_addresses_stand_on_the_page_of_a_team(
     put = api.request("PUT", "/organizer/teams/alpha/allowances/dev", "organizer", json=WHY)
     assert put.json()["granted_at"] is None
     assert api.get("/phases/dev", "alpha").json()["quota"]["per_day"] == 5
+
+
+def test_a_deadline_of_a_team_that_the_phase_has_passed_by_is_told_nowhere_and_stops_nothing(
+    api_on_both: "Api", organizer: "TeamBrowser"
+) -> None:
+    api, limits = api_on_both, "/organizer/teams/alpha/allowances/dev"
+    move = partial(api.request, "PATCH", "/organizer/phases/dev", "organizer")
+    assert move(json={"closes_at": "2101-01-01T00:00:00Z"}).status_code == 200
+    own = {"closes_at": "2102-01-01T00:00:00Z", **WHY}
+    assert api.request("PUT", limits, "organizer", json=own).json()["closes_at"] == own["closes_at"]
+    assert api.get("/phases/dev", "alpha").json()["quota"]["closes_at"] == own["closes_at"]
+    page = "/organize/teams/alpha/limits/dev"
+    assert "2102-01-01" in organizer.get(page).text
+    assert move(json={"closes_at": "2103-01-01T00:00:00Z"}).status_code == 200
+    assert api.get("/phases/dev", "alpha").json()["quota"]["closes_at"] is None
+    seen = api.get("/organizer/teams/alpha/participation", "organizer").json()
+    assert [one["closes_at"] for one in seen["allowances"]] == [None]
+    assert "2102" not in organizer.get(page).text
+    assert (
+        "2102"
+        not in organizer.get("/organize/teams/alpha")
+        .text.split("Own deadline")[1]
+        .split("</section>")[0]
+    )
+    put = api.request("PUT", limits, "organizer", json={**own, "quota_per_day": 9})
+    assert (put.status_code, put.json()["closes_at"], put.json()["quota_per_day"]) == (200, None, 9)
+    inbox = api.get("/notifications", "alpha").json()
+    assert "2102" not in str(inbox[0])
+    assert api.request("PUT", limits, "organizer", json=own).status_code == 400, "another one"
 
 
 def test_the_history_of_a_team_is_in_words(api_on_both: "Api", organizer: "TeamBrowser") -> None:

@@ -68,6 +68,7 @@ def test_filters_narrow_the_list(api: "Api") -> None:
     assert ids(api.get("/submissions?status=scored", "alpha")) == [one]
     assert ids(api.get("/submissions?status=received", "alpha")) == [two]
     assert ids(api.get("/submissions?phase=nowhere", "alpha")) == []
+    assert api.get("/submissions?phase=nowhere", "organizer").status_code == 404
 
 
 @pytest.mark.parametrize("query", ["limit=0", "limit=201", "limit=x", "status=done"])

@@ -251,7 +251,7 @@ class Comparison(Document):
     n_ranks_changed: int
     n_newly_failing: int
     worst_movers: tuple[str, ...]
-    """Submission ids: those that lose most places first, then those that lose most score."""
+    """Submission ids of all that lose places or score: by places, then by score, the most first."""
     entries: tuple[EntryChange, ...]
 
     @property

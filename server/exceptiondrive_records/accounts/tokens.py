@@ -133,14 +133,16 @@ def issue_token(
     """Issue a token; its text is returned here and never again.
 
     Raises:
-        InvalidRecord: A scope is unknown, the name cannot be used, or it would be expired.
+        InvalidRecord: No scope, or an unknown one; the name cannot be used; it would be expired.
         NotFound: It is confined to a phase that is not there.
     """
     name = checked_text("token name", name, max_length=80)
     unknown = sorted(set(scopes) - set(Scope))
-    if unknown or not scopes:
-        known = ", ".join(Scope)
-        raise InvalidRecord(f"Unknown scopes: {', '.join(unknown) or 'none given'}. Known: {known}")
+    known = ", ".join(Scope if team_id is None else TEAM_SCOPES)
+    if not scopes:
+        raise InvalidRecord(f"The token may do nothing yet: tick at least one of {known}.")
+    if unknown:
+        raise InvalidRecord(f"Unknown scopes: {', '.join(unknown)}. Known: {known}.")
     now = database_now(session)
     if expires_at is not None and expires_at <= now:
         raise InvalidRecord("The token would be expired already.")

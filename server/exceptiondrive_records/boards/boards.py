@@ -36,6 +36,8 @@ from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.method_facts import Links
 
 _Named = TypeVar("_Named", BoardEntry, BoardLeader, EntryNews, EntryChange)
+BOARD_LINES = ("board published", "board built")
+"""What the audit log says of a new board: readers see it, or it is kept back."""
 MAX_NEWS = 20
 """Of a board that changes more, as by a new part of the split, the others are counted."""
 
@@ -65,25 +67,34 @@ def publish_board(
     if not finish_board(session, claim):
         return None
     now = database_now(session)
-    row = _kept_or_appended(session, claim, shown_board(phase, board, now), "main")
-    late_row = late and _kept_or_appended(session, claim, shown_board(phase, late, now), "late")
-    shown = (phase.protocol_digest, phase.split_revision)
-    is_shown = shown == (claim.protocol_digest, claim.split_revision)
-    if is_shown and frozen_since(phase, now) is None:
+    kept_back = _kept_back(phase, claim, now)
+    row = _kept_or_appended(session, claim, shown_board(phase, board, now), "main", kept_back)
+    late_row = late and _kept_or_appended(
+        session, claim, shown_board(phase, late, now), "late", kept_back
+    )
+    if not kept_back:
         flip_board(session, phase, row, at=max(now, row.published_at))
         phase.late_board_id = late_row.id if late_row else None
     return row
 
 
+def _kept_back(phase: Phase, claim: BoardRequest, now: datetime) -> str:
+    """Say why readers do not see a board as soon as it is built; nothing where they do."""
+    shown = (phase.protocol_digest, phase.split_revision)
+    if shown != (claim.protocol_digest, claim.split_revision):
+        return "it is a draft"
+    return "the board is frozen" if frozen_since(phase, now) is not None else ""
+
+
 def _kept_or_appended(
-    session: Session, claim: BoardRequest, board: Board, view: BoardView
+    session: Session, claim: BoardRequest, board: Board, view: BoardView, kept_back: str
 ) -> BoardRow:
     key = (claim.protocol_digest, claim.split_revision)
     row = latest_board(session, claim.phase_id, *key, view=view)
     digest = board.content_digest
     if row is not None and row.digest == digest:
         return row
-    return _append(session, claim, board, digest, view)
+    return _append(session, claim, board, digest, view, kept_back)
 
 
 def flip_board(
@@ -472,7 +483,12 @@ def find_board(session: Session, phase_id: str, number: int) -> BoardRow:
 
 
 def _append(
-    session: Session, claim: BoardRequest, board: Board, digest: str, view: BoardView
+    session: Session,
+    claim: BoardRequest,
+    board: Board,
+    digest: str,
+    view: BoardView,
+    kept_back: str,
 ) -> BoardRow:
     query = select(func.max(BoardRow.number)).where(BoardRow.phase_id == claim.phase_id)
     number = (session.scalar(query) or 0) + 1
@@ -506,5 +522,7 @@ def _append(
         "protocol": claim.protocol_digest,
         "view": view,
     }
-    audit(session, "worker", "board published", claim.phase_id, detail)
+    published, built = BOARD_LINES
+    detail |= {"kept_back": kept_back} if kept_back else {}
+    audit(session, "worker", built if kept_back else published, claim.phase_id, detail)
     return row

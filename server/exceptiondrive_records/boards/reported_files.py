@@ -58,6 +58,14 @@ def read_rows(text: str, challenge: Challenge) -> tuple[ImportedRow, ...]:
     Raises:
         InvalidRecord: It cannot be read, or rows of it are refused: each is named, with what helps.
     """
+    try:
+        return _rows(text, challenge)
+    except RecursionError:
+        words = "Lists or objects of the file are nested too deeply"
+        raise InvalidRecord(f"{words}: write a list of objects, one for each row.") from None
+
+
+def _rows(text: str, challenge: Challenge) -> tuple[ImportedRow, ...]:
     rows: list[ImportedRow] = []
     faults: list[str] = []
     seen: dict[tuple[object, ...], str] = {}
@@ -118,8 +126,10 @@ def _of_csv(text: str) -> list[_Line]:
 def _of_json(text: str, challenge: Challenge) -> list[_Line]:
     try:
         found = json.loads(text)
-    except ValueError:
+    except json.JSONDecodeError:
         found = _json_lines(text)
+    except ValueError:
+        raise InvalidRecord("A number of the file has too many digits: write 0.1964.") from None
     if isinstance(found, dict) and "entries" in found:
         return list(_of_board(text, challenge))
     objects = found if isinstance(found, list) else [found]
@@ -137,8 +147,11 @@ def _json_lines(text: str) -> list[Any]:
     for n, line in enumerate(text.splitlines(), 1):
         try:
             found += [json.loads(line)] if line.strip() else []
-        except ValueError as error:
+        except json.JSONDecodeError as error:
             raise InvalidRecord(f"Line {n} is no JSON: {error}.") from None
+        except ValueError:
+            words = f"Line {n}: A number has too many digits"
+            raise InvalidRecord(f"{words}: write 0.1964.") from None
     return found
 
 
@@ -259,7 +272,7 @@ def _number(name: str, value: Any, metric: Metric) -> float | None:
         return None
     try:
         number = math.nan if isinstance(value, bool) else float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
         raise InvalidRecord(f"{name} is {value!r}: write a number such as 0.1964, or nothing.")
@@ -274,7 +287,8 @@ def _count(value: Any) -> int | None:
     if value is None or value == "":
         return None
     text = str(value)
-    if isinstance(value, bool) or not (text.isascii() and text.isdigit() and 0 < int(text) < 10**9):
+    is_whole = text.isascii() and text.isdigit() and len(text) < 10
+    if isinstance(value, bool) or not is_whole or int(text) == 0:
         raise InvalidRecord(
             f"n_samples is {value!r}: write how many samples, such as 3181, or nothing."
         )

@@ -27,6 +27,8 @@ _PSEUDONYM = re.compile(r"team +[0-9a-z]{3} *[^0-9a-z ]+ *[0-9a-z]{3}|former +te
 """As an anonymous phase names a team (`phases.policy`), and as a forgotten one is called."""
 _WORD = re.compile(r"\w+")
 _SLUG = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
+_WORDS_OF_PAGES = {"phase": {"new"}, "team": {"import"}}
+"""What stands in an address where the id of a phase or team stands in others."""
 
 
 def random_id(length: int = 16) -> str:
@@ -45,6 +47,8 @@ def checked_slug(kind: str, slug: str) -> str:
             f"The {kind} id {slug!r} must be 1 to 64 lower-case letters, digits and hyphens, "
             "and begin with a letter or digit."
         )
+    if slug in _WORDS_OF_PAGES.get(kind, ()):
+        raise InvalidRecord(f"The {kind} id {slug!r} stands for a page of its own; choose another.")
     return slug
 
 

@@ -14,6 +14,7 @@ from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.participation.tables import Allowance
 from exceptiondrive_records.phases.allowances import allowance_of, is_revealed
 from exceptiondrive_records.phases.phases import lock_phase
+from exceptiondrive_records.phases.policy import own_deadline
 from exceptiondrive_records.submissions.submissions import lock_team
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import find_team
@@ -33,7 +34,7 @@ def set_allowance(
     """Set what a team is granted in a phase; what is None is as for all teams.
 
     A later deadline holds for what the team uploaded before it was granted, too: what came within it
-    is not late.
+    is not late. One that the deadline of the phase has passed by is dropped when it is given once more.
 
     Returns:
         What is granted; None when the team has what all have again.
@@ -45,14 +46,16 @@ def set_allowance(
     """
     phase = lock_phase(session, phase_id)
     team = lock_team(session, find_team(session, slug).id)
-    if closes_at is not None:
-        if phase.closes_at is None:
-            raise InvalidRecord("The phase has no deadline: no team needs a later one.")
-        if closes_at <= phase.closes_at:
-            raise InvalidRecord("A team's own deadline must lie after that of the phase.")
-        if is_revealed(session, phase):
-            raise Conflict("What was kept back is revealed: nothing more can be in time.")
     row = allowance_of(session, team.id, phase.id)
+    if closes_at is not None and own_deadline(phase, closes_at) is None:
+        if row is None or closes_at != row.closes_at:
+            words = "A team's own deadline must lie after that of the phase."
+            is_endless = phase.closes_at is None
+            words = "The phase has no deadline: no team needs a later one." if is_endless else words
+            raise InvalidRecord(words)
+        closes_at = None
+    if closes_at is not None and is_revealed(session, phase):
+        raise Conflict("What was kept back is revealed: nothing more can be in time.")
     before = _words(row)
     wants = {"closes_at": closes_at, "quota_per_day": quota_per_day, "quota_total": quota_total}
     if all(value is None for value in wants.values()):

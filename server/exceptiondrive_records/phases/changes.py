@@ -8,10 +8,8 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.boards.boards import (
-    current_board,
     flip_board,
     latest_board,
-    parsed_board,
 )
 from exceptiondrive_records.boards.requests import want_boards
 from exceptiondrive_records.db.clock import database_now
@@ -34,7 +32,7 @@ from exceptiondrive_records.phases.policy import (
 )
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.splits.splits import live_revision
-from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_schemas.api.phase_settings import PhaseChange, PhasePolicy, PhaseSettings
 from exceptiondrive_schemas.base import Document
 
@@ -202,9 +200,7 @@ def _set_policy(session: Session, phase: Phase, policy: PhasePolicy, now: dateti
                 "freezes_at lies in the past. To freeze now, use the action freeze."
             )
     if _hides_families(policy, now) and not _hides_families(old, now):
-        row = current_board(session, phase.id)
-        if row is not None and parsed_board(row).families:
-            raise Conflict("The families of this phase have been shown: they cannot be hidden now.")
+        _require_no_scores(session, phase)
     phase.policy = policy
     if policy.live_part != old.live_part:
         name, revision = phase.split_name, phase.split_revision
@@ -221,6 +217,17 @@ def _keep_promises(session: Session, phase: Phase, old: PhasePolicy, new: PhaseP
             f"The phase has submissions: {' and '.join(broken)} cannot change any more. "
             "Names are shown by revealing them; the other part of a split likewise."
         )
+
+
+def _require_no_scores(session: Session, phase: Phase) -> None:
+    """Refuse to hide families that an entry has shown, to its team at least, whatever became of it.
+
+    Raises:
+        Conflict: One was scored.
+    """
+    scores = select(ScoreSheetRow).join(Submission).where(Submission.phase_id == phase.id)
+    if session.scalar(select(scores.exists())):
+        raise Conflict("The families of this phase have been shown: they cannot be hidden now.")
 
 
 def _hides_families(policy: PhasePolicy, now: datetime) -> bool:

@@ -117,9 +117,14 @@ def is_late(phase: Phase, submission: Submission) -> bool:
 
 def deadline_of(phase: Phase, submission: Submission) -> datetime | None:
     """Return until when a submission is in time: the phase's deadline, or its team's later one."""
-    if phase.closes_at is None:
+    return own_deadline(phase, submission.granted_until) or phase.closes_at
+
+
+def own_deadline(phase: Phase, granted_until: datetime | None) -> datetime | None:
+    """Return a deadline that a team was granted; None unless it lies after that of the phase."""
+    if granted_until is None or phase.closes_at is None or granted_until <= phase.closes_at:
         return None
-    return max(phase.closes_at, submission.granted_until or phase.closes_at)
+    return granted_until
 
 
 def can_change(phase: Phase, submission: Submission, now: datetime) -> bool:

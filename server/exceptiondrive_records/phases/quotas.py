@@ -15,6 +15,7 @@ from exceptiondrive_records.db.errors import (
     RejectedCapExceeded,
 )
 from exceptiondrive_records.participation.tables import Allowance
+from exceptiondrive_records.phases.policy import own_deadline
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.submission import Quota, SubmissionStatus
@@ -52,7 +53,7 @@ def quota_of(session: Session, team_id: int, phase: Phase, day: datetime | None 
         rejected_today=found.rejected_today,
         concurrent=phase.quota_concurrent,
         waiting=found.waiting,
-        closes_at=found.closes_at,
+        closes_at=own_deadline(phase, found.closes_at),
     )
 
 

@@ -154,7 +154,10 @@ def _shift(old: float | None, new: float | None) -> float | None:
 
 
 def _worst_movers(entries: tuple[EntryChange, ...], challenge_id: str) -> tuple[str, ...]:
-    """Newly failing first, then by places lost, then by the first primary metric lost."""
+    """Newly failing first, then by places lost, then by the first primary metric lost.
+
+    Who gains a place and loses of the metric is named too, after them.
+    """
     metric = CHALLENGES[challenge_id].metrics[0]
     sign = 1 if metric.better == "higher" else -1
 
@@ -162,7 +165,13 @@ def _worst_movers(entries: tuple[EntryChange, ...], challenge_id: str) -> tuple[
         shift = entry.metric_shifts.get(metric.key) or 0.0
         return (not entry.newly_failing, entry.rank_shift or 0, sign * shift)
 
-    losers = [entry for entry in entries if badness(entry) < (True, 0, 0.0)]
+    losers = [
+        entry
+        for entry, (is_ranked, rank_shift, shift) in zip(
+            entries, map(badness, entries), strict=True
+        )
+        if not is_ranked or rank_shift < 0 or shift < 0
+    ]
     return tuple(entry.submission_id for entry in sorted(losers, key=badness))
 
 

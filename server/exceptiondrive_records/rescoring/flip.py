@@ -143,6 +143,16 @@ def blockers_of(session: Session, run: RescoringRun) -> tuple[str, ...]:
     return tuple(found)
 
 
+def obstacles(session: Session, run: RescoringRun, action: RunAction) -> tuple[str, ...]:
+    """Return a sentence for everything that stands in the way of a flip, its state before all else."""
+    if action is RunAction.ROLLBACK or run.state not in _BLOCKED_IN_WORDS:
+        try:
+            require_action(session, run, action)
+        except Conflict as refusal:
+            return (str(refusal),)
+    return blockers_of(session, run)
+
+
 def apply_run(
     session: Session, run_id: str, *, preview: str, reason: str, actor: str
 ) -> RescoringRun:
@@ -199,24 +209,25 @@ def _notify(
     notify_teams(session, comparison, kind, run_id=run.id, what_changed=words)
 
 
+STALE = (
+    "The preview named is not the newest one of the run: it is stale, as submissions or boards have "
+    "changed since, or it never was one. Look at the newest preview, and apply that one."
+)
+
+
 def _require_seen(compared: Compared, preview: str) -> None:
     """What is applied is what the organizer looked at."""
     if compared.digest != preview:
-        raise Conflict(
-            "The preview is stale: submissions or boards have changed since. Look at the new "
-            "preview, and apply that one."
-        )
+        raise Conflict(STALE)
 
 
 def _checked(session: Session, run_id: str, action: RunAction) -> tuple[Phase, BoardRow, Compared]:
     """Lock run and phase, and return what is flipped to, or say all that stands in the way."""
     run = find_run(session, run_id, lock=True)
     phase = lock_phase(session, run.phase_id)
-    if action is RunAction.ROLLBACK or run.state not in _BLOCKED_IN_WORDS:
-        require_action(session, run, action)
-    blockers = blockers_of(session, run)
-    if blockers:
-        raise Conflict(" ".join(blockers))
+    in_the_way = obstacles(session, run, action)
+    if in_the_way:
+        raise Conflict(" ".join(in_the_way))
     expected = new_key(run) if run.state is RunState.APPLIED else old_key(run)
     if key_of_phase(phase) != expected:
         raise Conflict("The phase no longer shows what this run began from; cancel it.")

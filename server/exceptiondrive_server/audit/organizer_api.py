@@ -3,14 +3,20 @@
 from typing import Annotated
 
 from fastapi import APIRouter, Query
-from pydantic import BaseModel
+from pydantic import BaseModel, Field
 
 from exceptiondrive_records.audit.log import audit_page, verify_audit
+from exceptiondrive_schemas.base import in_words
 from exceptiondrive_schemas.datetimes import Moment, first_moment, moment_after
 from exceptiondrive_server.audit.queries import AuditLineView, line_view
 from exceptiondrive_server.web.auth import ServicesOf
 
 router = APIRouter()
+Head = Annotated[
+    str,
+    Field(pattern="^[0-9a-f]{64}$"),
+    in_words("must be the head that an earlier verification told: 64 digits 0-9 and a-f"),
+]
 
 
 class AuditVerdictView(BaseModel):
@@ -59,10 +65,7 @@ def get_audit(
 @router.get("/audit/verify", operation_id="verifyAudit")
 def get_audit_verdict(
     services: ServicesOf,
-    head: Annotated[
-        str | None,
-        Query(pattern="^[0-9a-f]{64}$", description="kept from an earlier verification"),
-    ] = None,
+    head: Annotated[Head | None, Query(description="kept from an earlier verification")] = None,
 ) -> AuditVerdictView:
     """Recompute the chain: an altered, missing or reordered line is found.
 

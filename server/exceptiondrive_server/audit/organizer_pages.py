@@ -8,6 +8,7 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import Response
 
 from exceptiondrive_records.audit.log import audit_actions, verify_audit
+from exceptiondrive_schemas.base import in_words
 from exceptiondrive_schemas.datetimes import first_moment, moment_after
 from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.web.auth import ServicesOf
@@ -16,7 +17,7 @@ from exceptiondrive_server.web.organizer_frame import OrganizerBrowser, organize
 router = APIRouter(prefix="/organize/audit", include_in_schema=False)
 SHOWN = 50
 Filter = Annotated[str, Query(max_length=200)]
-Day = Annotated[date | Literal[""], Query()]
+Day = Annotated[date | Literal[""], in_words("must be a day such as 2026-11-21"), Query()]
 """As the field of a form sends it: empty where none is chosen."""
 
 

@@ -127,7 +127,7 @@ def _read_head(archive: tarfile.TarFile) -> BackupHead:
     try:
         document = json.load(stream)
         head = BackupHead.model_validate(document)
-    except ValueError:
+    except (ValueError, RecursionError):
         raise BackupError("the head of the backup cannot be read") from None
     if head.schema_revision != newest_revision():
         raise BackupError(

@@ -23,6 +23,7 @@ from exceptiondrive_records.participation.messages import (
     recipients,
     send_message,
 )
+from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_schemas.datetimes import Time
 from exceptiondrive_server.participation.queries import (
@@ -252,7 +253,9 @@ def put_allowance(
         row = set_allowance(
             session, team_id, phase_id, **wanted.model_dump(), actor=organizer.actor
         )
-        return AllowanceView(phase=phase_id) if row is None else allowance_view(row)
+        if row is None:
+            return AllowanceView(phase=phase_id)
+        return allowance_view(find_phase(session, phase_id), row)
 
 
 @router.post("/team-imports", operation_id="importTeams", status_code=201)

@@ -35,6 +35,7 @@ from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team, list_teams
 from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_schemas.printable import counted
+from exceptiondrive_server.participation.queries import allowance_view
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import PostedForm
 from exceptiondrive_server.web.forms import REASON, filled, read, text_of, typed
@@ -232,7 +233,8 @@ def limits(services: ServicesOf, team_id: Slug, phase_id: Slug) -> Step:
 
     def texts(session: Session) -> dict[str, str]:
         row = allowance_of(session, find_team(session, team_id).id, phase_id)
-        return {field.name: text_of(getattr(row, field.name, None)) for field in LIMITS[:-1]}
+        own = None if row is None else allowance_view(find_phase(session, phase_id), row)
+        return {field.name: text_of(getattr(own, field.name, None)) for field in LIMITS[:-1]}
 
     def kept(session: Session) -> dict[str, str]:
         lock_phase(session, phase_id)

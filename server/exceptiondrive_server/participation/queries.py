@@ -12,6 +12,8 @@ from exceptiondrive_records.notifications.tables import Channel, DeliveryState
 from exceptiondrive_records.participation.allowances import list_allowances
 from exceptiondrive_records.participation.disqualification import list_disqualifications
 from exceptiondrive_records.participation.tables import Allowance, Disqualification
+from exceptiondrive_records.phases.policy import own_deadline
+from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.phases.terms import acceptances_of
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import list_teams
@@ -118,7 +120,10 @@ def participation_of(session: Session, team: Team) -> Participation:
             for person, membership in members_of(session, team.id)
         ],
         addresses=_addresses(session, team),
-        allowances=[allowance_view(row) for row in list_allowances(session, team.id)],
+        allowances=[
+            allowance_view(session.get_one(Phase, row.phase_id), row)
+            for row in list_allowances(session, team.id)
+        ],
         disqualifications=[
             disqualification_view(session, row)
             for row in list_disqualifications(session, team_id=team.id)
@@ -145,11 +150,11 @@ def _addresses(session: Session, team: Team) -> list[AddressView]:
     return found
 
 
-def allowance_view(row: Allowance) -> AllowanceView:
-    """Return an allowance as organizers see it."""
+def allowance_view(phase: Phase, row: Allowance) -> AllowanceView:
+    """Return an allowance as organizers see it; a deadline only if it lies after that of the phase."""
     return AllowanceView(
         phase=row.phase_id,
-        closes_at=row.closes_at,
+        closes_at=own_deadline(phase, row.closes_at),
         quota_per_day=row.quota_per_day,
         quota_total=row.quota_total,
         reason=row.reason,

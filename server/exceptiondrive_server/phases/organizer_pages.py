@@ -11,6 +11,7 @@ from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.boards.boards import BOARD_LINES
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound, RecordsError
 from exceptiondrive_records.operations.troubles import troubles
@@ -378,7 +379,7 @@ def _phase(
             for step in PHASE_STEPS.values()
             if step.is_offered(seen) and not (step.is_end and is_used)
         ],
-        lines=[one for one in lines if one.line.action != "board published"],
+        lines=[one for one in lines if one.line.action not in BOARD_LINES],
         troubles=found,
     )
 

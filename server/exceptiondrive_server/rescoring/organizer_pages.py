@@ -282,10 +282,12 @@ def show_verification(
 
 
 def _page_of(session: Session, step: RunStep, run_id: str, preview: str) -> Step:
-    seen = run_view(session, find_run(session, run_id))
+    run = find_run(session, run_id)
+    seen = run_view(session, run)
     comparison = preview_of(session, run_id).comparison if step.is_flip and seen.preview else None
+    blockers = flip.obstacles(session, run, step.key) if step.is_flip else ()
     title = titles_of_phases(session)[seen.phase]
-    return page_of_step(step, seen, title, preview, comparison)
+    return page_of_step(step, seen, title, preview, comparison, blockers)
 
 
 def _known(step: str) -> RunStep:

@@ -226,6 +226,7 @@ def page_of_step(
     phase_title: str,
     preview: str = "",
     comparison: Comparison | None = None,
+    blockers: tuple[str, ...] = (),
 ) -> Step:
     """Return the page that asks for a step.
 
@@ -235,13 +236,12 @@ def page_of_step(
         phase_title: Of the phase that is rescored.
         preview: Digest of the preview that was looked at, for a step that needs one.
         comparison: What readers would see change, for a step that moves the pointer.
+        blockers: What stands in its way, for a step that moves the pointer.
     """
     here = f"/organize/rescoring/{run.id}"
     preview = preview if step.needs_preview else ""
     with_preview = f" --preview {preview}" if preview else ""
-    is_stale = step.needs_preview and not run.blockers and preview != run.preview
-    stale = ("The preview is stale: something came in since. Look at the new one.",)
-    blockers = stale if is_stale else run.blockers
+    is_stale = step.needs_preview and not blockers and preview != run.preview
     return Step(
         section="rescoring",
         title=step.title,
@@ -255,7 +255,7 @@ def page_of_step(
         '--reason "…"',
         is_grave=step.is_grave,
         hidden=(("preview", preview),) if step.needs_preview else (),
-        blockers=blockers if step.is_flip else (),
+        blockers=(flip.STALE,) if is_stale else blockers,
         take=partial(
             step.take, run_id=run.id, **({"preview": preview} if step.needs_preview else {})
         ),

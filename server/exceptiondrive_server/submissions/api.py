@@ -110,7 +110,7 @@ async def submit(
 @router.get(
     "",
     operation_id="listSubmissions",
-    responses={200: QUOTA_HEADERS, **problem_responses(*_SIGNED_IN)},
+    responses={200: QUOTA_HEADERS, **problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND)},
 )
 def get_submissions(
     response: Response,
@@ -123,16 +123,20 @@ def get_submissions(
 ) -> SubmissionPage:
     """List the team's submissions, newest first; organizers see every team's.
 
-    Of one phase the headers say what the team may still submit in it.
+    Of one phase the headers say what the team may still submit in it. Of a phase that there is not a
+    team has none, and organizers are told.
     """
     with services.database.read() as session:
         if phase is not None and principal.team_id is not None:
             with suppress(NotFound):  # then the list is empty
                 quota = quota_of(session, principal.team_id, shown_phase(session, phase))
                 response.headers.update(quota_headers(quota))
+        team_id = own_team(principal)
+        if phase is not None and team_id is None:
+            find_phase(session, phase)
         found = list_submissions(
             session,
-            team_id=own_team(principal),
+            team_id=team_id,
             phase_id=phase,
             status=status,
             limit=limit + 1,

@@ -13,6 +13,7 @@ from pydantic import BaseModel
 from exceptiondrive_records.accounts.tokens import Principal
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.errors import NotFound, StoreError, UploadTooLarge
+from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.submissions.submissions import find_submission, list_submissions
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import views
@@ -96,10 +97,12 @@ def archive(
     The manifest is the last member: it says of each file whether it could be read.
 
     Raises:
-        NotFound: There is no such team.
+        NotFound: There is no such team or phase.
     """
     with services.database.write() as session:
         team_id = None if team is None else find_team(session, team).id
+        if phase is not None:
+            find_phase(session, phase)
         chosen = {"team": team, "phase": phase, "status": status}
         detail = {name: value for name, value in chosen.items() if value is not None}
         audit(session, principal.actor, "uploads downloaded", phase or team or "all", detail)

@@ -73,7 +73,7 @@ def show_submissions(
         found = list_submissions(
             session,
             team_id=find_team(session, team).id if team else None,
-            phase_id=phase or None,
+            phase_id=find_phase(session, phase).id if phase else None,
             status=known,
             after=after,
             limit=SHOWN + 1,
