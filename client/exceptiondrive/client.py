@@ -707,10 +707,16 @@ class Client(Connection):
         return self._get(Receipt, f"{self._path_of(submission_id)}/receipt")
 
     def receipt_keys(self) -> "ReceiptKeys":
-        """Return the public keys of the server's receipts."""
+        """Return the public keys of the server's receipts.
+
+        Raises:
+            InvalidArgumentError: A key does not fit its id.
+        """
+        from exceptiondrive.receipts import require_true_ids
         from exceptiondrive_schemas.receipt import ReceiptKeys
 
         keys = self._get(ReceiptKeys, "/receipt-keys")
+        require_true_ids(keys, self.server)
         return keys.model_copy(update={"server": self.server})
 
     def leaderboard(

@@ -496,6 +496,12 @@ PROTECTIONS = (
         "tests/client/test_receipts.py::test_digests_that_were_altered_too_do_not_fit_the_signature",
     ),
     Protection(
+        "receipt-key-ids",
+        "exceptiondrive.receipts:_has_true_id",
+        _always(True),
+        "tests/client/test_receipts.py::test_a_key_under_the_id_of_another_is_refused_wherever_keys_are_read",
+    ),
+    Protection(
         "receipt-fields",
         "exceptiondrive_schemas.receipt:altered_fields",
         _always(()),
