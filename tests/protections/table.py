@@ -230,6 +230,12 @@ PROTECTIONS = (
         is_short=True,
     ),
     Protection(
+        "answers-to-senders",
+        f"{SERVER}.submissions.upload:told_to",
+        lambda _: lambda principal, seen: seen,
+        "tests/server/test_submissions.py::test_a_token_that_may_only_submit_is_told_neither_scores_nor_ranks",
+    ),
+    Protection(
         "roles",
         f"{SERVER}.web.organizer_rights:require_right",
         _nothing,

@@ -65,6 +65,7 @@ def post_add(
 ) -> Response:
     """Be told at another address; the secret of a webhook is shown this once."""
     require_scope(browser, Scope.SUBMIT)
+    require_scope(browser, Scope.READ_OWN)
     address = str(form.get("address", "")).strip()
     channel = Channel.WEBHOOK if "://" in address else Channel.EMAIL
     try:
@@ -92,6 +93,7 @@ def post_wishes(
 ) -> Response:
     """Set what an address is told of."""
     require_scope(browser, Scope.SUBMIT)
+    require_scope(browser, Scope.READ_OWN)
     who = browser.principal
     with services.database.write() as session:
         set_wishes(session, team_of(who), contact_id, _wishes(form), actor=who.actor)
