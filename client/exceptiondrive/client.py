@@ -809,7 +809,7 @@ class TeamTokens(Connection):
         Args:
             name: What it is for.
             scopes: None more than one's own token has; by default `submit` and `read:own`.
-            expires_at: ISO 8601 with zone; else it does not expire.
+            expires_at: ISO 8601 with zone; else it ends with one's own token, if that ends.
         """
         wanted = {"name": name, "scopes": scopes and list(scopes), "expires_at": expires_at}
         return self._transport.post_once("/tokens", wanted)
