@@ -236,6 +236,12 @@ PROTECTIONS = (
         "tests/server/test_submissions.py::test_a_token_that_may_only_submit_is_told_neither_scores_nor_ranks",
     ),
     Protection(
+        "no-is-kept",
+        f"{RECORDS}.notifications.contacts:_require_may_be_asked",
+        _nothing(None),
+        "tests/server/test_notices.py::test_an_address_that_said_no_is_asked_by_no_team_again",
+    ),
+    Protection(
         "roles",
         f"{SERVER}.web.organizer_rights:require_right",
         _nothing,

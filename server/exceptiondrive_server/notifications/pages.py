@@ -120,7 +120,7 @@ def show_link(
     if what not in ("confirm", "unsubscribe"):
         raise NotFound("page", what)
     with services.database.read() as session:
-        contact = find_by_key(session, contact_id, key)
+        contact = find_by_key(session, contact_id, key, may_be_removed=what == "unsubscribe")
     return _answer(request, what=what, address=contact.address, key=key, id=contact_id)
 
 
@@ -143,7 +143,7 @@ def post_unsubscribe(
     The key in the address is all that is asked: such a program has no cookie and no form token.
     """
     with services.database.write() as session:
-        address = unsubscribe_contact(session, contact_id, key).address
+        address = unsubscribe_contact(session, contact_id, key)
     return _answer(request, what="unsubscribed", address=address)
 
 
