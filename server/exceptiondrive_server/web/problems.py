@@ -112,6 +112,7 @@ def install_problem_handlers(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, _http_exception)
     app.add_exception_handler(SQLAlchemyError, _database_error)
     app.add_exception_handler(DataError, _unstorable)
+    app.add_exception_handler(UnicodeEncodeError, _unstorable)
     app.add_exception_handler(Exception, _unexpected)
 
 
@@ -214,7 +215,7 @@ def _methods_at(request: Request) -> list[str]:
 
 
 async def _unstorable(request: Request, error: Exception) -> Response:
-    """A value that no column can hold, such as a NUL in a text."""
+    """A value that no column can hold, such as a NUL in a text or half of a surrogate pair."""
     detail = "The request holds a character or number that cannot be used."
     return problem_response(request, ApiProblem(ProblemCode.BAD_REQUEST, detail))
 
