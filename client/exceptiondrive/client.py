@@ -707,10 +707,16 @@ class Client(Connection):
         return self._get(Receipt, f"{self._path_of(submission_id)}/receipt")
 
     def receipt_keys(self) -> "ReceiptKeys":
-        """Return the public keys of the server's receipts."""
+        """Return the public keys of the server's receipts.
+
+        Raises:
+            InvalidArgumentError: A key does not fit its id.
+        """
+        from exceptiondrive.receipts import require_true_ids
         from exceptiondrive_schemas.receipt import ReceiptKeys
 
         keys = self._get(ReceiptKeys, "/receipt-keys")
+        require_true_ids(keys, self.server)
         return keys.model_copy(update={"server": self.server})
 
     def leaderboard(
@@ -803,7 +809,7 @@ class TeamTokens(Connection):
         Args:
             name: What it is for.
             scopes: None more than one's own token has; by default `submit` and `read:own`.
-            expires_at: ISO 8601 with zone; else it does not expire.
+            expires_at: ISO 8601 with zone; else it ends with one's own token, if that ends.
         """
         wanted = {"name": name, "scopes": scopes and list(scopes), "expires_at": expires_at}
         return self._transport.post_once("/tokens", wanted)

@@ -1,7 +1,8 @@
 """Check receipts on this machine, without the server; needs the extra `receipts`.
 
-The server's public keys are remembered when a receipt is fetched, so that a later check needs
-nothing else; a check can also be given a file of keys that came by another way.
+A server's public keys are remembered, with its address, when a receipt is fetched, so that a later
+check needs nothing else; a check can also be given a file of keys that came by another way. The id
+of a key is worked out from the key wherever keys are read: no server names its key like another's.
 """
 
 import base64
@@ -19,6 +20,7 @@ from exceptiondrive_schemas.receipt import (
     ReceiptKey,
     ReceiptKeys,
     altered_fields,
+    key_id_of,
     signed_bytes,
 )
 
@@ -31,12 +33,25 @@ class ReceiptError(InvalidArgumentError):
         super().__init__(code, sentence, "Fetch it anew: exceptiondrive receipt get ID -o FILE")
 
 
+class KnownKey(ReceiptKey):
+    """A public key, and the server that gave it; None where a file of keys does not say."""
+
+    server: str | None = None
+
+
+class KnownKeys(ReceiptKeys):
+    """Keys of any number of servers, as they are remembered."""
+
+    keys: tuple[KnownKey, ...]
+
+
 @dataclass(frozen=True)
 class Verdict:
-    """A receipt that holds, and the key that signed it."""
+    """A receipt that holds, the key that signed it, and the servers that gave this key."""
 
     receipt: Receipt
     key: ReceiptKey
+    servers: tuple[str, ...]
 
 
 def verify_receipt(
@@ -51,27 +66,28 @@ def verify_receipt(
 
     Raises:
         ReceiptError: It was altered, or the key is not known.
-        InvalidArgumentError: A file cannot be read, or the extra `receipts` is missing.
+        InvalidArgumentError: A file cannot be read, a key does not fit its id, or the extra
+            `receipts` is missing.
     """
     receipt = _read_receipt(file)
     known = read_keys(keys_path() if keys is None else Path(keys))
-    key = next((key for key in known if key.key_id == receipt.key_id), None)
+    named = [key for key in known if key.key_id == receipt.key_id]
     altered = altered_fields(receipt)
     if altered:
         names = ", ".join(altered)
         raise ReceiptError("receipt_altered", f"The receipt was altered: {names}.", altered)
-    if key is None:
+    if not named:
         raise ReceiptError(
             "receipt_key_unknown",
             f"The key {receipt.key_id!r} of the receipt is not among the known keys.",
         )
-    if not _is_signed(receipt, key):
+    if not _is_signed(receipt, named[0]):
         raise ReceiptError(
             "receipt_altered",
             "The receipt was altered: its signature does not fit.",
             ("digests", "signature"),
         )
-    return Verdict(receipt, key)
+    return Verdict(receipt, named[0], tuple(key.server for key in named if key.server))
 
 
 def keys_path() -> Path:
@@ -79,33 +95,72 @@ def keys_path() -> Path:
     return credentials_path().with_name("receipt-keys.json")
 
 
-def read_keys(path: Path) -> tuple[ReceiptKey, ...]:
+def read_keys(path: Path) -> tuple[KnownKey, ...]:
     """Return the keys in a file; none where the file is missing.
 
     Raises:
-        InvalidArgumentError: It is no file of keys.
+        InvalidArgumentError: It is no file of keys, or a key does not fit its id.
     """
     if not path.exists():
         return ()
     try:
-        return ReceiptKeys.read(given_bytes(path).data).keys
+        found = KnownKeys.read(given_bytes(path).data)
     except ValidationError:
         raise InvalidArgumentError(
             "wrong_keys", f"{path} is no file of receipt keys.", "Run: exceptiondrive receipt keys"
         ) from None
+    require_true_ids(found, str(path))
+    return tuple(_known(key, key.server or found.server) for key in found.keys)
 
 
 def remember_keys(found: ReceiptKeys) -> Path:
-    """Remember public keys on this machine; a key that is known already stays as it is."""
+    """Remember public keys of a server on this machine; what is known already stays as it is.
+
+    Raises:
+        InvalidArgumentError: A key does not fit its id, or the file of known keys is none.
+    """
+    require_true_ids(found, found.server or "The server")
     path = keys_path()
-    known = read_keys(path)
-    ids = {key.key_id for key in known}
-    keys = (*known, *(key for key in found.keys if key.key_id not in ids))
+    held = {(key.key_id, key.server): key for key in read_keys(path)}
+    for key in found.keys:
+        held.setdefault((key.key_id, found.server), _known(key, found.server))
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    part.write_text(ReceiptKeys(keys=keys).model_dump_json(by_alias=True), encoding="utf-8")
+    kept = KnownKeys(keys=tuple(held.values()))
+    part.write_text(kept.model_dump_json(by_alias=True), encoding="utf-8")
     part.replace(path)
     return path
+
+
+def require_true_ids(found: ReceiptKeys, whose: str) -> None:
+    """Refuse keys whose ids are not their own.
+
+    Args:
+        found: The keys.
+        whose: The server or file that they come from.
+
+    Raises:
+        InvalidArgumentError: An id is not worked out from its key.
+    """
+    for key in found.keys:
+        if not _has_true_id(key):
+            raise InvalidArgumentError(
+                "wrong_keys",
+                f"{whose} gives a key under the id {key.key_id!r}, which is not the id of that key; "
+                "none of its keys was taken.",
+                "Do not trust these keys: take them from the benchmark's web page.",
+            )
+
+
+def _has_true_id(key: ReceiptKey) -> bool:
+    try:
+        return key.key_id == key_id_of(base64.b64decode(key.public_key, validate=True))
+    except ValueError:
+        return False
+
+
+def _known(key: ReceiptKey, server: str | None) -> KnownKey:
+    return KnownKey(**{**dict(key), "server": server})
 
 
 def _read_receipt(file: str | os.PathLike[str]) -> Receipt:

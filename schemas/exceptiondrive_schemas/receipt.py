@@ -5,6 +5,7 @@ published. Every field is digested apart and the signature covers the digests, s
 the field that was altered.
 """
 
+import hashlib
 from datetime import datetime
 from typing import Literal
 
@@ -80,6 +81,11 @@ class ReceiptKeys(Document):
     )
     server: str | None = None
     keys: tuple[ReceiptKey, ...]
+
+
+def key_id_of(public_key: bytes) -> str:
+    """Return the name of a key: the first 16 hex digits of the SHA-256 of its public half."""
+    return hashlib.sha256(public_key).hexdigest()[:16]
 
 
 def field_digests(statement: ReceiptStatement) -> dict[str, str]:

@@ -1,5 +1,7 @@
 """Organizers' roles: every route is asked with every role, the deeds one by one from a table."""
 
+import html
+import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -42,6 +44,8 @@ DEEDS = [
     ("GET", "/organizer/phases/dev/board", SEEN_OF_DEV),
     ("GET", "/organizer/phases/dev/similar", SEEN_OF_DEV),
     ("GET", "/organizer/phases/dev/export", SEEN_OF_DEV),
+    ("GET", "/organizer/submissions/archive", WHOLE_SITE),
+    ("GET", "/organizer/submissions/archive?phase=dev", SEEN_OF_DEV),
     ("POST", "/organizer/protocols/check", WHOLE_SITE),
     ("POST", "/organizer/teams/alpha/approve", {"owner", "helper"}),
     ("POST", "/organizer/teams/alpha/refuse", {"owner", "helper"}),
@@ -186,6 +190,65 @@ def test_a_role_for_one_phase_is_led_to_it_and_sees_no_other(
     assert site.request("PATCH", "/organizer/phases/other", "owner", json=hidden).status_code == 200
     assert site.get("/phases/other", "owner of dev").status_code == 404
     assert site.get("/phases/other", "reader").status_code == 200
+
+
+def offered(page: str) -> list[str]:
+    """Where the buttons and links of the body of a page lead, and where its forms do."""
+    return re.findall(r'<a class="btn[^"]*" href="([^"]+)"', page)
+
+
+@pytest.mark.parametrize("who", list(ROLES))
+def test_a_page_of_a_phase_offers_what_the_role_may_do(
+    site: "Api", browse: Callable[..., "TeamBrowser"], who: str
+) -> None:
+    site.submit("a")
+    browser = browse(site)
+    browser.sign_in(who)
+    page = browser.get(
+        "/organize/phases/other" if who == "owner of other" else "/organize/phases/dev"
+    )
+    links = offered(page.text)
+    is_owner = who.startswith("owner")
+    assert ("Save the changes" in page.text) is is_owner
+    assert any(link.endswith("/news") for link in links) is is_owner
+    assert any(link.endswith("/freeze") for link in links) is is_owner
+    for site_wide in ("/verifications/new", "/rescoring/new", "/feature", "/new?like"):
+        assert any(site_wide in link for link in links) is (who == "owner"), site_wide
+    for link in links:
+        assert browser.get(html.unescape(link)).status_code != 403, link
+
+
+def test_a_role_for_one_phase_lists_its_submissions_and_names_no_other_phase_or_team(
+    site: "Api", browse: Callable[..., "TeamBrowser"]
+) -> None:
+    own = site.submit("a").json()["id"]
+    other = site.submit("b", "beta", phase="other").json()["id"]
+    browser = browse(site)
+    browser.sign_in("owner of dev")
+    page = browser.get("/organize/submissions?phase=dev")
+    assert page.status_code == 200
+    assert own in page.text
+    for foreign in (other, "beta", "Beta", 'value="other"', "/organize/teams"):
+        assert foreign not in page.text
+    for query in ("", "?phase=other", "?phase=dev&phase=other", "?phase="):
+        refused = browser.get(f"/organize/submissions{query}")
+        assert refused.status_code == 403
+        assert "Your role is confined to dev; this is for organizers of" in refused.text
+
+
+def test_a_role_for_one_phase_publishes_its_news_by_page(
+    site: "Api", browse: Callable[..., "TeamBrowser"]
+) -> None:
+    assert site.submit("a").status_code == 202
+    browser = browse(site)
+    browser.sign_in("owner of dev")
+    page = "/organize/phases/dev/news"
+    assert "the teams that submitted to it are told" in browser.get(page).text
+    sent = browser.post(page, {"title": "A", "text": "Mine."}, page=page)
+    assert sent.headers["location"] == "/organize/phases/dev?done=news_published"
+    inboxes = [site.get("/notifications", who).json() for who in ("alpha", "beta")]
+    assert [any(one["title"].endswith(": A") for one in box) for box in inboxes] == [True, False]
+    assert browser.get("/organize/phases/other/news").status_code == 403
 
 
 def test_a_role_for_one_phase_moves_no_other_and_writes_to_no_team_of_another(

@@ -79,6 +79,28 @@ def test_somebody_invited_joins_submits_and_invites_the_next(
     assert told == ["invitation made", "member joined"] * 2
 
 
+@pytest.mark.parametrize(
+    "rights",
+    [
+        {"scopes": ["read:own", "tokens"]},
+        {"scopes": ["submit", "read:own", "tokens"], "expires_at": "2099-01-01T00:00:00Z"},
+    ],
+)
+def test_no_token_invites_into_more_rights_than_its_own(
+    small_site: "Api", browse: Browse, rights: dict[str, Any]
+) -> None:
+    made = small_site.post("/tokens", "alpha", json={"name": "less", **rights})
+    small_site.tokens["less"] = made.json()["token"]
+    browser = browse(small_site)
+    browser.sign_in("less")
+    page = browser.get("/my/team").text
+    assert "Invite somebody</button>" not in page
+    refused = browser.post("/my/team/invitations", {}, page="/my/tokens")
+    assert refused.status_code == 403
+    assert "all scopes of a team" in refused.text
+    assert "invitation made" not in actions(small_site)
+
+
 def test_looking_at_an_invitation_uses_nothing_up(
     small_site: "Api", person: Open, browse: Browse
 ) -> None:

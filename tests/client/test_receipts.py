@@ -1,5 +1,6 @@
 """`receipt get` and `receipt verify`: offline, and a tampered field is named."""
 
+import base64
 import json
 import sys
 from collections.abc import Callable
@@ -7,15 +8,30 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from typer.testing import CliRunner
 
 from exceptiondrive import Client
 from exceptiondrive.cli import app
 from exceptiondrive.errors import InvalidArgumentError
-from exceptiondrive.receipts import ReceiptError, keys_path, verify_receipt
+from exceptiondrive.receipts import (
+    ReceiptError,
+    keys_path,
+    read_keys,
+    remember_keys,
+    verify_receipt,
+)
+from exceptiondrive_schemas.receipt import (
+    Receipt,
+    ReceiptKey,
+    ReceiptKeys,
+    field_digests,
+    key_id_of,
+    signed_bytes,
+)
 
 if TYPE_CHECKING:
-    from tests.client.servers import Running
+    from tests.client.servers import CannedServer, Running
 
 
 @pytest.fixture
@@ -86,8 +102,6 @@ def test_a_receipt_holds_and_every_tampered_field_is_named(receipt: Path, tmp_pa
 def test_digests_that_were_altered_too_do_not_fit_the_signature(
     receipt: Path, tmp_path: Path
 ) -> None:
-    from exceptiondrive_schemas.receipt import Receipt, field_digests
-
     whole = Receipt.model_validate_json(receipt.read_bytes())
     statement = whole.statement.model_copy(update={"team": "Mallory"})
     forged = whole.model_copy(update={"statement": statement, "digests": field_digests(statement)})
@@ -130,13 +144,86 @@ def test_nothing_around_the_statement_can_be_changed_either(receipt: Path, tmp_p
             verify_receipt(receipt, keys=tmp_path / "keys.json")
 
 
-def test_a_receipt_of_a_former_key_holds_after_the_new_one_was_fetched(receipt: Path) -> None:
-    from exceptiondrive.receipts import read_keys, remember_keys
-    from exceptiondrive_schemas.receipt import ReceiptKeys
+def another_key(like: ReceiptKey) -> tuple[Ed25519PrivateKey, ReceiptKey]:
+    """A new key, and its public half under its own id."""
+    private = Ed25519PrivateKey.generate()
+    public = private.public_key().public_bytes_raw()
+    text = base64.b64encode(public).decode()
+    return private, like.model_copy(update={"key_id": key_id_of(public), "public_key": text})
 
+
+def signed_by(private: Ed25519PrivateKey, key_id: str, receipt: Receipt, team: str) -> str:
+    """A receipt that says something else, soundly signed."""
+    statement = receipt.statement.model_copy(update={"team": team})
+    digests = field_digests(statement)
+    signature = base64.b64encode(private.sign(signed_bytes(key_id, digests))).decode()
+    forged = {"statement": statement, "digests": digests, "key_id": key_id, "signature": signature}
+    return receipt.model_copy(update=forged).model_dump_json(by_alias=True)
+
+
+def test_a_receipt_of_a_former_key_holds_after_the_new_one_was_fetched(receipt: Path) -> None:
     (former,) = read_keys(keys_path())
-    new = former.model_copy(update={"key_id": "f" * 16, "public_key": "AAAA"})
-    forged = former.model_copy(update={"public_key": new.public_key})
-    remember_keys(ReceiptKeys(keys=(forged, new)))
-    assert read_keys(keys_path()) == (former, new), "a known key was replaced under its name"
+    _, new = another_key(former)
+    remember_keys(ReceiptKeys(server=former.server, keys=(former, new)))
+    assert [key.key_id for key in read_keys(keys_path())] == [former.key_id, new.key_id]
     assert verify_receipt(receipt).key == former
+
+
+def test_a_key_under_the_id_of_another_is_refused_wherever_keys_are_read(
+    receipt: Path, tmp_path: Path
+) -> None:
+    (true,) = read_keys(keys_path())
+    private, own = another_key(true)
+    posing = own.model_copy(update={"key_id": true.key_id})
+    rogue = ReceiptKeys(server="https://rogue.example", keys=(posing,))
+    with pytest.raises(
+        InvalidArgumentError, match=r"https://rogue.example gives a key under the id"
+    ):
+        remember_keys(rogue)
+    assert read_keys(keys_path()) == (true,)
+
+    whole = Receipt.model_validate_json(receipt.read_bytes())
+    receipt.write_text(signed_by(private, true.key_id, whole, "Mallory"))
+    given = tmp_path / "rogue.json"
+    for file, arguments in ((given, ("--key", given)), (keys_path(), ())):
+        for key in (posing, posing.model_copy(update={"public_key": "?"})):
+            file.write_text(
+                rogue.model_copy(update={"keys": (key,)}).model_dump_json(by_alias=True)
+            )
+            done = verify(receipt, *arguments)
+            assert done.exit_code == 2
+            assert f"{file} gives a key under the id" in done.stderr
+
+
+def test_a_server_that_names_its_key_like_anothers_is_refused(
+    receipt: Path, canned_server: "CannedServer"
+) -> None:
+    (true,) = read_keys(keys_path())
+    posing = another_key(true)[1].model_dump(mode="json", exclude={"server"})
+    keys = {"keys": [{**posing, "key_id": true.key_id}]}
+    canned_server.answer("GET /receipt-keys", 200, keys)
+    done = CliRunner().invoke(app, ["receipt", "keys", "--server", canned_server.url])
+    assert done.exit_code == 2
+    assert f"{canned_server.url} gives a key under the id" in done.stderr
+
+
+def test_a_check_says_which_server_the_key_is_of(receipt: Path, working: "Running") -> None:
+    whole = Receipt.model_validate_json(receipt.read_bytes())
+    (true,) = read_keys(keys_path())
+    private, own = another_key(true)
+    remember_keys(ReceiptKeys(server="https://rogue.example", keys=(own, true)))
+
+    assert verify_receipt(receipt).servers == (working.url, "https://rogue.example")
+    assert f"key {true.key_id} of {working.url}" in verify(receipt).stdout
+    receipt.write_text(signed_by(private, own.key_id, whole, "Mallory"))
+    done = verify(receipt)
+    assert f"key {own.key_id} of https://rogue.example\n" in done.stdout
+    assert json.loads(verify(receipt, "--json").stdout)["servers"] == ["https://rogue.example"]
+
+
+def test_keys_that_are_kept_without_their_server_check_too(receipt: Path) -> None:
+    whole = json.loads(keys_path().read_text())
+    for key in whole["keys"]:
+        del key["server"]
+    keys_path().write_text(json.dumps(whole))
+    assert "of a server that is not noted beside it" in verify(receipt).stdout

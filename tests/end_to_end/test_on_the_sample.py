@@ -275,6 +275,36 @@ def test_the_quick_start_runs_as_pasted(phase: str, sample_system: System, tmp_p
     assert "submissions left today" in screen
 
 
+def test_the_walk_of_a_protocol_update_runs_as_typed(sample_system: System, tmp_path: Path) -> None:
+    """Line by line of docs/rescoring.md; run and digest stand on what earlier lines print."""
+    text = (ROOT / "docs" / "rescoring.md").read_text(encoding="utf-8")
+    walk = text.partition("## A walk")[2].partition("```sh\n")[2].partition("```")[0]
+    before, known, screens = ranked(sample_system), {"RUN": "", "DIGEST": ""}, []
+    for line in walk.splitlines():
+        typed = re.sub("RUN|DIGEST", lambda word: known[word[0]], line)
+        done = subprocess.run(
+            ["bash", "-c", typed],
+            cwd=tmp_path,
+            env={
+                **sample_system.environment(sample_system.organizers_token),
+                "PATH": f"{BIN}:{os.environ['PATH']}",
+            },
+            capture_output=True,
+            text=True,
+            timeout=300,
+            check=False,
+        )
+        assert done.returncode == 0, (typed, done.stdout, done.stderr)
+        screens.append(done.stdout)
+        if run := re.match(r"run (\w+) ", done.stdout):
+            known["RUN"] = run[1]
+        if digest := re.search(r"^preview (sha256:\w+)$", done.stdout, re.MULTILINE):
+            known["DIGEST"] = digest[1]
+    assert any("d safe scale 1.0 -> 1.5" in screen for screen in screens)
+    assert screens[-1].startswith(f"run {known['RUN']}  rolled_back  phase sample  1.1 -> 1.2")
+    assert ranked(sample_system) == before
+
+
 @pytest.fixture(scope="module")
 def team_token(sample_system: System) -> str:
     """A team, as an operator makes it."""

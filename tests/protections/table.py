@@ -230,6 +230,18 @@ PROTECTIONS = (
         is_short=True,
     ),
     Protection(
+        "answers-to-senders",
+        f"{SERVER}.submissions.upload:told_to",
+        lambda _: lambda principal, seen: seen,
+        "tests/server/test_submissions.py::test_a_token_that_may_only_submit_is_told_neither_scores_nor_ranks",
+    ),
+    Protection(
+        "no-is-kept",
+        f"{RECORDS}.notifications.contacts:_require_may_be_asked",
+        _nothing(None),
+        "tests/server/test_notices.py::test_an_address_that_said_no_is_asked_by_no_team_again",
+    ),
+    Protection(
         "roles",
         f"{SERVER}.web.organizer_rights:require_right",
         _nothing,
@@ -494,6 +506,12 @@ PROTECTIONS = (
         "exceptiondrive.receipts:_is_signed",
         _always(True),
         "tests/client/test_receipts.py::test_digests_that_were_altered_too_do_not_fit_the_signature",
+    ),
+    Protection(
+        "receipt-key-ids",
+        "exceptiondrive.receipts:_has_true_id",
+        _always(True),
+        "tests/client/test_receipts.py::test_a_key_under_the_id_of_another_is_refused_wherever_keys_are_read",
     ),
     Protection(
         "receipt-fields",

@@ -122,6 +122,46 @@ def test_one_click_ends_all_mail(api_on_both: "Api", browse: Browse) -> None:
     assert tell_teams(api_on_both.database) == 0
 
 
+def ask(api: "Api", address: str, who: str = "alpha") -> Any:
+    return api.post("/contacts", who, json={"channel": "email", "address": address})
+
+
+def test_an_address_that_said_no_is_asked_by_no_team_again(
+    api_on_both: "Api", browse: Browse, as_problem: Problem
+) -> None:
+    api = api_on_both
+    first = ask(api, "Eve@example.org").json()["id"]
+    waits = ask(api, "eve@example.org", "beta").json()["id"]
+    leave = link(api, first, "unsubscribe")
+    assert api.post(f"/contacts/{first}/remove", "alpha").status_code == 200
+    assert "No more mail?" in browse(api).get(leave).text, "a team that removed it bars nobody's no"
+    assert browse(api).client.post(leave).status_code == 200
+    assert api.get("/contacts", "beta").json() == [], "what another team asked is withdrawn"
+    with api.database.read() as session:
+        kept = session.get_one(ContactPoint, first)
+        assert "eve" not in repr({**kept.__dict__, "_sa_instance_state": None}).lower()
+    forgotten = {"reason": "They asked us to."}
+    assert api.post("/organizer/teams/alpha/forget", "organizer", json=forgotten).status_code == 200
+    for address in ("eve@example.org", "EVE@Example.org", "eve+1@example.org"):
+        told = as_problem(ask(api, address, "beta"), 409, "conflict")
+        assert "asked for no more mail" in told["detail"]
+    assert browse(api).client.post(link(api, waits, "confirm")).status_code == 404
+    assert ask(api, "adam@example.org", "beta").status_code == 201
+
+
+def test_one_mailbox_is_asked_so_often_a_day_by_all_teams_together(
+    api: "Api", as_problem: Problem
+) -> None:
+    for who, address in product(("alpha", "beta"), ("eve@example.org", "EVE+x@example.org")):
+        asked = ask(api, address, who)
+        if (who, address) == ("beta", "EVE+x@example.org"):
+            assert "asked 3 times in 24 hours" in as_problem(asked, 409, "conflict")["detail"]
+        else:
+            assert api.post(f"/contacts/{asked.json()['id']}/remove", who).status_code == 200
+    assert len(mails(api)) == 3
+    assert ask(api, "adam@example.org").status_code == 201
+
+
 def test_a_score_is_told_once_with_what_the_page_says(
     api: "Api", browse: Browse, make_entry: Callable[..., Any]
 ) -> None:

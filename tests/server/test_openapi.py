@@ -4,7 +4,8 @@ import html
 import json
 import re
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -211,6 +212,70 @@ def test_every_other_method_is_answered_with_all_that_the_address_takes(api: "Ap
             answer = api.client.request(method, address)
             assert answer.status_code == 405, (method, path)
             assert set(answer.headers["allow"].split(", ")) == takes, (method, path)
+
+
+def filled(schema: dict[str, Any], document: dict[str, Any]) -> Any:
+    """The smallest value that a schema takes, as far as its form goes."""
+    schema = resolved(schema, document)
+    if "default" in schema or "const" in schema or "enum" in schema:
+        return schema.get("default", schema.get("const", schema.get("enum", [None])[0]))
+    if schema.get("type") == "object":
+        inner = schema.get("properties", {})
+        return {name: filled(inner[name], document) for name in schema.get("required", ())}
+    if schema.get("type") == "array":
+        return [filled(schema["items"], document)] * schema.get("minItems", 0)
+    of_kind = {"string": "abc", "integer": schema.get("minimum", 1), "number": 1, "boolean": True}
+    return of_kind.get(schema.get("type", ""))
+
+
+def resolved(schema: dict[str, Any], document: dict[str, Any]) -> dict[str, Any]:
+    """A schema without references, and without the choice to leave its value out."""
+    while "$ref" in schema or "anyOf" in schema:
+        if "anyOf" in schema:
+            schema = next(each for each in schema["anyOf"] if each.get("type") != "null")
+        else:
+            schema = document["components"]["schemas"][schema["$ref"].rpartition("/")[2]]
+    return schema
+
+
+def with_text(schema: dict[str, Any], document: dict[str, Any], text: str) -> Iterator[Any]:
+    """Values of a schema, each with a text at one of the places where it takes one."""
+    schema = resolved(schema, document)
+    if schema.get("type") == "string":
+        yield text
+    elif schema.get("type") == "array":
+        for inner in with_text(schema["items"], document, text):
+            yield [inner]
+    elif schema.get("type") == "object":
+        rest = filled(schema, document)
+        for name, of_name in schema.get("properties", {}).items():
+            for inner in with_text(of_name, document, text):
+                yield {**rest, name: inner}
+        if isinstance(schema.get("additionalProperties"), dict):
+            for inner in with_text(schema["additionalProperties"], document, text):
+                yield {**rest, "abc": inner}
+
+
+def test_half_of_a_surrogate_pair_is_refused_in_every_text_of_a_body(api: "Api") -> None:
+    own = api.submit("a").json()["id"]
+    document, tried = api.app.openapi(), 0
+    known = {"team_id": "alpha", "phase_id": "dev", "submission_id": own}
+    for path, method, operation in operations(document):
+        content = operation.get("requestBody", {}).get("content", {})
+        if "application/json" not in content:
+            continue
+        schema = content["application/json"]["schema"]
+        address = re.sub("{(.+?)}", lambda found: known.get(found[1], "1"), path)
+        for who, body in product(("alpha", "organizer"), with_text(schema, document, "\ud800")):
+            answer = api.client.request(
+                method,
+                address,
+                headers={**api.headers(who), "Content-Type": "application/json"},
+                content=json.dumps(body),
+            )
+            assert answer.status_code in (400, 403, 404, 409), (method, path, body, answer.text)
+            tried += 1
+    assert tried > 200
 
 
 def test_the_event_stream_is_what_the_document_says(api: "Api") -> None:

@@ -1,6 +1,7 @@
 """Every error is an RFC 9457 problem with an id, the security headers, and nothing of the request."""
 
 import json
+import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,7 @@ from fastapi import Request
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_schemas.api.problems import Problem as ProblemDocument
 from exceptiondrive_schemas.api.problems import ProblemCode
+from exceptiondrive_schemas.publish.written_files import settings_page
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 
 if TYPE_CHECKING:
@@ -36,6 +38,41 @@ def test_another_method_is_405_and_names_those_that_are_taken(
     as_problem(response, 405, "method_not_allowed")
     assert response.headers["allow"] == "GET, HEAD"
     assert method not in response.json()["detail"]
+
+
+@pytest.mark.parametrize("name", ["rules", "closing_date"])
+def test_an_unknown_field_is_named_where_its_name_is_plain(
+    api: "Api", as_problem: Problem, name: str
+) -> None:
+    answer = api.request("PATCH", "/organizer/phases/dev", "organizer", json={name: "x"})
+    problem = as_problem(answer, 400, "bad_request")
+    assert problem["fields"] == {name: "There is no such field; leave it out."}
+    assert name in problem["detail"]
+
+
+@pytest.mark.parametrize("name", ["<b>x</b>", SECRET, "a" * 41, "edk_s_1A2b3C4d", "x y", ""])
+def test_no_other_name_of_an_unknown_field_is_repeated(
+    api: "Api", as_problem: Problem, name: str
+) -> None:
+    answer = api.request("PATCH", "/organizer/phases/dev", "organizer", json={name: "x"})
+    assert list(as_problem(answer, 400, "bad_request")["fields"]) == ["(unknown field)"]
+    assert not name or name not in answer.text
+
+
+def test_what_the_settings_of_a_phase_are_said_to_stand_under_is_taken(api: "Api") -> None:
+    """The example and the column of docs/phase-settings.md."""
+    text = settings_page()
+    example = re.search('`({"title".+})`', text)
+    assert example is not None
+    row = r"^\| `(\w+)` \| (?:`(\w+)`)? \| .+ \| empty \| .+ \|$"
+    texts = re.findall(row, text, re.MULTILINE)
+    assert {part for _, part in texts} == {"", "page"}
+    for body in (
+        json.loads(example[1]),
+        *({part: {name: ""}} if part else {name: ""} for name, part in texts),
+    ):
+        taken = api.request("PATCH", "/organizer/phases/dev", "organizer", json=body)
+        assert taken.status_code == 200, (body, taken.text)
 
 
 def test_every_answer_carries_the_security_headers(api: "Api") -> None:

@@ -6,7 +6,7 @@ from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from sqlalchemy import select, update
+from sqlalchemy import delete, select, update
 from starlette.testclient import TestClient
 
 from exceptiondrive_records.accounts.sign_in import PER_TOKEN_ID
@@ -30,6 +30,31 @@ def test_a_team_signs_in_and_stays_so_until_it_signs_out(api_on_both: "Api", bro
     assert browser.get("/my").headers["location"] == "/sign-in?back=%2Fmy"
     with api_on_both.database.read() as session:
         assert session.scalars(select(BrowserSession)).all() == []
+
+
+@pytest.mark.parametrize(
+    ("who", "sent_to", "back"),
+    [
+        ("alpha", "/submit", "/submit"),
+        ("alpha", "/submissions/x/withdraw", "/my"),
+        ("organizer", "/organize/phases/dev", "/organize/phases/dev"),
+        ("organizer", "/organize/submissions/x/note", "/organize/submissions/x/note"),
+    ],
+)
+def test_a_form_sent_after_the_session_ended_leads_back_to_its_page_and_is_told_as_unsaved(
+    api: "Api", browse: Open, who: str, sent_to: str, back: str
+) -> None:
+    browser = browse(api)
+    browser.sign_in(who)
+    form = browser.form("/my/tokens" if who == "alpha" else "/organize/phases/dev")
+    with api.database.write() as session:
+        session.execute(delete(BrowserSession))
+    led = browser.send(sent_to, form)
+    assert led.status_code == 303
+    page = browser.get(led.headers["location"])
+    assert "what you sent was not saved" in page.text
+    assert f'name="back" value="{back}"' in page.text
+    assert "was not saved" not in browser.get(browser.get("/my").headers["location"]).text
 
 
 def test_the_cookie_is_bound_to_this_host_and_hidden_from_scripts(api: "Api", browse: Open) -> None:

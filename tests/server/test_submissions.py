@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from fastapi.concurrency import run_in_threadpool
 from fastapi.dependencies import utils
+from tests.support.application import entry
 
 from exceptiondrive_records.submissions.submissions import KEYS_ARE_KEPT
 from exceptiondrive_records.submissions.tables import Submission
@@ -141,6 +142,38 @@ def test_a_token_that_may_only_read_cannot_withdraw(api: "Api", as_problem: Prob
     assert ids(api.get("/submissions", "reader")) == [own]
     as_problem(api.post(f"/submissions/{own}/withdraw", "reader"), 403, "not_allowed")
     as_problem(api.submit("b", "reader"), 403, "not_allowed")
+
+
+def test_a_token_that_may_only_submit_is_told_neither_scores_nor_ranks(
+    api: "Api", as_problem: Problem
+) -> None:
+    (own,) = submit_all(api, "alpha", "a")
+    api.score(own)
+    api.publish(entry("Planner", submission_id=own))
+    api.tokens["ci"] = api.post(
+        "/organizer/teams/alpha/tokens", "organizer", json={"name": "ci", "scopes": ["submit"]}
+    ).json()["token"]
+    assert api.get(f"/submissions/{own}", "alpha").json()["rank"] == 1
+
+    def answers(who: str) -> list[Any]:
+        return [
+            api.submit("a", who),
+            api.request("PATCH", f"/submissions/{own}", who, json={"description": "A planner"}),
+        ]
+
+    for told in answers("alpha"):
+        assert (told.json()["rank"], told.json()["sheet"]["micro"]["hcc"]) == (1, 0.5)
+    for told in answers("ci"):
+        assert (told.status_code, told.json()["status"]) == (200, "scored")
+        assert [told.json()[field] for field in ("rank", "rank_interval", "sheet")] == [None] * 3
+        assert told.json()["intervals"] == {}
+    withdrawn = api.post(f"/submissions/{own}/withdraw", "ci")
+    assert withdrawn.json()["status"] == "withdrawn"
+    hook = {"channel": "webhook", "address": "https://example.org/hook", "wishes": ["scored"]}
+    as_problem(api.post("/contacts", "ci", json=hook), 403, "not_allowed")
+    added = api.post("/contacts", "alpha", json=hook).json()["id"]
+    wishes = api.request("PATCH", f"/contacts/{added}", "ci", json={"wishes": ["overtaken"]})
+    as_problem(wishes, 403, "not_allowed")
 
 
 @pytest.mark.parametrize("path", ["/submissions", "/submissions/x", "/submissions/x/events"])

@@ -58,6 +58,25 @@ def test_no_token_gives_more_than_it_has(api: "Api", as_problem: Problem) -> Non
     as_problem(rotated, 403, "not_allowed")
 
 
+def test_no_token_makes_one_that_outlives_it(api_on_both: "Api", as_problem: Problem) -> None:
+    api, scopes = api_on_both, ["submit", "read:own", "tokens"]
+    end = (datetime.now(UTC) + timedelta(days=3)).replace(microsecond=0)
+    body = {"name": "for three days", "scopes": scopes, "expires_at": end.isoformat()}
+    own = api.post("/tokens", "alpha", json=body).json()
+    api.tokens["brief"] = own["token"]
+
+    made = api.post("/tokens", "brief", json={"name": "x"}).json()["view"]
+    assert datetime.fromisoformat(made["expires_at"]) == end
+    earlier = {"name": "x", "expires_at": (end - timedelta(days=1)).isoformat()}
+    assert api.post("/tokens", "brief", json=earlier).status_code == 201
+    later = {"name": "x", "expires_at": (end + timedelta(seconds=1)).isoformat()}
+    refused = as_problem(api.post("/tokens", "brief", json=later), 403, "not_allowed")
+    assert f"Your own token ends at {end:%Y-%m-%dT%H:%M:%S}Z" in refused["detail"]
+    for token_id in (own_id(api), own["view"]["id"]):
+        rotated = api.post(f"/tokens/{token_id}/rotate", "brief", json={}).json()["view"]
+        assert datetime.fromisoformat(rotated["expires_at"]) == end
+
+
 def test_rotating_keeps_the_old_token_for_a_while(api_on_both: "Api") -> None:
     api = api_on_both
     new = api.post(f"/tokens/{own_id(api)}/rotate", "alpha", json={"keep_days": 2})

@@ -140,12 +140,12 @@ class System:
 
     def organize(self, *arguments: str) -> str:
         """Run a command of organizers; it has to succeed."""
-        done = self.client("organizer", *arguments, token=self._organizers_token)
+        done = self.client("organizer", *arguments, token=self.organizers_token)
         assert done.returncode == 0, done.stderr
         return done.stdout
 
     @cached_property
-    def _organizers_token(self) -> str:
+    def organizers_token(self) -> str:
         """A token that an operator issues."""
         return self.operate("exceptiondrive-server", "create-organizer", "test").split()[-1]
 

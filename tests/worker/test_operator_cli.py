@@ -136,18 +136,7 @@ def test_a_split_is_added_from_anywhere_with_its_datasheet(
     file.write_bytes(
         gzip.compress(split.model_dump_json(by_alias=True, exclude_none=True).encode())
     )
-    sheet = Datasheet(
-        schema_="exceptiondrive.datasheet/1",
-        name=split.name,
-        title=split.title,
-        revision=split.revision,
-        protocol="1.0",
-        n_samples=2,
-        n_scenes=1,
-        stages=(),
-        families=(),
-        tasks=(),
-    )
+    sheet = datasheet_of(split)
     (file.parent / "datasheet-of-mine.json").write_text(sheet.model_dump_json(by_alias=True))
     for _ in range(2):  # a second time nothing changes
         code, out, err = operate("add-split", str(file))
@@ -166,6 +155,52 @@ def test_a_split_is_added_from_anywhere_with_its_datasheet(
         (row,) = list_splits(session)
         assert row.revision == split.revision
     database.dispose()
+
+
+def datasheet_of(split: Split) -> Datasheet:
+    return Datasheet(
+        schema_="exceptiondrive.datasheet/1",
+        name=split.name,
+        title=split.title,
+        revision=split.revision,
+        protocol="1.0",
+        n_samples=len(split.samples),
+        n_scenes=1,
+        stages=(),
+        families=(),
+        tasks=(),
+    )
+
+
+def test_a_datasheet_of_another_revision_is_refused_before_anything_is_copied(
+    operate: Operate, tmp_path: Path, sqlite_url: str, make_split: MakeSplit
+) -> None:
+    split = make_split({"a": {}, "b": {}})
+    file, beside = tmp_path / "private" / "split.json", tmp_path / "private" / "datasheet.json"
+    file.parent.mkdir()
+    file.write_text(split.model_dump_json(by_alias=True, exclude_none=True))
+    sheet = datasheet_of(split)
+    other = sheet.model_copy(update={"revision": make_split({"a": {}}).revision})
+    for text, words in (
+        (other.model_dump_json(by_alias=True), "datasheet.json is of split 'tiny' at revision"),
+        ("{", "datasheet.json is no datasheet"),
+    ):
+        beside.write_text(text)
+        code, _, err = operate("add-split", str(file))
+        assert (code, words in err) == (2, True)
+        assert not (tmp_path / "splits" / "tiny").exists()
+
+    for title in ("Tiny", "Tiny, in better words"):
+        right = sheet.model_copy(update={"title": title}).model_dump_json(by_alias=True)
+        beside.write_text(right)
+        assert operate("add-split", str(file))[0] == 0
+        assert (tmp_path / "splits" / "tiny" / "datasheet.json").read_text() == right
+        database = Database(sqlite_url)
+        with database.read() as session:
+            (row,) = list_splits(session)
+            assert row.datasheet is not None
+            assert row.datasheet.title == title
+        database.dispose()
 
 
 def test_a_split_is_not_added_over_another_revision_nor_where_it_is_refused(

@@ -46,16 +46,17 @@ def verify(
     ] = None,
     json: options.Json = False,
 ) -> None:
-    """Check a receipt on this machine, without the server.
+    """Check a receipt on this machine, without the server, and say which server's key signed it.
 
     Exit code 2 if a field was altered, and its name on stderr.
     """
     verdict = verify_receipt(file, keys=key)
     said = verdict.receipt.statement
+    servers = ", ".join(verdict.servers) or "a server that is not noted beside it"
     show_result(
-        verdict.receipt,
+        {**verdict.receipt.model_dump(mode="json", by_alias=True), "servers": [*verdict.servers]},
         json,
-        f"the receipt holds: key {verdict.key.key_id}",
+        f"the receipt holds: key {verdict.key.key_id} of {servers}",
         f"submission {said.submission_id} of {said.team}, file {said.file_digest}",
         f"scored {utc_text(said.scored_at)} under protocol {said.protocol.version} "
         f"({said.protocol.digest}) on {said.split.name} ({said.split.revision})",

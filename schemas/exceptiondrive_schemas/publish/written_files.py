@@ -51,10 +51,11 @@ HEAD = """# The settings of a phase
 
 For organizers: in the form of a phase under `/organize/phases`, in the body of
 `POST /api/v1/organizer/phases` and `PATCH .../phases/ID`, and as options of
-`exceptiondrive organizer phases create` and `update` (`closes_at` is `--closes-at`). Settings that
-stand under `policy` in the API are marked so. What they do together: [phases](phases.md).
+`exceptiondrive organizer phases create` and `update` (`closes_at` is `--closes-at`). In the API some stand
+in an object of the body: `{"title": "Final", "page": {"rules": "..."}, "policy": {"anonymous": true}}`.
+What they do together: [phases](phases.md).
 
-| setting | of `policy` | values | default | what it does |
+| setting | in the API under | values | default | what it does |
 |---|---|---|---|---|
 """
 
@@ -67,7 +68,7 @@ def settings_page() -> str:
 def _row(field: FormField) -> str:
     cells = (
         f"`{field.name}`",
-        "yes" if field.part == "policy" else "",
+        "" if field.part is None else f"`{field.part}`",
         _values(field) + (", or none" if field.may_be_none else ""),
         _default(field),
         field.hint,

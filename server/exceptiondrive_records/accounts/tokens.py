@@ -319,14 +319,19 @@ def issue_team_token(
     scopes: tuple[str, ...],
     expires_at: datetime | None = None,
 ) -> tuple[str, Token]:
-    """Issue a token of the asker's team.
+    """Issue a token of the asker's team; where no end is wanted, it ends with the asker's own.
 
     Raises:
-        NotAllowed: A scope is wanted that the asker does not hold.
+        NotAllowed: A scope is wanted that the asker does not hold, or a later end than its own.
         Conflict: The team has enough live tokens, or made enough of them today.
         InvalidRecord: As `issue_token` raises it.
     """
     _refuse_more_rights(principal, scopes)
+    own_end = principal.expires_at
+    if expires_at is not None and own_end is not None and expires_at > own_end:
+        end = f"{own_end:%Y-%m-%dT%H:%M:%SZ}"
+        raise NotAllowed(f"Your own token ends at {end}, and a token of it no later.")
+    expires_at = own_end if expires_at is None else expires_at
     now = database_now(session)
     known = team_tokens(session, principal)
     if sum(is_live(token, now) for token in known) >= MAX_LIVE_TOKENS:
@@ -341,7 +346,7 @@ def rotate_team_token(
 ) -> tuple[str, Token]:
     """Issue the successor of a token; the old one works for `keep_days` more.
 
-    The successor has the same name, scopes and length of life.
+    The successor has the same name, scopes and length of life, and ends no later than the asker's own.
 
     Raises:
         NotFound: The team has no such token.
@@ -356,6 +361,8 @@ def rotate_team_token(
     if not is_live(old, now):
         raise Conflict(f"Token {token_id!r} is revoked or has expired; issue a new one.")
     expires_at = None if old.expires_at is None else now + (old.expires_at - old.created_at)
+    if expires_at is not None and principal.expires_at is not None:
+        expires_at = min(expires_at, principal.expires_at)
     text, new = issue_team_token(session, principal, old.name, tuple(old.scopes), expires_at)
     ends_at = now + timedelta(days=keep_days)
     old.expires_at = ends_at if old.expires_at is None else min(ends_at, old.expires_at)
@@ -395,6 +402,11 @@ def find_team_token(session: Session, principal: Principal, token_id: str) -> To
     if token is None or token.team_id is None or token.team_id != principal.team_id:
         raise NotFound("token", token_id)
     return token
+
+
+def may_invite(principal: Principal) -> bool:
+    """Whether it holds all that who joins a team gets: every scope of a team, without an end."""
+    return set(TEAM_SCOPES) <= principal.scopes and principal.expires_at is None
 
 
 def _refuse_more_rights(principal: Principal, scopes: Iterable[str]) -> None:

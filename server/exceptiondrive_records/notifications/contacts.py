@@ -7,7 +7,7 @@ from datetime import datetime, timedelta
 from typing import Literal
 from urllib.parse import urlsplit
 
-from sqlalchemy import func, select
+from sqlalchemy import func, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
@@ -25,9 +25,12 @@ from exceptiondrive_records.notifications.tables import (
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import require_approved
 from exceptiondrive_schemas.api.rescoring import NotificationView, Wish
+from exceptiondrive_schemas.base import bytes_digest
 
 MAX_CONTACTS = 5
 MAX_ADDED_A_DAY = 20
+MAX_ASKED_A_DAY = 3
+"""How often one mailbox is asked for its yes, by all teams together."""
 _EMAIL = re.compile(r"[A-Za-z0-9._%+-]{1,64}@(?:[A-Za-z0-9-]{1,63}\.)+[A-Za-z]{2,24}")
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
@@ -45,6 +48,7 @@ def add_contact(
     """Let a team be told at an address; a webhook gets a secret that signs what is sent.
 
     An e-mail address is written to once, and told nothing more until whoever reads there confirms it.
+    One that said no by the link in a mail is asked by no team again.
 
     Args:
         session: Of a write transaction.
@@ -58,7 +62,8 @@ def add_contact(
     Raises:
         NotAllowed: The team is not approved yet: strangers would let the site write to anybody.
         InvalidRecord: The address cannot be used.
-        Conflict: The team has it already, has enough, or added enough today.
+        Conflict: The team has it already, has enough, or added enough today; or whoever reads there
+            said no, or was asked often enough today.
     """
     require_approved(session.get_one(Team, team_id))
     if channel is Channel.WEBHOOK:
@@ -72,6 +77,9 @@ def add_contact(
         raise Conflict(f"A team may be told at {MAX_CONTACTS} addresses; remove one first.")
     now = database_now(session)
     _require_additions_left(session, team_id, now)
+    mailbox_digest = _mailbox_digest(address) if channel is Channel.EMAIL else None
+    if mailbox_digest is not None:
+        _require_may_be_asked(session, mailbox_digest, now)
     contact = ContactPoint(
         id=random_id(),
         team_id=team_id,
@@ -81,6 +89,7 @@ def add_contact(
         wishes=" ".join(dict.fromkeys(wishes)),
         confirmed_at=now if channel is Channel.WEBHOOK else None,
         created_at=now,
+        mailbox_digest=mailbox_digest,
     )
     session.add(contact)
     session.flush()
@@ -109,14 +118,17 @@ def set_wishes(
 
 
 def _is_secret(contact: ContactPoint, key: str) -> bool:
-    return secrets.compare_digest((contact.secret or "").encode(), key.encode("utf-8", "replace"))
+    secret, given = contact.secret, key.encode("utf-8", "replace")
+    return secret is not None and secrets.compare_digest(secret.encode(), given)
 
 
-def find_by_key(session: Session, contact_id: str, key: str) -> ContactPoint:
+def find_by_key(
+    session: Session, contact_id: str, key: str, *, may_be_removed: bool = False
+) -> ContactPoint:
     """Return the e-mail address that a link in a mail speaks for.
 
     Raises:
-        NotFound: There is none, it was removed, or the key is wrong: the answer is the same.
+        NotFound: There is none, it said no or was removed, or the key is wrong: the answer is the same.
     """
     contact = session.get(ContactPoint, contact_id)
     is_right = contact is not None and _is_secret(contact, key)
@@ -124,7 +136,8 @@ def find_by_key(session: Session, contact_id: str, key: str) -> ContactPoint:
         contact is None
         or not is_right
         or contact.channel is not Channel.EMAIL
-        or contact.removed_at is not None
+        or contact.unsubscribed_at is not None
+        or (contact.removed_at is not None and not may_be_removed)
     ):
         raise NotFound("address", contact_id)
     return contact
@@ -143,16 +156,29 @@ def confirm_contact(session: Session, contact_id: str, key: str) -> ContactPoint
     return contact
 
 
-def unsubscribe_contact(session: Session, contact_id: str, key: str) -> ContactPoint:
-    """Tell an address nothing more, as whoever reads there wishes.
+def unsubscribe_contact(session: Session, contact_id: str, key: str) -> str:
+    """Tell an address nothing more, and let no team ask it again; return the address.
+
+    A team that removed it cannot keep whoever reads there from saying no. What other teams asked
+    there and got no answer to is withdrawn; what was said yes to stays.
 
     Raises:
-        NotFound: As `find_by_key`.
+        NotFound: As `find_by_key`, but for an address that was removed.
     """
-    contact = find_by_key(session, contact_id, key)
-    contact.removed_at = database_now(session)
+    contact = find_by_key(session, contact_id, key, may_be_removed=True)
+    address, now = contact.address, database_now(session)
+    contact.address, contact.removed_at, contact.unsubscribed_at = "", now, now
+    session.execute(
+        update(ContactPoint)
+        .where(
+            ContactPoint.mailbox_digest == contact.mailbox_digest,
+            ContactPoint.confirmed_at.is_(None),
+            ContactPoint.removed_at.is_(None),
+        )
+        .values(removed_at=now)
+    )
     audit(session, f"contact:{contact.id}", "contact unsubscribed", contact.id)
-    return contact
+    return address
 
 
 def contact_link(contact: ContactPoint, what: Literal["confirm", "unsubscribe"]) -> str:
@@ -171,7 +197,8 @@ def _question(session: Session, contact: ContactPoint, now: datetime) -> Notific
         title="Confirm that ExceptionDrive may write to this address",
         what_changed=(
             f"The team {team}, or an organizer for it, wants to be told here about its submissions.",
-            "If you do not want that, do nothing: nothing more will be sent.",
+            "If you do not want that, do nothing: nothing more will be sent for this team.",
+            "The link that ends mail to this address keeps every team from asking again.",
         ),
         comparison=contact_link(contact, "confirm"),
     )
@@ -184,6 +211,22 @@ def _require_additions_left(session: Session, team_id: int, now: datetime) -> No
     )
     if (session.scalar(query) or 0) >= MAX_ADDED_A_DAY:
         raise Conflict(f"A team may add {MAX_ADDED_A_DAY} addresses in 24 hours; go on later.")
+
+
+def _mailbox_digest(address: str) -> str:
+    """The digest of an address in small letters, without a `+tag`: one who reads has many of these."""
+    name, _, host = address.lower().rpartition("@")
+    mailbox = f"{name.partition('+')[0]}@{host}"
+    return bytes_digest(mailbox.encode())
+
+
+def _require_may_be_asked(session: Session, mailbox_digest: str, now: datetime) -> None:
+    asked = select(func.count()).where(ContactPoint.mailbox_digest == mailbox_digest)
+    if session.scalar(asked.where(ContactPoint.unsubscribed_at.is_not(None))):
+        raise Conflict("Whoever reads at this address asked for no more mail; take another one.")
+    today = asked.where(ContactPoint.created_at > now - timedelta(days=1))
+    if (session.scalar(today) or 0) >= MAX_ASKED_A_DAY:
+        raise Conflict(f"This address was asked {MAX_ASKED_A_DAY} times in 24 hours; go on later.")
 
 
 def _find(session: Session, team_id: int, contact_id: str) -> ContactPoint:

@@ -43,6 +43,10 @@ class ContactPoint(Base):
     """When whoever reads there said yes; a webhook needs no word."""
     created_at: Mapped[datetime]
     removed_at: Mapped[datetime | None]
+    mailbox_digest: Mapped[str | None] = mapped_column(index=True)
+    """Of an e-mail address, however it is written: says how often it was asked, and that it said no."""
+    unsubscribed_at: Mapped[datetime | None]
+    """When whoever reads there said no: the address goes then, and the digest stays."""
 
 
 class Notification(Base):

@@ -6,7 +6,7 @@ are read (`boards.parsed_board`); the digest of what the board says is the one i
 
 import secrets
 
-from sqlalchemy import delete, exists, func, select, update
+from sqlalchemy import case, delete, exists, func, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tables import (
@@ -125,7 +125,14 @@ def _forget_notices(session: Session, team: Team) -> None:
     session.execute(
         update(ContactPoint)
         .where(ContactPoint.team_id == team.id)
-        .values(address="", secret=None, removed_at=now)
+        .values(
+            address="",
+            secret=None,
+            removed_at=now,
+            mailbox_digest=case(
+                (ContactPoint.unsubscribed_at.is_not(None), ContactPoint.mailbox_digest)
+            ),
+        )
     )
     for row in session.scalars(select(Notification).where(Notification.team_id == team.id)):
         view = NotificationView.model_validate_json(row.body)

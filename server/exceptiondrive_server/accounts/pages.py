@@ -56,12 +56,16 @@ def show_sign_in(
     request: Request,
     browser: MaybeSignedIn,
     back: Annotated[str, Query(max_length=2000)] = HERE,
+    unsaved: bool = False,
 ) -> Response:
-    """Show the form, or go on when somebody has signed in already."""
+    """Show the form, or go on when somebody has signed in already.
+
+    `unsaved` says that a form was sent when nobody was signed in any more.
+    """
     require_private_channel(request)
     if browser is not None:
         return go(back)
-    return show_form(request, back)
+    return show_form(request, back, is_unsaved=unsaved)
 
 
 @router.post("/sign-in")
@@ -111,7 +115,9 @@ def _session_for(services: Services, token: str, address: str) -> tuple[str, boo
         return open_token_session(session, principal), principal.role is not None
 
 
-def show_form(request: Request, back: str, *, status: int = 200, fault: str = "") -> Response:
+def show_form(
+    request: Request, back: str, *, status: int = 200, fault: str = "", is_unsaved: bool = False
+) -> Response:
     """Answer with the sign-in page, bound to the secret of the browser."""
     provider, secret = services_of(request).provider, form_secret(request)
     answer = private_page(
@@ -121,6 +127,7 @@ def show_form(request: Request, back: str, *, status: int = 200, fault: str = ""
         status=status,
         back=safe_back(back),
         fault=fault,
+        is_unsaved=is_unsaved,
         provider=None if provider is None else provider.name,
         form_token=form_token(secret),
     )

@@ -10,7 +10,7 @@ from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.news.news import all_news, publish_news, withdraw_news
 from exceptiondrive_records.news.questions import all_questions, answer_question
 from exceptiondrive_records.participation.messages import MAX_TEXT, MAX_TITLE
-from exceptiondrive_records.phases.phases import list_phases, titles_of_phases
+from exceptiondrive_records.phases.phases import find_phase, list_phases, titles_of_phases
 from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_server.news.queries import asked_question, news_view
 from exceptiondrive_server.web.auth import ServicesOf
@@ -23,12 +23,16 @@ from exceptiondrive_server.web.organizer_frame import (
     step_at,
 )
 
-router = APIRouter(prefix="/organize/news", include_in_schema=False)
+router = APIRouter(prefix="/organize", include_in_schema=False)
 Id = Annotated[str, Path(max_length=64)]
 _COMMAND = "exceptiondrive organizer news"
+_WORDS = (
+    FormField("title", "Title", is_required=True, max_length=MAX_TITLE),
+    FormField("text", "Text", "lines", "Markdown", is_required=True, max_length=MAX_TEXT),
+)
 
 
-@router.get("")
+@router.get("/news")
 def show_news(request: Request, services: ServicesOf, browser: OrganizerBrowser) -> Response:
     """List questions, those that wait first, and news."""
     with services.database.read() as session:
@@ -46,7 +50,7 @@ def show_news(request: Request, services: ServicesOf, browser: OrganizerBrowser)
     )
 
 
-@step_at(router, "/new")
+@step_at(router, "/news/new")
 def publication(services: ServicesOf) -> Step:
     """Announce something of a phase."""
     with services.database.read() as session:
@@ -57,8 +61,7 @@ def publication(services: ServicesOf) -> Step:
         button="Publish the news",
         fields=(
             FormField("phase", "Phase", "choice", is_required=True, options=shown),
-            FormField("title", "Title", is_required=True, max_length=MAX_TITLE),
-            FormField("text", "Text", "lines", "Markdown", is_required=True, max_length=MAX_TEXT),
+            *_WORDS,
         ),
         command=f'{_COMMAND} publish --phase ID --title "…" --text "…"',
         is_grave=True,
@@ -69,7 +72,32 @@ def publication(services: ServicesOf) -> Step:
     )
 
 
-@step_at(router, "/{news_id}/withdraw")
+@step_at(router, "/phases/{phase_id}/news")
+def publication_of_phase(services: ServicesOf, browser: OrganizerBrowser, phase_id: Id) -> Step:
+    """Announce something of this phase; whoever is confined to it tells the teams of it alone."""
+    with services.database.read() as session:
+        phase = find_phase(session, phase_id)
+    of_site = browser.principal.is_organizer
+    told = "every team is told" if of_site else "the teams that submitted to it are told"
+    return Step(
+        section="phases",
+        title="Publish news",
+        meaning=f"They stand on the page of the phase and in its feed, and {told}.",
+        button="Publish the news",
+        back=f"/organize/phases/{phase_id}",
+        back_words="The phase",
+        fields=_WORDS,
+        facts=(("Phase", phase.title),),
+        command=f'{_COMMAND} publish --phase {phase_id} --title "…" --text "…"',
+        is_grave=True,
+        take=lambda session, text, **given: publish_news(
+            session, phase_id, text=text, plain=plain_text(text), to_its_teams=not of_site, **given
+        ),
+        done="news_published",
+    )
+
+
+@step_at(router, "/news/{news_id}/withdraw")
 def withdrawal(services: ServicesOf, news_id: Id) -> Step:
     """Withdraw news."""
     with services.database.read() as session:
@@ -89,7 +117,7 @@ def withdrawal(services: ServicesOf, news_id: Id) -> Step:
     )
 
 
-@step_at(router, "/questions/{question_id}")
+@step_at(router, "/news/questions/{question_id}")
 def answer(services: ServicesOf, question_id: Id) -> Step:
     """Answer a question."""
     with services.database.read() as session:

@@ -100,10 +100,12 @@ def get_contacts(services: ServicesOf, reader: Reader) -> list[ContactView]:
 
 
 @router.post("/contacts", operation_id="addContact", status_code=201)
-def post_contact(services: ServicesOf, submitter: Submitter, wanted: NewContact) -> ContactView:
+def post_contact(
+    services: ServicesOf, submitter: Submitter, _: Reader, wanted: NewContact
+) -> ContactView:
     """Be told at a webhook or e-mail address; a webhook's secret is shown this once.
 
-    An e-mail address gets one message that asks for a yes, and nothing more until it is given.
+    It needs both scopes, since scores and ranks are told there. An e-mail address gets one message that asks for a yes, and nothing more until it is given.
     """
     with services.database.write() as session:
         contact = add_contact(
@@ -123,6 +125,7 @@ def post_contact(services: ServicesOf, submitter: Submitter, wanted: NewContact)
 def patch_contact(
     services: ServicesOf,
     submitter: Submitter,
+    _: Reader,
     contact_id: Annotated[str, Path(max_length=64)],
     wanted: Wishes,
 ) -> ContactView:

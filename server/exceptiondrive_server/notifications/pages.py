@@ -65,6 +65,7 @@ def post_add(
 ) -> Response:
     """Be told at another address; the secret of a webhook is shown this once."""
     require_scope(browser, Scope.SUBMIT)
+    require_scope(browser, Scope.READ_OWN)
     address = str(form.get("address", "")).strip()
     channel = Channel.WEBHOOK if "://" in address else Channel.EMAIL
     try:
@@ -92,6 +93,7 @@ def post_wishes(
 ) -> Response:
     """Set what an address is told of."""
     require_scope(browser, Scope.SUBMIT)
+    require_scope(browser, Scope.READ_OWN)
     who = browser.principal
     with services.database.write() as session:
         set_wishes(session, team_of(who), contact_id, _wishes(form), actor=who.actor)
@@ -118,7 +120,7 @@ def show_link(
     if what not in ("confirm", "unsubscribe"):
         raise NotFound("page", what)
     with services.database.read() as session:
-        contact = find_by_key(session, contact_id, key)
+        contact = find_by_key(session, contact_id, key, may_be_removed=what == "unsubscribe")
     return _answer(request, what=what, address=contact.address, key=key, id=contact_id)
 
 
@@ -141,7 +143,7 @@ def post_unsubscribe(
     The key in the address is all that is asked: such a program has no cookie and no form token.
     """
     with services.database.write() as session:
-        address = unsubscribe_contact(session, contact_id, key).address
+        address = unsubscribe_contact(session, contact_id, key)
     return _answer(request, what="unsubscribed", address=address)
 
 

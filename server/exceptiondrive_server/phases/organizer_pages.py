@@ -60,7 +60,7 @@ from exceptiondrive_server.web.organizer_frame import (
     organizer_page,
     step_at,
 )
-from exceptiondrive_server.web.organizer_rights import require_order_right
+from exceptiondrive_server.web.organizer_rights import may_change, require_order_right
 from exceptiondrive_server.web.responses import origin_of
 from exceptiondrive_server.web.services import Services
 from exceptiondrive_server.web.templating import template_filter
@@ -345,7 +345,17 @@ def _new(
 ) -> Response:
     with services.database.read() as session:
         made_of = filled(_made_of(session), texts)
-    return _page(request, browser, texts, refusal, phase=None, made_of=made_of, troubles=())
+    may_make = may_change(browser.principal, f"{HERE}/new")
+    return _page(
+        request,
+        browser,
+        texts,
+        refusal,
+        phase=None,
+        made_of=made_of,
+        troubles=(),
+        may_change=may_make,
+    )
 
 
 def _phase(
@@ -377,8 +387,12 @@ def _phase(
         steps=[
             step
             for step in PHASE_STEPS.values()
-            if step.is_offered(seen) and not (step.is_end and is_used)
+            if step.is_offered(seen)
+            and not (step.is_end and is_used)
+            and may_change(browser.principal, f"{HERE}/{{phase_id}}/{step.key}", phase_id)
         ],
+        may_change=may_change(browser.principal, f"{HERE}/{{phase_id}}", phase_id),
+        may_make=may_change(browser.principal, f"{HERE}/new"),
         lines=[one for one in lines if one.line.action not in BOARD_LINES],
         troubles=found,
     )

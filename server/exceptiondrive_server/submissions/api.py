@@ -35,6 +35,7 @@ from exceptiondrive_server.submissions.upload import (
     confirmed_upload,
     received_upload,
     take_upload,
+    told_to,
     upload_body,
 )
 from exceptiondrive_server.web.auth import Reader, ServicesOf, Submitter, own_team, team_of
@@ -91,6 +92,9 @@ async def submit(
     `Idempotency-Key` the same upload, sent again within 24 hours, is answered as the first time
     (202), even where the submission was withdrawn meanwhile; the key with other bytes is refused
     (409). A key is 1 to 255 visible ASCII characters.
+
+    Scores and ranks of a submission that was there before are told to a token with `read:own` alone;
+    so it is where a submission is changed, withdrawn, confirmed, chosen or published.
 
     The headers `RateLimit-Limit`, `RateLimit-Remaining` and `RateLimit-Reset` (in seconds) say what
     the team may still submit to the phase today; a phase, a submission, and the submissions of one
@@ -317,4 +321,4 @@ def _decide(
         find_submission(session, submission_id, team_id=own_team(principal))
         what(session, submission_id, actor=principal.actor)
     with services.database.read() as session:
-        return view(session, find_submission(session, submission_id))
+        return told_to(principal, view(session, find_submission(session, submission_id)))

@@ -69,6 +69,7 @@ def show_submissions(
 ) -> Response:
     """List submissions, newest first, narrowed to a team, a phase and a status."""
     known = SubmissionStatus(status) if status in list(SubmissionStatus) else None
+    who = browser.principal
     with services.database.read() as session:
         found = list_submissions(
             session,
@@ -79,7 +80,7 @@ def show_submissions(
             limit=SHOWN + 1,
         )
         seen = views(session, found[:SHOWN])
-        phases = list_phases(session, with_hidden=True)
+        phases = [one for one in list_phases(session, with_hidden=True) if who.organizes(one.id)]
         lines = run_lines(seen, phase_rules(session, phases), can_decide=False)
         teams = {one.id: one for one in list_teams(session)}
     chosen = {"team": team, "phase": phase, "status": known or ""}
@@ -92,7 +93,8 @@ def show_submissions(
         lines=lines,
         labels=list(dict.fromkeys(cell.label for line in lines for cell in line.cells)),
         slugs={one.id: teams[one.team_id].slug for one in found},
-        teams=teams.values(),
+        teams=teams.values() if who.is_organizer else (),
+        is_of_site=who.is_organizer,
         phases=phases,
         titles={one.id: one.title for one in phases},
         statuses=list(SubmissionStatus),

@@ -5,7 +5,6 @@ recorded when they sign first, and stay published, so older receipts can still b
 """
 
 import base64
-import hashlib
 import os
 import threading
 from pathlib import Path
@@ -26,6 +25,7 @@ from exceptiondrive_schemas.receipt import (
     ReceiptKey,
     ReceiptStatement,
     field_digests,
+    key_id_of,
     signed_bytes,
 )
 
@@ -81,11 +81,6 @@ class ReceiptSigner:
                     remember_receipt_key(session, key_id, text)
                 self._loaded = key, key_id
             return self._loaded
-
-
-def key_id_of(public_key: bytes) -> str:
-    """Return the name of a key: the first 16 hex digits of the SHA-256 of its public half."""
-    return hashlib.sha256(public_key).hexdigest()[:16]
 
 
 def read_or_make_key(path: Path) -> Ed25519PrivateKey:

@@ -20,7 +20,7 @@ from sqlalchemy.orm import Session
 from starlette.datastructures import FormData, UploadFile
 
 from exceptiondrive_records.accounts.sessions import require_unrevoked
-from exceptiondrive_records.accounts.tokens import Principal
+from exceptiondrive_records.accounts.tokens import Principal, Scope
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import RecordsError, StoreError, UploadEmpty
 from exceptiondrive_records.operations.garbage import remove_orphan
@@ -56,6 +56,14 @@ CHUNK_BYTES = 256 * 1024
 MAX_FIELD_BYTES = 16 * 1024
 MAX_FIELDS = 40
 Link = Annotated[str, Field(max_length=500, description="an https:// address")]
+_NO_RESULTS: dict[str, Any] = {
+    "sheet": None,
+    "rank": None,
+    "rank_interval": None,
+    "intervals": {},
+    "unranked_because": None,
+    "replaced_by": None,
+}
 
 
 class UploadFields(BaseModel):
@@ -255,7 +263,7 @@ def take_upload(
         wake(services)
     with services.database.read() as session:
         taken = view(session, accepted.submission, is_duplicate=accepted.is_duplicate)
-        return taken, quota_of(session, team_id, phase)
+        return told_to(principal, taken), quota_of(session, team_id, phase)
 
 
 def confirmed_upload(
@@ -272,7 +280,13 @@ def confirmed_upload(
         counted_id = confirm(session, submission_id).id
     wake(services)
     with services.database.read() as session:
-        return view(session, find_submission(session, counted_id))
+        return told_to(principal, view(session, find_submission(session, counted_id)))
+
+
+def told_to(principal: Principal, seen: SubmissionView) -> SubmissionView:
+    """Return what who submits is told: without `read:own` neither scores nor ranks."""
+    may_read = Scope.READ_OWN in principal.scopes
+    return seen if may_read else seen.model_copy(update=_NO_RESULTS)
 
 
 def _accept(

@@ -21,7 +21,7 @@ from exceptiondrive_records.accounts.people import (
 from exceptiondrive_records.accounts.sessions import act_for
 from exceptiondrive_records.accounts.sign_in import count_attempt, registration_keys_of
 from exceptiondrive_records.accounts.tables import Person
-from exceptiondrive_records.accounts.tokens import Principal, Scope, live_tokens_by_team
+from exceptiondrive_records.accounts.tokens import Principal, Scope, live_tokens_by_team, may_invite
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_records.notifications.contacts import list_contacts
 from exceptiondrive_records.submissions.submissions import counts_by_team
@@ -78,6 +78,9 @@ def make_invitation(
     who = browser.principal
     require_scope(browser, Scope.TOKENS)
     team_id = team_of(who)
+    if not may_invite(who):
+        detail = "To invite takes a token with all scopes of a team that does not end: who joins gets both."
+        raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
     invited_by = who.person_name or f"token {who.token_name}"
     with services.database.write() as session:
         text, _ = invite(session, team_id, invited_by, actor=who.actor)
@@ -176,6 +179,7 @@ def _page(
             **({} if team is None else _facts(session, team)),
             members=[] if team is None else members_of(session, team.id),
             invitations=[] if team is None else open_invitations(session, team.id),
+            may_invite=may_invite(who),
             roles=[] if person is None else _roles(person, who, teams_of(session, person.id)),
             may_register=may_register and team is None,
             provider=None if services.provider is None else services.provider.name,

@@ -16,6 +16,7 @@ from fastapi import Depends, FastAPI, Request
 from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
 from starlette.datastructures import FormData
+from starlette.routing import Match
 
 from exceptiondrive_records.accounts.sessions import LIFETIME, find_session
 from exceptiondrive_records.accounts.tokens import Principal, Scope
@@ -232,10 +233,17 @@ def lead_to_sign_in(app: FastAPI) -> None:
 
 
 async def _to_sign_in(request: Request, error: Exception) -> Response:
-    back = request.url.path if request.method in ("GET", "HEAD") else "/my"
-    query = urlencode({"back": back})
+    is_look = request.method in ("GET", "HEAD")
+    back = request.url.path if is_look or _is_page(request) else "/my"
+    query = urlencode({"back": back} if is_look else {"back": back, "unsaved": "true"})
     headers = {"Cache-Control": "no-store"}
     return RedirectResponse(f"/sign-in?{query}", status_code=303, headers=headers)
+
+
+def _is_page(request: Request) -> bool:
+    """Whether the address of a form that was sent is that of a page, too."""
+    looked_at = {**request.scope, "method": "GET"}
+    return any(route.matches(looked_at)[0] is Match.FULL for route in request.app.routes)
 
 
 async def _to_team(request: Request, error: Exception) -> Response:

@@ -39,7 +39,7 @@ DONE: Mapping[str, str] = MappingProxyType(
         "nothing_changed": "Nothing was changed: all is as it was.",
         "site_changed": "The links are changed: every page shows them from now on.",
         "phase_changed": "The phase is changed; the audit log says from what to what.",
-        "news_published": "The news are published, and every team is told.",
+        "news_published": "The news are published, and the teams are told.",
         "news_withdrawn": "The news are withdrawn: readers see them no more.",
         "reported_imported": "The rows are imported: they stand on the page of reported rows, unranked.",
         "reported_withdrawn": "The rows are withdrawn: readers see them no more.",

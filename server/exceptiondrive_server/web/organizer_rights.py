@@ -2,11 +2,9 @@
 
 Whoever reads needs the role read-only, whoever changes anything the role owner, but for the deeds of
 helpers below. A route whose path names a phase, a run or a submission is a phase's, unless it moves
-other phases, too: a role that is confined to that phase counts there. Every other route is the whole site's.
+other phases, too; so are lists of submissions that are narrowed to a phase. A role that is confined to
+that phase counts there. Every other route is the whole site's.
 """
-
-from collections.abc import Mapping
-from typing import Any
 
 from fastapi import Request
 from sqlalchemy.orm import Session
@@ -46,6 +44,14 @@ _OF_THE_SITE = frozenset(
     }
 )
 """Paths that name a phase and move all others."""
+_NARROWED = frozenset(
+    {
+        "/api/v1/organizer/submissions/archive",
+        "/organize/submissions",
+        "/organize/submissions/archive",
+    }
+)
+"""Lists that hold what is of the phase `?phase=` alone."""
 
 
 def role_needed(method: str, path: str) -> OrganizerRole:
@@ -80,12 +86,25 @@ def require_right(request: Request, services: Services, principal: Principal) ->
     if principal.is_organizer:
         return
     with services.database.read() as session:
-        is_of_phase = _path_of(request) not in _OF_THE_SITE
-        phase_id = _phase_of(session, request.path_params) if is_of_phase else None
+        phase_id = _phase_of(session, request)
     if not principal.organizes(phase_id):
         confined = ", ".join(sorted(principal.phases))
-        detail = f"Your role is confined to {confined}, and this is not of it."
+        what = "of the whole site" if phase_id is None else "of this phase or of the whole site"
+        detail = f"Your role is confined to {confined}; this is for organizers {what}."
         raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
+
+
+def may_change(principal: Principal, path: str, phase_id: str | None = None) -> bool:
+    """Whether an organizer may send the form of a page; what they may not is not offered.
+
+    Args:
+        principal: Who.
+        path: Of the route, with the names of its parameters.
+        phase_id: The phase that the path names, if it names one.
+    """
+    role = principal.role
+    is_theirs = principal.organizes(None if path in _OF_THE_SITE else phase_id)
+    return role is not None and role.includes(role_needed("POST", path)) and is_theirs
 
 
 def require_order_right(principal: Principal, change: PhaseChange) -> None:
@@ -106,8 +125,13 @@ def _path_of(request: Request) -> str:
     return path
 
 
-def _phase_of(session: Session, named: Mapping[str, Any]) -> str | None:
-    """Return the phase that the parameters of a path belong to."""
+def _phase_of(session: Session, request: Request) -> str | None:
+    """Return the phase that a request belongs to; None: to the whole site."""
+    path, named = _path_of(request), request.path_params
+    if path in _OF_THE_SITE:
+        return None
+    if path in _NARROWED:
+        return request.query_params.get("phase")
     if "phase_id" in named:
         return str(named["phase_id"])
     owner: RescoringRun | Submission | None = None

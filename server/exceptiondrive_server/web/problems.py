@@ -1,6 +1,7 @@
 """Every error as an RFC 9457 problem: one vocabulary, one form, nothing of the request echoed."""
 
 import math
+import re
 from collections.abc import Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -34,6 +35,8 @@ from exceptiondrive_server.web.responses import problem_page
 _log = structlog.get_logger("exceptiondrive.server")
 
 MAX_FIELDS = 20
+_PLAIN_NAME = re.compile("[a-z][a-z_]{0,39}")
+"""Of a field that we do not know: no name of this form is markup, a digest or a token."""
 TOO_LARGE = "The request is larger than the server takes; gzip the file, or see the phase's limit."
 RETRY_AFTER_S = 5
 
@@ -112,6 +115,7 @@ def install_problem_handlers(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, _http_exception)
     app.add_exception_handler(SQLAlchemyError, _database_error)
     app.add_exception_handler(DataError, _unstorable)
+    app.add_exception_handler(UnicodeEncodeError, _unstorable)
     app.add_exception_handler(Exception, _unexpected)
 
 
@@ -174,10 +178,11 @@ def _of_fields(error: RequestValidationError) -> ApiProblem:
 
 
 def _field(item: Mapping[str, Any]) -> tuple[str, str]:
-    """Return name and fault of a field; a name that we do not know is the sender's, so not ours."""
+    """Return name and fault of a field; of one that we do not know only a plain name is repeated."""
     place = [str(part) for part in item["loc"] if part not in ("body", "query", "path")]
     if item["type"] == "extra_forbidden":
-        return ".".join([*place[:-1], "(unknown field)"]), "There is no such field; leave it out."
+        name = place[-1] if place and _PLAIN_NAME.fullmatch(place[-1]) else "(unknown field)"
+        return ".".join([*place[:-1], name]), "There is no such field; leave it out."
     if item["type"] == "json_invalid":
         return "body", "This is not JSON."
     return ".".join(place)[:100] or "body", str(item["msg"]).removeprefix("Value error, ")[:200]
@@ -214,7 +219,7 @@ def _methods_at(request: Request) -> list[str]:
 
 
 async def _unstorable(request: Request, error: Exception) -> Response:
-    """A value that no column can hold, such as a NUL in a text."""
+    """A value that no column can hold, such as a NUL in a text or half of a surrogate pair."""
     detail = "The request holds a character or number that cannot be used."
     return problem_response(request, ApiProblem(ProblemCode.BAD_REQUEST, detail))
 

@@ -105,7 +105,7 @@ def add_split_file(
 ) -> RegisteredSplit:
     """Copy a split file, and the datasheet beside it, to where workers look for it; register it.
 
-    Adding the same file again changes nothing. The file of an earlier revision stays beside it, under
+    Adding the same file again changes nothing, but for the datasheet beside it, which is taken anew. The file of an earlier revision stays beside it, under
     a number: what was scored against it can be scored again.
 
     Args:
@@ -116,13 +116,17 @@ def add_split_file(
         words: What readers are told of a later revision; without them none is added.
 
     Raises:
-        SplitUnreadableError: It is no split.
-        SplitRefusedError: It cannot be scored; nothing was copied.
+        SplitUnreadableError: It is no split, or the datasheet beside it is none, or not this one's.
+        SplitRefusedError: It cannot be scored.
         SplitUnavailableError: Another revision lies there, and there are no words about the change,
             or its samples are others.
+        FloorsUnreadableError: The floors beside the split cannot be read. Whatever is raised, nothing
+            was copied.
     """
     split = read_split(source)
     load_split(split, protocol)
+    splits.floors(split.name)
+    has_sheet = source.name.startswith("split") and _has_sheet_of(split, source)
     folder = splits.folder / split.name
     held = [path for path in splits.files() if path.parent == folder]
     if not held or read_split(held[0]).revision != split.revision:
@@ -136,12 +140,23 @@ def add_split_file(
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         for path in (*held[:1], *folder.glob("datasheet.json")):
             path.rename(path.with_name(path.name.replace(".", f"-{len(held)}.", 1)))
-        sheet = datasheet_beside(source)
-        if source.name.startswith("split") and sheet.exists():
-            _copy(sheet, folder / "datasheet.json")
         held = [folder / f"split.json{'.gz' if _is_gzipped(source) else ''}"]
         _copy(source, held[0])
+    if has_sheet and datasheet_beside(source) != datasheet_beside(held[0]):
+        _copy(datasheet_beside(source), datasheet_beside(held[0]))
     return _register(database, splits, held[0], protocol, words)
+
+
+def _has_sheet_of(split: Split, source: Path) -> bool:
+    """Whether a datasheet lies beside a split file, which has to be that of the split."""
+    sheet = read_datasheet(source)
+    if sheet is not None and (sheet.name, sheet.revision) != (split.name, split.revision):
+        raise SplitUnreadableError(
+            f"{datasheet_beside(source).name} is of split {sheet.name!r} at revision "
+            f"{sheet.revision}, and the split is {split.name!r} at {split.revision}: put its own "
+            "beside it, or none"
+        )
+    return sheet is not None
 
 
 def _require_same_samples(earlier: Split, later: Split) -> None:

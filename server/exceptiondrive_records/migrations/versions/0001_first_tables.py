@@ -578,8 +578,11 @@ def create_notifications() -> None:
         sa.Column("confirmed_at", TIME),
         sa.Column("created_at", TIME, nullable=False),
         sa.Column("removed_at", TIME),
+        sa.Column("mailbox_digest", sa.String()),
+        sa.Column("unsubscribed_at", TIME),
     )
     op.create_index("ix_contact_points_team_id", "contact_points", ["team_id"])
+    op.create_index("ix_contact_points_mailbox_digest", "contact_points", ["mailbox_digest"])
     op.create_table(
         "notifications",
         sa.Column("id", sa.String(), primary_key=True),
