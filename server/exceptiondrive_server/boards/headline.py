@@ -84,18 +84,19 @@ def _cases(share: float) -> str:
 
 
 def _small_fraction(share: float) -> tuple[str, int, int]:
-    """Return the nearest fraction of at most ten, if within 1.5 points, with how near it is.
+    """Return "about " or what else stands before a fraction, its hits, and out of how many.
 
-    Hits, and out of how many; of equally near ones the simplest.
-
-    A share that is nearly, and not quite, none or all is never said to be it.
+    It is the nearest in at most ten, if within 1.5 points, and of equally near ones the simplest;
+    else the nearest in a hundred. A share that is nearly, and not quite, none or all is never said
+    to be it.
     """
     if share in (0.0, 1.0):
         return "", int(share), 1
     if not 0.01 <= share <= 0.99:
         return ("less than ", 1, 100) if share < 0.5 else ("more than ", 99, 100)
-    near = [(abs(round(share * of) / of - share), of) for of in range(2, 11)]
-    distance, of = min(near)
+    small = [of for of in range(2, 11) if 0 < round(share * of) < of]
+    near = [(abs(round(share * of) / of - share), of) for of in small]
+    distance, of = min(near, default=(1.0, 100))
     of = of if distance <= 0.015 else 100
     hits = round(share * of)
     return ("" if hits / of == share else "about "), hits, of
