@@ -159,7 +159,7 @@ def _queue(database: Database, settings: RecordsSettings) -> Iterator[Finding]:
         oldest = session.scalar(
             select(Job.created_at).where(Job.state == WorkState.QUEUED).order_by(Job.created_at)
         )
-        found = troubles(session, ttl_s=settings.heartbeat_ttl_s)
+        found = troubles(session)
         scorers = scorers_at_work(session)
         leading = (Leader.key == LEADERSHIP, Leader.lease_until > now)
         leads = session.scalar(select(Leader.holder).where(*leading))
