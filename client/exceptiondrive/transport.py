@@ -4,7 +4,6 @@ The one door to the HTTP library: nothing else in the client imports it.
 """
 
 import io
-import ipaddress
 import random
 import ssl
 import time
@@ -18,7 +17,7 @@ from urllib.parse import quote
 import httpx
 from pydantic import TypeAdapter, ValidationError
 
-from exceptiondrive.credentials import find_server, find_token
+from exceptiondrive.credentials import find_server, find_token, is_this_machine
 from exceptiondrive.errors import (
     SUBMIT_AGAIN,
     ExceptionDriveError,
@@ -532,13 +531,9 @@ def is_here(url: str | httpx.URL) -> bool:
         InvalidArgumentError: It is no address.
     """
     try:
-        host = httpx.URL(url).host.rstrip(".")
+        return is_this_machine(httpx.URL(url).host)
     except httpx.InvalidURL:
         raise InvalidArgumentError("wrong_link", f"{url} is no address.") from None
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
 
 
 def require_private_link(request: httpx.Request, *, may_be_here: bool) -> None:
