@@ -152,7 +152,7 @@ def size_text(size_bytes: int) -> str:
     """Write a size: `812 bytes`, `1.4 kB`, `2.0 MB`."""
     if size_bytes < 1000:
         return counted(size_bytes, "byte")
-    if size_bytes < 1_000_000:
+    if round(size_bytes / 1000, 1) < 1000:
         return f"{size_bytes / 1000:.1f} kB"
     return f"{size_bytes / 1_000_000:.1f} MB"
 

@@ -54,6 +54,7 @@ def test_counts_lists_and_sizes_read_like_a_sentence() -> None:
     )
     assert listed(["a", "b", "c"]) == "a, b and c"
     assert [size_text(n) for n in (812, 41_233, 2_000_000)] == ["812 bytes", "41.2 kB", "2.0 MB"]
+    assert [size_text(n) for n in (999, 999_949, 999_950)] == ["999 bytes", "999.9 kB", "1.0 MB"]
 
 
 def test_names_become_plain_addresses() -> None:
