@@ -138,7 +138,8 @@ def _sentences(session: Session, seen: SubmissionView) -> Iterator[str]:
         headline = protocol.grading.headline
         values = seen.sheet.micro if headline == "micro" else seen.sheet.macro_family
         challenge = CHALLENGES[seen.challenge]
-        for words in ranked_words(challenge, values, seen.intervals):
+        digits = protocol.publication
+        for words in ranked_words(challenge, values, seen.intervals, digits):
             yield f"{words}."
     if seen.rank is not None:
         low, high = seen.rank_interval or (seen.rank, seen.rank)

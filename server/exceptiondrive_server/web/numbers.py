@@ -104,10 +104,7 @@ def with_unit(metric: Metric, text: str) -> str:
 
 def fixed(value: float, decimals: int) -> str:
     """Write a number with a real minus sign and never as minus zero."""
-    text = f"{value:.{decimals}f}"
-    if text.startswith("-"):
-        text = text[1:] if not text.strip("-0.") else MINUS + text[1:]
-    return text
+    return f"{round(value, decimals) + 0.0:.{decimals}f}".replace("-", MINUS)
 
 
 def grouped(count: int) -> str:

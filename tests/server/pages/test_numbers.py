@@ -3,9 +3,13 @@
 from datetime import UTC, datetime
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_schemas.score_sheet import metric_text
 from exceptiondrive_server.web.numbers import (
     Digits,
     day,
@@ -39,6 +43,15 @@ def test_differences_carry_a_real_minus_sign_and_zero_carries_none(
     difference: float, text: str
 ) -> None:
     assert Digits().signed(HCC, difference) == text
+
+
+@given(value=st.floats(-2, 2), decimals=st.integers(0, 4))
+def test_a_page_writes_a_metric_as_messages_and_commands_do(value: float, decimals: int) -> None:
+    digits = {"percent_decimals": decimals, "metre_decimals": decimals}
+    publication = packaged_protocol().publication.model_copy(update=digits)
+    for metric in PLANNING.metrics:
+        told = metric_text(metric, value, publication)
+        assert Digits.of(publication).text(metric, value) == told.replace("-", "\u2212")
 
 
 def test_minus_zero_is_written_as_zero() -> None:
