@@ -123,7 +123,7 @@ def _findings(
         lead = f"Of {grouped(len(ranked))} ranked {words.subjects}, {leader.method} leads"
         lead += _could_too([entry for entry in ranked if entry is not leader])
     above = [entry for entry in ranked if (entry.rank or 0) < (leader.rank or 0)]
-    return (f"{lead}: {numbers} ({average}){_own_flags(leader)}.", *_above(above, leader))
+    return (f"{lead}: {numbers} ({average}){_own_flags(leader)}.", *_above(above))
 
 
 def _could_too(others: Sequence[BoardEntry]) -> str:
@@ -139,7 +139,7 @@ def _own_flags(leader: BoardEntry) -> str:
     return f"; flagged “{flags_of(leader)}”" if leader.flags else ""
 
 
-def _above(above: Sequence[BoardEntry], leader: BoardEntry) -> Iterator[str]:
+def _above(above: Sequence[BoardEntry]) -> Iterator[str]:
     if len(above) > MAX_NAMED:
         yield f"The {len(above)} that rank above it are flagged, and do not lead."
     elif above:
