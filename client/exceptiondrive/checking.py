@@ -1,6 +1,7 @@
 """Files on this machine: read, checked with the checker that the server uses, and written."""
 
 import csv
+import errno
 import gzip
 import io
 import os
@@ -91,8 +92,10 @@ def write_file(path: Path, content: str | bytes) -> int:
         InvalidArgumentError: It cannot be written.
     """
     data = content.encode() if isinstance(content, str) else content
-    part = path.with_name(f".{path.name}.part")
+    part = path.parent / f".{path.name}.part"
     try:
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, "it is a folder")
         part.write_bytes(gzip.compress(data, mtime=0) if path.suffix == ".gz" else data)
         size_bytes = part.stat().st_size
         os.replace(part, path)

@@ -6,6 +6,7 @@ Token: argument of the SDK, then EXCEPTIONDRIVE_TOKEN, then what `login` kept fo
 Tokens lie in one file that only its owner can read; they are never a command-line flag.
 """
 
+import ipaddress
 import json
 import os
 import stat
@@ -89,9 +90,15 @@ def forget_token(server: str) -> bool:
 def is_sent_in_clear(server: str) -> bool:
     """Whether a token would cross a network unencrypted."""
     parts = urlsplit(server)
-    host = parts.hostname or ""
-    is_here = host in ("localhost", "::1") or host.startswith("127.")
-    return parts.scheme == "http" and not is_here
+    return parts.scheme == "http" and not is_this_machine(parts.hostname or "")
+
+
+def is_this_machine(host: str) -> bool:
+    """Whether the host of an address is this very machine."""
+    try:
+        return ipaddress.ip_address(host.rstrip(".")).is_loopback
+    except ValueError:
+        return host.rstrip(".") == "localhost"
 
 
 def _read() -> dict[str, Any]:

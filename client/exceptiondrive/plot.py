@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
+from exceptiondrive.checking import write_file
 from exceptiondrive.errors import InvalidArgumentError, extra_missing
 from exceptiondrive.evaluation import in_turn, sample_results, sound_file
 from exceptiondrive.inputs import (
@@ -236,7 +237,7 @@ def plot_file(
     is_png = target.suffix.lower() == ".png"
     svg = picture(drawn, title, colours=LIGHT if is_png else None)
     data = png_bytes(svg) if is_png else svg.encode("utf-8")
-    target.write_bytes(data)
+    write_file(target, data)
     return tuple(chosen)
 
 

@@ -4,7 +4,6 @@ The one door to the HTTP library: nothing else in the client imports it.
 """
 
 import io
-import ipaddress
 import random
 import ssl
 import time
@@ -18,7 +17,7 @@ from urllib.parse import quote
 import httpx
 from pydantic import TypeAdapter, ValidationError
 
-from exceptiondrive.credentials import find_server, find_token
+from exceptiondrive.credentials import find_server, find_token, is_this_machine
 from exceptiondrive.errors import (
     SUBMIT_AGAIN,
     ExceptionDriveError,
@@ -287,7 +286,6 @@ class Transport:
         self,
         path: str,
         query: Query | None = None,
-        headers: Mapping[str, str] | None = None,
         on_progress: Progress | None = None,
         max_bytes: int = MAX_ANSWER_BYTES,
     ) -> httpx.Response:
@@ -296,15 +294,12 @@ class Transport:
         Args:
             path: Below `/api/v1`.
             query: Of the address; what is None is left out.
-            headers: Further ones.
             on_progress: Called with bytes come and bytes in all, 0 where that is not known.
             max_bytes: Of the answer, unpacked.
         """
         params = {key: value for key, value in (query or {}).items() if value is not None}
         more = {_ON_PROGRESS: on_progress, _MAX_BYTES: max_bytes}
-        return self._send(
-            lambda: self._http.get(path, params=params, headers=headers, extensions=more)
-        )
+        return self._send(lambda: self._http.get(path, params=params, extensions=more))
 
     def post(
         self, path: str, body: Callable[[], dict[str, Any]], is_repeatable: bool = True
@@ -491,14 +486,13 @@ class LinkAnswer:
 
 
 @contextmanager
-def open_link(url: str, from_byte: int = 0, timeout_s: float = 30.0) -> Iterator[LinkAnswer]:
+def open_link(url: str, from_byte: int = 0) -> Iterator[LinkAnswer]:
     """GET an address that an organizer named, as a stranger: no token, no cookie, never in the clear.
 
     Args:
         url: https; http to this very machine alone. The same holds of what it redirects to, which is
             this machine only where `url` is.
         from_byte: Ask for what begins there; a server that knows no ranges gives all of it.
-        timeout_s: Longest time without a byte.
 
     Raises:
         InvalidArgumentError: The address, or one that it leads to, may not be followed.
@@ -511,7 +505,7 @@ def open_link(url: str, from_byte: int = 0, timeout_s: float = 30.0) -> Iterator
     hooks = {"request": [look]}
     try:
         with (
-            httpx.Client(follow_redirects=True, timeout=timeout_s, event_hooks=hooks) as http,
+            httpx.Client(follow_redirects=True, timeout=TIMEOUT_S, event_hooks=hooks) as http,
             http.stream("GET", url, headers=headers) as response,
         ):
             if not response.is_success:
@@ -532,13 +526,9 @@ def is_here(url: str | httpx.URL) -> bool:
         InvalidArgumentError: It is no address.
     """
     try:
-        host = httpx.URL(url).host.rstrip(".")
+        return is_this_machine(httpx.URL(url).host)
     except httpx.InvalidURL:
         raise InvalidArgumentError("wrong_link", f"{url} is no address.") from None
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
 
 
 def require_private_link(request: httpx.Request, *, may_be_here: bool) -> None:

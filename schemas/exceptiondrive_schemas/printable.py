@@ -44,7 +44,7 @@ def counted(count: int, noun: str, plural: str | None = None) -> str:
     return f"{count:,} {noun if count == 1 else plural or noun + 's'}"
 
 
-def first_of(names: Sequence[str], shown: int = 5) -> str:
+def first_of(names: Sequence[str]) -> str:
     """Return `a, b`, or `a, b, c, d, e and 3 more`."""
-    more = len(names) - shown
-    return ", ".join(names[:shown]) + (f" and {more:,} more" if more > 0 else "")
+    more = len(names) - 5
+    return ", ".join(names[:5]) + (f" and {more:,} more" if more > 0 else "")

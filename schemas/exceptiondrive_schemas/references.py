@@ -14,26 +14,20 @@ TEAM = "Reference"
 
 @dataclass(frozen=True)
 class Reference:
-    """What stands on a board beside the entries.
-
-    `needs_recorded`: it is made of the paths that were really driven, so of a split that has them.
-    """
+    """What stands on a board beside the entries."""
 
     method: str
     description: str
-    needs_recorded: bool = False
 
 
 FREEZE = Reference("FREEZE", "Stands still in every sample.")
 CONSTANT_VELOCITY = Reference(
     "CONSTANT VELOCITY",
     "Goes on as it was driven in the first step of the recorded path, and never reacts.",
-    needs_recorded=True,
 )
 SOURCE_AS_EDITED = Reference(
     "SOURCE AS EDITED",
     "Drives the recorded path of the source scene, and never reacts.",
-    needs_recorded=True,
 )
 ALWAYS_STOP = Reference("ALWAYS STOP", "Answers C, stop, in every sample.")
 

@@ -136,5 +136,7 @@ def metric_text(
     if value is None:
         return "-"
     if metric.unit == "fraction":
-        return f"{100 * value:.{publication.percent_decimals if publication else 2}f}"
-    return f"{value:.{publication.metre_decimals if publication else 2}f}"
+        number, decimals = 100 * value, publication.percent_decimals if publication else 2
+    else:
+        number, decimals = value, publication.metre_decimals if publication else 2
+    return f"{round(number, decimals) + 0.0:.{decimals}f}"  # adding zero turns -0.0 into 0.0

@@ -11,7 +11,7 @@ from sqlalchemy import func, select, text
 from tests.chaos.history import Call
 from tests.chaos.processes import state_of
 from tests.chaos.run import OPEN, Run
-from tests.chaos.topology import HEARTBEAT_TTL_S, PHASE
+from tests.chaos.topology import PHASE
 
 from exceptiondrive.receipts import verify_receipt
 from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, issue_token
@@ -104,7 +104,7 @@ def _most_messages(run: Run) -> tuple[int, int]:
     def is_done() -> bool:
         nonlocal most, slots
         with run.topology.database.read() as session:
-            alive = live_workers(session, Lane.LIVE, ttl_s=HEARTBEAT_TTL_S)
+            alive = live_workers(session, Lane.LIVE)
         with run.topology.broker.client() as client:
             most = max(most, int(client.llen(f"{KEY_PREFIX}{Lane.LIVE.value}")))
         slots = max(slots, alive.slots)

@@ -108,7 +108,11 @@ def test_what_is_no_address_is_refused(given: str) -> None:
         ("http://127.0.0.1:8000", False),
         ("http://localhost:8000", False),
         ("http://[::1]:8000", False),
+        ("http://127.9.9.9", False),
+        ("http://localhost.:8000", False),
         ("http://example.org", True),
+        ("http://127.0.0.1.attacker.example", True),
+        ("http://localhost.attacker.example", True),
         ("http://192.168.0.5", True),
     ],
 )

@@ -304,6 +304,8 @@ def test_a_protocol_is_confirmed_with_a_key_of_this_machine(
     assert (done.exit_code, "confirmed: protocol 1.1" in done.stdout) == (0, True)
     written = organize(running, "protocols", "confirm", document, *what, "-o", tmp_path / "c.json")
     assert written.exit_code == 0
+    nowhere = organize(running, "protocols", "confirm", document, *what, "-o", tmp_path / "x" / "c")
+    assert (nowhere.exit_code, "cannot be written" in nowhere.stderr) == (2, True)
     (kept,) = json.loads(organize(running, "protocols", "confirmations", "--json").stdout)
     assert kept["confirmation"] == json.loads((tmp_path / "c.json").read_text())
     assert kept["confirmation"]["public_key"] == public_key

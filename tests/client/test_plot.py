@@ -135,4 +135,6 @@ def test_what_cannot_be_drawn_is_refused_in_words(
         plot_file(tmp_path / "a.json", out, split=split_file)
     with pytest.raises(InvalidFileError):
         plot_file(planning_file("bad.json", split="other"), out, split=split_file)
+    with pytest.raises(InvalidArgumentError, match=r"out\.svg cannot be written"):
+        plot_file(file, tmp_path / "nowhere" / "out.svg", split=split_file)
     assert not out.exists()

@@ -56,6 +56,16 @@ def verify(*arguments: object) -> Any:
     return CliRunner().invoke(app, words, env={"EXCEPTIONDRIVE_SERVER": "http://127.0.0.1:9"})
 
 
+def test_keys_that_cannot_be_written_are_refused_in_words(
+    running: "Running", tmp_path: Path
+) -> None:
+    environment = {"EXCEPTIONDRIVE_SERVER": running.url}
+    for output in (tmp_path / "nowhere" / "keys.json", tmp_path, Path()):
+        asked = ["receipt", "keys", "-o", str(output)]
+        done = CliRunner().invoke(app, asked, env=environment)
+        assert (done.exit_code, f"{output} cannot be written" in done.stderr) == (2, True)
+
+
 FIELDS: dict[str, Any] = {
     "submission_id": "another",
     "file_digest": "sha256:" + "0" * 64,

@@ -3,6 +3,7 @@
 `python -m tests.client.test_terminal_widths` writes the texts anew, to be looked at.
 """
 
+import re
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -275,6 +276,19 @@ def test_what_is_left_is_told_by_the_limit_that_binds() -> None:
     assert submissions_left(little) == "2 of 20 submissions left in all"
     told = [left_words(each) for each in (quota(), enough, little)]
     assert told == ["2 of 3 today", "2 of 3 today", "2 of 20 in all"]
+
+
+def test_limits_that_were_lowered_after_use_leave_nothing_and_never_less() -> None:
+    changes: Any = {
+        "per_day": 1,
+        "used_today": 2,
+        "remaining_today": 0,
+        "total": 1,
+        "used_total": 2,
+    }
+    lowered = quota(**changes, rejected_per_day=3, concurrent=1, waiting=2)
+    printed = text_of([quota_table({"dev": lowered})], 160)
+    assert re.findall(r"\S+ of \d+", printed) == ["0 of 1", "0 of 1", "0 of 3", "0 of 1"]
 
 
 HELD_UNTIL = datetime(2026, 11, 26, 14, 4, 10, tzinfo=UTC)

@@ -13,6 +13,7 @@ import pytest
 from sqlalchemy import select, text
 from sqlalchemy.exc import DBAPIError
 from tests.chaos.story import Lived
+from tests.support.broker import PrivateBroker
 from tests.support.processes import plain_environment, wait_until
 
 from exceptiondrive_records.db.clock import database_now
@@ -134,6 +135,22 @@ def test_a_broker_that_evicts_is_named(healthy: RecordsSettings, broker: Any) ->
     with broker.client() as client:
         client.config_set("maxmemory-policy", "allkeys-lru")
     assert "allkeys-lru" in whats(healthy)
+
+
+def test_a_broker_that_tells_nothing_of_its_settings_answers_all_the_same(
+    healthy: RecordsSettings, broker: Any
+) -> None:
+    said = "the broker answers; whether it evicts anything it does not tell"
+    with broker.client() as client:
+        client.execute_command("ACL", "SETUSER", "default", "-config")
+    assert troubles(healthy) == []
+    assert said in [finding.what for finding in examine(healthy)]
+    broker.kill()
+    command = broker_command(find_broker_binary().path, broker.folder)
+    without = PrivateBroker(broker.folder, [*command, "--rename-command", "CONFIG", ""])
+    assert troubles(healthy) == []
+    assert said in [finding.what for finding in examine(healthy)]
+    without.kill()
 
 
 def test_a_broker_that_is_away_is_a_warning_not_an_error(

@@ -177,6 +177,10 @@ def test_a_bad_line_is_named_with_its_cure_and_nothing_is_imported(
         (ROWS.replace("hcc,ur", "accuracy,ur"), "'accuracy' is no column of the planning"),
         (ROWS.replace("team,hcc", "hcc,hcc"), "names the column hcc twice"),
         (f'{HEAD}\n"{LINE}', "no table as CSV"),
+        (
+            f"{HEAD}\n\n{LINE.replace('Far Team', chr(34) + 'Far' + chr(10) + 'Team' + chr(34))}",
+            "Line 3: The team",
+        ),
         ("{", "is no JSON"),
         ("[" * 5000, "nested too deeply: write a list of objects"),
         ("{}\n" + "[" * 5000, "nested too deeply: write a list of objects"),

@@ -1,5 +1,6 @@
 """What organizers do with teams: every deed in the records, its way back, and two at once."""
 
+import re
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
 from typing import Any
@@ -300,6 +301,10 @@ def test_many_teams_are_made_or_none(world: World) -> None:
     assert "Line 4" in str(refused.value)
     with world.database.read() as session:
         assert [team.slug for team in list_teams(session)] == ["alpha", "beta", "gamma"]
+    cells = 'id,name,affiliation\ndelta,Delta,"Lab\nD"\n\nBAD,Bad,\n'
+    with pytest.raises(InvalidRecord) as refused, world.database.write() as session:
+        import_teams(session, cells, actor=WHO)
+    assert re.findall(r"Line (\d+):", str(refused.value)) == ["2", "5"], "where each row begins"
     for table in (
         "",
         "name\nx\n",

@@ -164,8 +164,8 @@ def test_an_error_at_the_end_keeps_nothing_and_says_what_it_is(database: Databas
         with database.write() as session:
             audit(session, "test", "tried", "x")
             for _ in range(2):
-                values = {"worker_id": "one", "at": NOW, "lanes": [], "slots": 1}
-                do_last(session, insert(WorkerHeartbeat).values(missing_splits=[], **values))
+                values = {"at": NOW, "lives_until": NOW, "lanes": [], "missing_splits": []}
+                do_last(session, insert(WorkerHeartbeat).values(worker_id="one", slots=1, **values))
 
     with pytest.raises(DBAPIError) as error:
         change()
@@ -192,7 +192,9 @@ def test_many_changes_at_once_are_one_transaction(database: Database) -> None:
 
     def change() -> None:
         with database.write() as session:
-            session.connection().execute(insert(WorkerHeartbeat).values(at=NOW), rows)
+            session.connection().execute(
+                insert(WorkerHeartbeat).values(at=NOW, lives_until=NOW), rows
+            )
             raise LookupError
 
     with pytest.raises(LookupError):
@@ -234,8 +236,8 @@ def test_a_connection_that_its_server_ended_is_not_taken(
 def test_the_time_in_a_statement_is_that_of_the_database(database: Database) -> None:
     with database.write() as session:
         before = database_now(session)
-        values = {"worker_id": "one", "at": NOW, "lanes": [], "slots": 1, "missing_splits": []}
-        session.execute(insert(WorkerHeartbeat).values(**values))
+        values = {"at": NOW, "lives_until": NOW, "lanes": [], "slots": 1, "missing_splits": []}
+        session.execute(insert(WorkerHeartbeat).values(worker_id="one", **values))
         at = session.scalar(select(WorkerHeartbeat.at))
         assert at is not None
         later = session.scalars(select(seconds_from_now(90.5))).one()

@@ -3,7 +3,6 @@
 from datetime import timedelta
 from typing import Any
 
-from sqlalchemy import update
 from tests.records.statements import of_board_texts, statements
 from tests.records.test_boards import board, publish
 
@@ -133,17 +132,13 @@ def test_several_views_keep_their_order(world: World) -> None:
     assert [one.id for one in found] == [one.id for one in accepted]
 
 
-def test_a_worker_lives_while_its_sign_of_life_is_young(world: World) -> None:
+def test_a_worker_lives_for_as_long_as_its_sign_of_life_says(world: World) -> None:
     with world.database.write() as session:
         beat(session, "old", (Lane.LIVE,), slots=1)
-        beat(session, "young", (Lane.LIVE, Lane.RESCORE), slots=2)
+        beat(session, "young", (Lane.LIVE, Lane.RESCORE), slots=2, ttl_s=75)
     with world.database.write() as session:
-        row = session.get_one(WorkerHeartbeat, "old")
-        session.execute(
-            update(WorkerHeartbeat)
-            .where(WorkerHeartbeat.worker_id == "old")
-            .values(at=row.at - timedelta(seconds=60))
-        )
+        for row in session.query(WorkerHeartbeat):
+            row.lives_until -= timedelta(seconds=60)
     with world.database.read() as session:
         assert live_workers(session) == live_workers(session, Lane.RESCORE)
         assert (live_workers(session).workers, live_workers(session).slots) == (1, 2)

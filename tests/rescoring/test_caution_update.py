@@ -46,6 +46,11 @@ class Organizer:
         assert done.exit_code == 0, done.output
         return done.stdout
 
+    def refuse(self, why: str, *words: str) -> None:
+        with capture_logs():
+            done = CliRunner().invoke(app, ["organizer", *words], env=self.environment)
+        assert (done.exit_code, why in done.stderr) == (2, True)
+
     def rescore(self, *words: str) -> Any:
         return json.loads(self.say("rescore", *words, "--json"))
 
@@ -157,6 +162,7 @@ def test_a_csv_carries_the_reminders_effect_before_and_after(
     run_id = agents.ready(caution_protocol("1.1", D_BELOW_E))
     path = tmp_path / "new.csv"
     organizer.say("rescore", "preview", run_id, "--csv", str(path))
+    organizer.refuse("cannot be written", "rescore", "preview", run_id, "--csv", str(tmp_path))
     head, *lines = (line.split(",") for line in path.read_text().splitlines())
     rows = {row["method"]: row for row in (dict(zip(head, line, strict=True)) for line in lines)}
     linked = rows["agent+reminder"]

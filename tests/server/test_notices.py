@@ -23,10 +23,13 @@ from exceptiondrive_records.notifications.tables import (
     Delivery,
     Notification,
 )
+from exceptiondrive_records.participation.allowances import set_allowance
+from exceptiondrive_records.participation.tables import Allowance
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.teams.teams import register_team
 from exceptiondrive_records.work.jobs import finish_failed, finish_rejected
 from exceptiondrive_records.work.tables import Job
+from exceptiondrive_schemas.api.phase_settings import PhasePolicy
 from exceptiondrive_schemas.api.rescoring import NotificationView
 from exceptiondrive_schemas.check import check_bytes
 from exceptiondrive_schemas.protocol import packaged_protocol
@@ -266,6 +269,40 @@ def test_the_end_of_a_phase_is_told_to_who_takes_part_and_once_a_day(
         assert phase.closes_at is not None
         phase.closes_at, phase.title = phase.closes_at.replace(second=2), "Other words"
     assert tell_teams(api.database) == 0
+
+
+def test_a_team_with_a_deadline_of_its_own_is_told_that_one_unless_it_has_ended(
+    api: "Api", browse: Browse
+) -> None:
+    for who in ("alpha", "beta"):
+        confirmed(api, browse, "phase_ends", who=who)
+        api.submit("a", who)
+    closes_in(api, timedelta(hours=3))
+    with api.database.write() as session:
+        phase = session.get_one(Phase, "dev")
+        assert phase.closes_at is not None
+        shared, own = phase.closes_at, phase.closes_at + timedelta(hours=30)
+        set_allowance(session, "alpha", "dev", closes_at=own, reason="ill", actor="test")
+    assert tell_teams(api.database) == 1
+    assert told_deadlines(api) == {"beta": f"Its deadline is {shared:%Y-%m-%d %H:%M} UTC"}
+    closes_in(api, -timedelta(hours=10))
+    assert tell_teams(api.database) == 0, "alpha has more than a day"
+    with api.database.write() as session:
+        granted = session.get_one(Allowance, (api.team_ids["alpha"], "dev"))
+        granted.closes_at = own = own - timedelta(hours=20)
+    hidden: Any = {"policy": PhasePolicy(frozen_scores="hidden"), "unfrozen_at": shared}
+    closes_in(api, -timedelta(hours=10), **hidden)
+    assert tell_teams(api.database) == 0, "what was kept back is revealed"
+    closes_in(api, -timedelta(hours=10), unfrozen_at=None)
+    assert tell_teams(api.database) == 1
+    words = f"Your team's own deadline is {own:%Y-%m-%d %H:%M} UTC"
+    assert told_deadlines(api)["alpha"] == words
+
+
+def told_deadlines(api: "Api") -> dict[str, str]:
+    """By team, the last one that it was told."""
+    told = [(address, notice) for address, notice in mails(api) if notice.kind == "phase_ends"]
+    return {who.split("@")[0]: notice.what_changed[0].split(";")[0] for who, notice in told}
 
 
 @pytest.mark.parametrize("visibility", ["hidden", "archived"])

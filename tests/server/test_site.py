@@ -111,6 +111,7 @@ def let_pass(api: "Api", seconds: float) -> None:
     with api.database.write() as session:
         for sign in session.query(WorkerHeartbeat):
             sign.at -= past
+            sign.lives_until -= past
         for job in session.query(Job):
             job.created_at -= past
     api.services.site_state.forget()
@@ -188,6 +189,23 @@ def test_the_status_names_no_team_no_submission_and_no_hidden_phase(
         for secret in (own, "Secret method", "alpha", "dev"):
             assert secret not in text.split("<main")[-1].split("</main>")[0], secret
     assert api.get("/status").json()["last_board"] is None
+
+
+def test_all_who_tell_of_workers_believe_a_sign_of_life_for_as_long_as_it_says(
+    api: "Api", browser: "TeamBrowser"
+) -> None:
+    with api.database.write() as session:
+        beat(session, "worker-1", ttl_s=60)
+    waits = api.submit("a").json()["id"]
+    browser.sign_in("organizer")
+    for seconds, n_alive in ((20, 1), (60, 0)):
+        let_pass(api, seconds)
+        assert api.get("/status").json()["live_workers"] == n_alive
+        assert api.get("/readyz").json()["live_workers"] == n_alive
+        assert f'live_workers{{lane="live"}} {n_alive}.0' in api.get("/metrics").text
+        assert api.get(f"/submissions/{waits}", "alpha").json()["queue"]["workers_alive"] == n_alive
+        page = browser.get("/organize").text
+        assert ("No worker is alive" not in page, ">silent<" not in page) == (n_alive == 1,) * 2
 
 
 def test_a_dead_worker_does_not_stay_in_the_metrics(api: "Api") -> None:

@@ -1,8 +1,10 @@
 from collections.abc import Callable
+from datetime import timedelta
 from typing import Any
 
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.work.heartbeats import live_workers
+from exceptiondrive_records.work.tables import WorkerHeartbeat
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_worker.heartbeat import Heartbeat, youngest_heartbeat_age_s
 
@@ -15,7 +17,7 @@ def slots(database: Database, lane: Lane) -> int:
 def test_every_process_counts_until_it_signs_off(
     database: Database, wait_until: Callable[..., Any]
 ) -> None:
-    both = [Heartbeat(database, (Lane.LIVE,), every_s=0.05) for _ in range(2)]
+    both = [Heartbeat(database, (Lane.LIVE,), every_s=0.05, ttl_s=15) for _ in range(2)]
     assert both[0].worker_id != both[1].worker_id
     for heartbeat in both:
         heartbeat.start()
@@ -27,11 +29,23 @@ def test_every_process_counts_until_it_signs_off(
     assert slots(database, Lane.LIVE) == 0
 
 
+def test_a_sign_of_life_holds_for_as_long_as_the_worker_is_set_to(
+    database: Database, wait_until: Callable[..., Any]
+) -> None:
+    heartbeat = Heartbeat(database, (Lane.LIVE,), every_s=0.05, ttl_s=600)
+    heartbeat.start()
+    wait_until(lambda: slots(database, Lane.LIVE) == 1, "a sign of life")
+    with database.read() as session:
+        (sign,) = session.query(WorkerHeartbeat)
+        assert sign.lives_until - sign.at == timedelta(seconds=600)
+    heartbeat.stop()
+
+
 def test_the_age_of_the_youngest_heartbeat_is_told(
     database: Database, wait_until: Callable[..., Any]
 ) -> None:
     assert youngest_heartbeat_age_s(database) is None
-    heartbeat = Heartbeat(database, (Lane.LIVE,), every_s=0.05)
+    heartbeat = Heartbeat(database, (Lane.LIVE,), every_s=0.05, ttl_s=15)
     heartbeat.start()
     wait_until(lambda: youngest_heartbeat_age_s(database) is not None, "a sign of life")
     age_s = youngest_heartbeat_age_s(database)

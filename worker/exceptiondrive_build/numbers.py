@@ -110,21 +110,19 @@ def audited(accepted: int, drawn: int, passed: int) -> Audit:
     )
 
 
-def wilson(share: float, n: float, confidence: float = CONFIDENCE) -> Interval:
+def wilson(share: float, n: float) -> Interval:
     """Score interval of a share (E. B. Wilson, JASA 22, 1927, p. 209)."""
-    z = NormalDist().inv_cdf((1 + confidence) / 2)
+    z = NormalDist().inv_cdf((1 + CONFIDENCE) / 2)
     centre, wide = share + z * z / (2 * n), 1 + z * z / n
     half = z * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
     return max((centre - half) / wide, 0.0), min((centre + half) / wide, 1.0)
 
 
-def finite_population(
-    share: float, n: int, population: int, confidence: float = CONFIDENCE
-) -> Interval:
+def finite_population(share: float, n: int, population: int) -> Interval:
     """The same for a draw without replacement: n grows by (N - 1) / (N - n)."""
     if n >= population:
         return share, share
-    return wilson(share, n * (population - 1) / (population - n), confidence)
+    return wilson(share, n * (population - 1) / (population - n))
 
 
 def deciders(workshop: Workshop, candidates: Iterable[Candidate]) -> tuple[Decider, ...]:

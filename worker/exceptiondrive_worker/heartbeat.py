@@ -28,12 +28,14 @@ class Heartbeat:
         database: Database,
         lanes: tuple[Lane, ...],
         every_s: float,
+        ttl_s: float,
         missing: Callable[[Iterable[str]], list[str]] = lambda names: [],
     ) -> None:
         self.worker_id = f"{socket.gethostname()}:{os.getpid()}:{random_id(8)}"
         self._database = database
         self._lanes = lanes
         self._every_s = every_s
+        self._ttl_s = ttl_s
         self._missing = missing
         self._parent = os.getppid()
         self._stopped = threading.Event()
@@ -59,7 +61,14 @@ class Heartbeat:
                 with self._database.read() as session:
                     missing = self._missing(splits_in_use(session))
                 with self._database.write() as session:
-                    beat(session, self.worker_id, self._lanes, 1, SCORER_VERSION, missing)
+                    beat(
+                        session,
+                        self.worker_id,
+                        self._lanes,
+                        scorer_version=SCORER_VERSION,
+                        missing_splits=missing,
+                        ttl_s=self._ttl_s,
+                    )
             except SQLAlchemyError as error:
                 _log.warning("heartbeat not recorded", error=type(error).__name__)
             if self._stopped.wait(self._every_s):

@@ -53,6 +53,7 @@ class WorkerProcess:
             self._context.database,
             self._lanes,
             self._settings.heartbeat_every_s,
+            self._settings.heartbeat_ttl_s,
             self._context.splits.missing,
         )
         self._heartbeat.start()

@@ -6,6 +6,7 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from exceptiondrive_records.db.settings import RecordsSettings, Seconds
+from exceptiondrive_records.work.heartbeats import HEARTBEAT_TTL_S
 from exceptiondrive_schemas.check import MAX_INFLATED_BYTES
 
 MEBIBYTE = 2**20
@@ -31,6 +32,8 @@ class WorkerSettings(RecordsSettings):
     private_max_age_days: Annotated[float, Field(gt=0, le=3650)] = 180.0
     """What the private store was not asked for in so many days is removed."""
     heartbeat_every_s: Seconds = 4.0
+    heartbeat_ttl_s: Seconds = HEARTBEAT_TTL_S
+    """A worker that gave no sign of life for so long counts as dead."""
 
     @model_validator(mode="after")
     def _limits_are_in_order(self) -> Self:

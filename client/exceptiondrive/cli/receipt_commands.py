@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from exceptiondrive.checking import write_file
 from exceptiondrive.cli import options
 from exceptiondrive.cli.groups import Group
 from exceptiondrive.cli.output import say, show_result
@@ -67,7 +68,7 @@ def _write(text: str, output: Path | None) -> None:
     if output is None:
         typer.echo(printable(text))
         return
-    output.write_text(text + "\n", encoding="utf-8")
+    write_file(output, text + "\n")
     say(f"written to {output}")
 
 

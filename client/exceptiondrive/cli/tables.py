@@ -267,10 +267,8 @@ def quota_table(quotas: Mapping[str, Quota]) -> FittedTable:
             phase,
             f"{quota.remaining_today} of {quota.per_day}",
             "" if quota.total is None else f"{quota.left_in_all} of {quota.total}",
-            f"{quota.rejected_per_day - quota.rejected_today} of {quota.rejected_per_day}",
-            ""
-            if quota.concurrent is None
-            else f"{quota.concurrent - quota.waiting} of {quota.concurrent}",
+            f"{quota.left_of_rejected} of {quota.rejected_per_day}",
+            "" if quota.concurrent is None else f"{quota.left_of_waiting} of {quota.concurrent}",
             utc_text(quota.resets_at),
         )
     return table

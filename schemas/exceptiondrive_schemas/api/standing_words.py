@@ -6,21 +6,31 @@ from exceptiondrive_schemas.api.rescoring import Standing
 from exceptiondrive_schemas.board import ReminderEffect
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.printable import one_line
-from exceptiondrive_schemas.score_sheet import Interval
+from exceptiondrive_schemas.protocol import PublicationSection
+from exceptiondrive_schemas.score_sheet import Interval, metric_text
 
-_UNITS = {"fraction": (100.0, " %"), "metre": (1.0, " m")}
+_UNITS = {"fraction": "%", "metre": "m"}
 
 
 def ranked_words(
     challenge: Challenge,
     values: Mapping[str, float | None],
     intervals: Mapping[str, Interval | None],
+    publication: PublicationSection | None = None,
 ) -> Iterator[str]:
-    """Yield the metrics that rank: `HCC 65.47 % (63.00 to 68.00)`; unknown ones are left out."""
+    """Yield the metrics that rank: `HCC 65.47 % (63.00 to 68.00)`; unknown ones are left out.
+
+    Args:
+        challenge: Of the entry.
+        values: Of its metrics.
+        intervals: Of its metrics.
+        publication: Digits; two where not given.
+    """
     for key in challenge.primary_order:
         metric, value = challenge.metric(key.metric), values.get(key.metric)
         if value is not None:
-            yield f"{metric.label} {_number(metric, value)}{_range(metric, intervals.get(key.metric))}"
+            told = f"{metric_text(metric, value, publication)} {_UNITS[metric.unit]}"
+            yield f"{metric.label} {told}{_range(metric, intervals.get(key.metric), publication)}"
 
 
 def standing_words(challenge: Challenge | None, standing: Standing | None) -> str:
@@ -46,21 +56,19 @@ def _effect_words(challenge: Challenge, effect: ReminderEffect | None) -> Iterat
     for key, value in ({} if effect is None else effect.by_metric).items():
         if value is not None:
             metric = challenge.metric(key)
-            scale, unit = _UNITS[metric.unit]
-            yield f"by the reminder {metric.label} {value * scale:+.2f}{unit}"
+            sign = "+" if value >= 0 else ""
+            told = f"{sign}{metric_text(metric, value)} {_UNITS[metric.unit]}"
+            yield f"by the reminder {metric.label} {told}"
 
 
-def _number(metric: Metric, value: float) -> str:
-    scale, unit = _UNITS[metric.unit]
-    return f"{value * scale:.2f}{unit}"
-
-
-def _range(metric: Metric, interval: Interval | None) -> str:
+def _range(
+    metric: Metric, interval: Interval | None, publication: PublicationSection | None
+) -> str:
     """Write a range; one in whole per cents, as of withheld splits, claims no decimals."""
     if interval is None:
         return ""
     low, high = interval
-    scale, _ = _UNITS[metric.unit]
-    is_whole = metric.unit == "fraction" and low == round(low, 2) and high == round(high, 2)
-    decimals = 0 if is_whole else 2
-    return f" ({low * scale:.{decimals}f} to {high * scale:.{decimals}f})"
+    if metric.unit == "fraction" and low == round(low, 2) and high == round(high, 2):
+        return f" ({low * 100:.0f} to {high * 100:.0f})"
+    ends = [metric_text(metric, end, publication) for end in interval]
+    return f" ({' to '.join(ends)})"

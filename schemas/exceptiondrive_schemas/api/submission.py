@@ -155,6 +155,16 @@ class Quota(Document):
         return None if self.total is None else max(0, self.total - self.used_total)
 
     @property
+    def left_of_rejected(self) -> int:
+        """How many more files may be rejected today."""
+        return max(0, self.rejected_per_day - self.rejected_today)
+
+    @property
+    def left_of_waiting(self) -> int | None:
+        """How many more may wait for their score now; None without such a limit."""
+        return None if self.concurrent is None else max(0, self.concurrent - self.waiting)
+
+    @property
     def is_bound_in_all(self) -> bool:
         """Whether the limit of all leaves fewer than that of the day does: no new day resets it."""
         left = self.left_in_all

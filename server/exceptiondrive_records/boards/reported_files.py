@@ -1,7 +1,5 @@
 """Files of other boards, read as rows: CSV, JSON, our own exports, records of Every Eval Ever."""
 
-import csv
-import io
 import json
 import math
 import re
@@ -10,6 +8,7 @@ from typing import Any, NamedTuple, cast, get_args
 
 from pydantic import ValidationError
 
+from exceptiondrive_records.db.csv_table import csv_rows
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_records.db.identifiers import checked_text
 from exceptiondrive_schemas.board import Board
@@ -98,28 +97,18 @@ def _lines(text: str, challenge: Challenge) -> list[_Line]:
 
 
 def _of_csv(text: str) -> list[_Line]:
-    head = text.split("\n", 1)[0]
-    separator = ";" if head.count(";") > head.count(",") else ","
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
+    (_, head), *rows = csv_rows(text) or [(1, [])]
+    names = [name.strip() for name in head]
+    twice = {name for name in names if names.count(name) > 1}
+    if twice:
+        raise InvalidRecord(f"The first line names the column {min(twice)} twice.")
     lines: list[_Line] = []
-    try:
-        names = [name.strip() for name in next(reader, [])]
-        twice = {name for name in names if names.count(name) > 1}
-        if twice:
-            raise InvalidRecord(f"The first line names the column {min(twice)} twice.")
-        for cells in reader:
-            if not any(map(str.strip, cells)):
-                continue
-            if len(cells) != len(names):
-                words = f"Line {reader.line_num} has {len(cells)} values, not {len(names)}"
-                raise InvalidRecord(f"{words}: put text that holds a {separator} in quotes.")
-            given = {
-                name: from_spreadsheet(cell.strip())
-                for name, cell in zip(names, cells, strict=True)
-            }
-            lines.append(_Line(f"Line {reader.line_num}", given))
-    except csv.Error as error:
-        raise InvalidRecord(f"This is no table as CSV: {error}.") from None
+    for number, cells in rows:
+        if len(cells) != len(names):
+            words = f"Line {number} has {len(cells)} values, not {len(names)}"
+            raise InvalidRecord(f"{words}: put text that holds the separator in quotes.")
+        values = map(from_spreadsheet, map(str.strip, cells))
+        lines.append(_Line(f"Line {number}", dict(zip(names, values, strict=True))))
     return lines
 
 

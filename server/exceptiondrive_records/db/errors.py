@@ -107,7 +107,6 @@ class ConcurrentQuotaExceeded(RecordsError):
     code = ProblemCode.TOO_MANY_REQUESTS
 
     def __init__(self, limit: int) -> None:
-        self.limit = limit
         noun = "submission waits" if limit == 1 else "submissions wait"
         super().__init__(
             f"{limit} {noun} for a score, and a team may have no more waiting in this phase. "
@@ -127,7 +126,6 @@ class UploadTooLarge(RecordsError):
     code = ProblemCode.UPLOAD_TOO_LARGE
 
     def __init__(self, limit_bytes: int) -> None:
-        self.limit_bytes = limit_bytes
         super().__init__(f"The file is larger than {limit_bytes} bytes.")
 
 

@@ -1,5 +1,6 @@
 """Random public ids and checked names."""
 
+import hashlib
 import re
 import secrets
 import unicodedata
@@ -34,6 +35,11 @@ _WORDS_OF_PAGES = {"phase": {"new"}, "team": {"import"}}
 def random_id(length: int = 16) -> str:
     """Return a random id of 5 bits per letter that cannot be guessed or misread."""
     return "".join(_LETTERS[byte % len(_LETTERS)] for byte in secrets.token_bytes(length))
+
+
+def secret_digest(secret: str) -> str:
+    """Return what is kept of a secret."""
+    return hashlib.sha256(secret.encode("utf-8", "surrogatepass")).hexdigest()
 
 
 def checked_slug(kind: str, slug: str) -> str:

@@ -32,7 +32,6 @@ class RecordsSettings(BaseSettings):
     max_attempts: Annotated[int, Field(ge=1, le=100)] = 4
     retry_backoff_s: Seconds = 2.0
     reconcile_every_s: Seconds = 1.0
-    heartbeat_ttl_s: Seconds = 15.0
     leader_lease_s: Seconds = 10.0
 
     @field_validator("database_url")

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from datetime import datetime, timedelta
 from typing import NamedTuple
 
-from sqlalchemy import func, select
+from sqlalchemy import and_, func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.boards import board_at, entries_on
@@ -17,7 +17,8 @@ from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.notifications.inbox import put_notice
 from exceptiondrive_records.notifications.tables import ContactPoint, Notification
-from exceptiondrive_records.participation.tables import TermsAcceptance
+from exceptiondrive_records.participation.tables import Allowance, TermsAcceptance
+from exceptiondrive_records.phases.allowances import is_revealed
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.submissions.submissions import ids_of_team
@@ -137,7 +138,8 @@ def _sentences(session: Session, seen: SubmissionView) -> Iterator[str]:
         headline = protocol.grading.headline
         values = seen.sheet.micro if headline == "micro" else seen.sheet.macro_family
         challenge = CHALLENGES[seen.challenge]
-        for words in ranked_words(challenge, values, seen.intervals):
+        digits = protocol.publication
+        for words in ranked_words(challenge, values, seen.intervals, digits):
             yield f"{words}."
     if seen.rank is not None:
         low, high = seen.rank_interval or (seen.rank, seen.rank)
@@ -192,21 +194,30 @@ def _best_ranks(
 
 
 def _ending(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
-    """Phases that the team takes part in; once for each day that is named as the last."""
+    """Phases that the team takes part in; once for each day that is named as its last."""
     submitted = select(Submission.phase_id).where(Submission.team_id == team_id)
     accepted = select(TermsAcceptance.phase_id).where(TermsAcceptance.team_id == team_id)
-    query = select(Phase).where(
-        Phase.closes_at > now,
-        Phase.closes_at <= now + _ENDS_SOON,
-        Phase.visibility == "shown",
-        Phase.id.in_(submitted) | Phase.id.in_(accepted),
+    granted = and_(Allowance.phase_id == Phase.id, Allowance.team_id == team_id)
+    query = (
+        select(Phase, Allowance.closes_at)
+        .outerjoin(Allowance, granted)
+        .where(
+            (Phase.closes_at > now) | (Allowance.closes_at > now),
+            Phase.visibility == "shown",
+            Phase.id.in_(submitted) | Phase.id.in_(accepted),
+        )
     )
-    for phase in session.scalars(query):
-        if phase.closes_at is None or (phase.opens_at is not None and phase.opens_at > now):
+    for phase, own in session.execute(query):
+        ends, whose = phase.closes_at, "Its"
+        if ends is None or (phase.opens_at is not None and phase.opens_at > now):
             continue
-        at = f"{phase.closes_at:%Y-%m-%d %H:%M} UTC"
-        subject = f"{phase.id}/{phase.closes_at:%Y-%m-%d}"
-        sentences = (f"Its deadline is {at}; an upload is judged by its first byte.",)
+        if own is not None and own > ends and not is_revealed(session, phase):
+            ends, whose = own, "Your team's own"
+        if not now < ends <= now + _ENDS_SOON:
+            continue
+        at = f"{ends:%Y-%m-%d %H:%M} UTC"
+        subject = f"{phase.id}/{ends:%Y-%m-%d}"
+        sentences = (f"{whose} deadline is {at}; an upload is judged by its first byte.",)
         title = f"{phase.title} ends soon"
         yield _Event("phase_ends", subject, title, sentences, _board(phase), phase.id)
 

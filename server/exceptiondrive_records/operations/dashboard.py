@@ -16,7 +16,6 @@ from exceptiondrive_records.phases.scoring_keys import OPEN
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
-from exceptiondrive_records.work.heartbeats import HEARTBEAT_TTL_S
 from exceptiondrive_records.work.tables import Job, WorkerHeartbeat, WorkState
 from exceptiondrive_schemas.api.rescoring import RunKind
 from exceptiondrive_schemas.api.submission import SubmissionStatus
@@ -118,13 +117,14 @@ def lane_queue(session: Session, lane: Lane) -> LaneQueue:
     )
 
 
-def worker_signs(session: Session, *, ttl_s: float = HEARTBEAT_TTL_S) -> Iterable[WorkerSign]:
-    """Yield every worker that gave a sign of life within a day; those alive first."""
+def worker_signs(session: Session) -> Iterable[WorkerSign]:
+    """Yield the workers that gave a sign of life within the hour; the last one first."""
     now = database_now(session)
     query = select(WorkerHeartbeat).order_by(WorkerHeartbeat.at.desc(), WorkerHeartbeat.worker_id)
     for row in session.scalars(query):
         age_s = (now - row.at).total_seconds()
-        yield WorkerSign(row.worker_id, tuple(row.lanes), row.slots, age_s, age_s < ttl_s)
+        is_alive = row.lives_until > now
+        yield WorkerSign(row.worker_id, tuple(row.lanes), row.slots, age_s, is_alive)
 
 
 def _count(session: Session, *conditions: object) -> int:

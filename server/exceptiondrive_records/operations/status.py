@@ -12,7 +12,7 @@ from exceptiondrive_records.operations.dashboard import SLOW_S, lane_queue
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import recent_scoring_s
-from exceptiondrive_records.work.heartbeats import HEARTBEAT_TTL_S, live_workers
+from exceptiondrive_records.work.heartbeats import live_workers
 from exceptiondrive_records.work.tables import Job, WorkerHeartbeat
 from exceptiondrive_schemas.api.site import LastBoard, ScoringDay, ServiceStatus
 from exceptiondrive_schemas.api.submission import SubmissionStatus
@@ -24,13 +24,13 @@ _AT_MOST = 20_000
 """Jobs that are looked at for the days that are told."""
 
 
-def scoring_delay(session: Session, *, ttl_s: float = HEARTBEAT_TTL_S) -> str:
+def scoring_delay(session: Session) -> str:
     """Say why scoring is delayed now; empty while it keeps up.
 
     It is delayed while workers are expected and none lives, and while something waits too long.
     """
     queue = lane_queue(session, Lane.LIVE)
-    if live_workers(session, Lane.LIVE, ttl_s=ttl_s).workers == 0:
+    if live_workers(session, Lane.LIVE).workers == 0:
         is_expected = session.scalar(select(WorkerHeartbeat.worker_id).limit(1)) is not None
         if queue.waiting or queue.running or is_expected:
             return (
@@ -43,10 +43,10 @@ def scoring_delay(session: Session, *, ttl_s: float = HEARTBEAT_TTL_S) -> str:
     return ""
 
 
-def service_status(session: Session, *, ttl_s: float = HEARTBEAT_TTL_S) -> ServiceStatus:
+def service_status(session: Session) -> ServiceStatus:
     """Return whether submissions are scored now, and how it went of late."""
-    delay = scoring_delay(session, ttl_s=ttl_s)
-    alive = live_workers(session, Lane.LIVE, ttl_s=ttl_s)
+    delay = scoring_delay(session)
+    alive = live_workers(session, Lane.LIVE)
     queue = lane_queue(session, Lane.LIVE)
     return ServiceStatus(
         state="delayed" if delay else "up",

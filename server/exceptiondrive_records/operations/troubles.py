@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.phases.phases import list_phases, not_checked
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.splits.splits import whole_split
-from exceptiondrive_records.work.heartbeats import HEARTBEAT_TTL_S, live_workers, missing_splits
+from exceptiondrive_records.work.heartbeats import live_workers, missing_splits
 from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest
 from exceptiondrive_schemas.jobs import Lane
 
@@ -39,23 +39,18 @@ class Trouble:
     stops_scoring: bool = False
 
 
-def troubles(session: Session, *, ttl_s: float = HEARTBEAT_TTL_S) -> tuple[Trouble, ...]:
-    """Return all of them, what stops scoring first.
-
-    Args:
-        session: To read with.
-        ttl_s: A worker lives while its last sign of life is younger.
-    """
+def troubles(session: Session) -> tuple[Trouble, ...]:
+    """Return all of them, what stops scoring first."""
     return (
-        *_lanes(session, ttl_s),
-        *_splits(session, ttl_s),
+        *_lanes(session),
+        *_splits(session),
         *_boards(session),
         *_phases(session),
     )
 
 
-def _lanes(session: Session, ttl_s: float) -> Iterator[Trouble]:
-    idle = [lane for lane in Lane if live_workers(session, lane, ttl_s=ttl_s).workers == 0]
+def _lanes(session: Session) -> Iterator[Trouble]:
+    idle = [lane for lane in Lane if live_workers(session, lane).workers == 0]
     if idle == list(Lane):
         yield Trouble(
             "lane_without_worker",
@@ -76,8 +71,8 @@ def _lanes(session: Session, ttl_s: float) -> Iterator[Trouble]:
         )
 
 
-def _splits(session: Session, ttl_s: float) -> Iterator[Trouble]:
-    for name in missing_splits(session, ttl_s=ttl_s):
+def _splits(session: Session) -> Iterator[Trouble]:
+    for name in missing_splits(session):
         yield Trouble(
             "split_without_file",
             name,

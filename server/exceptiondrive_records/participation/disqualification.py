@@ -153,14 +153,12 @@ def find_disqualification(session: Session, disqualification_id: int) -> Disqual
 
 
 def list_disqualifications(
-    session: Session, *, team_id: int | None = None, submission_id: str | None = None
+    session: Session, *, team_id: int | None = None
 ) -> list[Disqualification]:
     """Return disqualifications, newest first, those that ended too."""
     query = select(Disqualification).order_by(Disqualification.id.desc())
     if team_id is not None:
         query = query.where(Disqualification.team_id == team_id)
-    if submission_id is not None:
-        query = query.where(Disqualification.submission_id == submission_id)
     return list(session.scalars(query))
 
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
+from exceptiondrive_records.db.csv_table import csv_rows
 from exceptiondrive_records.db.errors import InvalidRecord, RecordsError
 from exceptiondrive_records.notifications.contacts import add_contact
 from exceptiondrive_records.notifications.tables import Channel
@@ -116,25 +117,17 @@ def _make(session: Session, values: dict[str, str], actor: str) -> ImportedTeam:
 
 
 def _lines(text: str) -> Iterator[_Line]:
-    text = text.removeprefix("\ufeff")
-    head = text.split("\n", 1)[0]
-    separator = ";" if head.count(";") > head.count(",") else ","
-    try:
-        rows = list(csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True))
-    except csv.Error as error:
-        raise InvalidRecord(f"This is no table as CSV: {error}.") from None
-    names = [name.strip().lower() for name in rows[0]] if rows else []
+    (_, head), *rows = csv_rows(text) or [(1, [])]
+    names = [name.strip().lower() for name in head]
     if not {"id", "name"} <= set(names) <= set(COLUMNS) or len(set(names)) < len(names):
         raise InvalidRecord(
             f"The first line must name columns of {', '.join(COLUMNS)}; id and name are needed."
         )
-    filled = [_Line(n, {}) for n, row in enumerate(rows[1:], 2) if any(map(str.strip, row))]
-    if not filled:
+    if not rows:
         raise InvalidRecord("The table has no team.")
-    if len(filled) > MAX_TEAMS:
+    if len(rows) > MAX_TEAMS:
         raise InvalidRecord(f"The table has more than {MAX_TEAMS} teams; import it in parts.")
-    for line in filled:
-        row = rows[line.number - 1]
+    for number, row in rows:
         if len(row) != len(names):
-            raise InvalidRecord(f"Line {line.number} has {len(row)} values, not {len(names)}.")
-        yield line._replace(values=dict(zip(names, map(str.strip, row), strict=True)))
+            raise InvalidRecord(f"Line {number} has {len(row)} values, not {len(names)}.")
+        yield _Line(number, dict(zip(names, map(str.strip, row), strict=True)))

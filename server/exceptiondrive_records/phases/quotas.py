@@ -89,14 +89,14 @@ def require_quota(quota: Quota) -> None:
         ConcurrentQuotaExceeded: Too many submissions of the team still wait for their score: more
             than the phase lets wait at once, or more than may turn out to be wrong today.
     """
-    if quota.total is not None and quota.used_total >= quota.total:
+    if quota.total is not None and quota.left_in_all == 0:
         raise QuotaExceeded(quota.total, resets_at=None)
     if quota.used_today >= quota.per_day:
         raise QuotaExceeded(quota.per_day, resets_at=quota.resets_at)
-    if quota.rejected_today >= quota.rejected_per_day:
+    if quota.left_of_rejected == 0:
         raise RejectedCapExceeded(quota.rejected_per_day, resets_at=quota.resets_at)
     require_room_if_all_are_wrong(quota)
-    if quota.concurrent is not None and quota.waiting >= quota.concurrent:
+    if quota.concurrent is not None and quota.left_of_waiting == 0:
         raise ConcurrentQuotaExceeded(quota.concurrent)
 
 
@@ -106,6 +106,5 @@ def require_room_if_all_are_wrong(quota: Quota) -> None:
     Raises:
         ConcurrentQuotaExceeded: So many wait already.
     """
-    may_be_wrong = quota.rejected_per_day - quota.rejected_today
-    if quota.waiting >= may_be_wrong:
-        raise ConcurrentQuotaExceeded(may_be_wrong)
+    if quota.waiting >= quota.left_of_rejected:
+        raise ConcurrentQuotaExceeded(quota.left_of_rejected)

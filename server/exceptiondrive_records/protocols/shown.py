@@ -26,16 +26,14 @@ def shown_protocols(session: Session, *, with_drafts: bool = False) -> list[Prot
     return [protocol for protocol in known if protocol.digest in shown]
 
 
-def shown_protocol(
-    session: Session, version_or_digest: str, *, with_drafts: bool = False
-) -> ProtocolDocument:
+def shown_protocol(session: Session, version_or_digest: str) -> ProtocolDocument:
     """Return a protocol that readers know of.
 
     Raises:
         NotFound: There is none, or it is a draft; the words are the same.
     """
     row = find_protocol_row(session, version_or_digest)
-    if not with_drafts and row.digest not in shown_digests(session):
+    if row.digest not in shown_digests(session):
         raise NotFound("protocol", version_or_digest)
     return find_protocol(session, row.digest)
 

@@ -68,7 +68,6 @@ def view(
     submission: Submission,
     *,
     is_duplicate: bool = False,
-    heartbeat_ttl_s: float = 15.0,
 ) -> SubmissionView:
     """Return a submission as its team sees it.
 
@@ -76,15 +75,12 @@ def view(
         session: To read with.
         submission: The submission.
         is_duplicate: Whether these bytes came a second time.
-        heartbeat_ttl_s: How old the last sign of life of a worker may be.
     """
-    (seen,) = views(session, [submission], heartbeat_ttl_s=heartbeat_ttl_s)
+    (seen,) = views(session, [submission])
     return seen.model_copy(update={"is_duplicate": True}) if is_duplicate else seen
 
 
-def views(
-    session: Session, submissions: Sequence[Submission], *, heartbeat_ttl_s: float = 15.0
-) -> tuple[SubmissionView, ...]:
+def views(session: Session, submissions: Sequence[Submission]) -> tuple[SubmissionView, ...]:
     """Return submissions as their teams see them: each question is asked once for all of a phase."""
     now = database_now(session)
     teams = session.scalars(_TEAMS, {"teams": list({each.team_id for each in submissions})})
@@ -97,7 +93,7 @@ def views(
         for phase in phases
     }
     disqualified = disqualified_since(session, submissions)
-    places = queue_places(session, submissions, now, heartbeat_ttl_s=heartbeat_ttl_s)
+    places = queue_places(session, submissions, now)
     told = [each.id for each in submissions if _is_scored(each) and each.report is None]
     awaited = profiles_coming(session, told) if told else set()
     return tuple(
@@ -225,11 +221,7 @@ def _is_scored(submission: Submission) -> bool:
 
 
 def queue_places(
-    session: Session,
-    submissions: Sequence[Submission],
-    now: datetime,
-    *,
-    heartbeat_ttl_s: float = 15.0,
+    session: Session, submissions: Sequence[Submission], now: datetime
 ) -> dict[str, QueuePlace]:
     """Return how many live jobs come before each in fair order now, and how long that may take.
 
@@ -242,7 +234,7 @@ def queue_places(
     jobs = [job for job in found if not job.state.is_final]
     queued = [job for job in jobs if job.state is not WorkState.LEASED]
     ahead = jobs_ahead(session, queued) if queued else {}
-    alive = live_workers(session, Lane.LIVE, ttl_s=heartbeat_ttl_s)
+    alive = live_workers(session, Lane.LIVE)
     scoring_s = recent_scoring_s(session)
     return {
         job.submission_id: QueuePlace(

@@ -131,7 +131,7 @@ def wake_lanes(
     """Wake workers for all that could be done now, at most one a slot; return for how much."""
     with database.read() as session:
         due = [(lane, _items_due(session, lane, settings)) for lane in lanes]
-        slots = {lane: _slots(session, lane, settings) for lane, n_items in due if n_items}
+        slots = {lane: _slots(session, lane) for lane, n_items in due if n_items}
     return sum(
         n_items
         for lane, n_items in due
@@ -194,5 +194,5 @@ def _is_item_due(kind: type[WorkItem], lane: Lane, max_attempts: int) -> ColumnE
     return and_(kind.lane == lane, kind.attempts < max_attempts, is_claimable(kind, NOW))
 
 
-def _slots(session: Session, lane: Lane, settings: RecordsSettings) -> int:
-    return max(1, live_workers(session, lane, ttl_s=settings.heartbeat_ttl_s).slots)
+def _slots(session: Session, lane: Lane) -> int:
+    return max(1, live_workers(session, lane).slots)

@@ -1,4 +1,4 @@
-"""Signs of life: a worker lives while its row is young."""
+"""Signs of life: each says until when its worker counts as living."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -20,14 +20,16 @@ MISSED_FOR_S = 120.0
 """A worker that fell silent is missed for so long; then it counts as gone."""
 
 
-_IS_YOUNG = WorkerHeartbeat.at > seconds_from_now(-bindparam("ttl_s", type_=Double()))
-_LANES_AND_SLOTS = select(WorkerHeartbeat.lanes, WorkerHeartbeat.slots).where(_IS_YOUNG)
-_SCORERS = select(WorkerHeartbeat.scorer_version).where(_IS_YOUNG).distinct()
-_AT = (("at", NOW),)
-_FORGET = delete(WorkerHeartbeat).where(
-    WorkerHeartbeat.at < seconds_from_now(-_SCORER_COUNTS_FOR_S)
+_LIVES = WorkerHeartbeat.lives_until > NOW
+_LANES_AND_SLOTS = select(WorkerHeartbeat.lanes, WorkerHeartbeat.slots).where(_LIVES)
+_MISSING = select(WorkerHeartbeat.missing_splits).where(_LIVES)
+_COUNTS_SINCE = seconds_from_now(-_SCORER_COUNTS_FOR_S)
+_SCORERS = (
+    select(WorkerHeartbeat.scorer_version).where(WorkerHeartbeat.at > _COUNTS_SINCE).distinct()
 )
-_MISSING = select(WorkerHeartbeat.missing_splits).where(_IS_YOUNG)
+_FORGET = delete(WorkerHeartbeat).where(WorkerHeartbeat.at < _COUNTS_SINCE)
+_AT = (("at", NOW),)
+_MADE = (*_AT, ("lives_until", seconds_from_now(bindparam("ttl_s", type_=Double()))))
 
 
 @dataclass(frozen=True)
@@ -45,39 +47,39 @@ def beat(
     slots: int = 1,
     scorer_version: str | None = None,
     missing_splits: Sequence[str] = (),
+    ttl_s: float = HEARTBEAT_TTL_S,
 ) -> None:
-    """Record a sign of life, every few seconds; forget workers that are long gone."""
+    """Record a sign of life, which holds for `ttl_s`; forget workers that are long gone."""
     values = {
         "worker_id": worker_id,
         "lanes": [lane.value for lane in lanes],
         "slots": slots,
         "scorer_version": scorer_version,
         "missing_splits": list(missing_splits),
+        "ttl_s": ttl_s,
     }
-    takes = ("lanes", "slots", "scorer_version", "missing_splits")
-    sign = upsert(session, WorkerHeartbeat, _AT, _AT, takes=takes, keys=("worker_id",))
+    takes = ("lives_until", "lanes", "slots", "scorer_version", "missing_splits")
+    sign = upsert(session, WorkerHeartbeat, _MADE, _AT, takes=takes, keys=("worker_id",))
     do_last(session, sign, values)
     do_last(session, _FORGET)
 
 
-def live_workers(
-    session: Session, lane: Lane = Lane.LIVE, *, ttl_s: float = HEARTBEAT_TTL_S
-) -> LiveWorkers:
-    """Return the workers of a lane whose last sign of life is younger than `ttl_s`."""
-    found = session.execute(_LANES_AND_SLOTS, {"ttl_s": ttl_s})
+def live_workers(session: Session, lane: Lane = Lane.LIVE) -> LiveWorkers:
+    """Return the workers of a lane whose last sign of life still holds."""
+    found = session.execute(_LANES_AND_SLOTS)
     slots = [slots for lanes, slots in found if lane.value in lanes]
     return LiveWorkers(workers=len(slots), slots=sum(slots))
 
 
-def missing_splits(session: Session, *, ttl_s: float = HEARTBEAT_TTL_S) -> dict[str, int]:
+def missing_splits(session: Session) -> dict[str, int]:
     """Return the splits of which living workers find no file, with how many of them do not."""
-    lists = session.scalars(_MISSING, {"ttl_s": ttl_s})
+    lists = session.scalars(_MISSING)
     return dict(sorted(Counter(name for names in lists for name in names).items()))
 
 
 def scorers_at_work(session: Session) -> list[str]:
     """Return the scorer versions on the list of workers, the newest last."""
-    found = session.scalars(_SCORERS, {"ttl_s": _SCORER_COUNTS_FOR_S})
+    found = session.scalars(_SCORERS)
     return sorted((version for version in found if version is not None), key=_numbers)
 
 

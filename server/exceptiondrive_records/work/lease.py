@@ -198,7 +198,6 @@ def finish(
     state: WorkState = WorkState.DONE,
     *,
     note: str | None = None,
-    pause_s: float = 0.0,
 ) -> bool:
     """End an item; what was asked for meanwhile waits again.
 
@@ -207,13 +206,12 @@ def finish(
         item: As it was claimed.
         state: How it ended.
         note: Why, where it came to nothing.
-        pause_s: How long it rests before it is done once more.
 
     Returns:
         Whether the lease was still held; otherwise nothing was changed but the audit log.
     """
     how = {"was_asked": item.asked, "ends_as": state.value, "note": note}
-    return _leave(session, item, _FINISH, rests_s=pause_s, **how)
+    return _leave(session, item, _FINISH, rests_s=0.0, **how)
 
 
 class LeaseLost(Exception):  # noqa: N818 - nothing is wrong: another one does it now

@@ -225,6 +225,8 @@ class WorkerHeartbeat(Base):
     __tablename__ = "worker_heartbeats"
     worker_id: Mapped[str] = mapped_column(primary_key=True)
     at: Mapped[datetime]
+    lives_until: Mapped[datetime]
+    """It counts as living until then, if it gives no other."""
     lanes: Mapped[list[str]]
     slots: Mapped[int]
     scorer_version: Mapped[str | None]

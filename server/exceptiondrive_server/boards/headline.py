@@ -84,18 +84,19 @@ def _cases(share: float) -> str:
 
 
 def _small_fraction(share: float) -> tuple[str, int, int]:
-    """Return the nearest fraction of at most ten, if within 1.5 points, with how near it is.
+    """Return "about " or what else stands before a fraction, its hits, and out of how many.
 
-    Hits, and out of how many; of equally near ones the simplest.
-
-    A share that is nearly, and not quite, none or all is never said to be it.
+    It is the nearest in at most ten, if within 1.5 points, and of equally near ones the simplest;
+    else the nearest in a hundred. A share that is nearly, and not quite, none or all is never said
+    to be it.
     """
     if share in (0.0, 1.0):
         return "", int(share), 1
     if not 0.01 <= share <= 0.99:
         return ("less than ", 1, 100) if share < 0.5 else ("more than ", 99, 100)
-    near = [(abs(round(share * of) / of - share), of) for of in range(2, 11)]
-    distance, of = min(near)
+    small = [of for of in range(2, 11) if 0 < round(share * of) < of]
+    near = [(abs(round(share * of) / of - share), of) for of in small]
+    distance, of = min(near, default=(1.0, 100))
     of = of if distance <= 0.015 else 100
     hits = round(share * of)
     return ("" if hits / of == share else "about "), hits, of
@@ -122,7 +123,7 @@ def _findings(
         lead = f"Of {grouped(len(ranked))} ranked {words.subjects}, {leader.method} leads"
         lead += _could_too([entry for entry in ranked if entry is not leader])
     above = [entry for entry in ranked if (entry.rank or 0) < (leader.rank or 0)]
-    return (f"{lead}: {numbers} ({average}){_own_flags(leader)}.", *_above(above, leader))
+    return (f"{lead}: {numbers} ({average}){_own_flags(leader)}.", *_above(above))
 
 
 def _could_too(others: Sequence[BoardEntry]) -> str:
@@ -138,7 +139,7 @@ def _own_flags(leader: BoardEntry) -> str:
     return f"; flagged “{flags_of(leader)}”" if leader.flags else ""
 
 
-def _above(above: Sequence[BoardEntry], leader: BoardEntry) -> Iterator[str]:
+def _above(above: Sequence[BoardEntry]) -> Iterator[str]:
     if len(above) > MAX_NAMED:
         yield f"The {len(above)} that rank above it are flagged, and do not lead."
     elif above:

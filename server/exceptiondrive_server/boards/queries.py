@@ -56,6 +56,9 @@ from exceptiondrive_server.boards.page import BoardPage, PhaseLink, of_board
 from exceptiondrive_server.boards.query import BoardQuery
 from exceptiondrive_server.web.numbers import Digits, minute
 
+_NEWEST_BOARDS = 10
+"""As many the history of a phase tells of in its feed."""
+
 
 def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False) -> BoardPage:
     """Read the board that a query asks for; hidden phases are there for organizers alone.
@@ -329,7 +332,7 @@ def protocol_versions(session: Session, phase_id: str) -> tuple[str, ...]:
     return tuple(session.scalars(query.order_by(ProtocolRow.created_at)))
 
 
-def read_history(session: Session, query: BoardQuery, limit: int = 10) -> History:
+def read_history(session: Session, query: BoardQuery) -> History:
     """Read the newest boards of a phase, with who leads them in place of their entries.
 
     Raises:
@@ -342,7 +345,7 @@ def read_history(session: Session, query: BoardQuery, limit: int = 10) -> Histor
         select(BoardRow)
         .where(BoardRow.phase_id == phase.id, was_shown())
         .order_by(BoardRow.number.desc())
-        .limit(limit)
+        .limit(_NEWEST_BOARDS)
     )
     reasons = update_reasons(session, phase.id)
     notes = tuple([_note(session, row, reasons.get(row.id, ())) for row in session.scalars(newest)])

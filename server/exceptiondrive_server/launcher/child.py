@@ -15,6 +15,7 @@ _PR_SET_PDEATHSIG = 1
 _MAX_LOG_BYTES = 10 * 2**20
 _STEADY_AFTER_S = 30.0
 _LONGEST_PAUSE_S = 30.0
+_LINES_SHOWN = 12
 
 
 @dataclass(frozen=True)
@@ -95,12 +96,12 @@ class Child:
             return False
         return True
 
-    def last_lines(self, count: int = 12) -> str:
+    def last_lines(self) -> str:
         """Return the end of the log."""
         if not self.plan.log.exists():
             return ""
         with self.plan.log.open(encoding="utf-8", errors="replace") as log:
-            return "".join(deque(log, maxlen=count)).rstrip()
+            return "".join(deque(log, maxlen=_LINES_SHOWN)).rstrip()
 
     def _note_death(self) -> str:
         assert self._process is not None

@@ -15,7 +15,7 @@ router = APIRouter(tags=["site"])
 def get_status(services: ServicesOf) -> ServiceStatus:
     """Tell whether submissions are scored now, what waits, and how the last days went."""
     with services.database.read() as session:
-        return service_status(session, ttl_s=services.settings.heartbeat_ttl_s)
+        return service_status(session)
 
 
 @router.get("/site", operation_id="showSiteLinks", responses=problem_responses())

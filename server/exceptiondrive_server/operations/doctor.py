@@ -159,7 +159,7 @@ def _queue(database: Database, settings: RecordsSettings) -> Iterator[Finding]:
         oldest = session.scalar(
             select(Job.created_at).where(Job.state == WorkState.QUEUED).order_by(Job.created_at)
         )
-        found = troubles(session, ttl_s=settings.heartbeat_ttl_s)
+        found = troubles(session)
         scorers = scorers_at_work(session)
         leading = (Leader.key == LEADERSHIP, Leader.lease_until > now)
         leads = session.scalar(select(Leader.holder).where(*leading))
@@ -228,7 +228,7 @@ def _broker(url: str) -> Iterator[Finding]:
     client = _client(url)
     try:
         policy = _of_config(client, "maxmemory-policy")
-        limit = int(_of_config(client, "maxmemory") or 0)
+        limit = _of_config(client, "maxmemory")
     except redis.RedisError as error:
         yield Finding(
             Severity.WARNING,
@@ -245,8 +245,12 @@ def _broker(url: str) -> Iterator[Finding]:
             f"the broker's maxmemory-policy is {policy}: it may throw messages away",
             "set maxmemory-policy noeviction; until then scoring is only slower",
         )
-    elif not limit:
+    elif limit == "0":
         yield Finding(Severity.WARNING, "the broker may take all memory", "set maxmemory 256mb")
+    elif policy is None or limit is None:
+        yield Finding(
+            Severity.OK, "the broker answers; whether it evicts anything it does not tell"
+        )
     else:
         yield Finding(Severity.OK, "the broker answers and evicts nothing")
 
@@ -263,10 +267,10 @@ def _client(url: str) -> redis.Redis:
 
 
 def _of_config(client: redis.Redis, name: str) -> str | None:
-    """Return a value of the broker's configuration; None where it may not be asked."""
+    """Return a value of the broker's configuration; None where it refuses to tell."""
     try:
         found = client.config_get(name)
-    except redis.exceptions.NoPermissionError:
+    except redis.exceptions.ResponseError:
         return None
     assert isinstance(found, dict)
     values = {_text(key): _text(value) for key, value in found.items()}

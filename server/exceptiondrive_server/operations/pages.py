@@ -18,7 +18,7 @@ router = APIRouter(include_in_schema=False)
 def show_status(request: Request, services: ServicesOf) -> Response:
     """Show whether submissions are scored now, and how the last days went."""
     with services.database.read() as session:
-        now = service_status(session, ttl_s=services.settings.heartbeat_ttl_s)
+        now = service_status(session)
         last_title = find_phase(session, now.last_board.phase).title if now.last_board else ""
     return page(
         request,

@@ -226,7 +226,7 @@ def standing(seen: SubmissionView, policy: PhasePolicy) -> str:
 
 def is_spent(quota: Quota) -> bool:
     """Whether nothing more can be submitted today."""
-    return quota.remaining_today == 0 or quota.rejected_today >= quota.rejected_per_day
+    return quota.remaining_today == 0 or quota.left_of_rejected == 0
 
 
 def left_words(quota: Quota) -> str:
@@ -239,11 +239,10 @@ def left_words(quota: Quota) -> str:
         words = f"{quota.left_in_all} of {quota.total} left in all"
     elif quota.total is not None:
         words += f", {quota.left_in_all} of {quota.total} in all"
-    if quota.rejected_today >= quota.rejected_per_day:
-        return (
-            f"{words}; {quota.rejected_today} files brought no score, which is the limit of a day"
-        )
-    left = quota.rejected_per_day - quota.rejected_today
+    left = quota.left_of_rejected
+    if left == 0:
+        n_files = quota.rejected_today
+        return f"{words}; {n_files} files brought no score, which is the limit of a day"
     return f"{words}; {left} wrong {'file' if left == 1 else 'files'} more may be sent today"
 
 

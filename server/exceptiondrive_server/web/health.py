@@ -81,8 +81,7 @@ def _workers(services: Services) -> int | None:
             return None
         with services.database.read() as session:
             session.execute(text("SELECT 1"))
-            ttl_s = services.settings.heartbeat_ttl_s
-            return live_workers(session, Lane.LIVE, ttl_s=ttl_s).workers
+            return live_workers(session, Lane.LIVE).workers
     except SQLAlchemyError:
         return None
 

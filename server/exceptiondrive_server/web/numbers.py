@@ -104,10 +104,7 @@ def with_unit(metric: Metric, text: str) -> str:
 
 def fixed(value: float, decimals: int) -> str:
     """Write a number with a real minus sign and never as minus zero."""
-    text = f"{value:.{decimals}f}"
-    if text.startswith("-"):
-        text = text[1:] if not text.strip("-0.") else MINUS + text[1:]
-    return text
+    return f"{round(value, decimals) + 0.0:.{decimals}f}".replace("-", MINUS)
 
 
 def grouped(count: int) -> str:
@@ -152,7 +149,7 @@ def size_text(size_bytes: int) -> str:
     """Write a size: `812 bytes`, `1.4 kB`, `2.0 MB`."""
     if size_bytes < 1000:
         return counted(size_bytes, "byte")
-    if size_bytes < 1_000_000:
+    if round(size_bytes / 1000, 1) < 1000:
         return f"{size_bytes / 1000:.1f} kB"
     return f"{size_bytes / 1_000_000:.1f} MB"
 

@@ -213,7 +213,6 @@ class ApiProblem(Exception):  # noqa: N818 - named as RFC 9457 names it
         detail: str,
         *,
         retry_after_s: int | None = None,
-        resets_at: datetime | None = None,
         fields: Mapping[str, str] | None = None,
         headers: Mapping[str, str] | None = None,
     ) -> None:
@@ -221,6 +220,6 @@ class ApiProblem(Exception):  # noqa: N818 - named as RFC 9457 names it
         self.code = code
         self.detail = detail
         self.retry_after_s = retry_after_s
-        self.resets_at = resets_at
+        self.resets_at: datetime | None = None
         self.fields = dict(fields or {})
         self.headers = dict(headers or {})

@@ -30,9 +30,8 @@ CLOCK_S = 1.0
 class SiteState:
     """Links, and whether scoring is delayed; while the records are away, what they said last."""
 
-    def __init__(self, database: Database, heartbeat_ttl_s: float) -> None:
+    def __init__(self, database: Database) -> None:
         self._database = database
-        self._ttl_s = heartbeat_ttl_s
         self._said = (SiteLinks(), "", "")
         self._read_at_s = -CLOCK_S
 
@@ -41,7 +40,7 @@ class SiteState:
         if time.monotonic() - self._read_at_s >= CLOCK_S:
             try:
                 with self._database.read() as session:
-                    delay = scoring_delay(session, ttl_s=self._ttl_s)
+                    delay = scoring_delay(session)
                     self._said = site_links(session), delay, preparing(session)
             except SQLAlchemyError:  # pages that need no records are shown all the same
                 pass
@@ -86,7 +85,7 @@ class Services:
             signer=ReceiptSigner(settings.receipt_key_file, database),
             upload_places=places,
             looks=Looks(settings.events_every_s),
-            site_state=SiteState(database, settings.heartbeat_ttl_s),
+            site_state=SiteState(database),
             provider=_provider(settings),
             metrics=metrics,
         )

@@ -82,7 +82,7 @@ class Services:
         self.files = FileStore("memory:///")
         self.provider = None
         self.kept_pages = KeptPages()
-        self.site_state = SiteState(database, heartbeat_ttl_s=60)
+        self.site_state = SiteState(database)
 
 
 class Site:

@@ -1,6 +1,8 @@
 """The sentences on top come from the numbers."""
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from tests.server.pages.invented_board import STILL
 
 from exceptiondrive_schemas.board import Board
@@ -35,6 +37,8 @@ def flagged(board: Board, *places: int) -> Board:
         (0.8701, "Even the leading planner hits the hazard about 7 times in 8."),
         (0.5, "The leading planner still hits one hazard in 2."),
         (0.311, "The leading planner still hits about 3 hazards in 10."),
+        (0.988, "Even the leading planner hits the hazard about 99 times in 100."),
+        (0.012, "The leading planner stays out of the hazard about 99 times in 100."),
         (0.02, "The leading planner stays out of the hazard 98 times in 100."),
         (
             0.0033,
@@ -45,6 +49,15 @@ def flagged(board: Board, *places: int) -> Board:
 )
 def test_the_title_says_the_leaders_number(lively_board: Board, ur: float, title: str) -> None:
     assert headline(with_ur(lively_board, ur), PLANNING, 21, Digits()).title == title
+
+
+@given(ur=st.floats(1e-9, 1 - 1e-9))
+def test_a_share_that_is_not_quite_none_or_all_is_never_said_to_be_it(
+    lively_board: Board, ur: float
+) -> None:
+    title = headline(with_ur(lively_board, ur), PLANNING, 21, Digits()).title
+    assert "every time" not in title
+    assert "not once" not in title
 
 
 def test_the_facts_count_what_stands_on_the_board(lively_board: Board) -> None:

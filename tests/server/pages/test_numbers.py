@@ -3,9 +3,13 @@
 from datetime import UTC, datetime
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_schemas.score_sheet import metric_text
 from exceptiondrive_server.web.numbers import (
     Digits,
     day,
@@ -41,6 +45,15 @@ def test_differences_carry_a_real_minus_sign_and_zero_carries_none(
     assert Digits().signed(HCC, difference) == text
 
 
+@given(value=st.floats(-2, 2), decimals=st.integers(0, 4))
+def test_a_page_writes_a_metric_as_messages_and_commands_do(value: float, decimals: int) -> None:
+    digits = {"percent_decimals": decimals, "metre_decimals": decimals}
+    publication = packaged_protocol().publication.model_copy(update=digits)
+    for metric in PLANNING.metrics:
+        told = metric_text(metric, value, publication)
+        assert Digits.of(publication).text(metric, value) == told.replace("-", "\u2212")
+
+
 def test_minus_zero_is_written_as_zero() -> None:
     assert fixed(-0.0001, 2) == "0.00"
     assert fixed(-1.5, 1) == "\u22121.5"
@@ -54,6 +67,7 @@ def test_counts_lists_and_sizes_read_like_a_sentence() -> None:
     )
     assert listed(["a", "b", "c"]) == "a, b and c"
     assert [size_text(n) for n in (812, 41_233, 2_000_000)] == ["812 bytes", "41.2 kB", "2.0 MB"]
+    assert [size_text(n) for n in (999, 999_949, 999_950)] == ["999 bytes", "999.9 kB", "1.0 MB"]
 
 
 def test_names_become_plain_addresses() -> None:

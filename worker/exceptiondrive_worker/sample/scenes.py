@@ -43,15 +43,15 @@ class _Scene:
     speed_mps: float
 
 
-def sample_scenes(seed: int = SEED) -> tuple[SampleScene, ...]:
+def sample_scenes() -> tuple[SampleScene, ...]:
     """Draw all samples, sorted by sample id; ids tell neither task nor scene nor control."""
-    rng = Random(seed)
+    rng = Random(SEED)
     scenes = [_scene(number, rng) for number in range(1, N_SCENES + 1)]
     tasks = _shuffled([task for task in PLACEMENTS for _ in range(SAMPLES_PER_TASK)], rng)
     samples = [
         _sample(scenes[position % N_SCENES], task, rng) for position, task in enumerate(tasks)
     ]
-    rng_of_controls = Random(f"{seed}/controls")
+    rng_of_controls = Random(f"{SEED}/controls")
     samples += [
         _sample(rng_of_controls.choice(scenes), task, rng_of_controls, is_control=True)
         for task in PLACEMENTS
@@ -59,7 +59,7 @@ def sample_scenes(seed: int = SEED) -> tuple[SampleScene, ...]:
     return tuple(sorted(samples, key=lambda sample: sample.sample_id))
 
 
-def sample_split(seed: int = SEED) -> Split:
+def sample_split() -> Split:
     """Return the synthetic split."""
     return Split(
         schema_="exceptiondrive.split/1",
@@ -72,10 +72,10 @@ def sample_split(seed: int = SEED) -> Split:
                 scene_id=sample.scene_id,
                 task=sample.task_id,
                 region=sample.hazard.region,
-                recorded=_recorded(sample, seed),
+                recorded=_recorded(sample),
                 control=sample.is_control,
             )
-            for sample in sample_scenes(seed)
+            for sample in sample_scenes()
         ),
     )
 
@@ -109,9 +109,9 @@ def _sample(scene: _Scene, task_id: str, rng: Random, *, is_control: bool = Fals
     )
 
 
-def _recorded(sample: SampleScene, seed: int) -> Trajectory:
+def _recorded(sample: SampleScene) -> Trajectory:
     """What somebody drove where nothing was in the way: along the lane, not quite in its middle."""
-    rng = Random(f"{seed}/recorded/{sample.sample_id}")
+    rng = Random(f"{SEED}/recorded/{sample.sample_id}")
     drive = Manoeuvre(sample.speed_mps, rng.uniform(-0.6, 0.6), aside_m=rng.uniform(-0.4, 0.4))
     return drive.trajectory(sample.lane)
 

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from exceptiondrive.checking import write_file
 from exceptiondrive.cli import completion, news_commands, options
 from exceptiondrive.cli.groups import Group
 from exceptiondrive.cli.organizer import participation, people, phases, rescoring, site
@@ -407,7 +408,7 @@ def confirm_protocol(
     signed = confirm(ref, protocol.digest, key or default_key_path())
     words = f"protocol {protocol.version} ({protocol.digest}) on {split} at {revision}"
     if to_file is not None:
-        to_file.write_text(signed.model_dump_json(by_alias=True) + "\n", encoding="utf-8")
+        write_file(to_file, signed.model_dump_json(by_alias=True) + "\n")
         show_result(signed.model_dump(mode="json", by_alias=True), json, f"signed: {words}")
         return
     with open_organizer(server) as organizer:

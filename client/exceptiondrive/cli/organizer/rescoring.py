@@ -13,6 +13,7 @@ import typer
 from rich.console import RenderableType
 from rich.progress import BarColumn, Progress, TextColumn
 
+from exceptiondrive.checking import write_file
 from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.file_tables import metric_head
 from exceptiondrive.cli.fitted_table import Column, FittedTable
@@ -125,7 +126,7 @@ def preview(
     with _rescoring(server) as rescoring:
         found = rescoring.preview(run_id, seen)
         if csv is not None:
-            csv.write_text(rescoring.preview_csv(run_id), encoding="utf-8")
+            write_file(csv, rescoring.preview_csv(run_id))
     show_result(found, json, *preview_lines(found))
     if found["is_stale"]:
         raise typer.Exit(ExceptionDriveError.exit_code)

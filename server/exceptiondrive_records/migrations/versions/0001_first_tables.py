@@ -605,6 +605,7 @@ def create_operations() -> None:
         "worker_heartbeats",
         sa.Column("worker_id", sa.String(), primary_key=True),
         sa.Column("at", TIME, nullable=False),
+        sa.Column("lives_until", TIME, nullable=False),
         sa.Column("lanes", sa.JSON(), nullable=False),
         sa.Column("slots", sa.Integer(), nullable=False),
         sa.Column("scorer_version", sa.String()),
