@@ -22,6 +22,7 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, expect
+from tests.client.notebook import code_of, read_notebook, run_cells
 from tests.support.processes import BIN, ROOT, free_port, wait_until
 from tests.support.system import System, running_system
 
@@ -273,6 +274,13 @@ def test_the_quick_start_runs_as_pasted(phase: str, sample_system: System, tmp_p
     assert told in screen, "it is told before the upload"
     assert f"not ranked in phase {phase}: flagged Same answer" in screen
     assert "submissions left today" in screen
+
+
+def test_the_notebook_runs_as_written_to_a_rank(sample_system: System, tmp_path: Path) -> None:
+    _, *cells = code_of(read_notebook())
+    token = sample_system.make_team("notebook")
+    shown = run_cells(cells, tmp_path, sample_system.environment(token))
+    assert re.search(r"scored.*, \d+\)$", shown["view.status, view.rank"])
 
 
 @pytest.fixture(scope="module")
