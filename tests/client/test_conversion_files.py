@@ -7,6 +7,7 @@ import os
 import pickle
 import shutil
 import sys
+import threading
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -350,3 +351,36 @@ def test_what_is_written_is_read_back(tmp_path: Path, name: str) -> None:
     assert write_file(path, submission_text("sample", [PAIR])) == path.stat().st_size
     assert read_pairs([path]) == ((PAIR,), "sample")
     assert sorted(tmp_path.iterdir()) == [path]
+
+
+def test_what_a_link_leads_to_is_replaced_and_the_link_stays(tmp_path: Path) -> None:
+    (tmp_path / "kept").mkdir()
+    link, target = tmp_path / "out.json", tmp_path / "kept" / "planner.json"
+    link.symlink_to(target)
+    for text in ("first", "second"):
+        write_file(link, text)
+        assert (link.is_symlink(), target.read_text()) == (True, text)
+    assert sorted(tmp_path.rglob("*")) == [tmp_path / "kept", target, link]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs named pipes")
+def test_a_named_pipe_is_written_into_and_stays(tmp_path: Path) -> None:
+    pipe = tmp_path / "out.json"
+    os.mkfifo(pipe)
+    read: list[bytes] = []
+    reader = threading.Thread(target=lambda: read.append(pipe.read_bytes()))
+    reader.start()
+    assert write_file(pipe, "words") == len("words")
+    reader.join()
+    assert read == [b"words"]
+    assert list(tmp_path.iterdir()) == [pipe]
+    assert pipe.is_fifo()
+    pipe.unlink()  # or who looks through the files of tests would wait on it
+
+
+def test_stdin_is_no_place_to_write_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InvalidArgumentError, match="- stands for stdin") as caught:
+        write_file(Path("-"), "words")
+    assert caught.value.advice == "Name the file to write."
+    assert not list(tmp_path.iterdir())
