@@ -426,6 +426,26 @@ def test_piped_output_has_no_colour_no_motion_and_whole_lines(
     assert "…" not in done.stdout
 
 
+@pytest.mark.skipif(not Path("/dev/full").is_char_device(), reason="needs /dev/full")
+@pytest.mark.parametrize("arguments", [(), ("--json",), ("--split", "none.json", "--json")])
+def test_a_full_disk_behind_stdout_is_said_in_one_sentence(
+    planning_file: MakeFile, arguments: tuple[str, ...]
+) -> None:
+    code = "from exceptiondrive.cli import main; main()"
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", code, "check", str(planning_file()), *arguments],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 2
+    assert "error: The output cannot be written: No space left on device." in done.stderr
+    assert "Traceback" not in done.stderr
+    assert "Exception ignored" not in done.stderr
+
+
 def test_output_survives_a_terminal_that_knows_ascii_only(
     planning_file: MakeFile, split_file: Path
 ) -> None:
