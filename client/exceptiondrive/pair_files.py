@@ -48,6 +48,10 @@ PICKLE_MAGIC = b"\x80"
 NO_POINT = (math.nan, math.nan)
 MOST_BYTES = 1 << 30
 TOO_LARGE = "holds more than 1 GiB: give it in parts, several files make one submission."
+TWO_RUNS = (
+    "Two runs make a submission, on the source and on the edited inputs: exceptiondrive convert "
+    "--source-run FILE --edited-run FILE --split NAME"
+)
 OnForm = Callable[[str], None]
 READ_HERE = "Read are JSON, JSON lines, CSV, Parquet and NPZ, plain or as gzip."
 
@@ -150,9 +154,14 @@ def read_arrays(path: Path, data: bytes, *names: str) -> tuple[list[Any], ...]:
         with arrays:
             if sum(member.file_size for member in arrays.zip.infolist()) > MOST_BYTES:
                 raise fault(path, TOO_LARGE)
+            if absent := [name for name in names if name not in arrays]:
+                raise InvalidArgumentError(
+                    "unreadable_file",
+                    f"{path.name}: has no array {', '.join(absent)}; there must be "
+                    f"{', '.join(names)}.",
+                    "" if "token" in names else f"A run has token and trajectory. {TWO_RUNS}",
+                )
             columns = tuple(arrays[name].tolist() for name in names)
-    except KeyError as error:
-        raise fault(path, f"has no array {error}.") from None
     except (
         ValueError,
         EOFError,
@@ -301,13 +310,13 @@ def _predictions(path: Path, text: str, splits: set[str], on_form: OnForm) -> It
                 predictions = documents[0] if len(documents) == 1 else None
             if not isinstance(predictions, list | dict):
                 raise fault(path, "predictions must be a list, or an object by sample id.")
-            yield from _listed(predictions)
+            yield from _listed(path, predictions)
         elif isinstance(value, dict) and isinstance(value.get("sample_id"), list):
             yield from _of_columns(path, value)
         elif isinstance(value, dict) and all(isinstance(value.get(side), dict) for side in SIDES):
             yield from _of_sides(path, value)
         elif isinstance(value, dict) and not {"sample_id", *SIDES} & value.keys():
-            yield from _listed(value)
+            yield from _listed(path, value)
         else:
             yield value
 
@@ -359,14 +368,28 @@ def _of_sides(path: Path, sides: dict[str, Any]) -> Iterator[dict[str, Any]]:
         yield {"sample_id": sample_id, **{side: sides[side].get(sample_id) for side in SIDES}}
 
 
-def _listed(predictions: Any) -> Iterator[Any]:
+def _listed(path: Path, predictions: Any) -> Iterator[Any]:
     """Yield predictions of a list, or of an object by sample id."""
     if not isinstance(predictions, Mapping):
         for value in predictions:
             yield from value if isinstance(value, list) else [value]
         return
+    if _is_run(predictions.values()):
+        raise InvalidArgumentError(
+            "unreadable_file",
+            f"{path.name} is one run of a planner: one trajectory by each id.",
+            TWO_RUNS,
+        )
     for sample_id, value in predictions.items():
         yield {**value, "sample_id": sample_id} if isinstance(value, dict) else value
+
+
+def _is_run(values: Collection[Any]) -> bool:
+    """Whether values by id are trajectories, or null."""
+    return any(values) and all(
+        value is None or (isinstance(value, list) and not isinstance(next(iter(value), 0), dict))
+        for value in values
+    )
 
 
 def _documents(path: Path, text: str) -> Iterator[Any]:

@@ -142,8 +142,10 @@ def test_arrays_are_read_and_objects_in_them_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidArgumentError, match="Object arrays cannot be loaded"):
         read_pairs([path])
     np.savez(path, sample_id=np.array(["s1"]))
-    with pytest.raises(InvalidArgumentError, match="has no array"):
+    needed = "has no array source, edited; there must be sample_id, source, edited"
+    with pytest.raises(InvalidArgumentError, match=needed) as caught:
         read_pairs([path])
+    assert "--source-run FILE --edited-run FILE" in caught.value.advice
     for ids in (np.array("s1"), np.array(["s1", "s2"])):
         np.savez(path, sample_id=ids, source=missing, edited=missing)
         with pytest.raises(InvalidArgumentError, match="must have as many rows each"):
