@@ -84,6 +84,42 @@ def test_csv_is_read_in_any_order_of_rows(tmp_path: Path) -> None:
     assert read_pairs([written(tmp_path, "a.csv", text)]) == ((PAIR,), None)
 
 
+def test_blanks_in_csv_are_passed_over(tmp_path: Path) -> None:
+    rows = "".join(f"s1 , source, {step}, {x}, {y}\n" for step, (x, y) in enumerate(SIX, start=1))
+    path = written(tmp_path, "a.csv", f"sample_id, trajectory, step, x_m, y_m\n{rows}")
+    assert read_pairs([path]) == ((PAIR,), None)
+
+
+@pytest.mark.parametrize("empty", ["", " ", "nan", "NaN", "NULL"])
+def test_an_empty_cell_is_a_number_that_is_missing(tmp_path: Path, empty: str) -> None:
+    path = written(tmp_path, "a.csv", f"{HEADER}s1,source,1,1,0\ns1,source,2,{empty},{empty}\n")
+    ((pair,), _) = read_pairs([path])
+    assert pair.source is not None
+    assert pair.source[0] == (1.0, 0.0)
+    assert all(math.isnan(number) for number in pair.source[1])
+
+
+def test_a_data_frame_with_gaps_is_read_of_csv_and_of_parquet(tmp_path: Path) -> None:
+    frame = pd.DataFrame(
+        {
+            "sample_id": ["s1"] * 2,
+            "trajectory": ["source"] * 2,
+            "step": [1, 2],
+            "x_m": [1.0, np.nan],
+            "y_m": [0.0, np.nan],
+        }
+    )
+    frame.to_csv(tmp_path / "a.csv", index=False)
+    frame.to_parquet(tmp_path / "a.parquet")
+    for name in ("a.csv", "a.parquet"):
+        ((pair,), _) = read_pairs([tmp_path / name])
+        assert pair.source is not None
+        assert [math.isnan(number) for point in pair.source for number in point] == [
+            *(False, False),
+            *(True, True),
+        ]
+
+
 def test_csv_may_carry_headings_and_t_0(tmp_path: Path) -> None:
     text = "sample_id,trajectory,step,x_m,y_m,heading_rad\ns1,edited,0,0,0,0.1\ns1,edited,1,1,0,0.2"
     pairs, _ = read_pairs([written(tmp_path, "a.csv", text)])
@@ -304,6 +340,11 @@ HEADER = "sample_id,trajectory,step,x_m,y_m\n"
         ('{"sample_id": "s1"}\nrubbish\n', "line 2 is not JSON"),
         ('{"source": null}', "needs a sample_id"),
         ('{"s1": [[1, 0]]}', "needs a sample_id"),
+        ('{"s1": [[1, 0]], "s2": null, "s3": [[1, 0]]}', "is one run of a planner"),
+        ("", "is empty: check that your program finished writing it"),
+        (" \n", "is empty: check that your program finished writing it"),
+        ('// of today\n{"predictions": []}', "begins with what looks like a comment: remove it"),
+        (f"# of today\n{HEADER}", "begins with what looks like a comment: remove it"),
         ('{"sample_id": "s1", "plan": []}', "unknown key plan"),
         ('{"sample_id": "s1", "edited": 5}', "s1: edited must be a list"),
         ('{"sample_id": "s1", "edited": [[true, 1]]}', "s1: edited must be a list"),
@@ -330,7 +371,7 @@ def test_an_archive_is_named_and_what_is_read_instead(tmp_path: Path, kind: str)
 
 
 def test_a_missing_file_and_bytes_that_are_no_text_are_said(tmp_path: Path) -> None:
-    with pytest.raises(InvalidArgumentError, match="cannot be read"):
+    with pytest.raises(InvalidArgumentError, match=r"none\.json cannot be read: No such file"):
         read_pairs([tmp_path / "none.json"])
     (tmp_path / "a.json").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InvalidArgumentError, match="not UTF-8"):
