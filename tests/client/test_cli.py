@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import typer
+from tests.client.servers import STRAIGHT
 from typer.main import get_group
 from typer.testing import CliRunner
 
@@ -52,6 +53,18 @@ def test_the_exit_code_tells_causes_apart(
     assert done.exit_code == exit_code
     assert done.stdout == ""
     assert done.stderr.startswith(f"error: The server says {code}.")
+
+
+def test_an_address_with_a_path_too_many_is_named_where_nothing_is_found(
+    canned_server: "CannedServer",
+) -> None:
+    for path in ("/phases", "/api/v1/phases"):
+        canned_server.problem(f"GET {path}", 404, "not_found")
+    done = run("phases", "--server", f"{canned_server.url}/api/v1")
+    assert done.exit_code == 2
+    assert f"Asked was {canned_server.url}/api/v1/api/v1/phases: if /api/v1 is" in done.stderr
+    assert "--server" in done.stderr
+    assert "Asked was" not in run("phases", "--server", canned_server.url).stderr
 
 
 def test_done_is_0(canned_server: "CannedServer") -> None:
@@ -256,6 +269,20 @@ def test_convert_says_exactly_what_it_did(planning_file: MakeFile, tmp_path: Pat
     ]
     assert json.loads(output.read_text())["predictions"][0]["source"][0] == [2.0, 0.0]
     assert run("check", output).exit_code == 0
+
+
+def test_convert_says_where_there_was_no_mode_to_choose(
+    planning_file: MakeFile, tmp_path: Path
+) -> None:
+    said = "- no trajectory has several modes: --mode 3 chose nothing"
+    output = ("-o", tmp_path / "out.json")
+    assert said in run("convert", planning_file(), "--mode", 3, *output).stdout.splitlines()
+    token_file = tmp_path / "run.json"
+    token_file.write_text(json.dumps({f"s{number}": STRAIGHT for number in range(4)}))
+    runs = ("--source-run", token_file, "--edited-run", token_file, "--split", "tiny")
+    assert said in run("convert", *runs, "--mode", 3, *output).stdout.splitlines()
+    modes = {"predictions": [{"sample_id": "s0", "source": [STRAIGHT] * 4, "edited": None}]}
+    assert said not in run("convert", planning_file(**modes), "--mode", 3, *output).stdout
 
 
 def test_convert_needs_a_split_and_sound_options(tmp_path: Path) -> None:
