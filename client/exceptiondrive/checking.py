@@ -1,7 +1,6 @@
 """Files on this machine: read, checked with the checker that the server uses, and written."""
 
 import csv
-import errno
 import gzip
 import io
 import os
@@ -18,6 +17,7 @@ from exceptiondrive.inputs import (
     given_manifest,
     given_protocol,
     given_submission,
+    require_name,
 )
 from exceptiondrive_schemas.base import faults_in
 from exceptiondrive_schemas.challenges import ChallengeId
@@ -88,22 +88,27 @@ def manifest_of(split: Split, protocol: ProtocolDocument) -> Manifest:
 def write_file(path: Path, content: str | bytes) -> int:
     """Write in one step, compressed if the name ends in `.gz`; return the size in bytes.
 
+    Behind a symlink its target is replaced; what is no regular file, as a pipe, is written into.
+
     Raises:
         InvalidArgumentError: It cannot be written.
     """
+    require_name(path)
     data = content.encode() if isinstance(content, str) else content
-    part = path.parent / f".{path.name}.part"
+    data = gzip.compress(data, mtime=0) if path.suffix == ".gz" else data
     try:
-        if path.is_dir():
-            raise IsADirectoryError(errno.EISDIR, "it is a folder")
-        part.write_bytes(gzip.compress(data, mtime=0) if path.suffix == ".gz" else data)
-        size_bytes = part.stat().st_size
-        os.replace(part, path)
+        if path.exists() and not path.is_file():
+            path.write_bytes(data)
+        else:
+            target = Path(os.path.realpath(path))
+            part = target.with_name(f".{target.name}.part")
+            part.write_bytes(data)
+            os.replace(part, target)
     except OSError as error:
         raise InvalidArgumentError(
             "unwritable_file", f"{path} cannot be written: {error.strerror}."
         ) from None
-    return size_bytes
+    return len(data)
 
 
 def csv_text(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

@@ -13,6 +13,7 @@ from pydantic import TypeAdapter
 
 from exceptiondrive.checking import check_file
 from exceptiondrive.errors import (
+    IT_IS_SAFE,
     SUBMIT_AGAIN,
     InvalidArgumentError,
     InvalidFileError,
@@ -214,7 +215,7 @@ class Submission:
         return WaitTimeoutError(
             "wait_timed_out",
             f"Submission {self.id} was not scored within {timeout_s:g} s.",
-            f"It is safe and will be scored; look with: exceptiondrive status {self.id}",
+            IT_IS_SAFE.format(self.id),
             self.view,
         )
 

@@ -71,6 +71,7 @@ def keep_token(server: str, token: str) -> Path:
 
     Raises:
         NotAllowedError: Others can read the file of tokens.
+        InvalidArgumentError: It cannot be written.
     """
     content = _read()
     tokens = {**content.get("tokens", {}), server: token}
@@ -113,8 +114,12 @@ def _read() -> dict[str, Any]:
                     f"Run: chmod 600 '{path}' (and have a new token made if it was read).",
                 )
             content = json.load(stream)
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return {}
+    except OSError as error:
+        raise InvalidArgumentError(
+            "unreadable_file", f"{path} cannot be read: {error.strerror}."
+        ) from None
     except (ValueError, RecursionError):
         content = None
     if not isinstance(content, dict) or not isinstance(content.get("tokens", {}), dict):
@@ -127,11 +132,18 @@ def _read() -> dict[str, Any]:
 def _write(content: dict[str, Any]) -> Path:
     """Write beside the file and rename; never readable by others, not even for a moment."""
     path = credentials_path()
-    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    part.unlink(missing_ok=True)
-    descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
-        json.dump(content, stream, indent=1)
-    os.replace(part, path)
+    try:
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        part.unlink(missing_ok=True)
+        descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
+            json.dump(content, stream, indent=1)
+        os.replace(part, path)
+    except OSError as error:
+        raise InvalidArgumentError(
+            "unwritable_file",
+            f"{path} cannot be written: {error.strerror}.",
+            f"Without it a token is taken from {TOKEN_VARIABLE}.",
+        ) from None
     return path

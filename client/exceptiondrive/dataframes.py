@@ -14,7 +14,7 @@ from exceptiondrive.evaluation import SampleResult
 from exceptiondrive_schemas.api.similarity import SimilarityReport, SubmissionOfTeam
 from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_schemas.board import Board, BoardEntry
-from exceptiondrive_schemas.faults import CheckReport
+from exceptiondrive_schemas.faults import CheckReport, FaultGroup
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 
 if TYPE_CHECKING:
@@ -57,7 +57,8 @@ def to_dataframe(
         return _typed(pd.DataFrame(list(rows.values()), index=index))
     if isinstance(document, CheckReport):
         kinds = (group.model_dump(mode="json", exclude={"examples"}) for group in document.faults)
-        return pd.DataFrame(list(kinds))
+        columns = [name for name in FaultGroup.model_fields if name != "examples"]
+        return pd.DataFrame(list(kinds), columns=columns)
     if isinstance(document, SimilarityReport):
         return _typed(pd.DataFrame(list(_pair_rows(document))))
     if isinstance(document, Submission | AsyncSubmission):

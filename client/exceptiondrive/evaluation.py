@@ -178,7 +178,8 @@ def evaluate_samples(
 
     Returns:
         The unsafe ones first, then the others, each in turn of the families: of each family the
-        deepest in the hazard first, then those without an answer, then the least HCC.
+        deepest in the hazard first, those of depth 0 or without an answer last; of the others the
+        least HCC.
 
     Raises:
         InvalidFileError: The file cannot be scored; the error carries every fault.

@@ -89,6 +89,20 @@ def given_bytes(given: object, what: str = "file") -> GivenFile:
     return GivenFile(Path(name).name.strip("<>") if isinstance(name, str) else what, data)
 
 
+def require_name(path: Path) -> None:
+    """Refuse `-` where a file is to be written.
+
+    Raises:
+        InvalidArgumentError: It is `-`.
+    """
+    if path == STDIN:
+        raise InvalidArgumentError(
+            "wrong_output",
+            "- stands for stdin, and nothing can be written there.",
+            "Name the file to write.",
+        )
+
+
 def given_submission(given: object, split: str | None = None) -> GivenFile:
     """Return a submission file.
 

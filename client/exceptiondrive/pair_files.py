@@ -49,10 +49,15 @@ OUR_SCHEMAS = "exceptiondrive."
 CSV_DELIMITERS = ",;\t"
 NPZ_MAGIC, NPY_MAGIC = b"PK\x03\x04", b"\x93NUMPY"
 PARQUET_MAGIC = b"PAR1"
+COMMENTS = ("//", "/*", "#")
 PICKLE_MAGIC = b"\x80"
 NO_POINT = (math.nan, math.nan)
 MOST_BYTES = 1 << 30
 TOO_LARGE = "holds more than 1 GiB: give it in parts, several files make one submission."
+TWO_RUNS = (
+    "Two runs make a submission, on the source and on the edited inputs: exceptiondrive convert "
+    "--source-run FILE --edited-run FILE --split NAME"
+)
 OnForm = Callable[[str], None]
 READ_HERE = "Read are JSON, JSON lines, CSV, Parquet and NPZ, plain or as gzip."
 
@@ -91,17 +96,23 @@ def read_bytes(path: Path) -> bytes:
     """Return what a file holds, or stdin where it is `-`, inflated if it is gzip.
 
     Raises:
-        InvalidArgumentError: It cannot be read, or is a pickle.
+        InvalidArgumentError: It cannot be read, is empty, or is a pickle.
     """
     try:
         data = sys.stdin.buffer.read() if path == STDIN else path.read_bytes()
         if data.startswith(GZIP_MAGIC):
             with gzip.open(io.BytesIO(data)) as stream:
                 data = stream.read(MOST_BYTES + 1)
-    except (OSError, EOFError, zlib.error) as error:
+    except (gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise fault(path, f"cannot be read: {error}.") from None
+    except OSError as error:
+        raise InvalidArgumentError(
+            "unreadable_file", f"{path} cannot be read: {error.strerror}."
+        ) from None
     if len(data) > MOST_BYTES:
         raise fault(path, TOO_LARGE)
+    if not data or data.isspace():
+        raise fault(path, "is empty: check that your program finished writing it.")
     if data.startswith(PICKLE_MAGIC):
         raise InvalidArgumentError(
             "unreadable_file",
@@ -119,13 +130,16 @@ def read_text(path: Path, data: bytes | None = None) -> str:
         data: What `read_bytes` gave of it, where it was read before.
 
     Raises:
-        InvalidArgumentError: It cannot be read, or is no UTF-8 text.
+        InvalidArgumentError: It cannot be read, is no UTF-8 text, or begins with a comment.
     """
     try:
         data = read_bytes(path) if data is None else data
-        return data.decode(wide_encoding(data) or "utf-8-sig").removeprefix("\ufeff")
+        text = data.decode(wide_encoding(data) or "utf-8-sig").removeprefix("\ufeff")
     except UnicodeDecodeError:
         raise fault(path, "is not UTF-8 text.") from None
+    if text.lstrip().startswith(COMMENTS):
+        raise fault(path, "begins with what looks like a comment: remove it.")
+    return text
 
 
 def read_arrays(path: Path, data: bytes, *names: str) -> tuple[list[Any], ...]:
@@ -155,9 +169,14 @@ def read_arrays(path: Path, data: bytes, *names: str) -> tuple[list[Any], ...]:
         with arrays:
             if sum(member.file_size for member in arrays.zip.infolist()) > MOST_BYTES:
                 raise fault(path, TOO_LARGE)
+            if absent := [name for name in names if name not in arrays]:
+                raise InvalidArgumentError(
+                    "unreadable_file",
+                    f"{path.name}: has no array {', '.join(absent)}; there must be "
+                    f"{', '.join(names)}.",
+                    "" if "token" in names else f"A run has token and trajectory. {TWO_RUNS}",
+                )
             columns = tuple(arrays[name].tolist() for name in names)
-    except KeyError as error:
-        raise fault(path, f"has no array {error}.") from None
     except (
         ValueError,
         EOFError,
@@ -306,13 +325,13 @@ def _predictions(path: Path, text: str, splits: set[str], on_form: OnForm) -> It
                 predictions = documents[0] if len(documents) == 1 else None
             if not isinstance(predictions, list | dict):
                 raise fault(path, "predictions must be a list, or an object by sample id.")
-            yield from _listed(predictions)
+            yield from _listed(path, predictions)
         elif isinstance(value, dict) and isinstance(value.get("sample_id"), list):
             yield from _of_columns(path, value)
         elif isinstance(value, dict) and all(isinstance(value.get(side), dict) for side in SIDES):
             yield from _of_sides(path, value)
         elif isinstance(value, dict) and not {"sample_id", *SIDES} & value.keys():
-            yield from _listed(value)
+            yield from _listed(path, value)
         else:
             yield value
 
@@ -364,14 +383,28 @@ def _of_sides(path: Path, sides: dict[str, Any]) -> Iterator[dict[str, Any]]:
         yield {"sample_id": sample_id, **{side: sides[side].get(sample_id) for side in SIDES}}
 
 
-def _listed(predictions: Any) -> Iterator[Any]:
+def _listed(path: Path, predictions: Any) -> Iterator[Any]:
     """Yield predictions of a list, or of an object by sample id."""
     if not isinstance(predictions, Mapping):
         for value in predictions:
             yield from value if isinstance(value, list) else [value]
         return
+    if _is_run(predictions.values()):
+        raise InvalidArgumentError(
+            "unreadable_file",
+            f"{path.name} is one run of a planner: one trajectory by each id.",
+            TWO_RUNS,
+        )
     for sample_id, value in predictions.items():
         yield {**value, "sample_id": sample_id} if isinstance(value, dict) else value
+
+
+def _is_run(values: Collection[Any]) -> bool:
+    """Whether values by id are trajectories, or null."""
+    return any(values) and all(
+        value is None or (isinstance(value, list) and not isinstance(next(iter(value), 0), dict))
+        for value in values
+    )
 
 
 def _documents(path: Path, text: str) -> Iterator[Any]:
@@ -406,10 +439,12 @@ def _pair_of_json(path: Path, value: Any, mode: int | None, on_form: OnForm) -> 
 def _pairs_of_csv(path: Path, text: str) -> Iterator[RawPair]:
     head = text.partition("\n")[0]
     delimiter = max(CSV_DELIMITERS, key=head.count)
-    reader = csv.DictReader(io.StringIO(text), delimiter=delimiter)
+    reader = csv.reader(io.StringIO(text), delimiter=delimiter, skipinitialspace=True)
     try:
-        _require_columns(path, reader.fieldnames or ())
-        yield from _pairs_of_rows(path, ((f"line {reader.line_num}", row) for row in reader))
+        names = [name.strip() for name in next(reader, ())]
+        _require_columns(path, names)
+        rows = (dict(zip(names, map(str.strip, row), strict=False)) for row in reader if row)
+        yield from _pairs_of_rows(path, ((f"line {reader.line_num}", row) for row in rows))
     except csv.Error as error:
         raise fault(path, f"line {reader.line_num + 1} is no row of a table: {error}.") from None
 
@@ -446,10 +481,10 @@ def _pairs_of_rows(path: Path, rows: Iterable[tuple[str, dict[str, Any]]]) -> It
     """Gather waypoints, one a row, in any order; each row with where it stands."""
     points: dict[str, dict[str, dict[int, tuple[float, ...]]]] = {}
     for where, row in rows:
-        if row["trajectory"] not in SIDES:
+        if row.get("trajectory") not in SIDES:
             raise fault(path, f"{where}: trajectory must be source or edited.")
         step, point = _row(path, where, row)
-        if not isinstance(row["sample_id"], str | int):
+        if not isinstance(row.get("sample_id"), str | int):
             raise fault(path, f"{where}: sample_id must be a text.")
         of_side = points.setdefault(str(row["sample_id"]), {}).setdefault(row["trajectory"], {})
         if step in of_side:
@@ -462,16 +497,19 @@ def _pairs_of_rows(path: Path, rows: Iterable[tuple[str, dict[str, Any]]]) -> It
 
 def _row(path: Path, where: str, row: dict[str, Any]) -> tuple[int, tuple[float, ...]]:
     heading = row.get("heading_rad")
-    numbers = (row["x_m"], row["y_m"], *(() if heading in (None, "") else (heading,)))
     try:
+        numbers = (row["x_m"], row["y_m"], *(() if heading in (None, "") else (heading,)))
         return int(row["step"]), tuple(map(_csv_number, numbers))
-    except (TypeError, ValueError, OverflowError):
+    except (KeyError, TypeError, ValueError, OverflowError):
         raise fault(path, f"{where}: step must be a whole number, x_m and y_m numbers.") from None
 
 
-def _csv_number(text: Any) -> float:
-    """Read a number, with a decimal comma too, as spreadsheets write it beside semicolons."""
-    return float(text.replace(",", ".") if isinstance(text, str) else text)
+def _csv_number(cell: Any) -> float:
+    """Read a number, NaN of an empty cell, and a decimal comma, as spreadsheets write them."""
+    number = number_in(cell) if isinstance(cell, str) else cell
+    if number is None and cell is not None:
+        raise ValueError
+    return math.nan if number is None else float(number)
 
 
 def _in_order(

@@ -17,6 +17,7 @@ from exceptiondrive.conversion import RawPair, Waypoints
 from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive.pair_files import (
     NPZ_MAGIC,
+    OnForm,
     fault,
     points_of,
     read_arrays,
@@ -38,14 +39,18 @@ class PlannerForm:
         words: For the help.
     """
 
-    read: Callable[[Path, int | None], Tokens]
+    read: Callable[[Path, int | None, OnForm], Tokens]
     words: str
     rotate_deg: int = 0
     time_step_s: float | None = 0.5
 
 
 def read_runs(
-    form: PlannerForm, source: Sequence[Path], edited: Sequence[Path], mode: int | None
+    form: PlannerForm,
+    source: Sequence[Path],
+    edited: Sequence[Path],
+    mode: int | None,
+    on_form: OnForm = lambda _: None,
 ) -> tuple[RawPair, ...]:
     """Read a run on the source inputs and one on the edited inputs as pairs.
 
@@ -54,6 +59,7 @@ def read_runs(
         source: Files of the run on the source inputs; folders are searched for JSON.
         edited: Files of the run on the edited inputs.
         mode: Which trajectory to take where a list of several stands, from 0.
+        on_form: Told of each form of a trajectory that had to be read as waypoints.
 
     Returns:
         A pair for every token of either run, null where a run has none.
@@ -61,16 +67,18 @@ def read_runs(
     Raises:
         InvalidArgumentError: A file cannot be read, or a token occurs twice in a run.
     """
-    runs = [_run(form, paths, mode) for paths in (source, edited)]
+    runs = [_run(form, paths, mode, on_form) for paths in (source, edited)]
     tokens = dict.fromkeys([*runs[0], *runs[1]])
     return tuple(RawPair(token, runs[0].get(token), runs[1].get(token)) for token in tokens)
 
 
-def _run(form: PlannerForm, paths: Sequence[Path], mode: int | None) -> dict[str, Waypoints | None]:
+def _run(
+    form: PlannerForm, paths: Sequence[Path], mode: int | None, on_form: OnForm
+) -> dict[str, Waypoints | None]:
     run: dict[str, Waypoints | None] = {}
     for path in paths:
         for file in sorted(path.rglob("*.json")) if path.is_dir() else [path]:
-            for token, points in form.read(file, mode):
+            for token, points in form.read(file, mode, on_form):
                 if token in run:
                     raise fault(file, f"{token} occurs twice.")
                 run[token] = points
@@ -98,7 +106,7 @@ def _list(path: Path, key: str) -> list[Any]:
     return found
 
 
-def read_trajectories(path: Path, mode: int | None) -> Tokens:
+def read_trajectories(path: Path, mode: int | None, on_form: OnForm) -> Tokens:
     """Read `{token: [[x, y], ...]}`, or NPZ with `token` (N) and `trajectory` (N, T, 2 or 3).
 
     As JSON it is the dump of `pred_trajs_dict.pkl`, which Agent-Driver writes (USC-GVL/Agent-Driver
@@ -114,13 +122,13 @@ def read_trajectories(path: Path, mode: int | None) -> Tokens:
     if data.startswith(NPZ_MAGIC):
         tokens, trajectories = read_arrays(path, data, "token", "trajectory")
         for token, points in zip(tokens, trajectories, strict=True):
-            yield str(token), points_of(path, str(token), points, mode)
+            yield str(token), points_of(path, str(token), points, mode, on_form)
         return
     for token, points in _object(path).items():
-        yield token, points_of(path, token, points, mode)
+        yield token, points_of(path, token, points, mode, on_form)
 
 
-def read_vad(path: Path, mode: int | None) -> Tokens:
+def read_vad(path: Path, mode: int | None, on_form: OnForm) -> Tokens:
     """Read `{token: {"ego_fut_preds": (3, 6, 2), "ego_fut_cmd": three flags}}`.
 
     VAD keeps a mode of increments per command, and takes the one of the command, added up
@@ -135,6 +143,8 @@ def read_vad(path: Path, mode: int | None) -> Tokens:
             increments = modes[mode if mode is not None else commands.index(max(commands))]
         except (TypeError, KeyError, IndexError, ValueError):
             raise fault(path, f"{token} needs ego_fut_preds and ego_fut_cmd.") from None
+        if mode is not None:
+            on_form(f"mode {mode} of {len(modes)}")
         points = points_of(path, token, increments, None)
         yield token, None if points is None else _added_up(points)
 
@@ -152,7 +162,7 @@ def _added_up(points: Waypoints) -> Waypoints:
     return tuple(positions)
 
 
-def read_bench2drive(path: Path, mode: int | None) -> Tokens:
+def read_bench2drive(path: Path, mode: int | None, on_form: OnForm) -> Tokens:
     """Read one `meta/NNNN.json` of a Bench2Drive agent; its token is the name of the file.
 
     UniAD's and VAD's agents write positions as `plan` (Thinklab-SJTU/Bench2DriveZoo @ 10a2e5d,
@@ -160,10 +170,10 @@ def read_bench2drive(path: Path, mode: int | None) -> Tokens:
     440), x to the right and y forward (`lidar2ego` there), half a second apart
     (team_code/pid_controller.py lines 58 and 59).
     """
-    yield path.stem, points_of(path, path.stem, _object(path).get("plan"), mode)
+    yield path.stem, points_of(path, path.stem, _object(path).get("plan"), mode, on_form)
 
 
-def read_lightemma(path: Path, mode: int | None) -> Tokens:
+def read_lightemma(path: Path, mode: int | None, on_form: OnForm) -> Tokens:
     """Read the scene files of LightEMMA: speeds and curvatures as the model said them.
 
     HerrWangkv/LightEMMA @ 657da27: `frames` with `sample_token` and `pred_actions_str` (predict.py
@@ -205,7 +215,7 @@ def _path_of(actions: Sequence[tuple[float, float]]) -> Waypoints:
     return tuple(points)
 
 
-def read_navsim(path: Path, mode: int | None) -> Tokens:
+def read_navsim(path: Path, mode: int | None, on_form: OnForm) -> Tokens:
     """Read `{token: {"poses": [[x, y, heading], ...]}}`, the dump of a NAVSIM submission.
 
     A submission maps tokens to `Trajectory` (autonomousvision/navsim @ 0a380a9,
@@ -216,10 +226,10 @@ def read_navsim(path: Path, mode: int | None) -> Tokens:
     """
     for token, trajectory in _object(path).items():
         poses = trajectory.get("poses") if isinstance(trajectory, dict) else trajectory
-        yield token, points_of(path, token, poses, mode)
+        yield token, points_of(path, token, poses, mode, on_form)
 
 
-def read_waymo(path: Path, mode: int | None) -> Tokens:
+def read_waymo(path: Path, mode: int | None, on_form: OnForm) -> Tokens:
     """Read a submission of Waymo's end-to-end challenge as JSON, by protobuf's `MessageToJson`.
 
     waymo-open-dataset of Waymo @ 508fb26, src/waymo_open_dataset/protos/
@@ -233,7 +243,7 @@ def read_waymo(path: Path, mode: int | None) -> Tokens:
             points = [list(point) for point in zip(xs, ys, strict=True)]
         except (AttributeError, KeyError, TypeError, ValueError):
             raise fault(path, "needs predictions with frameName and trajectory.") from None
-        yield str(token), points_of(path, str(token), points, mode)
+        yield str(token), points_of(path, str(token), points, mode, on_form)
 
 
 FORMS: dict[str, PlannerForm] = {

@@ -207,8 +207,8 @@ def plot_file(
         file: The submission: a path, bytes, an open file, a mapping, arrays or a data frame.
         output: Path ending in `.svg` or `.png`.
         split: The split with its regions, or its file, in the same forms.
-        sample_ids: Which samples; without them the worst.
-        worst: How many of the worst.
+        sample_ids: Which samples; without them the worst of each family, in turn.
+        worst: How many of these.
         protocol: A document, the path of its TOML file, or a version; else the one that ships.
 
     Returns:
@@ -232,7 +232,8 @@ def plot_file(
             "nothing_to_draw", "The file has no edited trajectory.", "Name a sample: --sample ID"
         )
     title = f"{given.name} on {known.name}"
-    title += f": the worst {len(chosen)}" if not sample_ids and len(chosen) > 1 else ""
+    if not sample_ids and len(chosen) > 1:
+        title += f": {len(chosen)} of the worst, in turn of each family"
     drawn = [scenes.scene(sample_id) for sample_id in chosen]
     is_png = target.suffix.lower() == ".png"
     svg = picture(drawn, title, colours=LIGHT if is_png else None)

@@ -319,13 +319,21 @@ def _manifest_ids(given: Any, split: str) -> Set[str]:
 
 
 def _write_in_one_step(path: str, document: Dict[str, Any]) -> None:
-    """Write beside the target and rename: a reader sees the old file, or the whole new one."""
+    """Write beside the target and rename: a reader sees the old file, or the whole new one.
+
+    Behind a symlink its target is replaced; what is no regular file, as a pipe, is written into.
+    """
     data = json.dumps(document, allow_nan=False, separators=(",", ":")).encode("utf-8")
     if path.endswith(".gz"):
         buffer = io.BytesIO()
         with gzip.GzipFile(filename="", mode="wb", fileobj=buffer, mtime=0) as stream:
             stream.write(data)
         data = buffer.getvalue()
+    if os.path.exists(path) and not os.path.isfile(path):
+        with open(path, "wb") as pipe:
+            pipe.write(data)
+        return
+    path = os.path.realpath(path)
     part_path = path + ".part"
     with open(part_path, "wb") as part:
         part.write(data)

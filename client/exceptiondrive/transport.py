@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from datetime import datetime, timedelta
 from functools import partial
 from typing import Any, NoReturn, TypeVar, cast
-from urllib.parse import quote
+from urllib.parse import quote, urlsplit
 
 import httpx
 from pydantic import TypeAdapter, ValidationError
@@ -375,8 +375,23 @@ class Transport:
                 "wrong_argument", f"An argument cannot be sent: {error}."
             ) from error
         if not response.is_success:
-            raise_problem(response)
+            self._refuse(response)
         return response
+
+    def _refuse(self, response: httpx.Response) -> NoReturn:
+        """Raise the error of an answer; where nothing is found, name an address that has a path."""
+        try:
+            raise_problem(response)
+        except NotFoundError as error:
+            path = urlsplit(self.server).path
+            if not path:
+                raise
+            raise NotFoundError(
+                error.code,
+                error.sentence,
+                f"Asked was {response.request.url}: if {path} is too much in the address of the "
+                "server, leave it out (--server, EXCEPTIONDRIVE_SERVER, `exceptiondrive config`).",
+            ) from None
 
     def _with_retries(self, request: Callable[[], httpx.Response], attempts: int) -> httpx.Response:
         """Send again after a fault of the network, and where the server asks to come back soon."""

@@ -13,12 +13,16 @@ import typer
 
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import say, show_document
+from exceptiondrive.errors import NetworkError
 from exceptiondrive_agent.errors import AgentError
+from exceptiondrive_schemas.printable import counted
 
 if TYPE_CHECKING:
     from exceptiondrive_agent.report import RunReport
     from exceptiondrive_agent.run import RunSettings
 
+NO_IMAGES = "no_images"
+LAYOUT = "Put them under IMAGES/<sample_id>/ as .jpg or .png, or name them in the JSON file."
 Images = Annotated[
     Path,
     typer.Argument(
@@ -164,7 +168,7 @@ def decide(
 
 
 def _command(work: "Callable[[], RunReport]", as_json: bool) -> None:
-    """Run and print the report; fail when samples could not be asked."""
+    """Run and print the report; fail when samples could not be asked, or none has an answer."""
     try:
         importlib.import_module("openai")
     except ImportError:
@@ -176,8 +180,14 @@ def _command(work: "Callable[[], RunReport]", as_json: bool) -> None:
     else:
         typer.echo(report.text)
     if report.unreachable:
-        say(f"{report.unreachable} samples could not be asked; run the same command again.")
-        raise typer.Exit(5)
+        said = f"{counted(report.unreachable, 'sample')} could not be asked: {report.failure}."
+        say(f"{said} If --base-url is right, run the same command again.")
+        raise typer.Exit(NetworkError.exit_code)
+    if (without := report.failed.get(NO_IMAGES)) is not None:
+        say(f"No image was found for {without:,} of {report.samples:,} samples. {LAYOUT}")
+    if report.asked and not report.answered:
+        say(f"No sample has an answer: {report.failure}.")
+        raise typer.Exit(AgentError.exit_code)
 
 
 def _settings(given: dict[str, Any]) -> "RunSettings":

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from exceptiondrive_agent.journal import JournalLine
+from exceptiondrive_endpoints.errors import Reason
 from exceptiondrive_schemas.base import Document
 
 
@@ -15,13 +16,17 @@ class Prices(Document):
 
 
 class RunReport(Document):
-    """Totals of one run; `answered` counts earlier runs of the same journal too."""
+    """Totals of one run; `answered` counts earlier runs of the same journal too.
+
+    `failure` is one of the failures in words, of an endpoint that did not answer if there is one.
+    """
 
     samples: int
     answered: int
     asked: int
     done: int
     failed: dict[str, int]
+    failure: str | None
     given_reminders: int
     requests: int
     prompt_tokens: int
@@ -78,6 +83,7 @@ def run_report(
         asked=len(lines),
         done=sum(line.is_done for line in lines),
         failed=dict(failed.most_common()),
+        failure=_failure(lines),
         given_reminders=sum(line.given_reminder_digest is not None for line in lines),
         requests=requests,
         prompt_tokens=prompt,
@@ -89,6 +95,13 @@ def run_report(
         cost=cost(prices, prompt, completion),
         out=out,
     )
+
+
+def _failure(lines: Sequence[JournalLine]) -> str | None:
+    """Return one failure in words: what keeps most from an answer, and says most, comes first."""
+    failed = [(line.reason, line.detail) for line in lines if line.reason is not None]
+    failed.sort(key=lambda each: (not each[0].is_unreachable, each[0] is Reason.NO_IMAGES))
+    return next((detail or reason.value for reason, detail in failed), None)
 
 
 def cost(prices: Prices | None, prompt_tokens: int, completion_tokens: int) -> float | None:

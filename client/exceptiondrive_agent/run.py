@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from exceptiondrive.checking import write_file
-from exceptiondrive.inputs import given_manifest
+from exceptiondrive.inputs import given_manifest, require_name
 from exceptiondrive_agent.errors import AgentError, as_client_errors
 from exceptiondrive_agent.images import ImagePaths, find_images
 from exceptiondrive_agent.journal import (
@@ -137,6 +137,7 @@ def remind(images: Path, out: Path, settings: RunSettings, manifest: Path | None
     Raises:
         AgentError: A file is not what it must be, or the endpoint refuses the run.
     """
+    require_name(out)
     found = find_images(images)
     sample_ids = given_manifest(manifest).sample_ids if manifest else tuple(found)
     _check_that_any_has_images(sample_ids, found)
@@ -172,6 +173,7 @@ def decide(
     """
     if attach_reminders and reminders_path is None:
         raise AgentError("--attach-reminders needs --reminders")
+    require_name(out)
     manifest = given_manifest(manifest_path)
     found = find_images(images)
     _check_that_any_has_images(manifest.sample_ids, found)

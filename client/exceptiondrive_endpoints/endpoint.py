@@ -352,15 +352,19 @@ class Endpoint:
         except openai.APITimeoutError:
             raise NoAnswerError(Reason.TIMEOUT, "no answer in time, after retries") from None
         except openai.APIConnectionError as error:
-            where = self._client.base_url.copy_with(userinfo=b"")
             said = self._clean(str(error.__cause__ or error))
-            detail = f"no connection to {where}, after retries: {said}"
+            detail = f"no connection to {self._address}, after retries: {said}"
             raise NoAnswerError(Reason.CONNECTION, detail) from None
         except (openai.BadRequestError, openai.UnprocessableEntityError):
             raise
         except openai.APIStatusError as error:
             self._stop_if_hopeless(error)
             raise self._refused(error) from None
+
+    @property
+    def _address(self) -> str:
+        """Where questions are sent, without a password that may stand in it."""
+        return str(self._client.base_url.copy_with(userinfo=b""))
 
     def _stop_if_hopeless(self, error: openai.APIStatusError) -> None:
         said = self._clean(error.message)
@@ -372,7 +376,7 @@ class Endpoint:
             raise EndpointRefusesError(f"The endpoint says that the account is used up: {said}.")
         if error.status_code == 404:
             raise EndpointUnknownError(
-                f"The endpoint knows no such address or model: {said}.",
+                f"{self._address} knows no such address, or no model {self._model.model}: {said}.",
                 self._settings.address_advice,
             )
 

@@ -153,6 +153,20 @@ def test_attaching_needs_reminders(bench: Bench, endpoint: "ChatEndpoint") -> No
     assert "--attach-reminders needs --reminders" in result.stderr
 
 
+def test_a_run_in_which_no_image_fits_says_what_is_expected_and_fails(
+    bench: Bench, endpoint: "ChatEndpoint"
+) -> None:
+    _, cut = bench.add_samples(2)
+    (bench.images / "sample-000" / "front.png").rename(bench.images / "front.png")
+    (bench.images / cut / "front.png").write_bytes(b"no picture")
+    result = bench.run("decide")
+    assert (result.exit_code, endpoint.seen) == (2, [])
+    assert "No image was found for 1 of 2 samples. Put them under IMAGES/<sample_id>/" in (
+        result.stderr
+    )
+    assert "No sample has an answer: front.png: neither JPEG nor PNG." in result.stderr
+
+
 def test_images_that_match_no_sample_of_the_manifest_stop_the_run(
     bench: Bench, endpoint: "ChatEndpoint"
 ) -> None:

@@ -93,6 +93,8 @@ def test_without_an_endpoint_the_sample_is_null_with_no_connection(
     assert endpoint.seen == []
     assert result.exit_code == 5
     assert "1 connection" in result.stdout
+    assert "1 sample could not be asked: no connection to http://127.0.0.1:1/v1/" in result.stderr
+    assert "If --base-url is right, run the same command again." in result.stderr
 
 
 def test_a_refused_key_stops_the_run_at_once_and_is_not_repeated_in_the_message(
@@ -109,7 +111,8 @@ def test_a_refused_key_stops_the_run_at_once_and_is_not_repeated_in_the_message(
 @pytest.mark.parametrize(
     ("status", "code", "exit_code", "said"),
     [
-        (404, "model_not_found", 2, "--model"),
+        (404, "model_not_found", 2, "/v1/ knows no such address, or no model tested-model"),
+        (404, "model_not_found", 2, "Correct --base-url or --model."),
         (402, None, 4, "used up"),
         (429, "insufficient_quota", 4, "used up"),
     ],
@@ -143,7 +146,7 @@ def test_an_endpoint_that_has_gone_stops_the_run_after_twenty_samples_in_a_row(
 def test_unusable_answers_do_not_stop_a_run(bench: Bench, endpoint: "ChatEndpoint") -> None:
     bench.add_samples(25)
     endpoint.answer = Sequence(endpoint.says("hm"))
-    assert bench.report("decide")["failed"] == {"not_json": 25}
+    assert bench.report("decide", exit_code=2)["failed"] == {"not_json": 25}
 
 
 def test_an_endpoint_without_structured_output_is_asked_in_plainer_forms_and_remembered(
@@ -201,7 +204,7 @@ def test_a_redirect_is_not_followed_so_images_go_nowhere_else(
     bench.add_samples(1)
     elsewhere = {"Location": f"{endpoint.base_url}/elsewhere"}
     endpoint.answer = Sequence(endpoint.fails(307, headers=elsewhere))
-    assert bench.report("decide")["failed"] == {"request_refused": 1}
+    assert bench.report("decide", exit_code=2)["failed"] == {"request_refused": 1}
     assert len(endpoint.seen) == 1
 
 

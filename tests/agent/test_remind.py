@@ -54,7 +54,7 @@ def test_the_raw_answer_of_a_failure_is_kept_truncated(
 ) -> None:
     (sample,) = bench.add_samples(1)
     endpoint.answer = lambda seen: endpoint.says("no " * 5000)
-    bench.report("remind")
+    bench.report("remind", exit_code=2)
     assert bench.journal()[sample]["raw"] == ("no " * 5000)[:2000]
 
 
@@ -118,7 +118,8 @@ def test_views_are_named_to_the_model_and_their_number_must_fit(
     bench.report("remind", "--views", "front")
     assert endpoint.seen[0].texts[1] == "Image 1 of 1 (front):"
     bench.reminders.unlink()
-    assert bench.report("remind", "--views", "front,back")["failed"] == {"wrong_image_count": 1}
+    report = bench.report("remind", "--views", "front,back", exit_code=2)
+    assert report["failed"] == {"wrong_image_count": 1}
 
 
 def test_a_journal_of_another_model_is_not_mixed_in(

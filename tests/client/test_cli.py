@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import typer
+from tests.client.servers import STRAIGHT
 from typer.main import get_group
 from typer.testing import CliRunner
 
@@ -52,6 +53,18 @@ def test_the_exit_code_tells_causes_apart(
     assert done.exit_code == exit_code
     assert done.stdout == ""
     assert done.stderr.startswith(f"error: The server says {code}.")
+
+
+def test_an_address_with_a_path_too_many_is_named_where_nothing_is_found(
+    canned_server: "CannedServer",
+) -> None:
+    for path in ("/phases", "/api/v1/phases"):
+        canned_server.problem(f"GET {path}", 404, "not_found")
+    done = run("phases", "--server", f"{canned_server.url}/api/v1")
+    assert done.exit_code == 2
+    assert f"Asked was {canned_server.url}/api/v1/api/v1/phases: if /api/v1 is" in done.stderr
+    assert "--server" in done.stderr
+    assert "Asked was" not in run("phases", "--server", canned_server.url).stderr
 
 
 def test_done_is_0(canned_server: "CannedServer") -> None:
@@ -258,6 +271,20 @@ def test_convert_says_exactly_what_it_did(planning_file: MakeFile, tmp_path: Pat
     assert run("check", output).exit_code == 0
 
 
+def test_convert_says_where_there_was_no_mode_to_choose(
+    planning_file: MakeFile, tmp_path: Path
+) -> None:
+    said = "- no trajectory has several modes: --mode 3 chose nothing"
+    output = ("-o", tmp_path / "out.json")
+    assert said in run("convert", planning_file(), "--mode", 3, *output).stdout.splitlines()
+    token_file = tmp_path / "run.json"
+    token_file.write_text(json.dumps({f"s{number}": STRAIGHT for number in range(4)}))
+    runs = ("--source-run", token_file, "--edited-run", token_file, "--split", "tiny")
+    assert said in run("convert", *runs, "--mode", 3, *output).stdout.splitlines()
+    modes = {"predictions": [{"sample_id": "s0", "source": [STRAIGHT] * 4, "edited": None}]}
+    assert said not in run("convert", planning_file(**modes), "--mode", 3, *output).stdout
+
+
 def test_convert_needs_a_split_and_sound_options(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     path.write_text('{"sample_id": "s0", "source": null, "edited": null}\n')
@@ -424,6 +451,26 @@ def test_piped_output_has_no_colour_no_motion_and_whole_lines(
     assert done.stderr == ""
     assert "\x1b" not in done.stdout
     assert "…" not in done.stdout
+
+
+@pytest.mark.skipif(not Path("/dev/full").is_char_device(), reason="needs /dev/full")
+@pytest.mark.parametrize("arguments", [(), ("--json",), ("--split", "none.json", "--json")])
+def test_a_full_disk_behind_stdout_is_said_in_one_sentence(
+    planning_file: MakeFile, arguments: tuple[str, ...]
+) -> None:
+    code = "from exceptiondrive.cli import main; main()"
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", code, "check", str(planning_file()), *arguments],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 2
+    assert "error: The output cannot be written: No space left on device." in done.stderr
+    assert "Traceback" not in done.stderr
+    assert "Exception ignored" not in done.stderr
 
 
 def test_output_survives_a_terminal_that_knows_ascii_only(

@@ -7,6 +7,7 @@ import os
 import pickle
 import shutil
 import sys
+import threading
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -83,6 +84,42 @@ def test_csv_is_read_in_any_order_of_rows(tmp_path: Path) -> None:
     assert read_pairs([written(tmp_path, "a.csv", text)]) == ((PAIR,), None)
 
 
+def test_blanks_in_csv_are_passed_over(tmp_path: Path) -> None:
+    rows = "".join(f"s1 , source, {step}, {x}, {y}\n" for step, (x, y) in enumerate(SIX, start=1))
+    path = written(tmp_path, "a.csv", f"sample_id, trajectory, step, x_m, y_m\n{rows}")
+    assert read_pairs([path]) == ((PAIR,), None)
+
+
+@pytest.mark.parametrize("empty", ["", " ", "nan", "NaN", "NULL"])
+def test_an_empty_cell_is_a_number_that_is_missing(tmp_path: Path, empty: str) -> None:
+    path = written(tmp_path, "a.csv", f"{HEADER}s1,source,1,1,0\ns1,source,2,{empty},{empty}\n")
+    ((pair,), _) = read_pairs([path])
+    assert pair.source is not None
+    assert pair.source[0] == (1.0, 0.0)
+    assert all(math.isnan(number) for number in pair.source[1])
+
+
+def test_a_data_frame_with_gaps_is_read_of_csv_and_of_parquet(tmp_path: Path) -> None:
+    frame = pd.DataFrame(
+        {
+            "sample_id": ["s1"] * 2,
+            "trajectory": ["source"] * 2,
+            "step": [1, 2],
+            "x_m": [1.0, np.nan],
+            "y_m": [0.0, np.nan],
+        }
+    )
+    frame.to_csv(tmp_path / "a.csv", index=False)
+    frame.to_parquet(tmp_path / "a.parquet")
+    for name in ("a.csv", "a.parquet"):
+        ((pair,), _) = read_pairs([tmp_path / name])
+        assert pair.source is not None
+        assert [math.isnan(number) for point in pair.source for number in point] == [
+            *(False, False),
+            *(True, True),
+        ]
+
+
 def test_csv_may_carry_headings_and_t_0(tmp_path: Path) -> None:
     text = "sample_id,trajectory,step,x_m,y_m,heading_rad\ns1,edited,0,0,0,0.1\ns1,edited,1,1,0,0.2"
     pairs, _ = read_pairs([written(tmp_path, "a.csv", text)])
@@ -141,8 +178,10 @@ def test_arrays_are_read_and_objects_in_them_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidArgumentError, match="Object arrays cannot be loaded"):
         read_pairs([path])
     np.savez(path, sample_id=np.array(["s1"]))
-    with pytest.raises(InvalidArgumentError, match="has no array"):
+    needed = "has no array source, edited; there must be sample_id, source, edited"
+    with pytest.raises(InvalidArgumentError, match=needed) as caught:
         read_pairs([path])
+    assert "--source-run FILE --edited-run FILE" in caught.value.advice
     for ids in (np.array("s1"), np.array(["s1", "s2"])):
         np.savez(path, sample_id=ids, source=missing, edited=missing)
         with pytest.raises(InvalidArgumentError, match="must have as many rows each"):
@@ -301,6 +340,11 @@ HEADER = "sample_id,trajectory,step,x_m,y_m\n"
         ('{"sample_id": "s1"}\nrubbish\n', "line 2 is not JSON"),
         ('{"source": null}', "needs a sample_id"),
         ('{"s1": [[1, 0]]}', "needs a sample_id"),
+        ('{"s1": [[1, 0]], "s2": null, "s3": [[1, 0]]}', "is one run of a planner"),
+        ("", "is empty: check that your program finished writing it"),
+        (" \n", "is empty: check that your program finished writing it"),
+        ('// of today\n{"predictions": []}', "begins with what looks like a comment: remove it"),
+        (f"# of today\n{HEADER}", "begins with what looks like a comment: remove it"),
         ('{"sample_id": "s1", "plan": []}', "unknown key plan"),
         ('{"sample_id": "s1", "edited": 5}', "s1: edited must be a list"),
         ('{"sample_id": "s1", "edited": [[true, 1]]}', "s1: edited must be a list"),
@@ -327,7 +371,7 @@ def test_an_archive_is_named_and_what_is_read_instead(tmp_path: Path, kind: str)
 
 
 def test_a_missing_file_and_bytes_that_are_no_text_are_said(tmp_path: Path) -> None:
-    with pytest.raises(InvalidArgumentError, match="cannot be read"):
+    with pytest.raises(InvalidArgumentError, match=r"none\.json cannot be read: No such file"):
         read_pairs([tmp_path / "none.json"])
     (tmp_path / "a.json").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InvalidArgumentError, match="not UTF-8"):
@@ -350,3 +394,36 @@ def test_what_is_written_is_read_back(tmp_path: Path, name: str) -> None:
     assert write_file(path, submission_text("sample", [PAIR])) == path.stat().st_size
     assert read_pairs([path]) == ((PAIR,), "sample")
     assert sorted(tmp_path.iterdir()) == [path]
+
+
+def test_what_a_link_leads_to_is_replaced_and_the_link_stays(tmp_path: Path) -> None:
+    (tmp_path / "kept").mkdir()
+    link, target = tmp_path / "out.json", tmp_path / "kept" / "planner.json"
+    link.symlink_to(target)
+    for text in ("first", "second"):
+        write_file(link, text)
+        assert (link.is_symlink(), target.read_text()) == (True, text)
+    assert sorted(tmp_path.rglob("*")) == [tmp_path / "kept", target, link]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs named pipes")
+def test_a_named_pipe_is_written_into_and_stays(tmp_path: Path) -> None:
+    pipe = tmp_path / "out.json"
+    os.mkfifo(pipe)
+    read: list[bytes] = []
+    reader = threading.Thread(target=lambda: read.append(pipe.read_bytes()))
+    reader.start()
+    assert write_file(pipe, "words") == len("words")
+    reader.join()
+    assert read == [b"words"]
+    assert list(tmp_path.iterdir()) == [pipe]
+    assert pipe.is_fifo()
+    pipe.unlink()  # or who looks through the files of tests would wait on it
+
+
+def test_stdin_is_no_place_to_write_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InvalidArgumentError, match="- stands for stdin") as caught:
+        write_file(Path("-"), "words")
+    assert caught.value.advice == "Name the file to write."
+    assert not list(tmp_path.iterdir())

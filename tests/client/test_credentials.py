@@ -79,6 +79,23 @@ def test_a_damaged_file_is_said(content: str) -> None:
         find_token(BOARD)
 
 
+def test_a_folder_of_settings_that_cannot_be_made_is_said(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (home / "file").write_text("")
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(home / "file"))
+    assert find_token(BOARD) is None
+    with pytest.raises(InvalidArgumentError, match="cannot be written: Not a directory") as caught:
+        keep_token(BOARD, "edk_t_1")
+    assert caught.value.advice == "Without it a token is taken from EXCEPTIONDRIVE_TOKEN."
+
+
+def test_a_file_of_tokens_that_is_none_is_said() -> None:
+    credentials_path().mkdir(parents=True)
+    with pytest.raises(InvalidArgumentError, match="cannot be read: Is a directory"):
+        find_token(BOARD)
+
+
 def test_no_token_is_stored_beside_the_documented_keys() -> None:
     path = keep_token(BOARD, "edk_t_1")
     assert json.loads(path.read_text()) == {"server": BOARD, "tokens": {BOARD: "edk_t_1"}}

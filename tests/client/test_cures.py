@@ -79,6 +79,26 @@ def require_mended(name: str, options: str, file: Path, output: Path) -> None:
             ]
 
 
+def test_two_runs_become_a_submission_as_the_advice_for_one_says(tmp_path: Path) -> None:
+    runs = [tmp_path / f"{side}.json" for side in ("source", "edited")]
+    for run in runs:
+        run.write_text(json.dumps({each["sample_id"]: each[run.stem] for each in predictions()}))
+    report = check_file(runs[0], manifest=MANIFEST)
+    (fault,) = (example for group in report.faults for example in group.examples)
+    assert fault.got == f"an object with {N} trajectories by id"
+    (advice,) = re.findall("`exceptiondrive ([^`]*)`", str(fault.hint))
+    refused = CliRunner().invoke(app, ["convert", str(runs[0]), "--split", MANIFEST.name])
+    assert refused.exit_code == 2
+    assert "source.json is one run of a planner" in refused.stderr
+    assert advice.replace(MANIFEST.name, "NAME") in refused.stderr
+    output = tmp_path / "out.json"
+    files = map(str, runs)
+    words = [next(files) if word == "FILE" else word for word in shlex.split(advice)]
+    done = CliRunner().invoke(app, [*words, "-o", str(output)])
+    assert done.exit_code == 0, done.output
+    assert check_file(output, manifest=MANIFEST).is_valid
+
+
 def lines(start: int | None, stop: int | None) -> Callable[[bytes], bytes]:
     return lambda data: b"\n".join(data.splitlines()[start:stop])
 

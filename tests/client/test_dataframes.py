@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from exceptiondrive import Client, evaluate_file, to_dataframe
+from exceptiondrive import Client, check_file, evaluate_file, to_dataframe
 from exceptiondrive.client import Submission
 from exceptiondrive_schemas.api.similarity import (
     AlikeKind,
@@ -95,6 +95,16 @@ def test_a_report_of_similar_submissions_is_a_row_a_pair() -> None:
     assert list(table["n_different"]) == [0, 12]
     assert list(table["first_received_at"]) == [at, at]
     assert to_dataframe(report.model_copy(update={"pairs": ()})).empty
+
+
+def test_a_check_report_is_a_row_a_kind_of_fault_with_the_same_columns_where_there_is_none(
+    planning_file: MakeFile,
+) -> None:
+    faulty = to_dataframe(check_file(planning_file(schema="exceptiondrive.planning/9")))
+    assert list(faulty["code"]) == ["wrong_schema"]
+    sound = to_dataframe(check_file(planning_file()))
+    assert len(sound) == 0
+    assert list(sound.columns) == list(faulty.columns)
 
 
 def test_no_submissions_are_an_empty_table() -> None:

@@ -115,6 +115,8 @@ def test_the_command_writes_svg_and_png(file: Path, split_file: Path, tmp_path: 
     assert "1 sample in" in one.output
     assert _classes(svg.read_text("utf-8"))["box"] == 7
     pytest.importorskip("resvg_py", reason="the extra `plot` is not installed")
+    assert CliRunner().invoke(app, [*base, "--worst", "2", "-o", str(svg)]).exit_code == 0
+    assert "2 of the worst, in turn of each family" in svg.read_text("utf-8")
     several = CliRunner().invoke(app, [*base, "--worst", "2", "-o", str(png), "--json"])
     assert json.loads(several.output)["sample_ids"] == ["s1", "s0"]
     assert png.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")

@@ -2,9 +2,11 @@ import ast
 import gzip
 import json
 import math
+import os
 import re
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +37,30 @@ def test_a_gz_suffix_compresses_and_equal_content_gives_equal_bytes(tmp_path: Pa
     first, second = ((tmp_path / name).read_bytes() for name in ("a.json.gz", "b.json.gz"))
     assert first == second
     assert json.loads(gzip.decompress(first))["predictions"][0]["sample_id"] == "s1"
+
+
+def test_behind_a_link_its_target_is_written(tmp_path: Path) -> None:
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "planner.json").symlink_to(tmp_path / "kept" / "run.json")
+    with Recorder(tmp_path / "planner.json", split="sample") as recorder:
+        recorder.add("s1", source=STRAIGHT, edited=None)
+    assert (tmp_path / "planner.json").is_symlink()
+    assert json.loads((tmp_path / "kept" / "run.json").read_text())["split"] == "sample"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs named pipes")
+def test_a_named_pipe_is_written_into_and_stays(tmp_path: Path) -> None:
+    pipe = tmp_path / "planner.json"
+    os.mkfifo(pipe)
+    read: list[bytes] = []
+    reader = threading.Thread(target=lambda: read.append(pipe.read_bytes()))
+    reader.start()
+    with Recorder(pipe, split="sample") as recorder:
+        recorder.add("s1", source=STRAIGHT, edited=None)
+    reader.join()
+    assert json.loads(read[0])["split"] == "sample"
+    assert pipe.is_fifo()
+    pipe.unlink()  # or who looks through the files of tests would wait on it
 
 
 def test_it_takes_arrays_tuples_and_numpy_scalars(tmp_path: Path) -> None:

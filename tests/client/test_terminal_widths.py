@@ -252,6 +252,20 @@ def test_what_is_left_out_is_named_and_the_least_important_leaves_first() -> Non
     assert text_of([table], 15).splitlines()[0] == "id:"
 
 
+def test_in_a_terminal_too_narrow_for_any_table_a_row_is_a_few_lines() -> None:
+    table = FittedTable.of("", Column("a number", "number"))
+    table.add_row("mean of families", "1.00")
+    table.add_gap()
+    table.add_row("Lane Blockage", "2.00")
+    assert text_of([table], 20).splitlines() == [
+        "mean of families",
+        "a number: 1.00",
+        "",
+        "Lane Blockage",
+        "a number: 2.00",
+    ]
+
+
 def test_a_row_has_a_cell_for_each_column() -> None:
     with pytest.raises(ValueError, match="1 cells for 2 columns"):
         FittedTable.of("a", "b").add_row("x")

@@ -7,6 +7,8 @@ another thread, in place of Celery, which tests/end_to_end has.
 import contextlib
 import json
 import os
+import re
+import signal
 import subprocess
 import sys
 import time
@@ -502,3 +504,38 @@ def test_progress_is_shown_on_a_terminal_and_never_on_stdout(
     assert process.returncode == 0
     assert b"uploading planner.json" in shown
     assert json.loads(stdout)["rank"] == 1
+
+
+def test_who_interrupts_the_waiting_reads_that_the_submission_goes_on(
+    running: "Running", planning_file: MakeFile
+) -> None:
+    import pty
+
+    main_end, terminal = pty.openpty()
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "exceptiondrive", "submit", str(planning_file())),
+            *("--phase", "dev", "--method", "Planner", "--wait"),
+        ],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=terminal,
+        env={
+            **os.environ,
+            "TERM": "xterm-256color",
+            "EXCEPTIONDRIVE_SERVER": running.url,
+            "EXCEPTIONDRIVE_TOKEN": running.token,
+        },
+    )
+    os.close(terminal)
+    shown, found = b"", None
+    with contextlib.suppress(OSError):  # the other end is closed: the command has ended
+        while chunk := os.read(main_end, 4096):
+            shown += chunk
+            if found is None and (found := re.search(rb"\b[0-9a-z]{16}\b", shown)):
+                process.send_signal(signal.SIGINT)
+    os.close(main_end)
+    assert process.wait() == 130
+    assert found is not None
+    said = f"It is safe and will be scored; look with: exceptiondrive status {found[0].decode()}"
+    assert said in shown.decode()

@@ -22,6 +22,7 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, expect
+from tests.client.notebook import code_of, read_notebook, run_cells
 from tests.support.processes import BIN, ROOT, free_port, wait_until
 from tests.support.system import System, running_system
 
@@ -303,6 +304,13 @@ def test_the_walk_of_a_protocol_update_runs_as_typed(sample_system: System, tmp_
     assert any("d safe scale 1.0 -> 1.5" in screen for screen in screens)
     assert screens[-1].startswith(f"run {known['RUN']}  rolled_back  phase sample  1.1 -> 1.2")
     assert ranked(sample_system) == before
+
+
+def test_the_notebook_runs_as_written_to_a_rank(sample_system: System, tmp_path: Path) -> None:
+    _, *cells = code_of(read_notebook())
+    token = sample_system.make_team("notebook")
+    shown = run_cells(cells, tmp_path, sample_system.environment(token))
+    assert re.search(r"scored.*, \d+\)$", shown["view.status, view.rank"])
 
 
 @pytest.fixture(scope="module")

@@ -288,7 +288,7 @@ WALK: dict[str, Row] = {
     "by sample id": Row(
         lambda: as_bytes({each.pop("sample_id"): each for each in predictions()}),
         {"wrong_type": "1 value"},
-        ["160 objects under other keys", "`exceptiondrive convert FILE --split extract` makes"],
+        ["160 values under other keys", "`exceptiondrive convert FILE --split extract` makes"],
     ),
     "zip": Row(in_zip, {"wrong_file_kind": "1 fault"}, ["a zip archive", "send JSON"]),
     "tar.gz": Row(in_tar, {"wrong_file_kind": "1 fault"}, ["a tar archive", "send JSON"]),
@@ -531,10 +531,10 @@ MORE: dict[str, Row] = {
         ['are they under "results"?', f"{CONVERT}` renames it"],
     ),
     "each side by sample id": Row(
-        by_side, {"wrong_type": "1 value"}, ["2 objects under other keys", WITH_SPLIT]
+        by_side, {"wrong_type": "1 value"}, ["2 values under other keys", WITH_SPLIT]
     ),
     "columns": Row(
-        in_columns, {"wrong_type": "1 value"}, ["3 objects under other keys", WITH_SPLIT]
+        in_columns, {"wrong_type": "1 value"}, ["3 values under other keys", WITH_SPLIT]
     ),
     "UTF-16 without a mark": Row(
         lambda: as_bytes(sound()).decode().encode("utf-16-le"),

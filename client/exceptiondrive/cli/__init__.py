@@ -3,13 +3,13 @@
 import os
 import sys
 from importlib import import_module
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import typer
 from typer.main import get_group
 
 from exceptiondrive.cli.groups import Group
-from exceptiondrive.errors import ExceptionDriveError
+from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError
 from exceptiondrive.version import __version__
 
 HELP = """Check, score and submit trajectory files of the ExceptionDrive benchmark.
@@ -182,4 +182,20 @@ def main() -> None:
         reconfigure = getattr(stream, "reconfigure", None)
         if reconfigure is not None:
             reconfigure(errors="replace")
-    app()
+    try:
+        app()
+    except OSError as error:
+        if error.filename is not None:
+            raise
+        _say_unwritable(error)
+
+
+def _say_unwritable(error: OSError) -> NoReturn:
+    """Say that a stream or a file takes no more, as on a full disk, and end."""
+    try:
+        sys.stdout.flush()
+    except OSError:  # else it would be tried again at the exit, and told by a traceback
+        with open(os.devnull, "wb") as nowhere:
+            os.dup2(nowhere.fileno(), sys.stdout.fileno())
+    typer.echo(f"error: The output cannot be written: {error.strerror}.", err=True)
+    sys.exit(InvalidArgumentError.exit_code)

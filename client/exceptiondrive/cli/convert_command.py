@@ -180,7 +180,7 @@ def convert(
     form = planner_form(planner or "trajectories") if source_run or edited_run else None
     forms: dict[str, None] = {}
     pairs, split_of_files = (
-        _read_runs(form, files, source_run or [], edited_run or [], mode)
+        _read_runs(form, files, source_run or [], edited_run or [], mode, forms.setdefault)
         if form is not None or not files
         else _read_files(files, mode, forms.setdefault, rules)
     )
@@ -231,6 +231,8 @@ def convert(
     size_bytes = write_file(output, text)
     facts = {"output": str(output), "split": split, "n_predictions": len(outcome.pairs)}
     done = (*(f"read {form_read}" for form_read in forms), *outcome.done)
+    if mode is not None and not any(each.startswith(f"mode {mode} of ") for each in forms):
+        done = (f"no trajectory has several modes: --mode {mode} chose nothing", *done)
     facts |= {"size_bytes": size_bytes, "done": list(done), "nulled": list(outcome.nulled)}
     show_result(facts, json, *_said(done, outcome), *report_view(report, str(output)))
 
@@ -241,13 +243,14 @@ def _read_runs(
     source_run: list[Path],
     edited_run: list[Path],
     mode: int | None,
+    on_form: OnForm,
 ) -> tuple[tuple[RawPair, ...], None]:
     if form is None or files:
         raise InvalidArgumentError(
             "wrong_option",
             "Name files with pairs, or two runs by --source-run and --edited-run; not both.",
         )
-    return read_runs(form, source_run, edited_run, mode), None
+    return read_runs(form, source_run, edited_run, mode, on_form), None
 
 
 def _read_files(

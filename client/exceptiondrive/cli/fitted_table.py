@@ -139,12 +139,14 @@ class FittedTable:
         return table
 
     def _one_value_a_line(self) -> Iterable[RenderableType]:
-        for number, (row, style) in enumerate(self.rows):
+        told = [each for each in self.rows if any(cell.plain for cell in each[0])]
+        for number, (row, style) in enumerate(told):
             if number:
                 yield ""
             for column, cell in zip(self.columns, row, strict=True):
                 if cell.plain:
-                    yield Text.assemble((f"{column.title}: ", "bold"), cell, style=style)
+                    label = f"{column.title}: " if column.title else ""
+                    yield Text.assemble((label, "bold"), cell, style=style)
 
 
 def _folded(text: Text, width: int) -> Text:

@@ -124,8 +124,8 @@ def evaluate(
         typer.Option(
             "--per-sample",
             metavar="FILE",
-            help="Write the result of every sample, the worst of each family first; its name ends "
-            "in .csv, .csv.gz or .parquet.",
+            help="Write the result of every sample, unsafe ones first, in turn of each family the "
+            "worst; its name ends in .csv, .csv.gz or .parquet.",
         ),
     ] = None,
     phase: options.DefaultPhase = None,
@@ -188,7 +188,14 @@ def plot(
         typer.Option("--sample", metavar="ID", help="A sample to draw; may be repeated."),
     ] = None,
     worst: Annotated[
-        int, typer.Option("--worst", metavar="N", min=1, max=60, help="Draw the N worst samples.")
+        int,
+        typer.Option(
+            "--worst",
+            metavar="N",
+            min=1,
+            max=60,
+            help="Draw N samples: the worst of each family, in turn.",
+        ),
     ] = 6,
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="OUT", help="Picture to write: .svg or .png.")

@@ -88,6 +88,9 @@ def show_saved(path: Path, data: bytes, as_json: bool) -> None:
     Raises:
         InvalidArgumentError: It is there already, or cannot be written.
     """
+    from exceptiondrive.inputs import require_name
+
+    require_name(path)
     try:
         with path.open("xb") as file:
             file.write(data)

@@ -1,7 +1,7 @@
 """Commands about the team's submissions: submit, status, submissions, quota, withdraw."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,6 +11,7 @@ from exceptiondrive.cli.file_tables import file_view
 from exceptiondrive.cli.output import (
     be_sure,
     can_ask,
+    say,
     say_view,
     show,
     show_document,
@@ -29,13 +30,19 @@ from exceptiondrive.cli.tables import (
     submissions_left,
     submissions_view,
 )
-from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.errors import IT_IS_SAFE, InvalidArgumentError
 from exceptiondrive.facts import facts_of_pairs
 from exceptiondrive.outlook import Outlook
 from exceptiondrive.settings import default_phase
 from exceptiondrive_schemas.api.own_entries import entry_words
 from exceptiondrive_schemas.api.phase_settings import RunRule
 from exceptiondrive_schemas.api.submission import SubmissionStatus
+
+if TYPE_CHECKING:
+    from exceptiondrive.client import Submission
+
+INTERRUPTED = 130
+"""The exit code of what Ctrl-C ended, as shells have it."""
 
 
 def submit(
@@ -118,14 +125,24 @@ def submit(
                 before_upload=consent,
             )
         if wait:
-            with WaitLine(submission.view) as line:
-                submission.wait(timeout, on_change=line)
+            _wait(submission, timeout)
         if json:
             show_document(submission.view)
             return
         show(*submission_view(submission.view, submission.page_url, with_file=False))
         left = client.phase(phase).quota
         show(*(() if left is None else (submissions_left(left),)))
+
+
+def _wait(submission: "Submission", timeout: float | None) -> None:
+    """Wait for the end of a submission; who interrupts it reads that it goes on, and where."""
+    try:
+        with WaitLine(submission.view) as line:
+            submission.wait(timeout, on_change=line)
+    except KeyboardInterrupt:
+        say(f"Submission {submission.id} is no longer waited for.")
+        say(IT_IS_SAFE.format(submission.id))
+        raise typer.Exit(INTERRUPTED) from None
 
 
 def _require_consent(outlook: Outlook, *, replace: bool, allow_unranked: bool) -> None:

@@ -44,6 +44,7 @@ from exceptiondrive_schemas.check.planning_columns import planning_columns
 from exceptiondrive_schemas.check.planning_rules import SIDES_MISSING, PlanningRules
 from exceptiondrive_schemas.check.rules import RULES, PredictionRules, challenge_by_key
 from exceptiondrive_schemas.check.sample_ids import SampleIds
+from exceptiondrive_schemas.check.trajectory_forms import is_number
 from exceptiondrive_schemas.faults import CheckReport, FaultCode
 from exceptiondrive_schemas.file_profile import CONVERT, FileProfile
 from exceptiondrive_schemas.printable import counted
@@ -157,6 +158,8 @@ def report_repeated_keys(value: Any, path: Path, faults: FaultList) -> None:
 
 
 ROOT_KEYS = ("schema", "split", "predictions")
+OUR_KEYS = ("sample_id", "source", "edited", "strategy")
+"""Of predictions."""
 
 
 A_COMMENT = "looks like a comment: JSON has none, remove it"
@@ -203,6 +206,15 @@ def convert_advice(manifest: Manifest | None) -> str:
     return f"{CONVERT} --split {name}` makes a submission of it"
 
 
+def two_runs_advice(manifest: Manifest | None = None) -> str:
+    """Say how two runs of a planner, on the source and on the edited inputs, become a submission."""
+    name = manifest.name if manifest else "NAME"
+    return (
+        "with that on the edited inputs it becomes a submission: `exceptiondrive convert "
+        f"--source-run FILE --edited-run FILE --split {name}`"
+    )
+
+
 def is_yaml(data: bytes) -> bool:
     """Whether a file is one of our documents, or a list of predictions, as YAML."""
     return YAML.match(data[:MAX_HEADER_BYTES]) is not None
@@ -223,6 +235,11 @@ def _is_of_predictions(value: object) -> bool:
     return isinstance(value, Mapping) and (
         "predictions" in value or any(map(challenge_by_key, value))
     )
+
+
+def _is_of_points(value: object) -> bool:
+    """Whether a list that begins with it may be a trajectory."""
+    return is_number(value) or isinstance(value, list)
 
 
 class _TooManyFaultsError(Exception):
@@ -263,6 +280,7 @@ class SubmissionReader:
         self._seen: set[str] = set()
         self._reading: Path = ()
         self._n_ids_as_keys = 0
+        self._n_trajectories = 0
         self._wrapped_in: list[str] = []
         self._is_of_another_form = False
         self._absent: Counter[str] = Counter()
@@ -382,13 +400,16 @@ class SubmissionReader:
         if len(self._wrapped_in) == 1:
             got = f"everything under the key {quoted(self._wrapped_in[0])}"
         elif self._n_ids_as_keys >= MIN_IDS_AS_KEYS:
-            got = f"an object with {counted(self._n_ids_as_keys, 'object')} under other keys"
+            got = f"an object with {counted(self._n_ids_as_keys, 'value')} under other keys"
             got += ": sample ids, or columns"
         else:
             return
         self._is_of_another_form = True
         expected = "an object with the keys schema, split and predictions"
         hint = f"looks like another form of it; {self._convert}"
+        if self._n_trajectories == self._n_ids_as_keys >= MIN_IDS_AS_KEYS:
+            got = f"an object with {counted(self._n_trajectories, 'trajectory', 'trajectories')} by id"
+            hint = f"looks like one run of a planner; {two_runs_advice(self._manifest)}"
         self._refuse(FaultCode.WRONG_TYPE, (), expected, got, hint=hint)
 
     def _read_member(self, key: str) -> None:
@@ -416,7 +437,15 @@ class SubmissionReader:
             return
         self._n_ids_as_keys += 1
         if first == "[":
-            skip(self._stream, lambda at, value: self._report_repeated(value, (key, at)))
+            listed: list[Any] = []
+
+            def look(at: str | int, value: Any) -> None:
+                self._report_repeated(value, (key, at))
+                if at == 0:
+                    listed.append(value)
+
+            skip(self._stream, look)
+            self._n_trajectories += key not in OUR_KEYS and any(map(_is_of_points, listed))
             self._wrapped_in.append(key)
             return
         is_looked_at = False
