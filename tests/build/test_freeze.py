@@ -19,7 +19,7 @@ from typer.testing import CliRunner, Result
 from exceptiondrive_build.candidates import walk
 from exceptiondrive_build.cli import app
 from exceptiondrive_build.records import Kind
-from exceptiondrive_build.values import Corners, Inspected, Verified
+from exceptiondrive_build.values import Corners, Edited, Inspected, Verified
 from exceptiondrive_build.workshop import RECORDS, Workshop
 from exceptiondrive_schemas.datasheet import Datasheet
 from exceptiondrive_schemas.split import Split
@@ -331,6 +331,31 @@ def test_a_frozen_folder_is_never_written_over(shop: Path) -> None:
     frozen(shop, "1")
     result = run("freeze", shop / "frozen" / "1", "--workshop", shop)
     assert (result.exit_code, "never written over" in result.output) == (2, True)
+
+
+def test_what_a_broken_freeze_left_is_not_in_the_next(shop: Path) -> None:
+    """A process was killed: its half folder lies there, with a picture of what is withdrawn since."""
+    set_freeze(shop, "pictures = false", "pictures = true")
+    pictures = shop / "frozen" / "1.part" / "pictures"
+    pictures.mkdir(parents=True)
+    (pictures / "withdrawn.source.jpg").write_bytes(b"left")
+    (pictures.parent / "split.json").write_bytes(b"left")
+    assert run("freeze", shop / "frozen" / "1", "--workshop", shop).exit_code == 0
+    files = [path for path in (shop / "frozen").rglob("*") if path.is_file()]
+    assert b"left" not in [path.read_bytes() for path in files]
+
+
+def test_a_freeze_that_breaks_off_leaves_nothing(shop: Path) -> None:
+    set_freeze(shop, "pictures = false", "pictures = true")
+    with Workshop(shop) as workshop:
+        accepted = [it for it in walk(workshop).values() if it.is_accepted]
+        edited = accepted[-1].edited
+        assert isinstance(edited, Edited)
+        for name in edited.images.values():
+            workshop.image_path(name).unlink()
+    result = run("freeze", shop / "frozen" / "1", "--workshop", shop)
+    assert result.exit_code == 2
+    assert list((shop / "frozen").iterdir()) == []
 
 
 def test_nothing_verified_is_said_so(read: Path, tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Commands at the end of the way: lint, freeze, withdraw."""
 
 import json as json_module
+import shutil
 import tempfile
 from collections.abc import Iterable
 from dataclasses import asdict
@@ -148,12 +149,14 @@ def _read(path: Path) -> Split:
 
 
 def _write(folder: Path, files: Iterable[tuple[str, bytes]]) -> None:
-    """Write all files or none: a folder that is there is whole."""
+    """Write all files or none: a folder that is there is whole, and holds these files alone."""
     if folder.exists():
         raise BuildError(f"{folder} is there already.", "A frozen split is never written over.")
     part = folder.with_name(f"{folder.name}.part")
     try:
-        part.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if part.exists():
+            shutil.rmtree(part)
+        part.mkdir(mode=0o700, parents=True)
         for name, data in files:
             (part / name).parent.mkdir(mode=0o700, exist_ok=True)
             (part / name).write_bytes(data)
@@ -162,3 +165,5 @@ def _write(folder: Path, files: Iterable[tuple[str, bytes]]) -> None:
         part.rename(folder)
     except OSError as error:
         raise BuildError(f"{folder}: {error.strerror}.", "No record is lost.") from None
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
