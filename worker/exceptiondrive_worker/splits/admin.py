@@ -105,8 +105,9 @@ def add_split_file(
 ) -> RegisteredSplit:
     """Copy a split file, and the datasheet beside it, to where workers look for it; register it.
 
-    Adding the same file again changes nothing. The file of an earlier revision stays beside it, under
-    a number: what was scored against it can be scored again.
+    A revision that lies there already changes nothing, be it the current one or an earlier. The file of
+    an earlier revision stays beside the current one, under a number: what was scored against it can be
+    scored again.
 
     Args:
         database: The system of record.
@@ -125,11 +126,12 @@ def add_split_file(
     load_split(split, protocol)
     folder = splits.folder / split.name
     held = [path for path in splits.files() if path.parent == folder]
-    if not held or read_split(held[0]).revision != split.revision:
+    if not any(read_split(path).revision == split.revision for path in held):
         if held and not words:
             raise SplitUnavailableError(
                 f"{held[0]} holds another revision of split {split.name!r}. To add this one beside "
-                'it, say what readers are told of the change: --words "..."'
+                "it, say what readers are told of the change: exceptiondrive-worker add-split "
+                f'{source} --words "..."'
             )
         if held:
             _require_same_samples(read_split(held[0]), split)
