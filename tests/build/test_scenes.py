@@ -19,6 +19,7 @@ from exceptiondrive_build.scenes.cameras import ground_polygon, project
 from exceptiondrive_build.scenes.generated import MARK, MARK_RADIUS_M, VERSION, make_scenes
 from exceptiondrive_build.scenes.keyframe import Keyframe
 from exceptiondrive_build.scenes.nuscenes import CAMERAS, rigid
+from exceptiondrive_build.scenes.read_in import read_in
 from exceptiondrive_build.scenes.scene_set import SceneSet
 from exceptiondrive_build.scenes.source import read_scenes, write_scenes
 from exceptiondrive_build.workshop import Workshop, new_workshop
@@ -340,6 +341,20 @@ def test_scenes_are_read_into_a_workshop_one_keyframe_of_each(made: Path, tmp_pa
             for camera in keyframe.cameras:
                 image = workshop.image(kept.camera(camera.view).image)
                 assert image == given.path(camera).read_bytes()
+
+
+def test_signs_that_end_lines_elsewhere_are_words_of_a_description(
+    set_: Path, tmp_path: Path
+) -> None:
+    words = "a\u2028b\u2029c\x85d\x0be\x0cf\x1cg\rh\ni"
+    scenes = read_scenes(set_)
+    told = scenes.keyframes[0].model_copy(update={"description": words})
+    write_scenes(SceneSet(set_, (told, *scenes.keyframes[1:])), set_ / "scenes.jsonl")
+    new_workshop(tmp_path / "shop", "made-2027", "0" * 64)
+    with Workshop(tmp_path / "shop") as workshop:
+        read_in(workshop, set_ / "scenes.jsonl", per_scene=99)
+        assert len(workshop.keyframes) == len(scenes.keyframes)
+        assert workshop.keyframes[told.keyframe_id].description == words
 
 
 @pytest.mark.parametrize("what", ["picture", "path"])

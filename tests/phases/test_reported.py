@@ -171,6 +171,7 @@ def test_a_bad_line_is_named_with_its_cure_and_nothing_is_imported(
         (ROWS.replace("team,hcc", "hcc,hcc"), "names the column hcc twice"),
         (f'{HEAD}\n"{LINE}', "no table as CSV"),
         ("{", "is no JSON"),
+        ('{"method": "a\u2028b"}\n{"method": "c"}', "Row 2: It does not tell"),
         ("[1]", "Row 1 is no JSON object"),
         ('{"entries": []}', "no board of an ExceptionDrive site"),
         ('{"evaluation_results": []}', "not made by ExceptionDrive"),

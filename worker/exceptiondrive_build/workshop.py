@@ -156,7 +156,9 @@ class Workshop:
         found: dict[str, Keyframe] = {}
         if not path.is_file():
             return found
-        for number, line in enumerate(self.text(SCENES).splitlines(), start=1):
+        for number, line in enumerate(self.text(SCENES).split("\n"), start=1):
+            if not line.strip():
+                continue
             try:
                 keyframe = Keyframe.model_validate_json(line)
             except ValidationError as error:
