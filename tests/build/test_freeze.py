@@ -18,6 +18,7 @@ from typer.testing import CliRunner, Result
 
 from exceptiondrive_build.candidates import walk
 from exceptiondrive_build.cli import app
+from exceptiondrive_build.numbers import is_verified
 from exceptiondrive_build.records import Kind
 from exceptiondrive_build.values import Corners, Edited, Inspected, Verified
 from exceptiondrive_build.workshop import RECORDS, Workshop
@@ -356,6 +357,23 @@ def test_a_freeze_that_breaks_off_leaves_nothing(shop: Path) -> None:
     result = run("freeze", shop / "frozen" / "1", "--workshop", shop)
     assert result.exit_code == 2
     assert list((shop / "frozen").iterdir()) == []
+
+
+def test_accepted_edits_whose_region_is_not_decided_are_counted(shop: Path) -> None:
+    """One reading is taken back, and of another region its readers differ: both wait for a reader."""
+    whole = run("freeze", shop / "frozen" / "whole", "--workshop", shop)
+    assert "region_not_decided" not in whole.output
+    with Workshop(shop) as workshop:
+        limits = workshop.settings.verify
+        one, other, *_ = (it for it in walk(workshop).values() if is_verified(it, limits))
+        reading = one.verifications[-1]
+        workshop.append(reading.model_copy(update={"value": None, "supersedes": reading.id}))
+        no = Verified(accepted=False)
+        workshop.append(record(Kind.VERIFY, other.sample_id, PEOPLE[1], other.pictures, no))
+    told = run("freeze", shop / "frozen" / "part", "--workshop", shop)
+    assert "warning region_not_decided (2): accepted edits whose region waits" in told.output
+    sheet = (shop / "frozen" / "part" / "datasheet.md").read_text()
+    assert "1 times they differed so much that a third reader decides." in sheet
 
 
 def test_nothing_verified_is_said_so(read: Path, tmp_path: Path) -> None:

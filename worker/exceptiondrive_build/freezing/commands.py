@@ -14,7 +14,7 @@ import typer
 from exceptiondrive_build.candidates import walk
 from exceptiondrive_build.cli import Json, WorkshopFolder
 from exceptiondrive_build.errors import BuildError
-from exceptiondrive_build.freezing.freeze import auxiliary, freeze, gzipped, pictures
+from exceptiondrive_build.freezing.freeze import auxiliary, freeze, gzipped, pictures, undecided
 from exceptiondrive_build.records import Author, Kind, Record
 from exceptiondrive_build.values import Withdrawn
 from exceptiondrive_build.workshop import Workshop
@@ -97,6 +97,7 @@ def freeze_split(
     with Workshop(workshop) as shop:
         candidates = walk(shop)
         frozen = freeze(shop, candidates, _read(previous) if previous else None, words)
+        n_undecided = 0 if previous else undecided(shop, candidates)
         files = frozen.files()
         if auxiliary_set:
             rest = auxiliary(shop, candidates, frozen.split)
@@ -109,6 +110,11 @@ def freeze_split(
     )
     for found in sheet.warnings:
         typer.echo(printable(f"warning {found.code} ({found.count:,}): {found.what}"))
+    if n_undecided:
+        typer.echo(
+            f"warning region_not_decided ({n_undecided:,}): accepted edits whose region waits for a "
+            "reader; they are not in the split: `exceptiondrive-build review`"
+        )
 
 
 def withdraw(

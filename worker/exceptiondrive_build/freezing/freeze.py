@@ -158,6 +158,17 @@ def _regions(workshop: Workshop, candidates: Mapping[str, Candidate]) -> dict[st
     return found
 
 
+def undecided(workshop: Workshop, candidates: Mapping[str, Candidate]) -> int:
+    """How many edits are accepted whose region waits for a reader."""
+    limits, withdrawn = workshop.settings.verify, withdrawals(workshop)
+    return sum(
+        candidate.is_accepted
+        and sample_id not in withdrawn
+        and outcome(candidate.verifications, limits).state in ("open", "third")
+        for sample_id, candidate in candidates.items()
+    )
+
+
 def _sample(workshop: Workshop, candidate: Candidate, region: Corners) -> SplitSample:
     settings = workshop.settings.freeze
     return SplitSample(
