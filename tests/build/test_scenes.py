@@ -67,7 +67,7 @@ def test_every_painted_mark_is_found_where_it_projects_within_a_pixel(made: Path
         on_map = np.array([[x, y, 0.0, 1.0] for x, y in marks[keyframe.scene]])
         in_ego = (on_map @ np.linalg.inv(map_from_ego).T)[:, :2]
         for camera in keyframe.cameras:
-            picture = Image.open(BytesIO(scenes.picture(keyframe, camera)))
+            picture = Image.open(BytesIO(scenes.picture(keyframe, camera)[0]))
             inside = shapely.box(8, 8, camera.width_px - 8, camera.height_px - 8)
             for mark_m in in_ego[np.hypot(*in_ego.T) < 14]:
                 drawn = shapely.Polygon(ground_polygon(camera, mark_m + MARK_RADIUS_M * CIRCLE))
@@ -355,6 +355,30 @@ def test_signs_that_end_lines_elsewhere_are_words_of_a_description(
         read_in(workshop, set_ / "scenes.jsonl", per_scene=99)
         assert len(workshop.keyframes) == len(scenes.keyframes)
         assert workshop.keyframes[told.keyframe_id].description == words
+
+
+@pytest.mark.parametrize("form", ["WEBP", "GIF", "PPM"])
+def test_a_picture_that_no_stage_can_show_is_refused(form: str, set_: Path) -> None:
+    with Image.open(first_picture(set_)) as picture:
+        picture.save(first_picture(set_), form)
+    scenes = read_scenes(set_)
+    with pytest.raises(BuildError, match=r"CAM_FRONT__000.jpg .*: neither JPEG nor PNG"):
+        scenes.picture(scenes.keyframes[0], scenes.keyframes[0].camera("CAM_FRONT"))
+
+
+def test_a_picture_is_kept_by_its_form_whatever_its_name(set_: Path, tmp_path: Path) -> None:
+    scenes = read_scenes(set_)
+    (set_ / "bare").write_bytes(first_picture(set_).read_bytes())
+    write_scenes(scenes, set_ / "scenes.jsonl")
+    lines = set_ / "scenes.jsonl"
+    named = scenes.keyframes[0].camera("CAM_FRONT").image
+    lines.write_text(lines.read_text().replace(named, "bare"))
+    new_workshop(tmp_path / "shop", "made-2027", "0" * 64)
+    with Workshop(tmp_path / "shop") as workshop:
+        read_in(workshop, lines, per_scene=99)
+        kept = workshop.keyframes[scenes.keyframes[0].keyframe_id].camera("CAM_FRONT").image
+        assert kept.endswith(".jpg")
+        assert workshop.image(kept) == first_picture(set_).read_bytes()
 
 
 @pytest.mark.parametrize("what", ["picture", "path"])

@@ -45,11 +45,7 @@ def _kept(workshop: Workshop, scenes: SceneSet, keyframe: Keyframe) -> Keyframe:
         )
     cameras = tuple(
         camera.model_copy(
-            update={
-                "image": workshop.keep_image(
-                    scenes.picture(keyframe, camera), Path(camera.image).suffix.lstrip(".").lower()
-                )
-            }
+            update={"image": workshop.keep_image(*scenes.picture(keyframe, camera))}
         )
         for camera in keyframe.cameras
     )
