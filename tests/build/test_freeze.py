@@ -297,6 +297,19 @@ def test_a_sample_may_not_go_missing_from_a_revision(shop: Path) -> None:
     assert run(*command, "--words", "One failed.").exit_code == 0
 
 
+def test_samples_whose_scenes_are_gone_are_named_with_their_cure(shop: Path) -> None:
+    """`withdraw` does not know them: only their scenes bring them back."""
+    frozen(shop, "1")
+    scenes = shop / "scenes.jsonl"
+    scenes.write_text(scenes.read_text().split("\n")[0])
+    previous = shop / "frozen" / "1" / "split.json.gz"
+    command = ("freeze", shop / "frozen" / "2", "--workshop", shop, "--previous", previous)
+    result = run(*command, "--words", "One scene is gone.")
+    assert result.exit_code == 2
+    assert "their scene or task is not in the workshop any more" in result.output
+    assert "exceptiondrive-build scenes read SOURCE" in result.output
+
+
 def test_what_was_accepted_since_waits_for_the_next_split(read: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(read, tmp_path / "shop"))
     with Workshop(folder) as workshop:

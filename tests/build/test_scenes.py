@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import shapely
 from PIL import Image
+from tests.build.shop import make_shop
 from typer.testing import CliRunner
 
 from exceptiondrive_build.cli import app
@@ -379,6 +380,38 @@ def test_a_picture_is_kept_by_its_form_whatever_its_name(set_: Path, tmp_path: P
         kept = workshop.keyframes[scenes.keyframes[0].keyframe_id].camera("CAM_FRONT").image
         assert kept.endswith(".jpg")
         assert workshop.image(kept) == first_picture(set_).read_bytes()
+
+
+def test_reading_replaces_and_says_how_many_keyframes_are_gone(made: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "shop"
+    new_workshop(folder, "made-2027", "0" * 64)
+    command = ["scenes", "read", str(made), "-w", str(folder)]
+    assert "gone" not in CliRunner().invoke(app, command).output
+    said = CliRunner().invoke(app, [*command, "--per-scene", "2"])
+    assert said.exit_code == 0
+    assert "6 keyframes of 3 scenes" in said.output
+    assert "3 keyframes that stood here are gone, or have other pictures" in said.output
+    all_of_them = CliRunner().invoke(app, [*command, "--per-scene", "4"])
+    assert "gone" not in all_of_them.output
+
+
+@pytest.mark.parametrize("what", ["another set", "other pictures"])
+def test_decided_keyframes_do_not_go_without_a_word(what: str, set_: Path, tmp_path: Path) -> None:
+    shop = make_shop(tmp_path / "made", width_px=64)
+    source = tmp_path / "made" / "set" if what == "other pictures" else set_
+    if what == "other pictures":
+        for path in (source / "samples" / "CAM_FRONT").iterdir():
+            path.write_bytes(path.read_bytes() + b"\0")
+    before = (shop / "scenes.jsonl").read_bytes()
+    command = ["scenes", "read", str(source), "-w", str(shop)]
+    said = CliRunner().invoke(app, command)
+    assert said.exit_code == 2
+    assert "1 keyframes of which something was decided would go" in said.output
+    assert "and with them 21 accepted edits" in said.output
+    assert "--replace" in said.output
+    assert (shop / "scenes.jsonl").read_bytes() == before
+    assert CliRunner().invoke(app, [*command, "--replace"]).exit_code == 0
+    assert (shop / "scenes.jsonl").read_bytes() != before
 
 
 @pytest.mark.parametrize("what", ["picture", "path"])

@@ -36,6 +36,7 @@ SCENES = "scenes.jsonl"
 RECORDS = "records.sqlite3"
 IMAGES = "images"
 ANSWERS = "answers"
+_READ_AGAIN = "Read the scenes in again: exceptiondrive-build scenes read SOURCE --replace"
 _ADVICE = "`exceptiondrive-build new FOLDER` makes a workshop with all files that it needs."
 
 
@@ -162,9 +163,10 @@ class Workshop:
             try:
                 keyframe = Keyframe.model_validate_json(line)
             except ValidationError as error:
-                raise BuildError(f"{path}, line {number}: {_why(error)}.") from None
+                raise BuildError(f"{path}, line {number}: {_why(error)}.", _READ_AGAIN) from None
             if keyframe.keyframe_id in found:
-                raise BuildError(f"{path}, line {number}: {keyframe.keyframe_id} stands twice.")
+                said = f"{path}, line {number}: {keyframe.keyframe_id} stands twice."
+                raise BuildError(said, _READ_AGAIN)
             found[keyframe.keyframe_id] = keyframe
         return found
 

@@ -118,6 +118,12 @@ def _split(
         "Take them out of [freeze] controls, or verify them.",
     )
     _refuse_some(
+        [key for key in wanted if key not in candidates],
+        "stand in the previous revision, and their scene or task is not in the workshop any more",
+        "Read their scenes in again: exceptiondrive-build scenes read SOURCE; and put their tasks "
+        "back into workshop.toml.",
+    )
+    _refuse_some(
         [key for key in wanted if key not in regions and key not in withdrawn],
         "stand in the previous revision, and are not accepted and verified any more",
         'Withdraw them: exceptiondrive-build withdraw ID --reason "..." --by NAME',
