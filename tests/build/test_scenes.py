@@ -292,6 +292,10 @@ def test_a_picture_of_another_size_is_named(set_: Path) -> None:
         scenes.picture(scenes.keyframes[0], scenes.keyframes[0].camera("CAM_FRONT"))
 
 
+def set_camera(name: str, value: object) -> Callable[[dict[str, Any]], object]:
+    return lambda line: line["cameras"][0].update({name: value})
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -300,8 +304,15 @@ def test_a_picture_of_another_size_is_named(set_: Path) -> None:
         (lambda line: line.update(speed=3), r"line 2: speed: Extra inputs"),
         (lambda line: line["cameras"][2].update(image="no.jpg"), r"Missing picture: .*no.jpg"),
         (lambda line: line.update(recorded=[[1.0]]), r"line 2: recorded.0"),
+        (lambda line: line["cameras"].append(line["cameras"][0]), r"line 2: cameras: .* twice"),
+        (lambda line: line["cameras"].clear(), r"line 2: cameras: Tuple should have at least 1"),
+        (set_camera("intrinsic", [[0, 0, 0]] * 3), r"line 2: cameras.0.intrinsic: no camera"),
+        (set_camera("camera_from_ego", [[0, 0, 0, 0]] * 3), r"camera_from_ego: .* no rotation"),
+        (set_camera("camera_from_ego", [[1e300] * 4] * 3), r"line 2: .*camera_from_ego.0.0: "),
+        (set_camera("intrinsic", [[1e300] * 3] * 3), r"line 2: cameras.0.intrinsic.0.0: "),
+        (lambda line: line.update(ego_rotation=[0, 0, 0, 0]), r"line 2: ego_rotation: no unit"),
+        (lambda line: line.update(ego_translation_m=[1e300, 0, 0]), r"line 2: ego_translation_m.0"),
     ],
-    ids=["camera", "intrinsic", "extra", "picture", "path"],
 )
 def test_a_wrong_line_is_refused_with_its_number(
     set_: Path, change: Callable[[dict[str, Any]], object], words: str
@@ -314,6 +325,16 @@ def test_a_wrong_line_is_refused_with_its_number(
     (set_ / "scenes.jsonl").write_text("\n".join(lines))
     with pytest.raises(BuildError, match=words):
         read_scenes(set_ / "scenes.jsonl")
+
+
+def test_lines_of_other_rigs_and_without_a_recorded_path_are_taken(set_: Path) -> None:
+    scenes = read_scenes(set_)
+    bare = [
+        keyframe.model_copy(update={"cameras": keyframe.cameras[1:3], "recorded": None})
+        for keyframe in scenes.keyframes
+    ]
+    write_scenes(SceneSet(set_, tuple(bare)), set_ / "scenes.jsonl")
+    assert list(read_scenes(set_ / "scenes.jsonl").keyframes) == bare
 
 
 def test_a_keyframe_given_twice_is_named(set_: Path) -> None:
@@ -414,13 +435,14 @@ def test_decided_keyframes_do_not_go_without_a_word(what: str, set_: Path, tmp_p
     assert (shop / "scenes.jsonl").read_bytes() != before
 
 
-@pytest.mark.parametrize("what", ["picture", "path"])
+@pytest.mark.parametrize("what", ["picture", "path", "far"])
 def test_nothing_of_a_wrong_set_reaches_the_workshop(what: str, set_: Path, tmp_path: Path) -> None:
     new_workshop(tmp_path / "shop", "made-2027", "0" * 64)
     scenes = read_scenes(set_)
     if what == "picture":
         first_picture(set_).write_bytes(b"no picture")
-    short = scenes.keyframes[0].model_copy(update={"recorded": ((1.0, 0.0),)})
+    path = {"path": ((1.0, 0.0),), "far": ((1e300, 0.0),) * 6}.get(what, ())
+    short = scenes.keyframes[0].model_copy(update={"recorded": path})
     keyframes = scenes.keyframes if what == "picture" else (short,)
     write_scenes(SceneSet(set_, keyframes), set_ / "scenes.jsonl")
     command = ["scenes", "read", str(set_ / "scenes.jsonl"), "-w", str(tmp_path / "shop")]
@@ -428,6 +450,7 @@ def test_nothing_of_a_wrong_set_reaches_the_workshop(what: str, set_: Path, tmp_
     words = {
         "picture": "Unreadable picture",
         "path": "a recorded path of 1 points; the protocol asks for 6",
+        "far": "a recorded path that leads over",
     }
     assert said.exit_code == 2
     assert words[what] in said.output

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from exceptiondrive_build.candidates import picture_digests, walk
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.scenes.keyframe import Keyframe
@@ -94,11 +96,17 @@ def _pictures(keyframe: Keyframe) -> tuple[str, ...]:
 
 
 def _kept(workshop: Workshop, scenes: SceneSet, keyframe: Keyframe) -> Keyframe:
-    n_waypoints = workshop.protocol.geometry.waypoints
-    if keyframe.recorded is not None and len(keyframe.recorded) != n_waypoints:
+    geometry, path_m = workshop.protocol.geometry, keyframe.recorded
+    if path_m is not None and len(path_m) != geometry.waypoints:
         raise BuildError(
-            f"Keyframe {keyframe.keyframe_id} has a recorded path of {len(keyframe.recorded)} "
-            f"points; the protocol asks for {n_waypoints}."
+            f"Keyframe {keyframe.keyframe_id} has a recorded path of {len(path_m)} "
+            f"points; the protocol asks for {geometry.waypoints}."
+        )
+    if path_m is not None and np.abs(path_m).max() > geometry.max_coordinate_m:
+        raise BuildError(
+            f"Keyframe {keyframe.keyframe_id} has a recorded path that leads over "
+            f"{geometry.max_coordinate_m:g} m away.",
+            "Its points are metres of the ego frame of the keyframe.",
         )
     cameras = tuple(
         camera.model_copy(update={"image": workshop.keep_image(*scenes.picture(keyframe, camera))})
