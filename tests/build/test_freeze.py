@@ -455,3 +455,10 @@ def test_a_jury_is_a_gate(shop: Path) -> None:
     refused = run(*command[:-1])
     assert refused.exit_code == 2
     assert "jury slow: HCC 100.00, UR 0.00 OBJECTION: a moving planner has HCC" in refused.output
+
+
+def test_a_jury_that_is_no_folder_is_named(shop: Path) -> None:
+    (shop / "file").write_text("")
+    for name, words in (("nope", "No such file or directory."), ("file", "Not a directory.")):
+        result = run("lint", "--workshop", shop, "--jury", shop / name)
+        assert (result.exit_code, f"{shop / name}: {words}" in result.output) == (2, True)

@@ -155,7 +155,7 @@ class Workshop:
         """
         path = self.folder / SCENES
         found: dict[str, Keyframe] = {}
-        if not path.is_file():
+        if not path.exists():
             return found
         for number, line in enumerate(self.text(SCENES).split("\n"), start=1):
             if not line.strip():
