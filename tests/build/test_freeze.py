@@ -279,6 +279,27 @@ def test_restored_samples_count_again(shop: Path) -> None:
     assert withdraw(shop, ["nobody"]).exit_code == 2
 
 
+@pytest.mark.parametrize(
+    ("option", "value", "said"),
+    [
+        ("--reason", "", "Give a reason of at most 500 characters."),
+        ("--reason", " \n", "Give a reason"),
+        ("--reason", "x" * 501, "Give a reason"),
+        ("--by", "", "Give a name of at most 64 characters."),
+        ("--by", " ", "Give a name"),
+        ("--by", "x" * 65, "Give a name"),
+    ],
+)
+def test_a_withdrawal_has_a_reason_and_a_name(
+    shop: Path, option: str, value: str, said: str
+) -> None:
+    (sample, *_) = split_of(frozen(shop, "1")).samples
+    result = withdraw(shop, [sample.sample_id], option, value)
+    assert (result.exit_code, said in result.output) == (2, True)
+    with Workshop(shop) as workshop:
+        assert workshop.current(Kind.WITHDRAW) == {}
+
+
 def test_a_sample_may_not_go_missing_from_a_revision(shop: Path) -> None:
     """Rejected since, and not withdrawn: files of teams answer it, so somebody has to say so."""
     first = split_of(frozen(shop, "1"))

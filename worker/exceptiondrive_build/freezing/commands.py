@@ -15,8 +15,8 @@ from exceptiondrive_build.candidates import walk
 from exceptiondrive_build.cli import Json, WorkshopFolder
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.freezing.freeze import auxiliary, freeze, gzipped, pictures, undecided
-from exceptiondrive_build.records import Author, Kind, Record
-from exceptiondrive_build.values import Withdrawn
+from exceptiondrive_build.records import Author, Kind, Record, person_named
+from exceptiondrive_build.values import MAX_REASON_LENGTH, Withdrawn
 from exceptiondrive_build.workshop import Workshop
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.split import Split
@@ -125,6 +125,9 @@ def withdraw(
     restore: Annotated[bool, typer.Option(help="Take an earlier withdrawal back.")] = False,
 ) -> None:
     """Withdraw samples: in the next revision files still answer them, and no sheet counts them."""
+    author, reason = Author(person=person_named(by)), " ".join(reason.split())
+    if not restore and not 0 < len(reason) <= MAX_REASON_LENGTH:
+        raise BuildError(f"Give a reason of at most {MAX_REASON_LENGTH} characters.")
     with Workshop(workshop) as shop:
         standing, known = shop.current(Kind.WITHDRAW), walk(shop)
         wrong = [key for key in sample_ids if key not in known or (key in standing) != restore]
@@ -136,7 +139,7 @@ def withdraw(
                 Record(
                     kind=Kind.WITHDRAW,
                     candidate=key,
-                    by=Author(person=by),
+                    by=author,
                     inputs=known[key].pictures,
                     value=None if restore else Withdrawn(reason=reason).model_dump(mode="json"),
                     supersedes=standing[key].id if restore else None,

@@ -92,7 +92,7 @@ def freeze(
     if (settings.datasheet.examples or settings.freeze.pictures) and not settings.licence:
         advice = "Say in workshop.toml under which `licence` they may be."
         raise BuildError("Pictures are to be shown, and there is no licence to.", advice)
-    if previous is not None and not words:
+    if previous is not None and not words.strip():
         raise BuildError("A revision says in words what changed.", "Add --words.")
     _refuse_faults(split, workshop)
     return Frozen(

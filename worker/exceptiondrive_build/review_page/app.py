@@ -16,6 +16,7 @@ from pydantic import ValidationError
 
 from exceptiondrive_build.agreement import agreement
 from exceptiondrive_build.errors import BuildError
+from exceptiondrive_build.records import person_named
 from exceptiondrive_build.review_page.cards import card
 from exceptiondrive_build.review_page.desk import Desk, Queue, TakenError
 from exceptiondrive_build.review_page.doors import Doors
@@ -183,10 +184,11 @@ def _add_doors(app: FastAPI) -> None:
         session = request.cookies.get(COOKIE)
         if session is None or _doors(request).holder(session) is None:
             return _page("closed.html", 403, spent=False)
-        name = " ".join(name.split())
-        if not (0 < len(name) <= 64 and name.isprintable()):
-            return _page("sign_in.html", 422, problem="Give a name of at most 64 characters.")
-        _doors(request).sign_in(session, name)
+        try:
+            reviewer = person_named(name)
+        except BuildError as error:
+            return _page("sign_in.html", 422, problem=error.sentence)
+        _doors(request).sign_in(session, reviewer)
         return RedirectResponse("/", status_code=303)
 
     @app.post("/sign-out")
