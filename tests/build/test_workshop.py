@@ -53,6 +53,29 @@ def test_the_command_makes_one_and_does_not_write_over_it(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
+    ("name", "key", "said"),
+    [
+        ('a"b', KEY, "is no name of a split"),
+        ("", KEY, "is no name of a split"),
+        ("x" * 300, KEY, "is no name of a split"),
+        ("../x", KEY, "is no name of a split"),
+        ("made\n", KEY, "is no name of a split"),
+        ("made-2027", 'q"\n' * 16, "no key of sample ids"),
+        ("made-2027", "\\" * 40, "no key of sample ids"),
+        ("made-2027", "short", "no key of sample ids"),
+        ("made-2027", "", "no key of sample ids"),
+    ],
+)
+def test_a_name_or_key_that_is_none_makes_nothing(
+    name: str, key: str, said: str, tmp_path: Path
+) -> None:
+    command = ["new", str(tmp_path / "shop"), "--name", name, "--id-key", key]
+    result = CliRunner().invoke(app, command)
+    assert (result.exit_code, said in result.output) == (2, True)
+    assert not (tmp_path / "shop").exists()
+
+
+@pytest.mark.parametrize(
     ("old", "new", "said"),
     [
         ('endpoint = "editor"', 'endpoint = "nowhere"', "nowhere"),
