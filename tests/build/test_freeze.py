@@ -390,6 +390,7 @@ def test_a_freeze_that_breaks_off_leaves_nothing(shop: Path) -> None:
             workshop.image_path(name).unlink()
     result = run("freeze", shop / "frozen" / "1", "--workshop", shop)
     assert result.exit_code == 2
+    assert "Put it back from a copy of the workshop." in result.output
     assert list((shop / "frozen").iterdir()) == []
 
 

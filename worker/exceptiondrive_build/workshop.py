@@ -216,7 +216,11 @@ class Workshop:
         try:
             data = path.read_bytes()
         except OSError as error:
-            raise BuildError(f"{path}: {_why(error)}.", "Read the scenes in again.") from None
+            advice = (
+                "Put it back from a copy of the workshop. A picture of the scenes comes back, too, when "
+                "they are read in again; an edited one does not."
+            )
+            raise BuildError(f"{path}: {_why(error)}.", advice) from None
         if hashlib.sha256(data).hexdigest() != path.stem:
             raise BuildError(f"{path}: the picture is damaged.", "Put the original back.")
         return data
