@@ -18,8 +18,9 @@ from typer.testing import CliRunner, Result
 
 from exceptiondrive_build.candidates import walk
 from exceptiondrive_build.cli import app
+from exceptiondrive_build.numbers import is_verified
 from exceptiondrive_build.records import Kind
-from exceptiondrive_build.values import Corners, Inspected, Verified
+from exceptiondrive_build.values import Corners, Edited, Inspected, Verified
 from exceptiondrive_build.workshop import RECORDS, Workshop
 from exceptiondrive_schemas.datasheet import Datasheet
 from exceptiondrive_schemas.split import Split
@@ -278,6 +279,27 @@ def test_restored_samples_count_again(shop: Path) -> None:
     assert withdraw(shop, ["nobody"]).exit_code == 2
 
 
+@pytest.mark.parametrize(
+    ("option", "value", "said"),
+    [
+        ("--reason", "", "Give a reason of at most 500 characters."),
+        ("--reason", " \n", "Give a reason"),
+        ("--reason", "x" * 501, "Give a reason"),
+        ("--by", "", "Give a name of at most 64 characters."),
+        ("--by", " ", "Give a name"),
+        ("--by", "x" * 65, "Give a name"),
+    ],
+)
+def test_a_withdrawal_has_a_reason_and_a_name(
+    shop: Path, option: str, value: str, said: str
+) -> None:
+    (sample, *_) = split_of(frozen(shop, "1")).samples
+    result = withdraw(shop, [sample.sample_id], option, value)
+    assert (result.exit_code, said in result.output) == (2, True)
+    with Workshop(shop) as workshop:
+        assert workshop.current(Kind.WITHDRAW) == {}
+
+
 def test_a_sample_may_not_go_missing_from_a_revision(shop: Path) -> None:
     """Rejected since, and not withdrawn: files of teams answer it, so somebody has to say so."""
     first = split_of(frozen(shop, "1"))
@@ -294,6 +316,19 @@ def test_a_sample_may_not_go_missing_from_a_revision(shop: Path) -> None:
     withdraw(shop, [sample_id])
     assert "says in words" in run(*command).output
     assert run(*command, "--words", "One failed.").exit_code == 0
+
+
+def test_samples_whose_scenes_are_gone_are_named_with_their_cure(shop: Path) -> None:
+    """`withdraw` does not know them: only their scenes bring them back."""
+    frozen(shop, "1")
+    scenes = shop / "scenes.jsonl"
+    scenes.write_text(scenes.read_text().split("\n")[0])
+    previous = shop / "frozen" / "1" / "split.json.gz"
+    command = ("freeze", shop / "frozen" / "2", "--workshop", shop, "--previous", previous)
+    result = run(*command, "--words", "One scene is gone.")
+    assert result.exit_code == 2
+    assert "their scene or task is not in the workshop any more" in result.output
+    assert "exceptiondrive-build scenes read SOURCE" in result.output
 
 
 def test_what_was_accepted_since_waits_for_the_next_split(read: Path, tmp_path: Path) -> None:
@@ -331,6 +366,49 @@ def test_a_frozen_folder_is_never_written_over(shop: Path) -> None:
     frozen(shop, "1")
     result = run("freeze", shop / "frozen" / "1", "--workshop", shop)
     assert (result.exit_code, "never written over" in result.output) == (2, True)
+
+
+def test_what_a_broken_freeze_left_is_not_in_the_next(shop: Path) -> None:
+    """A process was killed: its half folder lies there, with a picture of what is withdrawn since."""
+    set_freeze(shop, "pictures = false", "pictures = true")
+    pictures = shop / "frozen" / "1.part" / "pictures"
+    pictures.mkdir(parents=True)
+    (pictures / "withdrawn.source.jpg").write_bytes(b"left")
+    (pictures.parent / "split.json").write_bytes(b"left")
+    assert run("freeze", shop / "frozen" / "1", "--workshop", shop).exit_code == 0
+    files = [path for path in (shop / "frozen").rglob("*") if path.is_file()]
+    assert b"left" not in [path.read_bytes() for path in files]
+
+
+def test_a_freeze_that_breaks_off_leaves_nothing(shop: Path) -> None:
+    set_freeze(shop, "pictures = false", "pictures = true")
+    with Workshop(shop) as workshop:
+        accepted = [it for it in walk(workshop).values() if it.is_accepted]
+        edited = accepted[-1].edited
+        assert isinstance(edited, Edited)
+        for name in edited.images.values():
+            workshop.image_path(name).unlink()
+    result = run("freeze", shop / "frozen" / "1", "--workshop", shop)
+    assert result.exit_code == 2
+    assert "Put it back from a copy of the workshop." in result.output
+    assert list((shop / "frozen").iterdir()) == []
+
+
+def test_accepted_edits_whose_region_is_not_decided_are_counted(shop: Path) -> None:
+    """One reading is taken back, and of another region its readers differ: both wait for a reader."""
+    whole = run("freeze", shop / "frozen" / "whole", "--workshop", shop)
+    assert "region_not_decided" not in whole.output
+    with Workshop(shop) as workshop:
+        limits = workshop.settings.verify
+        one, other, *_ = (it for it in walk(workshop).values() if is_verified(it, limits))
+        reading = one.verifications[-1]
+        workshop.append(reading.model_copy(update={"value": None, "supersedes": reading.id}))
+        no = Verified(accepted=False)
+        workshop.append(record(Kind.VERIFY, other.sample_id, PEOPLE[1], other.pictures, no))
+    told = run("freeze", shop / "frozen" / "part", "--workshop", shop)
+    assert "warning region_not_decided (2): accepted edits whose region waits" in told.output
+    sheet = (shop / "frozen" / "part" / "datasheet.md").read_text()
+    assert "1 times they differed so much that a third reader decides." in sheet
 
 
 def test_nothing_verified_is_said_so(read: Path, tmp_path: Path) -> None:
@@ -399,3 +477,10 @@ def test_a_jury_is_a_gate(shop: Path) -> None:
     refused = run(*command[:-1])
     assert refused.exit_code == 2
     assert "jury slow: HCC 100.00, UR 0.00 OBJECTION: a moving planner has HCC" in refused.output
+
+
+def test_a_jury_that_is_no_folder_is_named(shop: Path) -> None:
+    (shop / "file").write_text("")
+    for name, words in (("nope", "No such file or directory."), ("file", "Not a directory.")):
+        result = run("lint", "--workshop", shop, "--jury", shop / name)
+        assert (result.exit_code, f"{shop / name}: {words}" in result.output) == (2, True)

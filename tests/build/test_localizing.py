@@ -122,6 +122,10 @@ def test_corners_in_another_frame_are_refused_whole(reviewed: Path, move: Any, s
     assert set(corners(reviewed).values()) == {None}
 
 
+def box(**changed: list[float]) -> dict[str, list[float]]:
+    return {"translation": [0, 0, 0], "size": [2, 4, 2], "rotation": [1, 0, 0, 0], **changed}
+
+
 @pytest.mark.parametrize(
     "document",
     [
@@ -131,13 +135,24 @@ def test_corners_in_another_frame_are_refused_whole(reviewed: Path, move: Any, s
         {"a": [{"corners": [[0, 0]]}]},
         {"results": {"a": [{"size": 1}]}},
         {"a": 3},
+        {"a": [{"corners": [[1e308, 0], [1e308, 1], [-1e308, 1], [-1e308, 0]]}]},
+        {"results": {"a": [box(rotation=[0, 0, 0, 0])]}},
+        {"results": {"a": [box(size=[1e308, 1e308, 1])]}},
+        {"results": {"a": [box(translation=[1e308, 0, 0])]}},
     ],
-    ids=range(6),
+    ids=range(10),
 )
 def test_a_file_that_is_no_detectors_is_refused(reviewed: Path, document: Any) -> None:
     result = localize(reviewed, document)
     assert result.exit_code == 2
     assert "no detector's file" in result.stderr
+    assert "Its forms: exceptiondrive-build localize --help" in result.stderr
+
+
+def test_the_help_shows_the_forms_of_a_detectors_file() -> None:
+    said = CliRunner().invoke(app, ["localize", "--help"]).stdout
+    assert '  {"ID": [{"corners": [[x, y], [x, y], [x, y], [x, y]], "score": 0.9}]}\n' in said
+    assert '  {"results": {"ID": [{"translation": [x, y, z], "size": [' in said
 
 
 def test_what_has_no_box_near_is_counted_and_can_be_laid_by_hand(reviewed: Path) -> None:

@@ -114,7 +114,8 @@ def test_pictures_of_the_workshop_and_nothing_beside_them_are_sent(site: Site, s
     ada = site.let_in()
     picture = next((shop / "images").iterdir())
     assert ada.get(f"/pictures/{picture.name}").content == picture.read_bytes()
-    for name in ("none.png", "..%2Fworkshop.toml", "%2e%2e/records.sqlite3", "."):
+    others = ("none.png", "..%2Fworkshop.toml", "%2e%2e/records.sqlite3", ".", "x" * 3000, "%00")
+    for name in others:
         assert ada.get(f"/pictures/{name}").status_code == 404
 
 
@@ -145,6 +146,18 @@ def test_a_word_of_another_form_is_refused_and_not_kept(site: Site) -> None:
         assert answer.json()["sentence"]
     answer = ada.post("/api/inspect/decide", json={"card": "0000", "value": {"passed": True}})
     assert answer.status_code == 409
+
+
+@pytest.mark.parametrize("form", ["application/json", "text/plain", ""])
+@pytest.mark.parametrize(
+    "body", [b"\xff\xfe", b"[" * 100_000, b'{"card": "a", "value": NaN}', b'{"card": 1e999}']
+)
+def test_what_cannot_be_read_is_refused_in_a_sentence(site: Site, body: bytes, form: str) -> None:
+    answer = site.let_in().post(
+        "/api/verify/decide", content=body, headers={"Content-Type": form} if form else {}
+    )
+    assert answer.status_code in (400, 422)
+    assert answer.json()
 
 
 def test_without_a_workshop_or_a_port_the_command_says_so(tmp_path: Path, shop: Path) -> None:

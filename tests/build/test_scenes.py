@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import shapely
 from PIL import Image
+from tests.build.shop import make_shop
 from typer.testing import CliRunner
 
 from exceptiondrive_build.cli import app
@@ -19,6 +20,7 @@ from exceptiondrive_build.scenes.cameras import ground_polygon, project
 from exceptiondrive_build.scenes.generated import MARK, MARK_RADIUS_M, VERSION, make_scenes
 from exceptiondrive_build.scenes.keyframe import Keyframe
 from exceptiondrive_build.scenes.nuscenes import CAMERAS, rigid
+from exceptiondrive_build.scenes.read_in import read_in
 from exceptiondrive_build.scenes.scene_set import SceneSet
 from exceptiondrive_build.scenes.source import read_scenes, write_scenes
 from exceptiondrive_build.workshop import Workshop, new_workshop
@@ -66,7 +68,7 @@ def test_every_painted_mark_is_found_where_it_projects_within_a_pixel(made: Path
         on_map = np.array([[x, y, 0.0, 1.0] for x, y in marks[keyframe.scene]])
         in_ego = (on_map @ np.linalg.inv(map_from_ego).T)[:, :2]
         for camera in keyframe.cameras:
-            picture = Image.open(BytesIO(scenes.picture(keyframe, camera)))
+            picture = Image.open(BytesIO(scenes.picture(keyframe, camera)[0]))
             inside = shapely.box(8, 8, camera.width_px - 8, camera.height_px - 8)
             for mark_m in in_ego[np.hypot(*in_ego.T) < 14]:
                 drawn = shapely.Polygon(ground_polygon(camera, mark_m + MARK_RADIUS_M * CIRCLE))
@@ -199,6 +201,11 @@ def drop_camera(rows: list[dict[str, Any]]) -> None:
     rows.remove(found)
 
 
+def as_folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
 def first_picture(folder: Path) -> Path:
     return min((folder / "samples" / "CAM_FRONT").iterdir())
 
@@ -238,6 +245,62 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
         edit("calibrated_sensor", lambda rows: rows[1].update(camera_intrinsic=[])),
         r"the camera_intrinsic of CAM_FRONT is no 3 x 3 matrix",
     ),
+    "folder": (
+        lambda folder: as_folder(folder / VERSION / "scene.json"),
+        r"scene.json: Is a directory",
+    ),
+    "no rows": (
+        lambda folder: (folder / VERSION / "log.json").write_text("null"),
+        r"log.json",
+    ),
+    "sensor twice": (
+        edit("sensor", lambda rows: rows.append(rows[0])),
+        r"sensor.json: row [0-9a-f]{32} stands there twice",
+    ),
+    "calibrated twice": (
+        edit("calibrated_sensor", lambda rows: rows.append(rows[0])),
+        r"calibrated_sensor.json: row [0-9a-f]{32} stands there twice",
+    ),
+    "translation": (
+        edit("ego_pose", lambda rows: rows[0].update(translation=["a", "b", "c"])),
+        r"ego_pose.json, row [0-9a-f]{32}: no translation of three metres",
+    ),
+    "far translation": (
+        edit("ego_pose", lambda rows: rows[0].update(translation=[1e300, 0, 0])),
+        r"ego_pose.json, row [0-9a-f]{32}: no translation of three metres",
+    ),
+    "intrinsic of words": (
+        edit("calibrated_sensor", lambda rows: rows[1].update(camera_intrinsic=[["a"] * 3] * 3)),
+        r"the camera_intrinsic of CAM_FRONT is no 3 x 3 matrix",
+    ),
+    "intrinsic of nothing": (
+        edit("calibrated_sensor", lambda rows: rows[1].update(camera_intrinsic=[[0] * 3] * 3)),
+        r"sample_data.json, row [0-9a-f]{32}: CAM_FRONT: intrinsic: no camera matrix",
+    ),
+    "timestamp": (
+        edit("sample", lambda rows: rows[1].update(timestamp="x")),
+        r"sample.json, row 2 \([0-9a-f]{32}\): timestamp is no whole number",
+    ),
+    "token": (
+        edit("sample", lambda rows: rows[1].update(scene_token=["x"])),
+        r"sample.json, row 2 \([0-9a-f]{32}\): scene_token is no text",
+    ),
+    "description": (
+        edit("scene", lambda rows: rows[0].pop("description")),
+        r"scene.json, row 1 \([0-9a-f]{32}\): description is no text",
+    ),
+    "no width": (
+        edit("sample_data", lambda rows: rows[0].update(width=None)),
+        r"sample_data.json, row [0-9a-f]{32}: width and height of CAM_FRONT_LEFT are no numbers",
+    ),
+    "lacking width": (
+        edit("sample_data", lambda rows: rows[0].pop("width")),
+        r"sample_data.json, row [0-9a-f]{32}: width and height of CAM_FRONT_LEFT are no numbers",
+    ),
+    "width of words": (
+        edit("sample_data", lambda rows: rows[0].update(width="wide")),
+        r"sample_data.json, row [0-9a-f]{32}: width and height of CAM_FRONT_LEFT are no numbers",
+    ),
     "picture": (
         lambda folder: first_picture(folder).unlink(),
         r"Missing picture: .*CAM_FRONT__000.jpg \(CAM_FRONT of keyframe .*, scene scene-0001\)",
@@ -254,8 +317,9 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
 def test_a_wrong_set_is_refused_with_what_and_where(what: str, set_: Path) -> None:
     spoil, words = WRONG[what]
     spoil(set_)
-    with pytest.raises(BuildError, match=words):
+    with pytest.raises(BuildError, match=words) as refused:
         read_scenes(set_)
+    assert "pydantic" not in refused.value.sentence
 
 
 def test_of_two_versions_the_named_one_is_read(set_: Path) -> None:
@@ -290,6 +354,10 @@ def test_a_picture_of_another_size_is_named(set_: Path) -> None:
         scenes.picture(scenes.keyframes[0], scenes.keyframes[0].camera("CAM_FRONT"))
 
 
+def set_camera(name: str, value: object) -> Callable[[dict[str, Any]], object]:
+    return lambda line: line["cameras"][0].update({name: value})
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -298,8 +366,15 @@ def test_a_picture_of_another_size_is_named(set_: Path) -> None:
         (lambda line: line.update(speed=3), r"line 2: speed: Extra inputs"),
         (lambda line: line["cameras"][2].update(image="no.jpg"), r"Missing picture: .*no.jpg"),
         (lambda line: line.update(recorded=[[1.0]]), r"line 2: recorded.0"),
+        (lambda line: line["cameras"].append(line["cameras"][0]), r"line 2: cameras: .* twice"),
+        (lambda line: line["cameras"].clear(), r"line 2: cameras: Tuple should have at least 1"),
+        (set_camera("intrinsic", [[0, 0, 0]] * 3), r"line 2: cameras.0.intrinsic: no camera"),
+        (set_camera("camera_from_ego", [[0, 0, 0, 0]] * 3), r"camera_from_ego: .* no rotation"),
+        (set_camera("camera_from_ego", [[1e300] * 4] * 3), r"line 2: .*camera_from_ego.0.0: "),
+        (set_camera("intrinsic", [[1e300] * 3] * 3), r"line 2: cameras.0.intrinsic.0.0: "),
+        (lambda line: line.update(ego_rotation=[0, 0, 0, 0]), r"line 2: ego_rotation: no unit"),
+        (lambda line: line.update(ego_translation_m=[1e300, 0, 0]), r"line 2: ego_translation_m.0"),
     ],
-    ids=["camera", "intrinsic", "extra", "picture", "path"],
 )
 def test_a_wrong_line_is_refused_with_its_number(
     set_: Path, change: Callable[[dict[str, Any]], object], words: str
@@ -312,6 +387,16 @@ def test_a_wrong_line_is_refused_with_its_number(
     (set_ / "scenes.jsonl").write_text("\n".join(lines))
     with pytest.raises(BuildError, match=words):
         read_scenes(set_ / "scenes.jsonl")
+
+
+def test_lines_of_other_rigs_and_without_a_recorded_path_are_taken(set_: Path) -> None:
+    scenes = read_scenes(set_)
+    bare = [
+        keyframe.model_copy(update={"cameras": keyframe.cameras[1:3], "recorded": None})
+        for keyframe in scenes.keyframes
+    ]
+    write_scenes(SceneSet(set_, tuple(bare)), set_ / "scenes.jsonl")
+    assert list(read_scenes(set_ / "scenes.jsonl").keyframes) == bare
 
 
 def test_a_keyframe_given_twice_is_named(set_: Path) -> None:
@@ -342,13 +427,84 @@ def test_scenes_are_read_into_a_workshop_one_keyframe_of_each(made: Path, tmp_pa
                 assert image == given.path(camera).read_bytes()
 
 
-@pytest.mark.parametrize("what", ["picture", "path"])
+def test_signs_that_end_lines_elsewhere_are_words_of_a_description(
+    set_: Path, tmp_path: Path
+) -> None:
+    words = "a\u2028b\u2029c\x85d\x0be\x0cf\x1cg\rh\ni"
+    scenes = read_scenes(set_)
+    told = scenes.keyframes[0].model_copy(update={"description": words})
+    write_scenes(SceneSet(set_, (told, *scenes.keyframes[1:])), set_ / "scenes.jsonl")
+    new_workshop(tmp_path / "shop", "made-2027", "0" * 64)
+    with Workshop(tmp_path / "shop") as workshop:
+        read_in(workshop, set_ / "scenes.jsonl", per_scene=99)
+        assert len(workshop.keyframes) == len(scenes.keyframes)
+        assert workshop.keyframes[told.keyframe_id].description == words
+
+
+@pytest.mark.parametrize("form", ["WEBP", "GIF", "PPM"])
+def test_a_picture_that_no_stage_can_show_is_refused(form: str, set_: Path) -> None:
+    with Image.open(first_picture(set_)) as picture:
+        picture.save(first_picture(set_), form)
+    scenes = read_scenes(set_)
+    with pytest.raises(BuildError, match=r"CAM_FRONT__000.jpg .*: neither JPEG nor PNG"):
+        scenes.picture(scenes.keyframes[0], scenes.keyframes[0].camera("CAM_FRONT"))
+
+
+def test_a_picture_is_kept_by_its_form_whatever_its_name(set_: Path, tmp_path: Path) -> None:
+    scenes = read_scenes(set_)
+    (set_ / "bare").write_bytes(first_picture(set_).read_bytes())
+    write_scenes(scenes, set_ / "scenes.jsonl")
+    lines = set_ / "scenes.jsonl"
+    named = scenes.keyframes[0].camera("CAM_FRONT").image
+    lines.write_text(lines.read_text().replace(named, "bare"))
+    new_workshop(tmp_path / "shop", "made-2027", "0" * 64)
+    with Workshop(tmp_path / "shop") as workshop:
+        read_in(workshop, lines, per_scene=99)
+        kept = workshop.keyframes[scenes.keyframes[0].keyframe_id].camera("CAM_FRONT").image
+        assert kept.endswith(".jpg")
+        assert workshop.image(kept) == first_picture(set_).read_bytes()
+
+
+def test_reading_replaces_and_says_how_many_keyframes_are_gone(made: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "shop"
+    new_workshop(folder, "made-2027", "0" * 64)
+    command = ["scenes", "read", str(made), "-w", str(folder)]
+    assert "gone" not in CliRunner().invoke(app, command).output
+    said = CliRunner().invoke(app, [*command, "--per-scene", "2"])
+    assert said.exit_code == 0
+    assert "6 keyframes of 3 scenes" in said.output
+    assert "3 keyframes that stood here are gone, or have other pictures" in said.output
+    all_of_them = CliRunner().invoke(app, [*command, "--per-scene", "4"])
+    assert "gone" not in all_of_them.output
+
+
+@pytest.mark.parametrize("what", ["another set", "other pictures"])
+def test_decided_keyframes_do_not_go_without_a_word(what: str, set_: Path, tmp_path: Path) -> None:
+    shop = make_shop(tmp_path / "made", width_px=64)
+    source = tmp_path / "made" / "set" if what == "other pictures" else set_
+    if what == "other pictures":
+        for path in (source / "samples" / "CAM_FRONT").iterdir():
+            path.write_bytes(path.read_bytes() + b"\0")
+    before = (shop / "scenes.jsonl").read_bytes()
+    command = ["scenes", "read", str(source), "-w", str(shop)]
+    said = CliRunner().invoke(app, command)
+    assert said.exit_code == 2
+    assert "1 keyframes of which something was decided would go" in said.output
+    assert "and with them 21 accepted edits" in said.output
+    assert "--replace" in said.output
+    assert (shop / "scenes.jsonl").read_bytes() == before
+    assert CliRunner().invoke(app, [*command, "--replace"]).exit_code == 0
+    assert (shop / "scenes.jsonl").read_bytes() != before
+
+
+@pytest.mark.parametrize("what", ["picture", "path", "far"])
 def test_nothing_of_a_wrong_set_reaches_the_workshop(what: str, set_: Path, tmp_path: Path) -> None:
     new_workshop(tmp_path / "shop", "made-2027", "0" * 64)
     scenes = read_scenes(set_)
     if what == "picture":
         first_picture(set_).write_bytes(b"no picture")
-    short = scenes.keyframes[0].model_copy(update={"recorded": ((1.0, 0.0),)})
+    path = {"path": ((1.0, 0.0),), "far": ((1e300, 0.0),) * 6}.get(what, ())
+    short = scenes.keyframes[0].model_copy(update={"recorded": path})
     keyframes = scenes.keyframes if what == "picture" else (short,)
     write_scenes(SceneSet(set_, keyframes), set_ / "scenes.jsonl")
     command = ["scenes", "read", str(set_ / "scenes.jsonl"), "-w", str(tmp_path / "shop")]
@@ -356,6 +512,7 @@ def test_nothing_of_a_wrong_set_reaches_the_workshop(what: str, set_: Path, tmp_
     words = {
         "picture": "Unreadable picture",
         "path": "a recorded path of 1 points; the protocol asks for 6",
+        "far": "a recorded path that leads over",
     }
     assert said.exit_code == 2
     assert words[what] in said.output

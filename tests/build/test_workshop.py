@@ -2,6 +2,7 @@
 
 import hashlib
 import sqlite3
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -52,6 +53,29 @@ def test_the_command_makes_one_and_does_not_write_over_it(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
+    ("name", "key", "said"),
+    [
+        ('a"b', KEY, "is no name of a split"),
+        ("", KEY, "is no name of a split"),
+        ("x" * 300, KEY, "is no name of a split"),
+        ("../x", KEY, "is no name of a split"),
+        ("made\n", KEY, "is no name of a split"),
+        ("made-2027", 'q"\n' * 16, "no key of sample ids"),
+        ("made-2027", "\\" * 40, "no key of sample ids"),
+        ("made-2027", "short", "no key of sample ids"),
+        ("made-2027", "", "no key of sample ids"),
+    ],
+)
+def test_a_name_or_key_that_is_none_makes_nothing(
+    name: str, key: str, said: str, tmp_path: Path
+) -> None:
+    command = ["new", str(tmp_path / "shop"), "--name", name, "--id-key", key]
+    result = CliRunner().invoke(app, command)
+    assert (result.exit_code, said in result.output) == (2, True)
+    assert not (tmp_path / "shop").exists()
+
+
+@pytest.mark.parametrize(
     ("old", "new", "said"),
     [
         ('endpoint = "editor"', 'endpoint = "nowhere"', "nowhere"),
@@ -65,6 +89,41 @@ def test_wrong_settings_are_named(workshop: Workshop, old: str, new: str, said: 
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(BuildError, match=said):
         Workshop(workshop.folder)
+
+
+def a_file(path: Path) -> None:
+    if path.is_dir():
+        path.rmdir()
+    path.write_text("")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "command", "said"),
+    [
+        (lambda shop: a_file(shop / "images"), ["report", "-w", "shop"], "images: File exists."),
+        (
+            lambda shop: (shop / "scenes.jsonl").mkdir(),
+            ["report", "-w", "shop"],
+            "scenes.jsonl: Is a directory.",
+        ),
+        (lambda _: None, ["report", "-w", "x" * 300], "File name too long."),
+        (lambda shop: a_file(shop / "file"), ["scenes", "make", "shop/file"], "Not a directory."),
+        (lambda shop: a_file(shop / "file"), ["scenes", "make", "shop/file/x"], "Not a directory."),
+        (lambda shop: a_file(shop / "file"), ["new", "shop/file/x", "--name", "a"], "Not a direc"),
+    ],
+)
+def test_a_path_that_is_something_else_is_named(
+    spoil: Callable[[Path], object],
+    command: list[str],
+    said: str,
+    workshop: Workshop,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    spoil(workshop.folder)
+    monkeypatch.chdir(workshop.folder.parent)
+    result = CliRunner().invoke(app, command)
+    assert result.exit_code == 2
+    assert said in result.output
 
 
 def test_records_are_appended_and_superseded_and_taken_back(workshop: Workshop) -> None:

@@ -186,6 +186,7 @@ def test_a_bad_line_is_named_with_its_cure_and_nothing_is_imported(
         ("{}\n" + "[" * 5000, "nested too deeply: write a list of objects"),
         ('[{"hcc": %s}]' % ("9" * 5000), "A number of the file has too many digits"),
         ('{}\n{"hcc": %s}' % ("9" * 5000), "Line 2: A number has too many digits"),
+        ('{"method": "a\u2028b"}\n{"method": "c"}', "Row 2: It does not tell"),
         ("[1]", "Row 1 is no JSON object"),
         ('{"entries": []}', "no board of an ExceptionDrive site"),
         ('{"evaluation_results": []}', "not made by ExceptionDrive"),

@@ -215,6 +215,7 @@ def test_a_split_is_not_added_over_another_revision_nor_where_it_is_refused(
     code, _, err = operate("add-split", str(file))
     assert code == 2
     assert f"{held} holds another revision of split 'tiny'" in err
+    assert f'exceptiondrive-worker add-split {file} --words "..."' in err
     assert held.read_bytes() == before
     bad = make_split({"a": {"task": "Q1"}}).model_copy(update={"name": "bad"})
     file.write_text(bad.model_dump_json(by_alias=True, exclude_none=True))
@@ -396,6 +397,25 @@ def test_a_revision_of_other_samples_is_refused_and_nothing_is_copied(
         assert '"withdrawn": "why"' in " ".join(err.split())
     assert held.read_bytes() == before
     assert [path.name for path in held.parent.iterdir()] == [held.name]
+
+
+def test_an_earlier_revision_that_is_held_is_nothing_new(
+    operate: Operate, tmp_path: Path, make_split: MakeSplit
+) -> None:
+    """`exceptiondrive-server run --split FILE` adds the file of the first start at each start."""
+    (tmp_path / "private").mkdir()
+    first, later = (tmp_path / "private" / name for name in ("first.json", "later.json"))
+    for file, task in ((first, "SE1"), (later, "LB1")):
+        split = make_split({"a": {"task": task}})
+        file.write_text(split.model_dump_json(by_alias=True, exclude_none=True))
+    assert operate("add-split", str(first))[0] == 0
+    assert operate("add-split", str(later), "--words", "One region lay wrong.")[0] == 0
+    folder = tmp_path / "splits" / "tiny"
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    code, out, err = operate("add-split", str(first))
+    assert (code, err) == (0, "")
+    assert read_split(later).revision in out, "the current one is told"
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
 def test_drives_are_added_to_a_split_and_to_its_registered_revision(

@@ -77,10 +77,19 @@ class _Commands(TyperGroup):
         try:
             return super().invoke(ctx)
         except (BuildError, EndpointError) as error:
-            typer.echo(printable(f"exceptiondrive-build: {error.sentence}"), err=True)
-            if error.advice:
-                typer.echo(printable(error.advice), err=True)
+            _tell(error.sentence, error.advice)
             ctx.exit(_EXIT_CODES.get(type(error), 2))
+        except OSError as error:
+            if error.filename is None:
+                raise
+            _tell(f"{error.filename}: {error.strerror}.")
+            ctx.exit(2)
+
+
+def _tell(sentence: str, advice: str = "") -> None:
+    typer.echo(printable(f"exceptiondrive-build: {sentence}"), err=True)
+    if advice:
+        typer.echo(printable(advice), err=True)
 
 
 app = typer.Typer(

@@ -22,5 +22,5 @@ def new(
     ] = None,
 ) -> None:
     """Make a workshop folder: settings to be filled in, prompts, and the words of all tasks."""
-    new_workshop(folder, name, id_key or secrets.token_hex(32))
+    new_workshop(folder, name, secrets.token_hex(32) if id_key is None else id_key)
     typer.echo(f"{folder}: fill in workshop.toml, then `exceptiondrive-build scenes read SOURCE`")

@@ -18,16 +18,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import shapely
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from exceptiondrive_build.candidates import Candidate, walk
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.inspection import to_inspect
 from exceptiondrive_build.records import Author, Kind, Record
+from exceptiondrive_build.scenes.keyframe import Number, Row, Row4
 from exceptiondrive_build.scenes.nuscenes import rigid
 from exceptiondrive_build.values import Corners, Localized, Screened
 from exceptiondrive_build.workshop import Workshop
@@ -35,6 +36,7 @@ from exceptiondrive_schemas.base import Document, bytes_digest, faults_in
 from exceptiondrive_schemas.submission_files import Waypoint
 from exceptiondrive_scoring.aliases import FloatArray
 
+MIN_QUATERNION = 1e-6
 MIN_JUDGED = 3
 """A file is judged by its frame from so many candidates on."""
 _MOVED: dict[str, Callable[[FloatArray], FloatArray]] = {
@@ -61,17 +63,26 @@ class LocalizeReport(Document):
     without: dict[str, int]
 
 
+_Corner = tuple[Number, Number]
+
+
+def _turn(quaternion: Row4) -> Row4:
+    if np.linalg.norm(quaternion) < MIN_QUATERNION:
+        raise ValueError("no quaternion that turns anything")
+    return quaternion
+
+
 class _Boxed(BaseModel):
     model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
-    corners: tuple[Waypoint, Waypoint, Waypoint, Waypoint]
+    corners: tuple[_Corner, _Corner, _Corner, _Corner]
     score: float | None = None
 
 
 class _Result(BaseModel):
     model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
-    translation: tuple[float, float, float]
-    size: tuple[float, float, float]
-    rotation: tuple[float, float, float, float]
+    translation: Row
+    size: Row
+    rotation: Annotated[Row4, AfterValidator(_turn)]
     detection_score: float | None = None
 
 
@@ -185,7 +196,10 @@ def _reader(file: Path, data: bytes) -> Callable[[Candidate], list[Box]]:
         boxes = _BOXES.validate_python(_as_boxes(document))
     except (ValueError, RecursionError) as error:
         first = faults_in(error)[0] if isinstance(error, ValidationError) else error
-        raise BuildError(f"{file}: no detector's file: {first}.", "Its forms: --help.") from None
+        raise BuildError(
+            f"{file}: no detector's file: {first}.",
+            "Its forms: exceptiondrive-build localize --help",
+        ) from None
     return lambda candidate: [
         Box(_in_order(np.array(box.corners)), box.score) for box in _of(boxes, candidate)
     ]

@@ -37,6 +37,7 @@ CREATE TRIGGER IF NOT EXISTS records_stay BEFORE UPDATE ON records
 CREATE TRIGGER IF NOT EXISTS records_are_kept BEFORE DELETE ON records
   BEGIN SELECT RAISE(ABORT, 'records are never removed'); END;
 """
+MAX_NAME_LENGTH = 64
 _COLUMNS = "id, at, kind, candidate, by, inputs, value, supersedes"
 
 
@@ -65,6 +66,18 @@ class Author(Document):
         if (self.person is None) == (self.model is None):
             raise ValueError("a record is by a person or by a model")
         return self
+
+
+def person_named(name: str) -> str:
+    """Return the name of a person as records hold it.
+
+    Raises:
+        BuildError: It is empty, long, or cannot be shown.
+    """
+    name = " ".join(name.split())
+    if not (0 < len(name) <= MAX_NAME_LENGTH and name.isprintable()):
+        raise BuildError(f"Give a name of at most {MAX_NAME_LENGTH} characters.")
+    return name
 
 
 def now_text() -> str:

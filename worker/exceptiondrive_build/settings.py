@@ -9,6 +9,7 @@ from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.datasheet import Words
 from exceptiondrive_schemas.split import SplitName
 
+MIN_KEY_LENGTH = 32
 Share = Annotated[float, Field(ge=0, le=1)]
 Positive = Annotated[float, Field(gt=0)]
 MarkValue = Annotated[int, Field(ge=1, le=5)]
@@ -146,7 +147,7 @@ class WorkshopSettings(Document):
     name: SplitName
     title: str
     licence: str = Field(default="", description="of the pictures; empty: they are not shown")
-    id_key: Annotated[str, Field(min_length=32)] = Field(
+    id_key: Annotated[str, Field(min_length=MIN_KEY_LENGTH)] = Field(
         description="keeps sample ids from telling keyframe and task; never published"
     )
     protocol: str = Field(default="", description="file with the taxonomy; by default the newest")

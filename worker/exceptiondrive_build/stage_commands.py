@@ -21,6 +21,17 @@ STAGES: dict[str, type[Stage]] = {
     Kind.EDIT: EditStage,
     Kind.REVIEW: ReviewStage,
 }
+_LOCALIZE_HELP = """Propose a region for every edit that is accepted, or waits for a person who may
+accept it.
+
+A detector's file is JSON by sample id, or by keyframe id for all its samples, in one of two forms:
+metres of the ego frame, x ahead, y left; or boxes of nuScenes results, in its global frame.
+
+\b
+{"ID": [{"corners": [[x, y], [x, y], [x, y], [x, y]], "score": 0.9}]}
+{"results": {"ID": [{"translation": [x, y, z], "size": [width, length, height],
+                     "rotation": [w, x, y, z], "detection_score": 0.9}]}}
+"""
 Limit = Annotated[int | None, typer.Option(min=1, help="Take so many candidates alone.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Say what it would take, and ask nothing.")]
 
@@ -28,7 +39,7 @@ DryRun = Annotated[bool, typer.Option("--dry-run", help="Say what it would take,
 def register(app: typer.Typer) -> None:
     """Add the commands to a command line."""
     app.command()(run)
-    app.command("localize")(localize_command)
+    app.command("localize", help=_LOCALIZE_HELP)(localize_command)
 
 
 def run(
@@ -71,7 +82,7 @@ def localize_command(
     workshop: WorkshopFolder = Path(),
     json: Json = False,
 ) -> None:
-    """Propose a region for every edit that is accepted, or waits for a person who may accept it."""
+    """Propose a region: a detector's, or a rectangle to be moved."""
     if (detections is None) != by_hand:
         raise typer.BadParameter("give either --detections FILE or --by-hand")
     with Workshop(workshop) as opened:

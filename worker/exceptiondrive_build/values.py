@@ -8,6 +8,8 @@ from pydantic import Field
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.submission_files import Waypoint
 
+MAX_REASON_LENGTH = 500
+"""Of the reason of a withdrawal, as split files hold it."""
 Corners = tuple[Waypoint, Waypoint, Waypoint, Waypoint]
 
 

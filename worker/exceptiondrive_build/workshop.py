@@ -8,6 +8,7 @@ records.sqlite3    decisions, append-only                    answers/<stage>.jso
 import hashlib
 import hmac
 import os
+import re
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
@@ -20,7 +21,7 @@ from pydantic import TypeAdapter, ValidationError
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.records import Kind, Record, Records
 from exceptiondrive_build.scenes.keyframe import Keyframe
-from exceptiondrive_build.settings import TaskTexts, WorkshopSettings
+from exceptiondrive_build.settings import MIN_KEY_LENGTH, TaskTexts, WorkshopSettings
 from exceptiondrive_schemas.base import faults_in
 from exceptiondrive_schemas.protocol import (
     NEWEST,
@@ -29,6 +30,7 @@ from exceptiondrive_schemas.protocol import (
     packaged_protocol,
     parse_protocol,
 )
+from exceptiondrive_schemas.split import SPLIT_NAME_PATTERN
 from exceptiondrive_schemas.taxonomy import Task
 
 SETTINGS = "workshop.toml"
@@ -36,6 +38,7 @@ SCENES = "scenes.jsonl"
 RECORDS = "records.sqlite3"
 IMAGES = "images"
 ANSWERS = "answers"
+_READ_AGAIN = "Read the scenes in again: exceptiondrive-build scenes read SOURCE --replace"
 _ADVICE = "`exceptiondrive-build new FOLDER` makes a workshop with all files that it needs."
 
 
@@ -154,15 +157,18 @@ class Workshop:
         """
         path = self.folder / SCENES
         found: dict[str, Keyframe] = {}
-        if not path.is_file():
+        if not path.exists():
             return found
-        for number, line in enumerate(self.text(SCENES).splitlines(), start=1):
+        for number, line in enumerate(self.text(SCENES).split("\n"), start=1):
+            if not line.strip():
+                continue
             try:
                 keyframe = Keyframe.model_validate_json(line)
             except ValidationError as error:
-                raise BuildError(f"{path}, line {number}: {_why(error)}.") from None
+                raise BuildError(f"{path}, line {number}: {_why(error)}.", _READ_AGAIN) from None
             if keyframe.keyframe_id in found:
-                raise BuildError(f"{path}, line {number}: {keyframe.keyframe_id} stands twice.")
+                said = f"{path}, line {number}: {keyframe.keyframe_id} stands twice."
+                raise BuildError(said, _READ_AGAIN)
             found[keyframe.keyframe_id] = keyframe
         return found
 
@@ -210,7 +216,11 @@ class Workshop:
         try:
             data = path.read_bytes()
         except OSError as error:
-            raise BuildError(f"{path}: {_why(error)}.", "Read the scenes in again.") from None
+            advice = (
+                "Put it back from a copy of the workshop. A picture of the scenes comes back, too, when "
+                "they are read in again; an edited one does not."
+            )
+            raise BuildError(f"{path}: {_why(error)}.", advice) from None
         if hashlib.sha256(data).hexdigest() != path.stem:
             raise BuildError(f"{path}: the picture is damaged.", "Put the original back.")
         return data
@@ -220,8 +230,14 @@ def new_workshop(folder: Path, name: str, id_key: str) -> None:
     """Make a workshop: settings to be filled in, prompts, and the words of all tasks.
 
     Raises:
-        BuildError: There is one already, or the folder cannot be written.
+        BuildError: There is one already, name or key is none, or the folder cannot be written.
     """
+    if not re.fullmatch(SPLIT_NAME_PATTERN, name):
+        advice = "At most 64 of a-z, 0-9, . and -; first a letter or a digit."
+        raise BuildError(f"{name[:80]!r} is no name of a split.", advice)
+    if len(id_key) < MIN_KEY_LENGTH or not id_key.isprintable() or {'"', "\\"} & set(id_key):
+        advice = f"At least {MIN_KEY_LENGTH} characters, no quotation mark and no backslash."
+        raise BuildError("This is no key of sample ids.", advice)
     if (folder / SETTINGS).exists():
         raise BuildError(f"{folder}: there is a workshop already.")
     template = files("exceptiondrive_build") / "template"

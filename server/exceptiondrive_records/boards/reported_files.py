@@ -133,7 +133,7 @@ def _of_json(text: str, challenge: Challenge) -> list[_Line]:
 
 def _json_lines(text: str) -> list[Any]:
     found = []
-    for n, line in enumerate(text.splitlines(), 1):
+    for n, line in enumerate(text.split("\n"), 1):
         try:
             found += [json.loads(line)] if line.strip() else []
         except json.JSONDecodeError as error:

@@ -144,6 +144,7 @@ def _submit_page(
             "refusal": refusal,
             "title": "" if refusal is None else PROBLEMS[refusal.code].title,
         }
+    wheel = client_wheel(services)
     answer = (page if browser is None else private_page)(
         request,
         "submissions/submit.html",
@@ -157,9 +158,8 @@ def _submit_page(
         protocol=protocol,
         formats={key: CHALLENGES[key] for key in CHALLENGES if key in DOCUMENT_NAMES},
         example_text=example_text,
-        blocks=quick_start(
-            origin_of(request), phase, _development(links, phase), code, client_wheel(services)
-        ),
+        blocks=quick_start(origin_of(request), phase, _development(links, phase), code, wheel),
+        has_client=wheel is not None,
         development=_development(links, phase),
         upload=upload,
         left_words=left_words,

@@ -7,6 +7,9 @@ from exceptiondrive_server.boards.page import PhaseLink
 from exceptiondrive_server.guide.client_files import Wheel
 
 ENVIRONMENT = "exceptiondrive-client"
+_RECORDER_OF_CLIENT = (
+    """cp "$(python -c 'import exceptiondrive.recorder as it; print(it.__file__)')" recorder.py"""
+)
 
 
 class QuickStart(NamedTuple):
@@ -33,13 +36,13 @@ def quick_start(
         phase: Whose samples are answered; None where no phase takes files.
         development: A phase of the same challenge whose split is public: this one, or another.
         code: The program and the names of the challenge.
-        wheel: Of the client, as the server offers it.
+        wheel: Of the client, as the server offers it; None where it offers none.
     """
     phase_id = phase.id if phase else "PHASE"
     install = f"pip install {_wanted(server, wheel, '')}\nexceptiondrive login --server {server}\n"
     run = (
         f"exceptiondrive manifest {phase_id} -o manifest.json\n"
-        f"curl -fsSO {server}/client/recorder.py\n"
+        f"{_RECORDER_OF_CLIENT if wheel is None else f'curl -fsSO {server}/client/recorder.py'}\n"
         f"cat > run.py <<'END'\n{code.program}END\n"
         f"python run.py manifest.json {code.file}\n"
     )

@@ -120,6 +120,25 @@ def test_the_programs_of_the_quick_start_write_files_that_pass(tmp_path: Path) -
         assert (report.is_valid, report.challenge) == (True, challenge.id)
 
 
+async def test_the_quick_start_leads_to_the_client_where_the_server_holds_it(
+    lively_site: Any, tmp_path: Path
+) -> None:
+    without = (await lively_site.get("/submit")).text
+    assert "/client/" not in read(without).one("ol", "start").text + "".join(links_of(without))
+    services = lively_site.app.state.services
+    services.settings = services.settings.model_copy(update={"client_dir": tmp_path})
+    with zipfile.ZipFile(tmp_path / "exceptiondrive-9.9-py3-none-any.whl", "w") as archive:
+        archive.writestr("exceptiondrive-9.9.dist-info/METADATA", "Requires-Python: >=3.10\n")
+        archive.writestr("exceptiondrive/recorder.py", "")
+    there = links_of((await lively_site.get("/submit")).text)
+    assert {"/client/", "/client/recorder.py"} <= there
+    assert (await lively_site.get("/client/recorder.py")).status_code == 200
+
+
+def links_of(text: str) -> set[str]:
+    return set(re.findall(r'href="([^"]+)"', text))
+
+
 async def test_the_quick_start_works_before_any_phase_exists(site: Any) -> None:
     assert (await site.get("/submit")).status_code == 200
 

@@ -1,6 +1,7 @@
 """Commands at the end of the way: lint, freeze, withdraw."""
 
 import json as json_module
+import shutil
 import tempfile
 from collections.abc import Iterable
 from dataclasses import asdict
@@ -13,9 +14,9 @@ import typer
 from exceptiondrive_build.candidates import walk
 from exceptiondrive_build.cli import Json, WorkshopFolder
 from exceptiondrive_build.errors import BuildError
-from exceptiondrive_build.freezing.freeze import auxiliary, freeze, gzipped, pictures
-from exceptiondrive_build.records import Author, Kind, Record
-from exceptiondrive_build.values import Withdrawn
+from exceptiondrive_build.freezing.freeze import auxiliary, freeze, gzipped, pictures, undecided
+from exceptiondrive_build.records import Author, Kind, Record, person_named
+from exceptiondrive_build.values import MAX_REASON_LENGTH, Withdrawn
 from exceptiondrive_build.workshop import Workshop
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.split import Split
@@ -96,6 +97,7 @@ def freeze_split(
     with Workshop(workshop) as shop:
         candidates = walk(shop)
         frozen = freeze(shop, candidates, _read(previous) if previous else None, words)
+        n_undecided = 0 if previous else undecided(shop, candidates)
         files = frozen.files()
         if auxiliary_set:
             rest = auxiliary(shop, candidates, frozen.split)
@@ -108,6 +110,11 @@ def freeze_split(
     )
     for found in sheet.warnings:
         typer.echo(printable(f"warning {found.code} ({found.count:,}): {found.what}"))
+    if n_undecided:
+        typer.echo(
+            f"warning region_not_decided ({n_undecided:,}): accepted edits whose region waits for a "
+            "reader; they are not in the split: `exceptiondrive-build review`"
+        )
 
 
 def withdraw(
@@ -118,6 +125,9 @@ def withdraw(
     restore: Annotated[bool, typer.Option(help="Take an earlier withdrawal back.")] = False,
 ) -> None:
     """Withdraw samples: in the next revision files still answer them, and no sheet counts them."""
+    author, reason = Author(person=person_named(by)), " ".join(reason.split())
+    if not restore and not 0 < len(reason) <= MAX_REASON_LENGTH:
+        raise BuildError(f"Give a reason of at most {MAX_REASON_LENGTH} characters.")
     with Workshop(workshop) as shop:
         standing, known = shop.current(Kind.WITHDRAW), walk(shop)
         wrong = [key for key in sample_ids if key not in known or (key in standing) != restore]
@@ -129,7 +139,7 @@ def withdraw(
                 Record(
                     kind=Kind.WITHDRAW,
                     candidate=key,
-                    by=Author(person=by),
+                    by=author,
                     inputs=known[key].pictures,
                     value=None if restore else Withdrawn(reason=reason).model_dump(mode="json"),
                     supersedes=standing[key].id if restore else None,
@@ -148,12 +158,14 @@ def _read(path: Path) -> Split:
 
 
 def _write(folder: Path, files: Iterable[tuple[str, bytes]]) -> None:
-    """Write all files or none: a folder that is there is whole."""
+    """Write all files or none: a folder that is there is whole, and holds these files alone."""
     if folder.exists():
         raise BuildError(f"{folder} is there already.", "A frozen split is never written over.")
     part = folder.with_name(f"{folder.name}.part")
     try:
-        part.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if part.exists():
+            shutil.rmtree(part)
+        part.mkdir(mode=0o700, parents=True)
         for name, data in files:
             (part / name).parent.mkdir(mode=0o700, exist_ok=True)
             (part / name).write_bytes(data)
@@ -162,3 +174,5 @@ def _write(folder: Path, files: Iterable[tuple[str, bytes]]) -> None:
         part.rename(folder)
     except OSError as error:
         raise BuildError(f"{folder}: {error.strerror}.", "No record is lost.") from None
+    finally:
+        shutil.rmtree(part, ignore_errors=True)

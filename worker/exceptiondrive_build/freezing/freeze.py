@@ -92,7 +92,7 @@ def freeze(
     if (settings.datasheet.examples or settings.freeze.pictures) and not settings.licence:
         advice = "Say in workshop.toml under which `licence` they may be."
         raise BuildError("Pictures are to be shown, and there is no licence to.", advice)
-    if previous is not None and not words:
+    if previous is not None and not words.strip():
         raise BuildError("A revision says in words what changed.", "Add --words.")
     _refuse_faults(split, workshop)
     return Frozen(
@@ -116,6 +116,12 @@ def _split(
         [key for key in settings.freeze.controls if key not in wanted],
         "are controls in workshop.toml, and not verified",
         "Take them out of [freeze] controls, or verify them.",
+    )
+    _refuse_some(
+        [key for key in wanted if key not in candidates],
+        "stand in the previous revision, and their scene or task is not in the workshop any more",
+        "Read their scenes in again: exceptiondrive-build scenes read SOURCE; and put their tasks "
+        "back into workshop.toml.",
     )
     _refuse_some(
         [key for key in wanted if key not in regions and key not in withdrawn],
@@ -156,6 +162,17 @@ def _regions(workshop: Workshop, candidates: Mapping[str, Candidate]) -> dict[st
             if corners is not None:
                 found[sample_id] = corners
     return found
+
+
+def undecided(workshop: Workshop, candidates: Mapping[str, Candidate]) -> int:
+    """How many edits are accepted whose region waits for a reader."""
+    limits, withdrawn = workshop.settings.verify, withdrawals(workshop)
+    return sum(
+        candidate.is_accepted
+        and sample_id not in withdrawn
+        and outcome(candidate.verifications, limits).state in ("open", "third")
+        for sample_id, candidate in candidates.items()
+    )
 
 
 def _sample(workshop: Workshop, candidate: Candidate, region: Corners) -> SplitSample:

@@ -1,5 +1,6 @@
 """The application behind the page: the loopback alone, one-time addresses, signed-in reviewers."""
 
+import re
 import secrets
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
@@ -9,6 +10,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from urllib.parse import urlsplit
 
 from fastapi import Body, FastAPI, Form, HTTPException, Request, Response
+from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, HTMLResponse, JSONResponse, RedirectResponse
 from fastapi.staticfiles import StaticFiles
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -16,6 +18,7 @@ from pydantic import ValidationError
 
 from exceptiondrive_build.agreement import agreement
 from exceptiondrive_build.errors import BuildError
+from exceptiondrive_build.records import person_named
 from exceptiondrive_build.review_page.cards import card
 from exceptiondrive_build.review_page.desk import Desk, Queue, TakenError
 from exceptiondrive_build.review_page.doors import Doors
@@ -29,6 +32,7 @@ Word = TypeVar("Word", Inspected, Verified)
 STATIC = Path(__file__).parent / "static"
 LOOPBACK = {"127.0.0.1", "localhost"}
 COOKIE = "exceptiondrive_review"
+PICTURE_NAME = re.compile(r"[0-9a-f]{64}\.[a-z]{1,8}")
 HELD_AT_ONCE = 4
 """The card on the screen, and those whose pictures are fetched ahead."""
 HEADERS = {
@@ -98,6 +102,7 @@ def review_app(folder: Path, announce: Callable[[str], None], *, lease_s: float 
     app.middleware("http")(_guard)
     app.add_exception_handler(BuildError, _told)
     app.add_exception_handler(TakenError, _taken)
+    app.add_exception_handler(RequestValidationError, _not_read)
     _add_doors(app)
     _add_pages(app)
     _add_cards(app)
@@ -124,6 +129,10 @@ async def _told(_: Request, error: Exception) -> Response:
 
 async def _taken(_: Request, __: Exception) -> Response:
     return JSONResponse({"sentence": TAKEN}, status_code=409)
+
+
+async def _not_read(_: Request, __: Exception) -> Response:
+    return JSONResponse({"sentence": "This is nothing that the page sends."}, status_code=422)
 
 
 _TEMPLATES = Environment(
@@ -183,10 +192,11 @@ def _add_doors(app: FastAPI) -> None:
         session = request.cookies.get(COOKIE)
         if session is None or _doors(request).holder(session) is None:
             return _page("closed.html", 403, spent=False)
-        name = " ".join(name.split())
-        if not (0 < len(name) <= 64 and name.isprintable()):
-            return _page("sign_in.html", 422, problem="Give a name of at most 64 characters.")
-        _doors(request).sign_in(session, name)
+        try:
+            reviewer = person_named(name)
+        except BuildError as error:
+            return _page("sign_in.html", 422, problem=error.sentence)
+        _doors(request).sign_in(session, reviewer)
         return RedirectResponse("/", status_code=303)
 
     @app.post("/sign-out")
@@ -245,8 +255,8 @@ def _add_pages(app: FastAPI) -> None:
     @app.get("/pictures/{name}")
     async def picture(request: Request, name: str) -> Response:
         _holder(request)
-        path = _desk(request).workshop.image_path(Path(name).name)
-        if not path.is_file():
+        path = _desk(request).workshop.image_path(name)
+        if not PICTURE_NAME.fullmatch(name) or not path.is_file():
             raise HTTPException(404, "No such picture.")
         return FileResponse(path, headers={"Cache-Control": "private, max-age=86400, immutable"})
 

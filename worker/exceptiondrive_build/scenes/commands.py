@@ -42,13 +42,23 @@ def read(
     version: Annotated[
         str | None, typer.Option(help="Which tables, such as v1.0-trainval.")
     ] = None,
+    replace: Annotated[
+        bool, typer.Option("--replace", help="Let keyframes go of which something was decided.")
+    ] = False,
 ) -> None:
-    """Read scenes into the workshop: calibration, recorded paths, and the pictures."""
+    """Read scenes into the workshop, in the place of those that stand in it.
+
+    Calibration, recorded paths and the pictures are copied. Keyframes of which something was decided
+    do not go unless you say --replace.
+    """
     with Workshop(workshop) as shop:
-        keyframes = read_in(shop, source, per_scene=per_scene, version=version)
+        done = read_in(shop, source, per_scene=per_scene, version=version, replace=replace)
         n_tasks = len(shop.tasks)
+    keyframes = done.keyframes
     n_scenes = len({keyframe.scene_id for keyframe in keyframes})
     typer.echo(
         f"{len(keyframes)} keyframes of {n_scenes} scenes; with {n_tasks} tasks "
         f"{len(keyframes) * n_tasks} combinations"
     )
+    if done.n_gone:
+        typer.echo(f"{done.n_gone} keyframes that stood here are gone, or have other pictures")

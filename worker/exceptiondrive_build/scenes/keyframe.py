@@ -4,15 +4,48 @@ The ego frame is that of every trajectory (docs/protocol.md section 1): x forwar
 the origin on the ground below the centre of the rear axle, at the time of the keyframe.
 """
 
+from collections import Counter
 from typing import Annotated
 
-from pydantic import Field
+import numpy as np
+from pydantic import AfterValidator, Field
 
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.submission_files import Waypoint
 
-Row = tuple[float, float, float]
-Row4 = tuple[float, float, float, float]
+FARTHEST = 1e9
+"""Pixels or metres: beyond any picture and any map."""
+MAX_ROTATION_ERROR = 1e-3
+Number = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
+Row = tuple[Number, Number, Number]
+Row4 = tuple[Number, Number, Number, Number]
+
+
+def _intrinsic(rows: tuple[Row, Row, Row]) -> tuple[Row, Row, Row]:
+    if rows[0][0] <= 0 or rows[1][1] <= 0 or rows[1][0] != 0 or rows[2] != (0, 0, 1):
+        raise ValueError("no camera matrix: rows [fx, s, cx], [0, fy, cy], [0, 0, 1] in pixels")
+    return rows
+
+
+def _rigid(rows: tuple[Row4, Row4, Row4]) -> tuple[Row4, Row4, Row4]:
+    rotation = np.array(rows)[:, :3]
+    error = np.abs(rotation @ rotation.T - np.eye(3)).max()
+    if error > MAX_ROTATION_ERROR or np.linalg.det(rotation) < 0:
+        raise ValueError("its first three columns are no rotation")
+    return rows
+
+
+def _unit(quaternion: Row4) -> Row4:
+    if abs(np.linalg.norm(quaternion) - 1) > MAX_ROTATION_ERROR:
+        raise ValueError("no unit quaternion")
+    return quaternion
+
+
+def _each_view_once(cameras: "tuple[Camera, ...]") -> "tuple[Camera, ...]":
+    view, count = Counter(camera.view for camera in cameras).most_common(1)[0]
+    if count > 1:
+        raise ValueError(f"{view} stands there twice")
+    return cameras
 
 
 class Camera(Document):
@@ -34,8 +67,8 @@ class Camera(Document):
     image: Annotated[str, Field(min_length=1)]
     width_px: Annotated[int, Field(gt=0)]
     height_px: Annotated[int, Field(gt=0)]
-    intrinsic: tuple[Row, Row, Row]
-    camera_from_ego: tuple[Row4, Row4, Row4]
+    intrinsic: Annotated[tuple[Row, Row, Row], AfterValidator(_intrinsic)]
+    camera_from_ego: Annotated[tuple[Row4, Row4, Row4], AfterValidator(_rigid)]
 
 
 class Keyframe(Document):
@@ -60,9 +93,9 @@ class Keyframe(Document):
     location: str = ""
     timestamp_us: int = 0
     description: str = ""
-    cameras: Annotated[tuple[Camera, ...], Field(min_length=1)]
+    cameras: Annotated[tuple[Camera, ...], Field(min_length=1), AfterValidator(_each_view_once)]
     ego_translation_m: Row = (0.0, 0.0, 0.0)
-    ego_rotation: Row4 = (1.0, 0.0, 0.0, 0.0)
+    ego_rotation: Annotated[Row4, AfterValidator(_unit)] = (1.0, 0.0, 0.0, 0.0)
     recorded: tuple[Waypoint, ...] | None = None
 
     def camera(self, view: str) -> Camera:

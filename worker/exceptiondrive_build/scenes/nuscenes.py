@@ -20,11 +20,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from pandas.api.types import infer_dtype
 from pydantic import ValidationError
 
 from exceptiondrive_build.errors import BuildError
-from exceptiondrive_build.scenes.keyframe import Camera, Keyframe
+from exceptiondrive_build.scenes.keyframe import FARTHEST, MAX_ROTATION_ERROR, Camera, Keyframe
 from exceptiondrive_build.scenes.scene_set import SceneSet
+from exceptiondrive_schemas.base import faults_in
 from exceptiondrive_scoring.aliases import FloatArray
 
 CAMERAS = (
@@ -51,6 +53,7 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     "sensor": ("token", "channel"),
     "log": ("token", "location"),
 }
+TEXTS = ("name", "description", "filename", "channel", "location")
 LARGE = ("sample_data", "ego_pose")
 """Tables of millions of rows, of which keyframes need few: read one after the other."""
 MAX_TIME_ERROR_S = 0.2
@@ -120,12 +123,33 @@ def _read_table(tables: Path, name: str) -> pd.DataFrame:
         frame = pd.DataFrame.from_records(rows)
     except FileNotFoundError:
         raise BuildError(f"missing table: {path}") from None
-    except (ValueError, TypeError, AttributeError, RecursionError) as error:
+    except OSError as error:
+        raise BuildError(f"{path}: {error.strerror}.") from None
+    except (ValueError, TypeError, AttributeError, KeyError, RecursionError) as error:
         raise BuildError(f"{path} is no table of nuScenes: {error}") from error
     lacking = [column for column in COLUMNS[name] if column not in frame]
     if lacking:
         raise BuildError(f"{path} is of another version than v1.0: it lacks {', '.join(lacking)}")
-    return frame[list(COLUMNS[name])]
+    frame = frame[list(COLUMNS[name])]
+    for column in COLUMNS[name]:
+        if column in TEXTS or column.endswith("token"):
+            _refuse_other(frame, column, path, "string", "no text")
+        elif column == "timestamp":
+            _refuse_other(frame, column, path, "integer", "no whole number")
+    twice = frame["token"][frame["token"].duplicated()]
+    if len(twice):
+        raise BuildError(f"{path}: row {twice.iloc[0]} stands there twice")
+    return frame
+
+
+def _refuse_other(frame: pd.DataFrame, column: str, path: Path, kind: str, words: str) -> None:
+    """Refuse a table in which a value of a column is of another kind than it has to be."""
+    if frame[column].isna().any() or infer_dtype(frame[column], skipna=False) != kind:
+        is_kind = [infer_dtype([value], skipna=False) == kind for value in frame[column]]
+        number = is_kind.index(False)
+        raise BuildError(
+            f"{path}, row {number + 1} ({frame['token'].iloc[number]}): {column} is {words}"
+        )
 
 
 def _by_token(frame: pd.DataFrame) -> Table:
@@ -204,7 +228,8 @@ class _Reader:
                 recorded=_rows(path_m),
             )
         except ValidationError as error:
-            raise BuildError(f"sample {sample['token']} in {self.folder}: {error}") from error
+            faults = "; ".join(faults_in(error))
+            raise BuildError(f"sample {sample['token']} in {self.folder}: {faults}") from None
 
     def camera(self, channel: str, reading: Row, map_from_ego: FloatArray) -> Camera:
         """Calibration from the ego frame of the keyframe, not of the shutter time."""
@@ -213,30 +238,41 @@ class _Reader:
             "calibrated_sensor", sensor_token
         )
         camera_from_ego = np.linalg.inv(map_from_camera) @ map_from_ego
-        intrinsic = self.row("calibrated_sensor", sensor_token)["camera_intrinsic"]
-        if np.shape(intrinsic) != (3, 3):
+        intrinsic = _numbers(
+            self.row("calibrated_sensor", sensor_token)["camera_intrinsic"], (3, 3)
+        )
+        if intrinsic is None:
             raise BuildError(
                 f"{self.folder / 'calibrated_sensor'}.json, row {sensor_token}: "
                 f"the camera_intrinsic of {channel} is no 3 x 3 matrix"
             )
-        return Camera(
-            view=channel,
-            image=reading["filename"],
-            width_px=int(reading["width"]),
-            height_px=int(reading["height"]),
-            intrinsic=_rows(intrinsic),
-            camera_from_ego=_rows(camera_from_ego[:3]),
-        )
+        size_px = _numbers([reading["width"], reading["height"]], (2,))
+        where = f"{self.folder / 'sample_data'}.json, row {reading['token']}"
+        if size_px is None:
+            raise BuildError(f"{where}: width and height of {channel} are no numbers of pixels")
+        try:
+            return Camera(
+                view=channel,
+                image=reading["filename"],
+                width_px=int(size_px[0]),
+                height_px=int(size_px[1]),
+                intrinsic=_rows(intrinsic),
+                camera_from_ego=_rows(camera_from_ego[:3]),
+            )
+        except ValidationError as error:
+            raise BuildError(f"{where}: {channel}: {'; '.join(faults_in(error))}") from None
 
     def pose(self, table: str, token: str) -> FloatArray:
         """(4, 4) from the frame of a row to the frame that it is given in."""
         row = self.row(table, token)
-        quaternion, translation = np.array(row["rotation"]), np.array(row["translation"])
+        quaternion, translation = (
+            _numbers(row["rotation"], (4,)),
+            _numbers(row["translation"], (3,)),
+        )
         if (
-            quaternion.shape != (4,)
-            or translation.shape != (3,)
-            or not np.isfinite(translation).all()
-            or not abs(np.linalg.norm(quaternion) - 1) < 1e-3
+            quaternion is None
+            or translation is None
+            or abs(np.linalg.norm(quaternion) - 1) >= MAX_ROTATION_ERROR
         ):
             raise BuildError(
                 f"{self.folder / table}.json, row {token}: no translation of three metres and "
@@ -256,6 +292,15 @@ def rigid(rotation_wxyz: FloatArray, translation_m: FloatArray) -> FloatArray:
     ]
     matrix[:3, 3] = translation_m
     return matrix
+
+
+def _numbers(value: Any, shape: tuple[int, ...]) -> FloatArray | None:
+    """Numbers of this shape that lead somewhere; None where the value is something else."""
+    try:
+        found = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        return None
+    return found if found.shape == shape and np.all(np.abs(found) <= FARTHEST) else None
 
 
 def _floats(values: Any) -> Any:

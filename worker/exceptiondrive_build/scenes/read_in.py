@@ -1,7 +1,12 @@
 """Reads scenes into a workshop: its `scenes.jsonl`, and the pictures under their digests."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
+from exceptiondrive_build.candidates import picture_digests, walk
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.scenes.keyframe import Keyframe
 from exceptiondrive_build.scenes.scene_set import SceneSet
@@ -9,12 +14,30 @@ from exceptiondrive_build.scenes.source import read_scenes, write_scenes
 from exceptiondrive_build.workshop import SCENES, Workshop
 
 
-def read_in(
-    workshop: Workshop, source: Path, *, per_scene: int = 1, version: str | None = None
-) -> tuple[Keyframe, ...]:
-    """Read scenes into a workshop and return its keyframes.
+@dataclass(frozen=True)
+class ReadIn:
+    """What came into a workshop.
 
-    What was decided of a keyframe stands as long as its pictures are the same. Nothing of the
+    Attributes:
+        keyframes: Those that stand in it now.
+        n_gone: How many stood in it before, and are gone or have other pictures now.
+    """
+
+    keyframes: tuple[Keyframe, ...]
+    n_gone: int
+
+
+def read_in(
+    workshop: Workshop,
+    source: Path,
+    *,
+    per_scene: int = 1,
+    version: str | None = None,
+    replace: bool = False,
+) -> ReadIn:
+    """Read scenes into a workshop, in the place of those that stand in it.
+
+    What was decided of a keyframe stands as long as its pictures are the same. No keyframe of the
     workshop changes unless every picture can be read.
 
     Args:
@@ -22,35 +45,71 @@ def read_in(
         source: A nuScenes folder, or a file of keyframes, one a line.
         per_scene: How many keyframes of each scene, spread evenly.
         version: Which tables, where a nuScenes folder has several.
+        replace: Whether keyframes may go of which something was decided.
 
     Raises:
-        BuildError: What is wrong with the scenes, and where.
+        BuildError: What is wrong with the scenes, and where; or decided keyframes would go.
     """
     scenes = read_scenes(source, version).spread(per_scene)
     if not scenes.keyframes:
         raise BuildError(f"{source}: no keyframe has a recorded path of 3 s.")
     kept = tuple(_kept(workshop, scenes, keyframe) for keyframe in scenes.keyframes)
+    n_gone = 0 if replace else _gone(workshop.folder, kept)
     part = workshop.folder / f"{SCENES}.part"
     write_scenes(SceneSet(workshop.folder, kept), part)
     part.replace(workshop.folder / SCENES)
-    return kept
+    return ReadIn(kept, n_gone)
+
+
+def _gone(folder: Path, kept: Sequence[Keyframe]) -> int:
+    """How many keyframes of a workshop go.
+
+    Raises:
+        BuildError: Something was decided of one of them.
+    """
+    with Workshop(folder) as workshop:
+        stays = {(keyframe.keyframe_id, _pictures(keyframe)) for keyframe in kept}
+        gone = {
+            keyframe_id
+            for keyframe_id, keyframe in workshop.keyframes.items()
+            if (keyframe_id, _pictures(keyframe)) not in stays
+        }
+        if not gone:
+            return 0
+        with_decisions = {record.candidate for record in workshop.records.read()}
+        candidates = [it for it in walk(workshop).values() if it.keyframe.keyframe_id in gone]
+    decided = {it.keyframe.keyframe_id for it in candidates if it.sample_id in with_decisions}
+    if decided:
+        raise BuildError(
+            f"{len(decided)} keyframes of which something was decided would go or get other "
+            f"pictures, and with them {sum(it.is_accepted for it in candidates)} accepted edits: "
+            f"{', '.join(sorted(decided)[:10])}.",
+            "Scenes that are read in replace those of the workshop. Name a source that holds these, "
+            "too, and --per-scene as before; or say --replace: the decisions are kept, and count "
+            "again once the same pictures are read in.",
+        )
+    return len(gone)
+
+
+def _pictures(keyframe: Keyframe) -> tuple[str, ...]:
+    return picture_digests(camera.image for camera in keyframe.cameras)
 
 
 def _kept(workshop: Workshop, scenes: SceneSet, keyframe: Keyframe) -> Keyframe:
-    n_waypoints = workshop.protocol.geometry.waypoints
-    if keyframe.recorded is not None and len(keyframe.recorded) != n_waypoints:
+    geometry, path_m = workshop.protocol.geometry, keyframe.recorded
+    if path_m is not None and len(path_m) != geometry.waypoints:
         raise BuildError(
-            f"Keyframe {keyframe.keyframe_id} has a recorded path of {len(keyframe.recorded)} "
-            f"points; the protocol asks for {n_waypoints}."
+            f"Keyframe {keyframe.keyframe_id} has a recorded path of {len(path_m)} "
+            f"points; the protocol asks for {geometry.waypoints}."
+        )
+    if path_m is not None and np.abs(path_m).max() > geometry.max_coordinate_m:
+        raise BuildError(
+            f"Keyframe {keyframe.keyframe_id} has a recorded path that leads over "
+            f"{geometry.max_coordinate_m:g} m away.",
+            "Its points are metres of the ego frame of the keyframe.",
         )
     cameras = tuple(
-        camera.model_copy(
-            update={
-                "image": workshop.keep_image(
-                    scenes.picture(keyframe, camera), Path(camera.image).suffix.lstrip(".").lower()
-                )
-            }
-        )
+        camera.model_copy(update={"image": workshop.keep_image(*scenes.picture(keyframe, camera))})
         for camera in keyframe.cameras
     )
     return keyframe.model_copy(update={"cameras": cameras})

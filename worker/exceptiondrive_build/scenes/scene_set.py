@@ -10,6 +10,7 @@ from PIL import Image
 
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.scenes.keyframe import Camera, Keyframe
+from exceptiondrive_endpoints.images import ImageDataError, clean_image
 
 
 @dataclass(frozen=True)
@@ -40,11 +41,11 @@ class SceneSet:
             f"scene {keyframe.scene or keyframe.scene_id})"
         )
 
-    def picture(self, keyframe: Keyframe, camera: Camera) -> bytes:
-        """Return the file of a source view, once it is sure that it can be shown.
+    def picture(self, keyframe: Keyframe, camera: Camera) -> tuple[bytes, str]:
+        """Return the file of a source view and its extension, once it is sure that it can be shown.
 
         Raises:
-            BuildError: It is missing, no picture, or of another size than the calibration's.
+            BuildError: It is missing, no JPEG and no PNG, or of another size than the calibration's.
         """
         where = self.place(keyframe, camera)
         try:
@@ -52,8 +53,12 @@ class SceneSet:
             with Image.open(BytesIO(data)) as picture:
                 picture.load()
                 size = picture.size
+            extension = clean_image(data).extension
         except FileNotFoundError:
             raise BuildError(f"Missing picture: {where}.") from None
+        except ImageDataError as error:
+            advice = "Models and people are shown JPEG and PNG."
+            raise BuildError(f"Picture of another form: {where}: {error}.", advice) from None
         except (OSError, SyntaxError, Image.DecompressionBombError) as error:
             raise BuildError(f"Unreadable picture: {where}: {error}.") from None
         if size != (camera.width_px, camera.height_px):
@@ -61,7 +66,7 @@ class SceneSet:
                 f"Picture of {size[0]} x {size[1]} pixels where the calibration is for "
                 f"{camera.width_px} x {camera.height_px}: {where}."
             )
-        return data
+        return data, extension
 
 
 def _spread(keyframes: list[Keyframe], count: int) -> Iterable[Keyframe]:

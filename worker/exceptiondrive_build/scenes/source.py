@@ -35,20 +35,20 @@ def _read_lines(source: Path) -> SceneSet:
         lines = source.read_bytes().splitlines()
     except OSError as error:
         raise BuildError(f"No scenes at {source}: {error.strerror}.") from None
-    scenes = SceneSet(
-        source.parent,
-        tuple(
-            _keyframe(line, f"{source}, line {number}")
-            for number, line in enumerate(lines, start=1)
-            if line.strip()
-        ),
-    )
+    keyframes = {
+        number: _keyframe(line, f"{source}, line {number}")
+        for number, line in enumerate(lines, start=1)
+        if line.strip()
+    }
+    scenes = SceneSet(source.parent, tuple(keyframes.values()))
     views = {camera.view for keyframe in scenes.keyframes for camera in keyframe.cameras}
-    for keyframe in scenes.keyframes:
+    for number, keyframe in keyframes.items():
         lacking = sorted(views - {camera.view for camera in keyframe.cameras})
         if lacking:
             raise BuildError(
-                f"{source}: keyframe {keyframe.keyframe_id} has no {', '.join(lacking)}."
+                f"{source}, line {number}: keyframe {keyframe.keyframe_id} has no "
+                f"{', '.join(lacking)}.",
+                "Every keyframe has the same views.",
             )
     times_given = Counter(keyframe.keyframe_id for keyframe in scenes.keyframes)
     repeated = sorted(one for one, count in times_given.items() if count > 1)

@@ -106,7 +106,8 @@ def add_split_file(
 ) -> RegisteredSplit:
     """Copy a split file, and the datasheet beside it, to where workers look for it; register it.
 
-    Adding the same file again changes nothing, but for the datasheet beside it, which is taken anew. The file of an earlier revision stays beside it, under
+    A revision that lies there already, be it the current one or an earlier, changes nothing but its
+    datasheet, which is taken anew. The file of an earlier revision stays beside the current one, under
     a number: what was scored against it can be scored again.
 
     Args:
@@ -130,21 +131,23 @@ def add_split_file(
     has_sheet = source.name.startswith("split") and _has_sheet_of(split, source)
     folder = splits.folder / split.name
     held = [path for path in splits.files() if path.parent == folder]
-    if not held or read_split(held[0]).revision != split.revision:
+    same = [path for path in held if read_split(path).revision == split.revision]
+    if not same:
         if held and not words:
             raise SplitUnavailableError(
                 f"{held[0]} holds another revision of split {split.name!r}. To add this one beside "
-                'it, say what readers are told of the change: --words "..."'
+                "it, say what readers are told of the change: exceptiondrive-worker add-split "
+                f'{source} --words "..."'
             )
         if held:
             _require_same_samples(read_split(held[0]), split)
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         for path in (*held[:1], *folder.glob("datasheet.json")):
             path.rename(path.with_name(path.name.replace(".", f"-{len(held)}.", 1)))
-        held = [folder / f"split.json{'.gz' if _is_gzipped(source) else ''}"]
+        held = same = [folder / f"split.json{'.gz' if _is_gzipped(source) else ''}"]
         _copy(source, held[0])
-    if has_sheet and datasheet_beside(source) != datasheet_beside(held[0]):
-        _copy(datasheet_beside(source), datasheet_beside(held[0]))
+    if has_sheet and datasheet_beside(source) != datasheet_beside(same[0]):
+        _copy(datasheet_beside(source), datasheet_beside(same[0]))
     return _register(database, splits, held[0], protocol, words)
 
 
