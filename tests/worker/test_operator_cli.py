@@ -404,14 +404,17 @@ def test_an_earlier_revision_that_is_held_is_nothing_new(
 ) -> None:
     """`exceptiondrive-server run --split FILE` adds the file of the first start at each start."""
     (tmp_path / "private").mkdir()
-    first, later = (tmp_path / "private" / name for name in ("first.json", "later.json"))
+    first, later = (tmp_path / "private" / f"split-{name}.json" for name in ("first", "later"))
     for file, task in ((first, "SE1"), (later, "LB1")):
         split = make_split({"a": {"task": task}})
         file.write_text(split.model_dump_json(by_alias=True, exclude_none=True))
+        sheet = datasheet_of(split).model_dump_json(by_alias=True)
+        file.with_name(file.name.replace("split", "datasheet")).write_text(sheet)
     assert operate("add-split", str(first))[0] == 0
     assert operate("add-split", str(later), "--words", "One region lay wrong.")[0] == 0
     folder = tmp_path / "splits" / "tiny"
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    assert sorted(before) == ["datasheet-1.json", "datasheet.json", "split-1.json", "split.json"]
     code, out, err = operate("add-split", str(first))
     assert (code, err) == (0, "")
     assert read_split(later).revision in out, "the current one is told"
