@@ -123,7 +123,7 @@ DEEDS = {
     ),
     # the challenge
     ("POST", f"{PHASE}/news"): Deed(
-        *("/news/new", "news publish", "/news/{news_id}/withdraw", "news published"),
+        *(f"{PHASE}/news", "news publish", "/news/{news_id}/withdraw", "news published"),
         {"title": "A", "text": "B"},
     ),
     ("POST", "/news/{news_id}/withdraw"): Deed(

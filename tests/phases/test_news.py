@@ -41,8 +41,9 @@ def test_news_stand_on_the_page_in_the_feed_and_in_every_inbox_until_withdrawn(
     life, organizer = open_phase, visitor(open_phase, "organizer")
     assert "The workshop" not in life.get("/phases/test").text
     if by == "page":
-        page = "/organize/news/new"
-        assert send(organizer, page, {"phase": "test", **NEWS}, page=page).status_code == 303
+        page = "/organize/phases/test/news"
+        assert f'href="{page}"' in organizer.get("/organize/news").text
+        assert send(organizer, page, NEWS, page=page).status_code == 303
     else:
         life.done("/phases/test/news", NEWS)
     (published,) = life.json("/api/v1/phases/test/news")

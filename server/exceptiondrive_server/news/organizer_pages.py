@@ -26,10 +26,6 @@ from exceptiondrive_server.web.organizer_frame import (
 router = APIRouter(prefix="/organize", include_in_schema=False)
 Id = Annotated[str, Path(max_length=64)]
 _COMMAND = "exceptiondrive organizer news"
-_WORDS = (
-    FormField("title", "Title", is_required=True, max_length=MAX_TITLE),
-    FormField("text", "Text", "lines", "Markdown", is_required=True, max_length=MAX_TEXT),
-)
 
 
 @router.get("/news")
@@ -39,6 +35,7 @@ def show_news(request: Request, services: ServicesOf, browser: OrganizerBrowser)
         questions = [asked_question(row, team) for row, team in all_questions(session)]
         news = [news_view(row) for row in all_news(session)]
         titles = titles_of_phases(session)
+        phases = list_phases(session)
     return organizer_page(
         request,
         browser,
@@ -47,34 +44,13 @@ def show_news(request: Request, services: ServicesOf, browser: OrganizerBrowser)
         questions=questions,
         news=news,
         titles=titles,
-    )
-
-
-@step_at(router, "/news/new")
-def publication(services: ServicesOf) -> Step:
-    """Announce something of a phase."""
-    with services.database.read() as session:
-        shown = tuple((phase.id, phase.title) for phase in list_phases(session))
-    return _step(
-        title="Publish news",
-        meaning="They stand on the page of the phase and in its feed, and every team is told.",
-        button="Publish the news",
-        fields=(
-            FormField("phase", "Phase", "choice", is_required=True, options=shown),
-            *_WORDS,
-        ),
-        command=f'{_COMMAND} publish --phase ID --title "…" --text "…"',
-        is_grave=True,
-        take=lambda session, phase, text, **given: publish_news(
-            session, phase, text=text, plain=plain_text(text), **given
-        ),
-        done="news_published",
+        phases=phases,
     )
 
 
 @step_at(router, "/phases/{phase_id}/news")
-def publication_of_phase(services: ServicesOf, browser: OrganizerBrowser, phase_id: Id) -> Step:
-    """Announce something of this phase; whoever is confined to it tells the teams of it alone."""
+def publication(services: ServicesOf, browser: OrganizerBrowser, phase_id: Id) -> Step:
+    """Announce something of a phase; whoever is confined to it tells the teams of it alone."""
     with services.database.read() as session:
         phase = find_phase(session, phase_id)
     of_site = browser.principal.is_organizer
@@ -86,7 +62,10 @@ def publication_of_phase(services: ServicesOf, browser: OrganizerBrowser, phase_
         button="Publish the news",
         back=f"/organize/phases/{phase_id}",
         back_words="The phase",
-        fields=_WORDS,
+        fields=(
+            FormField("title", "Title", is_required=True, max_length=MAX_TITLE),
+            FormField("text", "Text", "lines", "Markdown", is_required=True, max_length=MAX_TEXT),
+        ),
         facts=(("Phase", phase.title),),
         command=f'{_COMMAND} publish --phase {phase_id} --title "…" --text "…"',
         is_grave=True,
