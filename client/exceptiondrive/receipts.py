@@ -70,7 +70,7 @@ def verify_receipt(
             `receipts` is missing.
     """
     receipt = _read_receipt(file)
-    known = read_keys(keys_path() if keys is None else Path(keys))
+    known = remembered_keys() if keys is None else read_keys(Path(keys))
     named = [key for key in known if key.key_id == receipt.key_id]
     altered = altered_fields(receipt)
     if altered:
@@ -96,13 +96,11 @@ def keys_path() -> Path:
 
 
 def read_keys(path: Path) -> tuple[KnownKey, ...]:
-    """Return the keys in a file; none where the file is missing.
+    """Return the keys in a file.
 
     Raises:
-        InvalidArgumentError: It is no file of keys, or a key does not fit its id.
+        InvalidArgumentError: It cannot be read, is no file of keys, or a key does not fit its id.
     """
-    if not path.exists():
-        return ()
     try:
         found = KnownKeys.read(given_bytes(path).data)
     except ValidationError:
@@ -113,6 +111,16 @@ def read_keys(path: Path) -> tuple[KnownKey, ...]:
     return tuple(_known(key, key.server or found.server) for key in found.keys)
 
 
+def remembered_keys() -> tuple[KnownKey, ...]:
+    """Return the keys that are remembered on this machine; none where no receipt was fetched.
+
+    Raises:
+        InvalidArgumentError: As of `read_keys`.
+    """
+    path = keys_path()
+    return read_keys(path) if path.exists() else ()
+
+
 def remember_keys(found: ReceiptKeys) -> Path:
     """Remember public keys of a server on this machine; what is known already stays as it is.
 
@@ -121,7 +129,7 @@ def remember_keys(found: ReceiptKeys) -> Path:
     """
     require_true_ids(found, found.server or "The server")
     path = keys_path()
-    held = {(key.key_id, key.server): key for key in read_keys(path)}
+    held = {(key.key_id, key.server): key for key in remembered_keys()}
     for key in found.keys:
         held.setdefault((key.key_id, found.server), _known(key, found.server))
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)

@@ -94,6 +94,9 @@ def test_a_receipt_holds_and_every_tampered_field_is_named(receipt: Path, tmp_pa
     assert "the receipt holds" in done.stdout
     keys_path().unlink()
     assert verify(receipt, "--key", tmp_path / "keys.json").exit_code == 0
+    missing = verify(receipt, "--key", tmp_path / "nowhere.json")
+    assert missing.exit_code == 2
+    assert "nowhere.json cannot be read" in " ".join(missing.stderr.split())
     unknown = verify(receipt)
     assert unknown.exit_code == 2
     assert "not among the known keys" in unknown.stderr
