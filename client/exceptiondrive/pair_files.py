@@ -28,7 +28,12 @@ from exceptiondrive.errors import InvalidArgumentError, extra_missing
 from exceptiondrive.inputs import STDIN
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check.checker import CSV_COLUMNS, FROM_YAML, is_yaml
-from exceptiondrive_schemas.check.inflate import CONVERTIBLE, other_file_kind, wide_encoding
+from exceptiondrive_schemas.check.inflate import (
+    CONVERTIBLE,
+    GZIP_MAGIC,
+    other_file_kind,
+    wide_encoding,
+)
 from exceptiondrive_schemas.check.trajectory_forms import (
     is_null_word,
     is_number,
@@ -90,7 +95,7 @@ def read_bytes(path: Path) -> bytes:
     """
     try:
         data = sys.stdin.buffer.read() if path == STDIN else path.read_bytes()
-        if data[:2] == b"\x1f\x8b":
+        if data.startswith(GZIP_MAGIC):
             with gzip.open(io.BytesIO(data)) as stream:
                 data = stream.read(MOST_BYTES + 1)
     except (OSError, EOFError, zlib.error) as error:

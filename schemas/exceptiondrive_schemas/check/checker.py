@@ -1,7 +1,6 @@
 """Checks a submission file: all faults in one pass, or its content ready for scoring."""
 
 import difflib
-import hashlib
 import re
 from collections import Counter
 from collections.abc import Collection, Mapping
@@ -9,6 +8,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
+from exceptiondrive_schemas.base import bytes_digest
 from exceptiondrive_schemas.challenges import (
     CHALLENGES,
     PLANNING,
@@ -688,7 +688,7 @@ def _report(data: bytes, faults: FaultList, reader: SubmissionReader | None = No
         challenge=reader.challenge if reader else None,
         split=reader.split if reader else None,
         n_predictions=reader.n_predictions if reader else None,
-        digest=f"sha256:{hashlib.sha256(data).hexdigest()}",
+        digest=bytes_digest(data),
         size_bytes=len(data),
         faults=faults.groups(
             reader.n_predictions if reader else None,

@@ -1,6 +1,5 @@
 """People whom an OpenID provider vouches for, and who of them is an organizer."""
 
-import hashlib
 import hmac
 import secrets
 from collections.abc import Iterable
@@ -16,7 +15,7 @@ from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import insert_if_absent
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
-from exceptiondrive_records.db.identifiers import checked_text, random_id
+from exceptiondrive_records.db.identifiers import checked_text, random_id, secret_digest
 from exceptiondrive_records.teams.tables import Team
 
 MAX_NAME = 80
@@ -133,7 +132,7 @@ MAX_MEMBERS = 50
 MAX_OPEN_INVITATIONS = 20
 MAX_INVITATIONS_A_DAY = 100
 """Each leaves a row and audit lines for ever, however soon it is withdrawn."""
-_NO_INVITATION = hashlib.sha256(b"no such invitation").hexdigest()
+_NO_INVITATION = secret_digest("no such invitation")
 
 
 def members_of(session: Session, team_id: int) -> list[tuple[Person, Membership]]:
@@ -222,7 +221,7 @@ def invite(
     invitation = Invitation(
         id=invitation_id,
         team_id=team_id,
-        secret_digest=_digest(secret),
+        secret_digest=secret_digest(secret),
         invited_by=invited_by,
         created_at=now,
         expires_at=now + INVITATION_LIFETIME,
@@ -243,7 +242,7 @@ def find_invitation(session: Session, text: str) -> tuple[Invitation, Team]:
     query = select(Invitation).where(Invitation.id == invitation_id, *_usable(session))
     found = session.scalars(query).one_or_none()
     expected = found.secret_digest if found is not None else _NO_INVITATION
-    is_right = hmac.compare_digest(_digest(secret), expected)
+    is_right = hmac.compare_digest(secret_digest(secret), expected)
     if found is None or not is_right:
         raise NotFound("open invitation", "of this link")
     return found, session.get_one(Team, found.team_id)
@@ -291,7 +290,3 @@ def _usable(session: Session) -> tuple[ColumnElement[bool], ...]:
         Invitation.withdrawn_at.is_(None),
         Invitation.expires_at > now,
     )
-
-
-def _digest(secret: str) -> str:
-    return hashlib.sha256(secret.encode("utf-8", "surrogatepass")).hexdigest()

@@ -4,7 +4,6 @@ A session that was opened with a token may do what the token may, and ends with 
 the rights of a member of one team, or of an organizer, as they are at the moment of each request.
 """
 
-import hashlib
 import secrets
 from datetime import timedelta
 
@@ -24,6 +23,7 @@ from exceptiondrive_records.accounts.tokens import (
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotAllowed
+from exceptiondrive_records.db.identifiers import secret_digest
 from exceptiondrive_records.teams.tables import Team
 
 LIFETIME = timedelta(hours=12)
@@ -99,11 +99,6 @@ def end_session(session: Session, secret: str) -> None:
     """End a session; ending it twice does nothing."""
     digest = secret_digest(secret)
     session.execute(delete(BrowserSession).where(BrowserSession.secret_digest == digest))
-
-
-def secret_digest(secret: str) -> str:
-    """Return what is kept of a secret."""
-    return hashlib.sha256(secret.encode("utf-8", "surrogatepass")).hexdigest()
 
 
 def _open(

@@ -4,7 +4,6 @@ Prefix and checksum let leak scanners find them without a false alarm (docs/trus
 A slow hash is needless: the random part has 190 bits.
 """
 
-import hashlib
 import hmac
 import secrets
 import string
@@ -26,11 +25,11 @@ from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotAllowed, NotFound
-from exceptiondrive_records.db.identifiers import checked_text, random_id
+from exceptiondrive_records.db.identifiers import checked_text, random_id, secret_digest
 from exceptiondrive_records.teams.tables import Team
 
 _ALPHABET = string.ascii_letters + string.digits
-_UNKNOWN = hashlib.sha256(b"no such token").hexdigest()
+_UNKNOWN = secret_digest("no such token")
 _ACTOR = "token:"
 _PERSON = "person:"
 _TEAM = "team:"
@@ -154,7 +153,7 @@ def issue_token(
         name=name,
         scopes=sorted(str(scope) for scope in scopes),
         phases=confined_to,
-        secret_digest=_digest(text),
+        secret_digest=secret_digest(text),
         prefix=f"edk_{letter}_{token_id}",
         created_at=now,
         expires_at=expires_at,
@@ -177,7 +176,7 @@ def verify_token(session: Session, text: str) -> Principal | None:
     row = session.execute(_TOKEN_AND_TEAM, {"token": token_id}).first()
     token, team = (row[0], row[1]) if row else (None, None)
     expected = token.secret_digest if token is not None else _UNKNOWN
-    is_right = hmac.compare_digest(_digest(text), expected)
+    is_right = hmac.compare_digest(secret_digest(text), expected)
     now = database_now(session)
     if token is None or not is_right or not is_live(token, now):
         return None
@@ -289,10 +288,6 @@ def _checksum(body: str) -> str:
         number, digit = divmod(number, 62)
         digits += _ALPHABET[digit]
     return digits
-
-
-def _digest(text: str) -> str:
-    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 
 def is_live(token: Token, now: datetime) -> bool:

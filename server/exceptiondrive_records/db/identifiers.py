@@ -1,5 +1,6 @@
 """Random public ids and checked names."""
 
+import hashlib
 import re
 import secrets
 import unicodedata
@@ -32,6 +33,11 @@ _SLUG = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
 def random_id(length: int = 16) -> str:
     """Return a random id of 5 bits per letter that cannot be guessed or misread."""
     return "".join(_LETTERS[byte % len(_LETTERS)] for byte in secrets.token_bytes(length))
+
+
+def secret_digest(secret: str) -> str:
+    """Return what is kept of a secret."""
+    return hashlib.sha256(secret.encode("utf-8", "surrogatepass")).hexdigest()
 
 
 def checked_slug(kind: str, slug: str) -> str:

@@ -1,6 +1,5 @@
 """What organizers write to teams: into the inbox, and to every confirmed address of each team."""
 
-import hashlib
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -16,6 +15,7 @@ from exceptiondrive_records.submissions.submissions import find_submission
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team
+from exceptiondrive_schemas.base import bytes_digest
 
 MAX_TITLE, MAX_TEXT = 150, 4000
 
@@ -89,7 +89,7 @@ def send_message(
     if not teams:
         raise InvalidRecord("There is no team to write to.")
     said = "\n\n".join((title, *paragraphs))
-    digest = f"sha256:{hashlib.sha256(said.encode()).hexdigest()}"
+    digest = bytes_digest(said.encode())
     _lock(session, teams)
     if session.scalar(_have(digest, teams).limit(1)) is not None:
         raise Conflict("This very message was sent to one of these teams already.")
@@ -119,7 +119,7 @@ def write_about(session: Session, submission_id: str, *, words: str, actor: str)
     submission = find_submission(session, submission_id)
     title, paragraphs = checked_message(f"The organizers wrote about {submission.method}", words)
     said = "\n\n".join((submission_id, title, *paragraphs))
-    digest = f"sha256:{hashlib.sha256(said.encode()).hexdigest()}"
+    digest = bytes_digest(said.encode())
     team = session.get_one(Team, submission.team_id)
     _lock(session, [team])
     if session.scalar(_have(digest, [team]).limit(1)) is not None:

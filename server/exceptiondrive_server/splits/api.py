@@ -9,6 +9,7 @@ from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.splits.shown import is_kept_back, shown_revision
 from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_schemas.api.problems import ProblemCode
+from exceptiondrive_schemas.check.inflate import GZIP_MAGIC
 from exceptiondrive_schemas.datasheet import Datasheet
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_server.web.auth import ServicesOf
@@ -17,7 +18,6 @@ from exceptiondrive_server.web.problems import problem_responses
 
 router = APIRouter(prefix="/splits", tags=["splits"])
 MAX_SPLIT_BYTES = 64 * 1024 * 1024
-GZIP_MAGIC = b"\x1f\x8b"
 
 
 @router.get(

@@ -19,11 +19,11 @@ from exceptiondrive_records.submissions.views import views
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
+from exceptiondrive_schemas.check.inflate import GZIP_MAGIC
 from exceptiondrive_server.web.auth import team_of
 from exceptiondrive_server.web.responses import SECURITY_HEADERS
 from exceptiondrive_server.web.services import Services
 
-GZIP_MAGIC = b"\x1f\x8b"
 PIECE_BYTES = 1 << 20
 BATCH = 50
 """Submissions of an archive that are read from the records at a time."""

@@ -3,7 +3,6 @@
 The form is read only once its sender is known; its file is kept on disk and never parsed here.
 """
 
-import hashlib
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
@@ -40,7 +39,7 @@ from exceptiondrive_records.teams.teams import require_approved
 from exceptiondrive_records.work.dispatch import wake_lanes
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.api.submission import Quota, SubmissionView
-from exceptiondrive_schemas.base import faults_in
+from exceptiondrive_schemas.base import faults_in, pieces_digest
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.method_facts import Links, MethodFacts
 from exceptiondrive_server.submissions.facts_form import PREFIX, facts_of_form
@@ -314,10 +313,7 @@ def _arrived_at(session: Session, began_s: float) -> datetime:
 
 def _digest_of(stream: BinaryIO) -> str:
     stream.seek(0)
-    digest = hashlib.sha256()
-    for chunk in iter(lambda: stream.read(CHUNK_BYTES), b""):
-        digest.update(chunk)
-    return f"sha256:{digest.hexdigest()}"
+    return pieces_digest(iter(lambda: stream.read(CHUNK_BYTES), b""))
 
 
 def _store(services: Services, stream: BinaryIO) -> int:

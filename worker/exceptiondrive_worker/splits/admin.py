@@ -13,6 +13,7 @@ from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.splits.splits import list_splits, publish_split, register_split
 from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_schemas.check.inflate import GZIP_MAGIC
 from exceptiondrive_schemas.datasheet import Datasheet, SplitChange, SplitWarning, SplitWarnings
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest, Split, SplitRef
@@ -205,7 +206,7 @@ def read_drives(path: Path) -> PlanningSubmission:
 
 def _is_gzipped(path: Path) -> bool:
     with path.open("rb") as file:
-        return file.read(2) == b"\x1f\x8b"
+        return file.read(2) == GZIP_MAGIC
 
 
 def _copy(source: Path, target: Path) -> None:

@@ -24,6 +24,7 @@ from pydantic import ValidationError
 
 from exceptiondrive_schemas.api.phase_settings import SplitPart
 from exceptiondrive_schemas.base import content_digest
+from exceptiondrive_schemas.check.inflate import GZIP_MAGIC
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest, Split
 from exceptiondrive_scoring.aliases import FloatArray, IntArray
@@ -98,7 +99,7 @@ def read_split(path: Path) -> Split:
     """
     try:
         data = path.read_bytes()
-        if data[:2] == b"\x1f\x8b":
+        if data.startswith(GZIP_MAGIC):
             with gzip.open(path) as file:
                 data = file.read(MAX_SPLIT_BYTES + 1)
     except (OSError, EOFError) as error:
