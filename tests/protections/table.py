@@ -273,7 +273,7 @@ PROTECTIONS = (
     ),
     Protection(
         "token-digest",
-        f"{RECORDS}.accounts.tokens:_digest",
+        f"{RECORDS}.accounts.tokens:secret_digest",
         _plain_text,
         "tests/records/test_tokens.py::test_no_table_holds_the_secret_of_a_token",
     ),
