@@ -15,7 +15,7 @@ from exceptiondrive_records.boards.requests import want_boards
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import flush_or_refuse
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
-from exceptiondrive_records.db.identifiers import checked_text
+from exceptiondrive_records.db.identifiers import checked_reason
 from exceptiondrive_records.phases.allowances import end_own_deadlines, is_revealed
 from exceptiondrive_records.phases.phases import (
     check_phase,
@@ -99,7 +99,7 @@ def feature_phase(session: Session, phase_id: str, *, reason: str, actor: str) -
         if other.position is not None:
             other.position += 1
     phase.position = 1
-    audit(session, actor, "phase featured", phase.id, {"reason": _reason(reason)})
+    audit(session, actor, "phase featured", phase.id, {"reason": checked_reason(reason)})
     return phase
 
 
@@ -113,7 +113,7 @@ def delete_phase(session: Session, phase_id: str, *, reason: str, actor: str) ->
         Conflict: Something was submitted or rescored in it.
     """
     phase = lock_phase(session, phase_id)
-    detail = {"title": phase.title, "split": phase.split_name, "reason": _reason(reason)}
+    detail = {"title": phase.title, "split": phase.split_name, "reason": checked_reason(reason)}
     session.delete(phase)
     flush_or_refuse(
         session,
@@ -136,7 +136,7 @@ def freeze_phase(session: Session, phase_id: str, *, reason: str, actor: str) ->
     if since is not None:
         raise Conflict(f"The board is frozen already, since {since:%Y-%m-%d %H:%M} UTC.")
     phase.policy = phase.policy.model_copy(update={"freezes_at": now})
-    audit(session, actor, "board frozen", phase.id, {"reason": _reason(reason)})
+    audit(session, actor, "board frozen", phase.id, {"reason": checked_reason(reason)})
     return phase
 
 
@@ -152,7 +152,7 @@ def reveal_board(session: Session, phase_id: str, *, reason: str, actor: str) ->
     if frozen_since(phase, now) is None:
         raise Conflict("The board is not frozen: there is nothing to reveal.")
     unfreeze(session, phase, now)
-    audit(session, actor, "freeze ended", phase.id, {"reason": _reason(reason)})
+    audit(session, actor, "freeze ended", phase.id, {"reason": checked_reason(reason)})
     return phase
 
 
@@ -179,7 +179,7 @@ def reveal_names(session: Session, phase_id: str, *, reason: str, actor: str) ->
     if not is_anonymous(phase):
         raise Conflict("The names of this phase are shown already.")
     phase.names_revealed_at = database_now(session)
-    audit(session, actor, "names revealed", phase.id, {"reason": _reason(reason)})
+    audit(session, actor, "names revealed", phase.id, {"reason": checked_reason(reason)})
     want_boards(session, phase)
     return phase
 
@@ -232,10 +232,6 @@ def _require_no_scores(session: Session, phase: Phase) -> None:
 
 def _hides_families(policy: PhasePolicy, now: datetime) -> bool:
     return policy.families_from is not None and policy.families_from > now
-
-
-def _reason(reason: str) -> str:
-    return checked_text("reason", reason, max_length=1000, may_have_lines=True)
 
 
 def _document(phase: Phase) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from exceptiondrive_records.submissions.submissions import (
     find_submission,
     lock_jobs,
     lock_team,
+    same_bytes,
     scored_under,
 )
 from exceptiondrive_records.submissions.tables import Submission
@@ -52,8 +53,7 @@ def retry_submission(
     )
     if submission.status is not SubmissionStatus.FAILED:
         raise Conflict(f"The submission is {submission.status}; only failed ones can be retried.")
-    if _same_bytes_since(session, submission):
-        raise Conflict("The team has submitted the same file again since; that one counts.")
+    _require_only_one(session, submission)
     phase = session.get_one(Phase, submission.phase_id)
     if quota_of(session, team_id, phase, submission.received_at).remaining_today == 0:
         raise Conflict(
@@ -102,8 +102,7 @@ def restore_submission(
         raise Conflict(f"The submission is {submission.status}; only withdrawn ones are restored.")
     if submission.confirmed_as is not None:
         raise Conflict(f"It was a question, and confirmed as {submission.confirmed_as}.")
-    if _same_bytes_since(session, submission):
-        raise Conflict("The team has submitted the same file again since; that one counts.")
+    _require_only_one(session, submission)
     phase = session.get_one(Phase, submission.phase_id)
     if has_revealed(session, phase, submission.withdrawn_at or submission.received_at):
         raise Conflict("Scores were revealed since: what stands was settled before, and stays.")
@@ -127,12 +126,7 @@ def restore_submission(
     return submission
 
 
-def _same_bytes_since(session: Session, submission: Submission) -> bool:
-    over = (SubmissionStatus.WITHDRAWN, SubmissionStatus.FAILED)
-    query = select(Submission.id).where(
-        Submission.phase_id == submission.phase_id,
-        Submission.team_id == submission.team_id,
-        Submission.file_digest == submission.file_digest,
-        Submission.status.not_in(over),
-    )
-    return session.scalars(query).first() is not None
+def _require_only_one(session: Session, submission: Submission) -> None:
+    digest = submission.file_digest
+    if same_bytes(session, submission.team_id, submission.phase_id, digest) is not None:
+        raise Conflict("The team has submitted the same file again since; that one counts.")

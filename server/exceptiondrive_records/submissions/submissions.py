@@ -355,7 +355,7 @@ def require_acceptable(
     require_not_disqualified(session, team.id, phase, file_digest)
     now = database_now(session)
     first = _same_upload(session, team.id, phase, file_digest, idempotency_key, now)
-    first = first or _same_bytes(session, team.id, phase, file_digest)
+    first = first or same_bytes(session, team.id, phase.id, file_digest)
     if first is not None and not _gives_way(first, now, asks_first=asks_first):
         require_same_link(first, linked_to)
         return first, None
@@ -537,10 +537,11 @@ def _same_upload(
     return first
 
 
-def _same_bytes(
-    session: Session, team_id: int, phase: Phase, file_digest: str
+def same_bytes(
+    session: Session, team_id: int, phase_id: str, file_digest: str
 ) -> Submission | None:
-    given = {"team": team_id, "phase": phase.id, "file": file_digest}
+    """Return the team's submission of these bytes that stands; what failed or was withdrawn does not."""
+    given = {"team": team_id, "phase": phase_id, "file": file_digest}
     return session.scalars(_SAME_BYTES, given).first()
 
 
