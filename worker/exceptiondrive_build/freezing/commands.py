@@ -173,6 +173,6 @@ def _write(folder: Path, files: Iterable[tuple[str, bytes]]) -> None:
                 (part / name).chmod(0o600)
         part.rename(folder)
     except OSError as error:
-        raise BuildError(f"{folder}: {error.strerror}.", "No record is lost.") from None
+        raise BuildError(f"{folder}: {error.strerror or error}.", "No record is lost.") from None
     finally:
         shutil.rmtree(part, ignore_errors=True)
