@@ -168,7 +168,8 @@ def _has_true_id(key: ReceiptKey) -> bool:
 
 
 def _known(key: ReceiptKey, server: str | None) -> KnownKey:
-    return KnownKey(**{**dict(key), "server": server})
+    known_here = {name: getattr(key, name) for name in ReceiptKey.model_fields}
+    return KnownKey(**known_here, server=server)
 
 
 def _read_receipt(file: str | os.PathLike[str]) -> Receipt:

@@ -99,7 +99,7 @@ def test_no_limit_is_another_thing_than_nothing_said(
     """A withheld split has a limit unless it is told otherwise."""
     with running.context.database.write() as session:
         add_sample_split(session)
-    new = ("phases", "create", "new", "--title", "New", "--split", "sample", "--protocol", "1.0")
+    new = ("phases", "create", "next", "--title", "New", "--split", "sample", "--protocol", "1.0")
     made = organize(running, *new, *said, "--json")
     assert json.loads(made.stdout)["quota_total"] == quota_total
 

@@ -506,6 +506,15 @@ def test_progress_is_shown_on_a_terminal_and_never_on_stdout(
     assert json.loads(stdout)["rank"] == 1
 
 
+HEEDS_INTERRUPTS = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from exceptiondrive.__main__ import main
+main()
+"""
+"""The command as in a terminal: whoever starts tests in the background has them ignore interrupts."""
+
+
 def test_who_interrupts_the_waiting_reads_that_the_submission_goes_on(
     running: "Running", planning_file: MakeFile
 ) -> None:
@@ -514,7 +523,7 @@ def test_who_interrupts_the_waiting_reads_that_the_submission_goes_on(
     main_end, terminal = pty.openpty()
     process = subprocess.Popen(
         [
-            *(sys.executable, "-m", "exceptiondrive", "submit", str(planning_file())),
+            *(sys.executable, "-c", HEEDS_INTERRUPTS, "submit", str(planning_file())),
             *("--phase", "dev", "--method", "Planner", "--wait"),
         ],
         stdin=subprocess.DEVNULL,

@@ -50,7 +50,7 @@ def test_one_field_more_is_an_option_of_the_command_line(told: Any) -> None:
 
 
 def test_one_field_more_stands_in_the_documents_table(told: Any) -> None:
-    row = "| `stickers_per_day` | yes | 2 to 70 | `5` | Of a team, for its doors. |"
+    row = "| `stickers_per_day` | `policy` | 2 to 70 | `5` | Of a team, for its doors. |"
     assert row in told["table"]
 
 

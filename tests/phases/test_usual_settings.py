@@ -28,7 +28,7 @@ def made(database: Database, *, is_public: bool, **said: Any) -> tuple[Phase, st
             revision = find_split(session, "sample").revision
             publish_split(session, "sample", revision, "sha256:" + "5" * 64, "test")
         new = NewPhase(
-            id="new", challenge=ChallengeId("planning"), title="New", split="sample", **said
+            id="next", challenge=ChallengeId("planning"), title="New", split="sample", **said
         )
         phase = create_phase(session, new, actor="test")
         return phase, find_protocol(session, phase.protocol_digest).version

@@ -118,7 +118,14 @@ def open_phase(world: World, toml: str, split: Split, phase_id: str = "made") ->
         if session.get(ProtocolRow, protocol.digest) is None:
             session.add(row)
             session.flush()
-        add_phase(session, phase_id, split=split.name, protocol=version, quota_per_day=10_000)
+        add_phase(
+            session,
+            phase_id,
+            split=split.name,
+            protocol=version,
+            quota_per_day=10_000,
+            rejected_per_day=10_000,
+        )
     return version
 
 
