@@ -290,6 +290,12 @@ PROTECTIONS = (
         "tests/records/test_quotas.py::test_the_refusal_says_when_the_quota_begins_anew",
     ),
     Protection(
+        "quota-of-retries",
+        f"{RECORDS}.rescoring.retry:_require_place",
+        _nothing(None),
+        "tests/records/test_quotas.py::test_what_failed_is_tried_again_only_within_the_quota",
+    ),
+    Protection(
         "quota-lock",
         f"{RECORDS}.submissions.submissions:lock_team",
         _unlocked,

@@ -47,7 +47,7 @@ def retry_submission(
         Conflict: It has not failed, the team has submitted the same bytes again since, or it has used
             its quota without this one, which cost nothing and will.
     """
-    team_id = lock_team(session, find_submission(session, submission_id).team_id).id
+    lock_team(session, find_submission(session, submission_id).team_id)
     submission = session.get_one(
         Submission, submission_id, with_for_update=True, populate_existing=True
     )
@@ -55,11 +55,7 @@ def retry_submission(
         raise Conflict(f"The submission is {submission.status}; only failed ones can be retried.")
     _require_only_one(session, submission)
     phase = session.get_one(Phase, submission.phase_id)
-    if quota_of(session, team_id, phase, submission.received_at).remaining_today == 0:
-        raise Conflict(
-            "It cost no quota, and the team has used all of it, of that day or of the phase. To have "
-            "this one scored as well, raise the team's limits first."
-        )
+    _require_place(session, submission, phase)
     now = database_now(session)
     ended = Job.state.in_((WorkState.FAILED, WorkState.DEAD))
     query = select(Job).where(Job.submission_id == submission_id, ended).with_for_update()
@@ -124,6 +120,15 @@ def restore_submission(
         want_board(session, submission.phase_id, protocol_digest, split_revision)
     audit(session, actor, "submission restored", submission_id, detail)
     return submission
+
+
+def _require_place(session: Session, submission: Submission, phase: Phase) -> None:
+    quota = quota_of(session, submission.team_id, phase, submission.received_at)
+    if quota.remaining_today == 0:
+        raise Conflict(
+            "It cost no quota, and the team has used all of it, of that day or of the phase. To have "
+            "this one scored as well, raise the team's limits first."
+        )
 
 
 def _require_only_one(session: Session, submission: Submission) -> None:
