@@ -5,6 +5,7 @@ all else is tested against the real application in test_with_server.py.
 """
 
 import json
+import os
 import threading
 from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -150,3 +151,23 @@ def working(running: Running) -> Iterator[Running]:
     yield running
     stop.set()
     thread.join()
+
+
+@pytest.fixture
+def pipe(tmp_path: Path) -> tuple[Path, Callable[[], bytes]]:
+    """A named pipe that somebody reads, and what tells all that came through, and takes it away."""
+    if os.name != "posix":
+        pytest.skip("needs named pipes")
+    path = tmp_path / "planner.json"
+    os.mkfifo(path)
+    read: list[bytes] = []
+    reader = threading.Thread(target=lambda: read.append(path.read_bytes()), daemon=True)
+    reader.start()
+
+    def all_read() -> bytes:
+        reader.join()
+        assert path.is_fifo()
+        path.unlink()  # or who looks through the files of tests would wait on it
+        return read[0]
+
+    return path, all_read

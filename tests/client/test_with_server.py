@@ -12,7 +12,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -472,40 +472,6 @@ def test_a_withdrawn_entry_leaves_the_board_and_stays_in_the_list(
             time.sleep(0.02)
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are a POSIX matter")
-def test_progress_is_shown_on_a_terminal_and_never_on_stdout(
-    working: "Running", planning_file: MakeFile
-) -> None:
-    import pty
-
-    main_end, terminal = pty.openpty()
-    process = subprocess.Popen(
-        [
-            *(sys.executable, "-m", "exceptiondrive", "submit", str(planning_file())),
-            *("--phase", "dev", "--method", "Planner", "--wait", "--json"),
-        ],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=terminal,
-        env={
-            **os.environ,
-            "TERM": "xterm-256color",
-            "EXCEPTIONDRIVE_SERVER": working.url,
-            "EXCEPTIONDRIVE_TOKEN": working.token,
-        },
-    )
-    os.close(terminal)
-    shown = b""
-    with contextlib.suppress(OSError):  # the other end is closed: the command has ended
-        while chunk := os.read(main_end, 4096):
-            shown += chunk
-    os.close(main_end)
-    stdout, _ = process.communicate()
-    assert process.returncode == 0
-    assert b"uploading planner.json" in shown
-    assert json.loads(stdout)["rank"] == 1
-
-
 HEEDS_INTERRUPTS = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -513,21 +479,25 @@ from exceptiondrive.__main__ import main
 main()
 """
 """The command as in a terminal: whoever starts tests in the background has them ignore interrupts."""
+Process = subprocess.Popen[bytes]
 
 
-def test_who_interrupts_the_waiting_reads_that_the_submission_goes_on(
-    running: "Running", planning_file: MakeFile
-) -> None:
+def in_a_terminal(
+    running: "Running",
+    words: Sequence[object],
+    look: Callable[[Process, bytes], object] = lambda *_: None,
+) -> tuple[int, bytes, bytes]:
+    """Run a command whose stderr is a terminal; return exit code, stdout, and what was shown.
+
+    `look` is called with what was shown so far, each time that there is more.
+    """
     import pty
 
     main_end, terminal = pty.openpty()
     process = subprocess.Popen(
-        [
-            *(sys.executable, "-c", HEEDS_INTERRUPTS, "submit", str(planning_file())),
-            *("--phase", "dev", "--method", "Planner", "--wait"),
-        ],
+        [sys.executable, "-c", HEEDS_INTERRUPTS, *map(str, words)],
         stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
         stderr=terminal,
         env={
             **os.environ,
@@ -537,14 +507,40 @@ def test_who_interrupts_the_waiting_reads_that_the_submission_goes_on(
         },
     )
     os.close(terminal)
-    shown, found = b"", None
+    shown = b""
     with contextlib.suppress(OSError):  # the other end is closed: the command has ended
         while chunk := os.read(main_end, 4096):
             shown += chunk
-            if found is None and (found := re.search(rb"\b[0-9a-z]{16}\b", shown)):
-                process.send_signal(signal.SIGINT)
+            look(process, shown)
     os.close(main_end)
-    assert process.wait() == 130
-    assert found is not None
-    said = f"It is safe and will be scored; look with: exceptiondrive status {found[0].decode()}"
+    stdout, _ = process.communicate()
+    return process.returncode, stdout, shown
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are a POSIX matter")
+def test_progress_is_shown_on_a_terminal_and_never_on_stdout(
+    working: "Running", planning_file: MakeFile
+) -> None:
+    submit = ("submit", planning_file(), "--phase", "dev", "--method", "Planner", "--wait")
+    code, stdout, shown = in_a_terminal(working, [*submit, "--json"])
+    assert code == 0
+    assert b"uploading planner.json" in shown
+    assert json.loads(stdout)["rank"] == 1
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are a POSIX matter")
+def test_who_interrupts_the_waiting_reads_that_the_submission_goes_on(
+    running: "Running", planning_file: MakeFile
+) -> None:
+    ids: list[str] = []
+
+    def interrupt(process: Process, shown: bytes) -> None:
+        if not ids and (found := re.search(rb"\b[0-9a-z]{16}\b", shown)):
+            ids.append(found[0].decode())
+            process.send_signal(signal.SIGINT)
+
+    submit = ("submit", planning_file(), "--phase", "dev", "--method", "Planner", "--wait")
+    code, _, shown = in_a_terminal(running, submit, interrupt)
+    assert code == 130
+    said = f"It is safe and will be scored; look with: exceptiondrive status {ids[0]}"
     assert said in shown.decode()

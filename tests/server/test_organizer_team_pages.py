@@ -257,7 +257,7 @@ def test_what_two_change_at_once_is_refused_to_the_second_until_it_is_said_again
     assert organizer.send(page, {**shown, **WHY, name: first}).status_code == 303
     refused = organizer.send(page, {**shown, **WHY, name: second})
     assert refused.status_code == 409
-    assert "Changed by somebody else since this page was shown" in refused.text
+    assert "Changed since this page was shown" in refused.text
     assert f"which is {first} now" in refused.text
     assert settings(organizer, page)[name] == first
     assert second in refused.text
@@ -266,6 +266,17 @@ def test_what_two_change_at_once_is_refused_to_the_second_until_it_is_said_again
     again = {**shown, **WHY, name: second, f"was.{name}": mark[1]}
     assert organizer.send(page, again).status_code == 303
     assert settings(organizer, page)[name] == second
+
+
+def test_a_long_text_that_two_change_is_named_by_its_beginning(one: "TeamBrowser") -> None:
+    page = f"{PHASES}/dev"
+    shown = settings(one, page)
+    assert one.send(page, {**shown, "rules": "Theirs. " * 1000}).status_code == 303
+    refused = one.send(page, {**shown, "rules": "Mine."})
+    assert refused.status_code == 409
+    notice = refused.text.split('id="refusal"')[1].split("</div>")[0]
+    assert "Rules, which is Theirs." in notice
+    assert len(notice) < 500
 
 
 def test_a_refused_form_shows_what_was_changed_meanwhile_in_what_was_left_alone(
