@@ -19,6 +19,7 @@ from exceptiondrive_records.notifications.inbox import put_notice
 from exceptiondrive_records.notifications.tables import ContactPoint, Notification
 from exceptiondrive_records.participation.tables import Allowance, TermsAcceptance
 from exceptiondrive_records.phases.allowances import is_revealed
+from exceptiondrive_records.phases.policy import own_deadline
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.submissions.submissions import ids_of_team
@@ -207,11 +208,12 @@ def _ending(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
             Phase.id.in_(submitted) | Phase.id.in_(accepted),
         )
     )
-    for phase, own in session.execute(query):
+    for phase, granted_until in session.execute(query):
         ends, whose = phase.closes_at, "Its"
         if ends is None or (phase.opens_at is not None and phase.opens_at > now):
             continue
-        if own is not None and own > ends and not is_revealed(session, phase):
+        own = own_deadline(phase, granted_until)
+        if own is not None and not is_revealed(session, phase):
             ends, whose = own, "Your team's own"
         if not now < ends <= now + _ENDS_SOON:
             continue

@@ -48,12 +48,12 @@ def set_allowance(
     team = lock_team(session, find_team(session, slug).id)
     row = allowance_of(session, team.id, phase.id)
     if closes_at is not None and own_deadline(phase, closes_at) is None:
-        if row is None or closes_at != row.closes_at:
-            words = "A team's own deadline must lie after that of the phase."
-            is_endless = phase.closes_at is None
-            words = "The phase has no deadline: no team needs a later one." if is_endless else words
-            raise InvalidRecord(words)
-        closes_at = None
+        if row is not None and closes_at == row.closes_at:
+            closes_at = None
+        elif phase.closes_at is None:
+            raise InvalidRecord("The phase has no deadline: no team needs a later one.")
+        else:
+            raise InvalidRecord("A team's own deadline must lie after that of the phase.")
     if closes_at is not None and is_revealed(session, phase):
         raise Conflict("What was kept back is revealed: nothing more can be in time.")
     before = _words(row)

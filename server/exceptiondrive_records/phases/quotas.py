@@ -29,13 +29,9 @@ WAITING = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED, SubmissionStatus.
 
 def quota_of(session: Session, team_id: int, phase: Phase, day: datetime | None = None) -> Quota:
     """Return what the team has used and may still use today, or of the day of another moment."""
-    now = database_now(session) if day is None else day
-    given = {
-        "team": team_id,
-        "phase": phase.id,
-        "today": start_of_day(now),
-        "tomorrow": next_day(now),
-    }
+    at = database_now(session) if day is None else day
+    midnight, next_midnight = start_of_day(at), next_day(at)
+    given = {"team": team_id, "phase": phase.id, "from": midnight, "to": next_midnight}
     found = session.execute(_used_and_granted(), given).one()
     per_day = found.quota_per_day or phase.quota_per_day
     total = found.quota_total or phase.quota_total
@@ -48,7 +44,7 @@ def quota_of(session: Session, team_id: int, phase: Phase, day: datetime | None 
         remaining_today=remaining,
         total=total,
         used_total=found.used_total,
-        resets_at=next_day(now),
+        resets_at=next_midnight,
         rejected_per_day=phase.rejected_per_day,
         rejected_today=found.rejected_today,
         concurrent=phase.quota_concurrent,
@@ -64,12 +60,12 @@ def _used_and_granted() -> Select[Any]:
     is_counted = ~is_one_of(Submission.status, COSTS_NOTHING) & ~is_asked_about
     is_rejected = is_one_of(Submission.status, COSTS_NOTHING) | is_asked_about
     received_at = Submission.received_at
-    is_of_today = (received_at >= bindparam("today")) & (received_at < bindparam("tomorrow"))
+    is_of_day = (received_at >= bindparam("from")) & (received_at < bindparam("to"))
     used = (
         select(
             func.count().filter(is_counted).label("used_total"),
-            func.count().filter(is_counted & is_of_today).label("used_today"),
-            func.count().filter(is_rejected & is_of_today).label("rejected_today"),
+            func.count().filter(is_counted & is_of_day).label("used_today"),
+            func.count().filter(is_rejected & is_of_day).label("rejected_today"),
             func.count().filter(is_one_of(Submission.status, WAITING)).label("waiting"),
         )
         .where(Submission.team_id == bindparam("team"), Submission.phase_id == bindparam("phase"))

@@ -105,7 +105,8 @@ def post_contact(
 ) -> ContactView:
     """Be told at a webhook or e-mail address; a webhook's secret is shown this once.
 
-    It needs both scopes, since scores and ranks are told there. An e-mail address gets one message that asks for a yes, and nothing more until it is given.
+    It needs both scopes, since scores and ranks are told there. An e-mail address gets one message
+    that asks for a yes, and nothing more until it is given.
     """
     with services.database.write() as session:
         contact = add_contact(

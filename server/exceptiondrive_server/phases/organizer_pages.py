@@ -52,7 +52,7 @@ from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.phases.export import export_phase
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import PostedForm, SignedIn
-from exceptiondrive_server.web.forms import REASON, filled, made, read, text_of, typed
+from exceptiondrive_server.web.forms import NOTHING_KEPT, REASON, filled, made, read, text_of, typed
 from exceptiondrive_server.web.organizer_frame import (
     OrganizerBrowser,
     Step,
@@ -403,7 +403,7 @@ def _page(
     browser: SignedIn,
     texts: Mapping[str, str],
     refusal: RecordsError | None,
-    kept: Mapping[str, str] | None = None,
+    kept: Mapping[str, str] = NOTHING_KEPT,
     **values: Any,
 ) -> Response:
     settings = _of_new() if values["phase"] is None else SETTINGS

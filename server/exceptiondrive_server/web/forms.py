@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from types import MappingProxyType
 from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -20,7 +21,9 @@ from exceptiondrive_schemas.base import faults_in
 from exceptiondrive_schemas.datetimes import in_utc
 
 MAX_DIGITS = 9
+NOTHING_KEPT: Mapping[str, str] = MappingProxyType({})
 _WAS = "was."
+_SHORT = 80
 Model = TypeVar("Model", bound=BaseModel)
 
 
@@ -55,7 +58,7 @@ REASON = FormField(
 
 
 def filled(
-    fields: Sequence[FormField], texts: Mapping[str, str], kept: Mapping[str, str] | None = None
+    fields: Sequence[FormField], texts: Mapping[str, str], kept: Mapping[str, str] = NOTHING_KEPT
 ) -> tuple[Filled, ...]:
     """Return the fields with these texts; a missing one is empty.
 
@@ -64,7 +67,7 @@ def filled(
         texts: Of the fields, or all that was typed.
         kept: What is kept of some fields now. One that was left alone shows it.
     """
-    return tuple(_filled(field, texts, kept or {}) for field in fields)
+    return tuple(_filled(field, texts, kept) for field in fields)
 
 
 def _filled(field: FormField, texts: Mapping[str, str], kept: Mapping[str, str]) -> Filled:
@@ -86,7 +89,7 @@ def typed(form: FormData) -> dict[str, str]:
 
 
 def read(
-    fields: Sequence[FormField], form: FormData, kept: Mapping[str, str] | None = None
+    fields: Sequence[FormField], form: FormData, kept: Mapping[str, str] = NOTHING_KEPT
 ) -> dict[str, Any]:
     """Return the values of the fields; an empty one that may be empty is None.
 
@@ -104,26 +107,24 @@ def read(
     for field in fields:
         given = form.getlist(field.name) if field.kind == "several" else [form.get(field.name, "")]
         text = " ".join(map(str, given)).strip()
-        now, was = (kept or {}).get(field.name), form.get(_WAS + field.name)
         try:
-            value = _value(field, text)
-            if now is not None and was not in (None, _mark(now)):
-                mine = _mark(text_of(value))
-                if mine == was:
-                    value = _value(field, now.strip())
-                elif mine != _mark(now):
-                    changed_twice.append(
-                        f"{field.label}, which is {now or ('no' if field.kind == 'yes' else 'empty')} now"
-                    )
-            values[field.name] = value
+            values[field.name] = value = _value(field, text)
+            was = form.get(_WAS + field.name)
+            if was is None or field.name not in kept:
+                continue
+            mine, now = _mark(text_of(value)), _mark(kept[field.name])
+            if mine == was:
+                values[field.name] = _value(field, kept[field.name].strip())
+            elif now not in (was, mine):
+                changed_twice.append(f"{field.label}, which is {_in_short(field, kept)} now")
         except ValueError as error:
             faults.append(f"{field.label}: {error}.")
     if faults:
         raise InvalidRecord(" ".join(faults))
     if changed_twice:
         raise Conflict(
-            f"Changed by somebody else since this page was shown: {'; '.join(changed_twice)}. What you "
-            "typed still stands below; send it again to have it so."
+            f"Changed since this page was shown: {'; '.join(changed_twice)}. What you typed still "
+            "stands below; send it again to have it so."
         )
     return values
 
@@ -165,6 +166,11 @@ def _as_shown(field: FormField, text: str) -> str:
         return text_of(_value(field, text.strip()))
     except ValueError:
         return text
+
+
+def _in_short(field: FormField, kept: Mapping[str, str]) -> str:
+    text = kept[field.name] or ("no" if field.kind == "yes" else "empty")
+    return text if len(text) <= _SHORT else f"{text[:_SHORT]}…"
 
 
 def _mark(text: str) -> str:

@@ -223,7 +223,7 @@ def step_page(
         refusal=refusal,
         step=step,
         fields=filled(
-            step.fields, step.texts if texts is None else texts, step.texts if step.kept else None
+            step.fields, step.texts if texts is None else texts, step.texts if step.kept else {}
         ),
     )
 
