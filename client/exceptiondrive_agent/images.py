@@ -33,12 +33,15 @@ def find_images(source: Path) -> ImagePaths:
 
 def _images_of_folder(folder: Path) -> dict[str, tuple[Path, ...]]:
     return {
-        sample.name: tuple(
-            sorted(path for path in sample.iterdir() if path.suffix.lower() in _SUFFIXES)
-        )
-        for sample in sorted(folder.iterdir())
-        if sample.is_dir() and not sample.name.startswith(".")
+        sample.name: tuple(path for path in _shown(sample) if path.suffix.lower() in _SUFFIXES)
+        for sample in _shown(folder)
+        if sample.is_dir()
     }
+
+
+def _shown(folder: Path) -> list[Path]:
+    """What a folder holds, by name, but the files that systems hide there, such as `._1.jpg`."""
+    return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
 
 
 def _images_of_json(file: Path) -> dict[str, tuple[Path, ...]]:

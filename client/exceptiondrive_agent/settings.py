@@ -3,13 +3,13 @@
 import json
 from collections.abc import Mapping
 from typing import Any
-from urllib.parse import urlsplit
 
 from exceptiondrive.inputs import given_protocol
 from exceptiondrive_agent.errors import AgentError
 from exceptiondrive_agent.report import Prices
 from exceptiondrive_agent.run import RunSettings
 from exceptiondrive_endpoints.endpoint import EndpointSettings, ModelSettings
+from exceptiondrive_endpoints.settings import checked_address, checked_fields
 
 _OUR_FIELDS = frozenset({"model", "messages", "response_format", "stream", "n"})
 
@@ -54,12 +54,12 @@ def checked_base_url(text: str) -> str:
     Raises:
         AgentError: Not http(s), or it carries a password, which would end up in shell histories.
     """
-    address = urlsplit(text)
-    if address.scheme not in ("http", "https") or not address.hostname:
-        raise AgentError(f"--base-url: expected http://... or https://..., got {text!r}")
-    if address.username or address.password:
-        raise AgentError("--base-url: no user or password in it; set EXCEPTIONDRIVE_AGENT_KEY")
-    return text
+    try:
+        return checked_address(text)
+    except ValueError as error:
+        raise AgentError(
+            f"--base-url: {error}.", "A key comes from EXCEPTIONDRIVE_AGENT_KEY."
+        ) from None
 
 
 def extra_fields(text: str | None) -> dict[str, Any]:
@@ -79,7 +79,10 @@ def extra_fields(text: str | None) -> dict[str, Any]:
     ours = sorted(_OUR_FIELDS & extra.keys())
     if ours:
         raise AgentError(f"--extra-body: the agent sets {', '.join(ours)} itself")
-    return extra
+    try:
+        return checked_fields(extra)
+    except ValueError as error:
+        raise AgentError(f"--extra-body: {error}") from None
 
 
 def prices(price_in: float | None, price_out: float | None) -> Prices | None:

@@ -11,10 +11,10 @@ import asyncio
 import base64
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Annotated, Any
 
 import openai
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, BeforeValidator, ValidationError
 
 from exceptiondrive_endpoints.answers import Schema
 from exceptiondrive_endpoints.errors import (
@@ -126,11 +126,14 @@ def request_body(
     return {**body, **settings.extra}
 
 
-class Usage(BaseModel):
-    """Tokens that the endpoint says it counted."""
+_Count = Annotated[int, BeforeValidator(lambda told: 0 if told is None else told)]
 
-    prompt_tokens: int = 0
-    completion_tokens: int = 0
+
+class Usage(BaseModel):
+    """Tokens that the endpoint says it counted; some say null for none."""
+
+    prompt_tokens: _Count = 0
+    completion_tokens: _Count = 0
 
 
 class _Message(BaseModel):
@@ -353,7 +356,7 @@ class Endpoint:
             raise NoAnswerError(Reason.TIMEOUT, "no answer in time, after retries") from None
         except openai.APIConnectionError as error:
             said = self._clean(str(error.__cause__ or error))
-            detail = f"no connection to {self._address}, after retries: {said}"
+            detail = f"no connection to {self._settings.base_url}, after retries: {said}"
             raise NoAnswerError(Reason.CONNECTION, detail) from None
         except (openai.BadRequestError, openai.UnprocessableEntityError):
             raise
@@ -361,13 +364,8 @@ class Endpoint:
             self._stop_if_hopeless(error)
             raise self._refused(error) from None
 
-    @property
-    def _address(self) -> str:
-        """Where questions are sent, without a password that may stand in it."""
-        return str(self._client.base_url.copy_with(userinfo=b""))
-
     def _stop_if_hopeless(self, error: openai.APIStatusError) -> None:
-        said = self._clean(error.message)
+        said = self._said(error)
         if error.status_code == 401:
             raise EndpointRefusesError(
                 f"The endpoint refuses the key: {said}.", self._settings.key_advice
@@ -376,7 +374,8 @@ class Endpoint:
             raise EndpointRefusesError(f"The endpoint says that the account is used up: {said}.")
         if error.status_code == 404:
             raise EndpointUnknownError(
-                f"{self._address} knows no such address, or no model {self._model.model}: {said}.",
+                f"{self._settings.base_url} knows no such address, or no model "
+                f"{self._model.model}: {said}.",
                 self._settings.address_advice,
             )
 
@@ -386,7 +385,12 @@ class Endpoint:
             reason = Reason.RATE_LIMITED
         elif error.status_code in (408, 409) or error.status_code >= 500:
             reason = Reason.SERVER_ERROR
-        return NoAnswerError(reason, f"HTTP {error.status_code}: {self._clean(error.message)}")
+        return NoAnswerError(reason, f"HTTP {error.status_code}: {self._said(error)}")
+
+    def _said(self, error: openai.APIStatusError) -> str:
+        """The endpoint's own words."""
+        said = error.body.get("message") if isinstance(error.body, dict) else error.body
+        return self._clean(str(said or error.response.text))
 
     def _clean(self, text: str) -> str:
         return (text.replace(self._key, "***") if self._key else text)[:300]

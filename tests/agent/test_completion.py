@@ -38,6 +38,14 @@ def test_tokens_are_none_where_the_endpoint_counts_none() -> None:
     assert uncounted.usage is None
 
 
+def test_an_answer_counts_where_its_tokens_are_null() -> None:
+    body = {"choices": [{"message": {"content": "C"}}], "usage": {"prompt_tokens": None}}
+    completion = read_completion(json.dumps(body).encode())
+    assert completion.text == "C"
+    assert completion.usage is not None
+    assert completion.usage.prompt_tokens == 0
+
+
 def test_more_than_one_choice_is_no_answer() -> None:
     choice = {"message": {"content": "C"}, "finish_reason": "stop"}
     completion = read_completion(json.dumps({"choices": [choice, choice]}).encode())

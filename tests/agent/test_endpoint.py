@@ -93,7 +93,7 @@ def test_without_an_endpoint_the_sample_is_null_with_no_connection(
     assert endpoint.seen == []
     assert result.exit_code == 5
     assert "1 connection" in result.stdout
-    assert "1 sample could not be asked: no connection to http://127.0.0.1:1/v1/" in result.stderr
+    assert "1 sample could not be asked: no connection to http://127.0.0.1:1/v1" in result.stderr
     assert "If --base-url is right, run the same command again." in result.stderr
 
 
@@ -111,7 +111,7 @@ def test_a_refused_key_stops_the_run_at_once_and_is_not_repeated_in_the_message(
 @pytest.mark.parametrize(
     ("status", "code", "exit_code", "said"),
     [
-        (404, "model_not_found", 2, "/v1/ knows no such address, or no model tested-model"),
+        (404, "model_not_found", 2, "/v1 knows no such address, or no model tested-model"),
         (404, "model_not_found", 2, "Correct --base-url or --model."),
         (402, None, 4, "used up"),
         (429, "insufficient_quota", 4, "used up"),

@@ -10,10 +10,10 @@ from exceptiondrive_endpoints.errors import NoAnswerError, Reason
 from exceptiondrive_endpoints.images import MAX_IMAGE_BYTES, load_images
 
 
-def test_images_of_a_folder_come_in_order_of_file_name(tmp_path: Path) -> None:
+def test_images_of_a_folder_come_in_order_of_file_name_but_hidden_ones(tmp_path: Path) -> None:
     sample = tmp_path / "sample-1"
     sample.mkdir()
-    for name in ("b.PNG", "a.jpg", "c.jpeg", "notes.txt"):
+    for name in ("b.PNG", "a.jpg", "c.jpeg", "notes.txt", "._a.jpg"):
         (sample / name).write_bytes(b"")
     found = find_images(tmp_path)
     assert [path.name for path in found["sample-1"]] == ["a.jpg", "b.PNG", "c.jpeg"]

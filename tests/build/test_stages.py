@@ -254,7 +254,25 @@ def test_an_endpoint_that_is_not_there_is_named(shop: Path, stand_in: StandIn) -
     change(shop, "workshop.toml", "concurrency = 8", "concurrency = 8\nmax_retries = 0")
     done = run(shop, "screen", "--limit", "1")
     assert done.exit_code == 5
-    assert "no connection to http://127.0.0.1:1/v1/" in " ".join(done.output.split())
+    assert "no connection to http://127.0.0.1:1/v1" in " ".join(done.output.split())
+
+
+@pytest.mark.parametrize(
+    ("now", "said"),
+    [
+        ('base_url = "http://[bad/v1"', "base_url: expected http"),
+        ('base_url = "http://localhost:99999/v1"', "expected http"),
+        ('base_url = "http://me:secret@localhost/v1"', "no user or password in it"),
+    ],
+)
+def test_an_address_that_is_none_is_named(
+    shop: Path, stand_in: StandIn, now: str, said: str
+) -> None:
+    change(shop, "workshop.toml", f'base_url = "{stand_in.base_url}"', now)
+    done = run(shop, "screen", "--limit", "1")
+    assert done.exit_code == 2
+    assert said in " ".join(done.output.split())
+    assert "secret" not in done.output
 
 
 @pytest.mark.parametrize(

@@ -2,9 +2,10 @@
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from exceptiondrive_build.values import Mark
+from exceptiondrive_endpoints.settings import checked_address, checked_fields
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.datasheet import Words
 from exceptiondrive_schemas.split import SplitName
@@ -18,7 +19,7 @@ MarkValue = Annotated[int, Field(ge=1, le=5)]
 class EndpointSection(Document):
     """Where an OpenAI-compatible endpoint is, and how fast it may be asked."""
 
-    base_url: str
+    base_url: Annotated[str, AfterValidator(checked_address)]
     key_from: str = Field(
         default="EXCEPTIONDRIVE_BUILD_KEY", description="environment variable that holds its key"
     )
@@ -34,7 +35,9 @@ class ModelSection(Document):
     endpoint: str
     model: str
     prompt: str = Field(description="file in the workshop")
-    extra: dict[str, Any] = Field(default_factory=dict, description="more fields of the request")
+    extra: Annotated[dict[str, Any], AfterValidator(checked_fields)] = Field(
+        default_factory=dict, description="more fields of the request"
+    )
     attempts: Annotated[int, Field(ge=1, le=10)] = Field(
         default=2, description="how often it is asked before an unusable answer is recorded as such"
     )
