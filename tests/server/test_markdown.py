@@ -85,6 +85,7 @@ def test_the_first_paragraph_stands_alone() -> None:
     text = "# Title\n\nFirst *words*\nof it.\n\nSecond."
     assert str(first_paragraph(text)) == "<p>First <em>words</em>\nof it.</p>\n"
     assert str(first_paragraph("# Title")) == ""
+    assert str(first_paragraph("> Quoted.\n\nOne\u2028line.\n\nMore.")) == "<p>One\u2028line.</p>\n"
 
 
 @pytest.mark.parametrize(

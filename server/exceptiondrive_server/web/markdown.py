@@ -5,6 +5,7 @@ fault (docs/decisions/0016-markdown.md).
 """
 
 from functools import lru_cache
+from itertools import pairwise
 
 import nh3
 from markdown_it import MarkdownIt
@@ -58,7 +59,7 @@ def _of_this_site_or_https(tag: str, attribute: str, value: str) -> str | None:
 @lru_cache(maxsize=256)
 def first_paragraph(text: str) -> Markup:
     """Return the first paragraph of a text in Markdown, for a place that has no room for all of it."""
-    return markdown(_first(_MARKDOWN.parse(text), text))
+    return markdown(_first(_MARKDOWN.parse(text)))
 
 
 def plain_text(text: str) -> str:
@@ -80,9 +81,8 @@ def _plain(tokens: list[Token]) -> str:
     return words
 
 
-def _first(tokens: list[Token], text: str) -> str:
-    lines = text.splitlines()
-    for token in tokens:
-        if token.type == "paragraph_open" and token.level == 0 and token.map:
-            return "\n".join(lines[token.map[0] : token.map[1]])
+def _first(tokens: list[Token]) -> str:
+    for opening, words in pairwise(tokens):
+        if opening.type == "paragraph_open" and opening.level == 0:
+            return words.content
     return ""
