@@ -122,7 +122,7 @@ def score(
 def _arrays(split: Split, protocol: ProtocolDocument) -> "SplitArrays":
     from exceptiondrive_scoring.arrays import split_arrays
     from exceptiondrive_scoring.clearance import touches_start
-    from exceptiondrive_scoring.region import is_far, is_small
+    from exceptiondrive_scoring.region import crosses_itself, is_far, is_small
 
     geometry = protocol.geometry
 
@@ -136,10 +136,12 @@ def _arrays(split: Split, protocol: ProtocolDocument) -> "SplitArrays":
         arrays = split_arrays(split.counted, protocol.taxonomy)
         far = f"with a corner more than {geometry.max_region_distance_m:g} m away"
         none_may(is_far(arrays.regions_m, geometry), far)
-        regions = arrays.prepared_regions  # refuses those that cross themselves
+        none_may(crosses_itself(arrays.regions_m), "that cross themselves")
         small = f"smaller than {geometry.min_region_area_m2:g} m2"
         none_may(is_small(arrays.regions_m, geometry), small)
-        none_may(touches_start(regions, geometry), "that touch the footprint at t = 0")
+        none_may(
+            touches_start(arrays.prepared_regions, geometry), "that touch the footprint at t = 0"
+        )
     except ValueError as error:
         raise InvalidArgumentError("wrong_split_file", f"{error}.") from None
     return arrays

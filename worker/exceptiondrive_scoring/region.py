@@ -66,6 +66,17 @@ def is_small(corners_m: FloatArray, geometry: GeometrySection) -> BoolArray:
     return small
 
 
+def crosses_itself(corners_m: FloatArray) -> BoolArray:
+    """Whether two corners of each region turn the wrong way; (N, 4, 2) -> (N,)."""
+    crosses: BoolArray = _is_reflex(counter_clockwise(corners_m)).sum(axis=1) > 1
+    return crosses
+
+
+def _is_reflex(corners_m: FloatArray) -> BoolArray:
+    """Which corners turn right on a counter-clockwise boundary; (N, 4, 2) -> (N, 4)."""
+    return corner_turns_m2(corners_m) < 0
+
+
 def counter_clockwise(corners_m: FloatArray) -> FloatArray:
     """Return the corners in counter-clockwise order; (N, 4, 2), the argument is not changed."""
     clockwise = signed_area_m2(corners_m) < 0
@@ -83,10 +94,10 @@ def prepare_regions(regions_m: FloatArray) -> PreparedRegions:
         regions_m: (N, 4, 2) finite corners.
 
     Raises:
-        ValueError: A region crosses itself (two corners turn the wrong way).
+        ValueError: A region crosses itself.
     """
     corners = counter_clockwise(np.asarray(regions_m, dtype=np.float64).reshape(-1, 4, 2))
-    reflex = corner_turns_m2(corners) < 0
+    reflex = _is_reflex(corners)
     if (reflex.sum(axis=1) > 1).any():
         raise ValueError("a hazard region crosses itself; the split has to be repaired")
     concave = np.flatnonzero(reflex.any(axis=1))
