@@ -1,7 +1,7 @@
 """Pages are made in a few places of their own: API calls and /healthz never wait behind them."""
 
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor
 from threading import Event, Semaphore
 from typing import TYPE_CHECKING
 
@@ -47,6 +47,17 @@ class Held:
                 answers = [page.exception() or page.result() for page in asked if page.done()]
                 assert len(answers) < len(asked), answers
 
+    def answer_of(self, asked: Future[int]) -> int:
+        """Return what is answered while no other page begins to be made.
+
+        Raises:
+            AssertionError: If one does: what is asked for may then wait for it without end.
+        """
+        while not asked.done():
+            assert not self.began.acquire(timeout=0.1), "a page more than there are places"
+        assert not self.began.acquire(blocking=False)
+        return asked.result()
+
     def read_board(self, *arguments: object, **options: object) -> object:
         """Wait, then read a board."""
         self.began.release()
@@ -64,31 +75,31 @@ def held(monkeypatch: pytest.MonkeyPatch) -> Iterator[Held]:
 
 @pytest.fixture
 def readers(held: Held) -> Iterator[ThreadPoolExecutor]:
-    with ThreadPoolExecutor(2 * THREADS) as readers:
+    with ThreadPoolExecutor(2 * THREADS + 1) as readers:
         yield readers
         held.go_on.set()
 
 
-def ask(url: str, source: str = "127.0.0.1") -> int:
+def ask(url: str, source: str = "127.0.0.1", token: str = "") -> int:
     """Ask for a page from an address of this machine; return the status."""
     with httpx.Client(
         transport=httpx.HTTPTransport(verify=False, local_address=source), timeout=None
     ) as client:
-        return client.get(url).status_code
+        headers = {"Authorization": f"Bearer {token}"} if token else {}
+        return client.get(url, headers=headers).status_code
 
 
 def test_an_api_call_and_health_answer_while_more_pages_are_asked_for_than_there_are_threads(
     api: "Api", address: str, held: Held, readers: ThreadPoolExecutor
 ) -> None:
-    bearer = {"Authorization": f"Bearer {api.tokens['alpha']}"}
     asked = [
         readers.submit(ask, f"{address}/?page={number + 1}", f"127.0.0.{2 + number % THREADS}")
         for number in range(2 * THREADS)
     ]
     held.await_began(PAGES_AT_ONCE, asked)
     for path in ("/healthz", "/api/v1/submissions"):
-        assert httpx.get(address + path, headers=bearer, timeout=None).status_code == 200
-    assert not held.began.acquire(blocking=False)
+        answer = readers.submit(ask, address + path, token=api.tokens["alpha"])
+        assert held.answer_of(answer) == 200
     assert not any(page.done() for page in asked)
     held.go_on.set()
     assert {page.result() for page in asked} == {200}
@@ -100,10 +111,7 @@ def test_who_asks_for_many_pages_waits_behind_none_but_its_own(
     asked = [readers.submit(ask, f"{address}/?page={number}") for number in range(2, 12)]
     held.await_began(PAGES_OF_AN_ADDRESS, asked)
     other = readers.submit(ask, f"{address}/status", "127.0.0.2")
-    wait([other])
-    assert other.done()
-    assert other.result() == 200
-    assert not held.began.acquire(blocking=False)
+    assert held.answer_of(other) == 200
     held.go_on.set()
     assert {page.result() for page in asked} == {200}
 
