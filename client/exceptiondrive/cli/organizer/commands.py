@@ -27,9 +27,6 @@ SubmissionId = Annotated[
         metavar="ID", autocompletion=completion.submission_ids, help="Id of the submission."
     ),
 ]
-TeamId = Annotated[
-    str, typer.Argument(metavar="TEAM", autocompletion=completion.teams, help="Id of the team.")
-]
 FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="Protocol document, TOML.")]
 
 
@@ -75,12 +72,7 @@ def diff_protocol(
 
 
 def similar(
-    phase: Annotated[
-        str,
-        typer.Option(
-            "--phase", metavar="PHASE", autocompletion=completion.phases, help="Id of the phase."
-        ),
-    ],
+    phase: options.PhaseId,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -161,7 +153,7 @@ def create_team(
 
 
 def approve_team(
-    team_id: TeamId, server: options.Server = None, json: options.Json = False
+    team_id: options.TeamId, server: options.Server = None, json: options.Json = False
 ) -> None:
     """Let a team that registered itself submit."""
     with open_organizer(server) as organizer:
@@ -170,8 +162,8 @@ def approve_team(
 
 
 def refuse_team(
-    team_id: TeamId,
-    reason: phases.ReasonOption,
+    team_id: options.TeamId,
+    reason: options.Reason,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -183,7 +175,7 @@ def refuse_team(
 
 def retry_submission(
     submission_id: SubmissionId,
-    reason: phases.ReasonOption,
+    reason: options.Reason,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -220,7 +212,7 @@ def show_story(
 
 def verify_submission(
     submission_id: SubmissionId,
-    reason: phases.ReasonOption,
+    reason: options.Reason,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -232,7 +224,7 @@ def verify_submission(
 
 def restore_submission(
     submission_id: SubmissionId,
-    reason: phases.ReasonOption,
+    reason: options.Reason,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -288,12 +280,7 @@ def download_archive(
             "--team", metavar="TEAM", autocompletion=completion.teams, help="Only of this team."
         ),
     ] = None,
-    phase: Annotated[
-        str | None,
-        typer.Option(
-            "--phase", metavar="ID", autocompletion=completion.phases, help="Only of this phase."
-        ),
-    ] = None,
+    phase: options.Phase = None,
     status: Annotated[
         str | None,
         typer.Option(
@@ -313,7 +300,9 @@ def download_archive(
     show_saved(output or Path("submissions.tar"), data, json)
 
 
-def list_tokens(team_id: TeamId, server: options.Server = None, json: options.Json = False) -> None:
+def list_tokens(
+    team_id: options.TeamId, server: options.Server = None, json: options.Json = False
+) -> None:
     """List a team's tokens, without their secrets."""
     columns = ("id", "name", "scopes", "created_at", "expires_at", "revoked_at", "last_used_at")
     with open_organizer(server) as organizer:
@@ -322,7 +311,7 @@ def list_tokens(team_id: TeamId, server: options.Server = None, json: options.Js
 
 
 def issue_token(
-    team_id: TeamId,
+    team_id: options.TeamId,
     name: Annotated[str, typer.Option("--name", metavar="NAME", help="What it is for.")],
     expires_at: Annotated[
         str | None, typer.Option("--expires-at", metavar="TIME", help="2027-01-31T00:00:00Z")
@@ -431,7 +420,7 @@ def list_confirmations(server: options.Server = None, json: options.Json = False
 
 def withdraw_confirmation(
     confirmation_id: Annotated[str, typer.Argument(metavar="ID", help="`confirmations` shows it.")],
-    reason: phases.ReasonOption,
+    reason: options.Reason,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -443,7 +432,7 @@ def withdraw_confirmation(
 
 def delete_protocol(
     version: Annotated[str, typer.Argument(metavar="VERSION", help="Version or digest.")],
-    reason: phases.ReasonOption,
+    reason: options.Reason,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
