@@ -7,15 +7,15 @@ from typing import Annotated, Any
 import typer
 
 from exceptiondrive.checking import write_file
-from exceptiondrive.cli import completion, news_commands, options
-from exceptiondrive.cli.groups import Group
-from exceptiondrive.cli.organizer import participation, people, phases, rescoring, site
+from exceptiondrive.cli import completion, group, news_commands, options
+from exceptiondrive.cli.organizer import participation, phases, rescoring
 from exceptiondrive.cli.output import say, show_result, show_saved, upload_name
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.confirmations import confirm, default_key_path, make_key
 from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, utc_text
 from exceptiondrive.inputs import given_bytes, given_protocol
+from exceptiondrive_schemas.api.site import SiteLinks
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.protocol import ProtocolDocument, ProtocolError
 from exceptiondrive_schemas.protocols.sense import nonsense
@@ -537,6 +537,62 @@ def read_audit(
     show_result(found, json, records_table(lines, columns))
 
 
+def list_people(server: options.Server = None, json: options.Json = False) -> None:
+    """List everybody who signed in through the provider, with their roles."""
+    with open_organizer(server) as organizer:
+        found = organizer.people()
+    columns = ("id", "name", "role", "phases", "signed_in_at")
+    show_result(found, json, records_table(found, columns))
+
+
+def set_role(
+    person: Annotated[str, typer.Argument(metavar="PERSON", help="Id of the person.")],
+    role: Annotated[
+        str | None,
+        typer.Option(
+            "--role",
+            metavar="ROLE",
+            autocompletion=completion.choices("owner", "helper", "read-only"),
+            help="owner, helper or read-only; else none.",
+        ),
+    ] = None,
+    phase_ids: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--phase",
+            metavar="ID",
+            autocompletion=completion.phases,
+            help="Confines the role to it; may stand again.",
+        ),
+    ] = None,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Give a person a role of organizers, or take it; it counts from their next request on."""
+    with open_organizer(server) as organizer:
+        told = organizer.set_role(person, role, phase_ids or ())
+    show_result(told, json, f"{told['name']}: {told['role'] or 'no organizer'}")
+
+
+def show_site(server: options.Server = None, json: options.Json = False) -> None:
+    """Show the links of the site."""
+    with open_organizer(server) as organizer:
+        _show_site(organizer.site(), json)
+
+
+def set_site(server: options.Server = None, json: options.Json = False, **links: Any) -> None:
+    """Set links of the site; what is left out stays, an empty one is not shown."""
+    changes = phases.setting_document(SiteLinks, links)
+    if not changes:
+        raise InvalidArgumentError("nothing_to_set", "Say what to set: `--help` lists the links.")
+    with open_organizer(server) as organizer:
+        _show_site(organizer.set_site(changes), json)
+
+
+def _show_site(links: dict[str, Any], json: bool) -> None:
+    show_result(links, json, *(f"{name:<9}  {text or '-'}" for name, text in links.items()))
+
+
 GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
     "teams": (
         "Teams and their tokens.",
@@ -588,9 +644,12 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         },
     ),
     "news": ("News of phases: page, feed and inboxes.", news_commands.NEWS),
-    "people": ("People and their organizers' roles.", people.PEOPLE),
+    "people": ("People and their organizers' roles.", {"list": list_people, "set": set_role}),
     "questions": ("Questions of teams, and answers.", news_commands.QUESTIONS),
-    "site": ("Links in header and footer of every page.", site.COMMANDS),
+    "site": (
+        "Links in header and footer of every page.",
+        {"show": show_site, "set": phases.with_settings(set_site, SiteLinks)},
+    ),
     "splits": ("Registered splits.", {"list": list_splits}),
     "audit": ("The append-only, hash-chained log.", {"list": read_audit, "verify": verify_audit}),
 }
@@ -598,17 +657,10 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
 
 def register(app: typer.Typer) -> None:
     """Add these commands."""
-    organizer = typer.Typer(
-        cls=Group,
-        help="For organizers, with an organizer's token.",
-        no_args_is_help=True,
-        rich_markup_mode=None,
+    organizer = group(
+        "For organizers, with an organizer's token.",
+        {"similar": similar, "message": participation.send_message},
     )
     for name, (help_text, commands) in GROUPS.items():
-        group = typer.Typer(cls=Group, help=help_text, no_args_is_help=True, rich_markup_mode=None)
-        for command_name, command in commands.items():
-            group.command(command_name)(command)
-        organizer.add_typer(group, name=name)
-    organizer.command("similar")(similar)
-    organizer.command("message")(participation.send_message)
+        organizer.add_typer(group(help_text, commands), name=name)
     app.add_typer(organizer, name="organizer")
