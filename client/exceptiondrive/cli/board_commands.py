@@ -13,6 +13,7 @@ from exceptiondrive.cli.session import open_client
 from exceptiondrive.cli.tables import board_view, left_words
 from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive.settings import default_phase, find_setting
+from exceptiondrive.words import challenge_of
 from exceptiondrive_schemas.api.submission import PhaseView
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.printable import printable
@@ -85,7 +86,7 @@ def leaderboard(
             typer.echo(printable(text), nl=False)
             return
         board = client.leaderboard(**asked)
-    show_result(board, json, *board_view(board))
+    show_result(board, json, *(() if json else board_view(board)))
 
 
 def phases(server: options.Server = None, json: options.Json = False) -> None:
@@ -114,7 +115,7 @@ def report(
     """Show how a phase ended: the first places, and what a reveal changed."""
     with open_client(server) as client:
         found = client.report(phase)
-    show_result(found, json, *_report_view(found))
+    show_result(found, json, *(() if json else _report_view(found)))
 
 
 def terms(
@@ -145,7 +146,7 @@ def terms(
 
 
 def _report_view(found: "PhaseReport") -> Iterator[str | FittedTable]:
-    columns = CHALLENGES[found.challenge].columns
+    columns = challenge_of(found.challenge).columns
     yield (
         f"{found.title}: closed {utc_text(found.closed_at)}, board {found.board}, protocol "
         f"{found.protocol.version}, {found.n_samples:,} samples; {found.n_teams:,} teams, "

@@ -118,7 +118,7 @@ def preview(
         found = rescoring.preview(run_id, seen)
         if csv is not None:
             write_file(csv, rescoring.preview_csv(run_id))
-    show_result(found, json, *preview_lines(found))
+    show_result(found, json, *(() if json else preview_lines(found)))
     if found["is_stale"]:
         raise typer.Exit(ExceptionDriveError.exit_code)
 
