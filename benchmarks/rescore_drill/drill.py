@@ -211,6 +211,7 @@ class Drill:
         worker = self.topology.workers[chance.randrange(len(self.topology.workers))]
         if chance.random() < 0.5:
             worker.kill_group()
+            worker.start()  # at once: how long a supervisor waits is not what is measured
             return 1
         return worker.kill_children()
 
