@@ -23,7 +23,7 @@ from benchmarks.naive import naive_clearances_m
 from benchmarks.report import at_least, at_most, note, show, times
 from benchmarks.timing import cpu_seconds, ratio, typical
 from benchmarks.upload import make_manifest, upload_text
-from benchmarks.upload_to_rank import planning_text, running_system
+from benchmarks.upload_to_rank import planning_text, running_bench
 from benchmarks.workload import BENCHMARK_SAMPLES, Workload, make_workload
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
@@ -133,10 +133,10 @@ def _submissions_s(client: str, n_samples: int) -> list[float]:
     """CPU seconds of the client alone, from the check to score and rank, for one file after another."""
     with tempfile.TemporaryDirectory(prefix="ed-bench-") as name:
         file = Path(name) / "planner.json"
-        with running_system(Path(name), n_samples) as system:
+        with running_bench(Path(name), n_samples) as (system, token):
             environment = {
-                "EXCEPTIONDRIVE_SERVER": system.address,
-                "EXCEPTIONDRIVE_TOKEN": system.token,
+                "EXCEPTIONDRIVE_SERVER": system.url,
+                "EXCEPTIONDRIVE_TOKEN": token,
             }
             seconds = []
             for number in range(ROUNDS):

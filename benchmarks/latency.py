@@ -62,7 +62,6 @@ class Case:
     """To the database, of all processes."""
     cpu_s: dict[str, float]
     """Of each process, in all."""
-    accepted_per_s: float
     accept_cpu_s: dict[str, float]
     """Of each process for one upload."""
 
@@ -113,12 +112,11 @@ def _case(
     """Let files wait, then score them all; counted is from when all processes have one to when one has none."""
     make_file = file_maker(topology.sample_ids)
     files = [make_file() for _ in range(n_uploads)]
-    before, began_s, done = _cpu_s(), time.monotonic(), _n_scored(topology)
+    before, done = _cpu_s(), _n_scored(topology)
     with ThreadPoolExecutor(_CLIENTS) as pool:
         for number, data in enumerate(files):
             token = tokens[number % len(tokens)]
             pool.submit(upload, topology.url, PHASE, token, data, Uploads())
-    accepted_s = time.monotonic() - began_s
     accept_cpu_s = {name: s / n_uploads for name, s in _since(before).items()}
     _set_latency(topology, latency_ms)
     worker = topology.add_worker(slots=slots)
@@ -136,7 +134,6 @@ def _case(
         boards_after - boards,
         topology.database_proxy.n_round_trips - trips,
         _since(before),
-        n_uploads / accepted_s,
         accept_cpu_s,
     )
     topology.wait_until(lambda: _n_scored(topology) >= done + n_uploads, "all scores", 600)

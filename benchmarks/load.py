@@ -7,6 +7,7 @@ docs/scaling.md takes in.
 """
 
 import argparse
+import heapq
 import os
 import subprocess
 import sys
@@ -14,25 +15,18 @@ import threading
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime, timedelta
 from itertools import product
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 from sqlalchemy import exists, func, select
 from tests.chaos.topology import PHASE, Topology
+from tests.support.fair_share import TeamQueue, served, team_to_serve
 
-from benchmarks.load_records import (
-    chart,
-    first_files,
-    queue_over_time,
-    services_s,
-    spread,
-    taken_before,
-    waits_s,
-)
-from benchmarks.load_simulation import SLOTS, simulated_waits
 from benchmarks.load_traffic import FLOOD, Readers, Reading, Uploads, arrivals, file_maker, upload
 from benchmarks.report import note
 from exceptiondrive_records.accounts.tokens import issue_token
@@ -276,6 +270,145 @@ def _simulated(service_s: float, n_uploads: int, rush_s: float, n_teams: int) ->
         waits, firsts = simulated_waits(service_s, slots, n_uploads, rush_s, n_teams)
         lines.append("| " + " | ".join((str(slots), *spread(waits), spread(firsts)[1])) + " |")
     return "\n".join([*lines, ""])
+
+
+# What the records tell of a rush after it: waits, turns and the queue over time. All pure; `jobs` is a
+# table of scoring runs: `team`, and when each was accepted, begun (`leased_at`) and ended (`finished_at`).
+
+N_POINTS = 60
+_BARS = "▁▂▃▄▅▆▇█"
+
+
+def spread(values: ArrayLike) -> tuple[str, str, str]:
+    """Median, 99th percentile and largest."""
+    of = np.asarray(values, dtype=np.float64)
+    if len(of) < 2:
+        return ("-", "-", "-")
+    median, p99, most = np.quantile(of, [0.5, 0.99, 1.0])
+    return (f"{median:.3f}", f"{p99:.3f}", f"{most:.3f}")
+
+
+def waits_s(jobs: pd.DataFrame) -> "pd.Series[float]":
+    """Seconds from acceptance to the score."""
+    return (jobs.finished_at - jobs.created_at).dt.total_seconds()
+
+
+def services_s(jobs: pd.DataFrame) -> "pd.Series[float]":
+    """Seconds of the scoring runs themselves."""
+    return (jobs.finished_at - jobs.leased_at).dt.total_seconds()
+
+
+def first_files(jobs: pd.DataFrame) -> pd.DataFrame:
+    """The first file of every team but the flooding one."""
+    firsts = jobs.sort_values("created_at").drop_duplicates("team")
+    return firsts[firsts.team != FLOOD]
+
+
+def taken_before(jobs: pd.DataFrame, firsts: pd.DataFrame) -> pd.DataFrame:
+    """How many jobs were begun while each of `firsts` waited: of `all` teams, of the `flood`."""
+    pairs = firsts[["created_at", "leased_at"]].merge(jobs, how="cross", suffixes=("_first", ""))
+    pairs["is_before"] = pairs.leased_at.between(
+        pairs.created_at_first, pairs.leased_at_first, inclusive="neither"
+    )
+    pairs["is_of_flood"] = pairs.is_before & (pairs.team == FLOOD)
+    found = pairs.groupby("created_at_first")[["is_before", "is_of_flood"]].sum()
+    return found.set_axis(["all", "flood"], axis=1)
+
+
+def queue_over_time(jobs: pd.DataFrame) -> pd.DataFrame:
+    """How many waited (`waiting`) and how long the oldest had (`oldest_s`), by second of the rush."""
+    begin, end = jobs.created_at.min(), jobs.finished_at.max()
+    found = {}
+    for second in np.linspace(0, (end - begin).total_seconds(), N_POINTS):
+        at = begin + pd.Timedelta(seconds=second)
+        waits = jobs[(jobs.created_at <= at) & (at < jobs.leased_at)]
+        oldest_s = (at - waits.created_at.min()).total_seconds() if len(waits) else 0.0
+        found[second] = {"waiting": len(waits), "oldest_s": oldest_s}
+    return pd.DataFrame.from_dict(found, orient="index")
+
+
+def chart(queue: pd.DataFrame) -> list[str]:
+    """Two lines of bars: how many wait, and the age of the oldest."""
+    return [
+        f"waiting files  {_bars(list(queue.waiting))}  most {queue.waiting.max():.0f}",
+        f"oldest waits   {_bars(list(queue.oldest_s))}  most {queue.oldest_s.max():.0f} s",
+        f"               0 s{f'{queue.index[-1]:.0f} s':>{max(1, len(queue) - 3)}}",
+    ]
+
+
+def _bars(values: Sequence[float]) -> str:
+    most = max(values) or 1.0
+    return "".join(" " if v == 0 else _BARS[min(7, int(8 * v / most))] for v in values)
+
+
+# The same arrivals with more slots than this machine has, in the order of fair share
+
+_START = datetime(2026, 1, 1, tzinfo=UTC)
+SLOTS = (1, 2, 4, 8, 16, 32)
+
+
+def simulated_waits(
+    service_s: float, slots: int, n_uploads: int, rush_s: float, n_teams: int
+) -> tuple[list[float], list[float]]:
+    """Return seconds from arrival to score of all files, and of every team's first one."""
+    queue = _Queue()
+    coming = sorted(arrivals(n_uploads, rush_s, n_teams), reverse=True)
+    running: list[tuple[float, str]] = []
+    now_s, waits, firsts = 0.0, list[float](), list[float]()
+    while coming or running or queue.is_waiting:
+        while coming and coming[-1][0] <= now_s:
+            queue.add(*coming.pop())
+        while running and running[0][0] <= now_s:
+            queue.end(heapq.heappop(running)[1])
+        while len(running) < slots and queue.is_waiting:
+            team, at_s, is_first = queue.take(now_s)
+            heapq.heappush(running, (now_s + service_s, team))
+            waits.append(now_s + service_s - at_s)
+            if is_first and team != FLOOD:
+                firsts.append(waits[-1])
+        events = [coming[-1][0]] if coming else []
+        events += [running[0][0]] if running else []
+        now_s = min(events, default=now_s)
+    return waits, firsts
+
+
+class _Queue:
+    """Live jobs of teams, as the records hold them."""
+
+    def __init__(self) -> None:
+        self._arrived_s: dict[str, list[float]] = {}
+        self._taken: dict[str, int] = {}
+        self._of_team: dict[str, TeamQueue] = {}
+
+    @property
+    def is_waiting(self) -> bool:
+        return any(team.n_waiting for team in self._of_team.values())
+
+    def add(self, at_s: float, team: str) -> None:
+        known = self._of_team.get(team) or TeamQueue(len(self._of_team), 0, 0, _START, None)
+        self._arrived_s.setdefault(team, []).append(at_s)
+        self._of_team[team] = replace(known, n_waiting=known.n_waiting + 1)
+
+    def take(self, now_s: float) -> tuple[str, float, bool]:
+        """Give a slot its next job: team, arrival, whether it is the team's first."""
+        queues = {name: self._with_oldest(name) for name in self._of_team}
+        chosen = team_to_serve(list(queues.values()))
+        assert chosen is not None
+        team = next(name for name, queue in queues.items() if queue.team_id == chosen.team_id)
+        n_taken = self._taken.get(team, 0)
+        self._taken[team] = n_taken + 1
+        self._of_team[team] = served(chosen, _START + timedelta(seconds=now_s))
+        return team, self._arrived_s[team][n_taken], n_taken == 0
+
+    def end(self, team: str) -> None:
+        known = self._of_team[team]
+        self._of_team[team] = replace(known, n_running=known.n_running - 1)
+
+    def _with_oldest(self, team: str) -> TeamQueue:
+        known, n_taken = self._of_team[team], self._taken.get(team, 0)
+        arrived_s = self._arrived_s[team]
+        oldest_s = arrived_s[min(n_taken, len(arrived_s) - 1)]
+        return replace(known, oldest_at=_START + timedelta(seconds=oldest_s))
 
 
 if __name__ == "__main__":

@@ -15,40 +15,37 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from datetime import datetime, timedelta
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Scope
-from tests.support.work import let_time_pass
-from tests.support.worker import build_board_of
 
 from benchmarks.load_traffic import file_maker
+from benchmarks.new_clearance import (
+    Clock,
+    add_scored,
+    build_bench_board,
+    open_phase,
+    settings_in,
+)
 from benchmarks.processes import ROOT, peak_mib_so_far
 from benchmarks.report import at_most, note, show
 from exceptiondrive_records.boards.boards import current_board, flip_board
 from exceptiondrive_records.boards.tables import BoardRow
-from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.operations.setup import prepare
-from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.submissions.tables import ScoreSheetRow, SimilarityRow, Submission
-from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_records.work.board_requests import want_board
-from exceptiondrive_schemas.api.phase_settings import NewPhase
-from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.base import bytes_digest, canonical_json
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
-from exceptiondrive_scoring import SCORER_VERSION
+from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_scoring.bootstrap import GRID, SceneSums
 from exceptiondrive_server.app import create_app
 from exceptiondrive_server.web.settings import ServerSettings
@@ -57,13 +54,11 @@ from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.context import WorkerContext, open_context
 from exceptiondrive_worker.process import keep_memory, limit_memory
 from exceptiondrive_worker.sample.files import write_sample_split
-from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.splits.admin import register_all_splits
 from exceptiondrive_worker.splits.private_store import Shelf, content_key
 from exceptiondrive_worker.stages import Target
 
 GROWTH = (100, 1_000, 10_000)
-N_TEAMS = 97
 PAGE = 100
 ENTRIES_AFTER_IT = 30_000
 """Of boards that the server shows besides: as many boards of this length."""
@@ -151,23 +146,15 @@ def _measured(n_entries: int) -> dict[str, dict[str, float]]:
         return found
 
 
-def _addresses(folder: Path) -> dict[str, Any]:
-    return {
-        "database_url": f"sqlite:///{folder}/records.sqlite3",
-        "broker_url": "memory://",
-        "file_store_url": (folder / "uploads").as_uri(),
-    }
-
-
 def _make(folder: Path, n_entries: int) -> dict[str, float]:
     """Let a board of all entries but one stand, and add the last score."""
-    prepare(_addresses(folder)["database_url"])
+    prepare(settings_in(folder).database_url)
     write_sample_split(folder / "splits")
     with _opened(folder) as context:
         register_all_splits(context.database, context.splits, packaged_protocol())
         entries = _Entries(context, n_entries)
         entries.add(range(n_entries - 1))
-        _build(context)
+        build_bench_board(context)
         entries.add([n_entries - 1])
     return {}
 
@@ -178,14 +165,15 @@ def _worker(folder: Path, _: int) -> dict[str, float]:
         keep_memory()
         limit_memory(context.settings.memory_headroom_bytes)
         idle_mib = peak_mib_so_far()
-        seconds: dict[str, float] = {}
+        clock = Clock()
         for function, step in _STEPS.items():
-            setattr(board_run, function, _clocked(getattr(board_run, function), step, seconds))
+            setattr(board_run, function, clock.counting(getattr(board_run, function), step))
         began_s = time.process_time()
-        _build(context)
+        build_bench_board(context)
         total_s = time.process_time() - began_s
+    seconds = {step: clock.seconds[step][0] for step in _STEPS.values()}
     rest_s = total_s - sum(seconds.values())
-    steps = {step: 1000 * seconds[step] for step in _STEPS.values()}
+    steps = {step: 1000 * cpu_s for step, cpu_s in seconds.items()}
     return {
         **steps,
         "read the last board, the rest": 1000 * rest_s,
@@ -197,35 +185,11 @@ def _worker(folder: Path, _: int) -> dict[str, float]:
 
 @contextmanager
 def _opened(folder: Path) -> Iterator[WorkerContext]:
-    settings = WorkerSettings(
-        **_addresses(folder), splits_dir=folder / "splits", private_dir=folder / "private"
-    )
-    context = open_context(settings)
+    context = open_context(settings_in(folder))
     try:
         yield context
     finally:
         context.close()
-
-
-def _clocked(
-    function: Callable[..., Any], step: str, seconds: dict[str, float]
-) -> Callable[..., Any]:
-    def run(*arguments: Any) -> Any:
-        began_s = time.process_time()
-        try:
-            return function(*arguments)
-        finally:
-            seconds[step] = seconds.get(step, 0.0) + time.process_time() - began_s
-
-    return run
-
-
-def _build(context: WorkerContext) -> None:
-    digest = packaged_protocol().digest
-    with context.database.write() as session:
-        want_board(session, "bench", digest)
-        let_time_pass(session, timedelta(hours=1))
-    build_board_of(context, "bench", digest)
 
 
 class _Entries:
@@ -236,15 +200,8 @@ class _Entries:
         rng = np.random.default_rng(20261123)
         self._factors = rng.uniform(0.3, 0.99, n_entries)
         self._best = set(np.argsort(self._factors)[-2 * self._compared :].tolist())
-        with context.database.write() as session:
-            phase = NewPhase(id="bench", challenge=PLANNING.id, title="Bench", split="sample",
-                protocol="1.0", quota_per_day=50, quota_total=None)  # fmt: skip
-            self._revision = create_phase(session, phase, actor="bench").split_revision
-            self._teams = [
-                create_team(session, f"team{k}", f"Team {k}", actor="bench").id
-                for k in range(N_TEAMS)
-            ]
-        split = context.splits.find("sample", self._revision, self._protocol)
+        revision, self._teams = open_phase(context.database, "sample")
+        split = context.splits.find("sample", revision, self._protocol)
         data = file_maker(split.manifest.sample_ids)()
         digest, _ = context.files.put_stream([data], limit_bytes=len(data))
         self._target = Target(digest, PLANNING, split, self._protocol)
@@ -262,14 +219,11 @@ class _Entries:
     def add(self, numbers: Iterable[int]) -> None:
         """Record the scores of these entries."""
         with self._context.database.write() as session:
-            now = database_now(session)
             for number in numbers:
                 self._keep(number)
-                session.add(self._submission(number, now))
-                session.flush()
-                session.add(self._sheet_row(number, now))
-                row = SimilarityRow(submission_id=_name(number), alike="[]")
-                session.add(row)
+                target = replace(self._target, file_digest=bytes_digest(f"{number}".encode()))
+                scored = replace(self._scored, measurement_key=_measurement_key(number))
+                add_scored(session, target, scored, self._published(number), self._teams, number)
 
     def _keep(self, number: int) -> None:
         """Write what the worker would have kept of those to be compared, and of the last one."""
@@ -283,21 +237,7 @@ class _Entries:
         sums = self._sums.sums * self._factor_of.get(measurement_key, 1.0)
         return replace(self._sums, sums=np.rint(sums / GRID) * GRID)
 
-    def _submission(self, number: int, now: datetime) -> Submission:
-        return Submission(
-            id=_name(number),
-            phase_id="bench",
-            team_id=self._teams[number % N_TEAMS],
-            method=f"Planner {number}",
-            description="An invented planner.",
-            file_digest=bytes_digest(f"{number}".encode()),
-            size_bytes=1,
-            status=SubmissionStatus.SCORED,
-            received_at=now,
-            status_at=now,
-        )
-
-    def _sheet_row(self, number: int, now: datetime) -> ScoreSheetRow:
+    def _published(self, number: int) -> ScoreSheet:
         factor = float(self._factors[number])
         rows = {
             name: {
@@ -306,20 +246,7 @@ class _Entries:
             }
             for name in ("micro", "macro_family")
         }
-        return ScoreSheetRow(
-            submission_id=_name(number),
-            protocol_digest=self._protocol.digest,
-            split_revision=self._revision,
-            sheet=self._sheet.model_copy(update=rows),
-            exact_digest=self._scored.digest,
-            measurement_key=_measurement_key(number),
-            scorer_version=SCORER_VERSION,
-            created_at=now,
-        )
-
-
-def _name(number: int) -> str:
-    return f"s{number:07d}kq"
+        return self._sheet.model_copy(update=rows)
 
 
 def _measurement_key(number: int) -> str:
@@ -328,7 +255,13 @@ def _measurement_key(number: int) -> str:
 
 def _server(folder: Path, n_entries: int) -> dict[str, float]:
     """Look at the board as visitors and programs do, then at others; CPU ms, kB, MiB."""
-    settings = ServerSettings(**_addresses(folder), receipt_key_file=folder / "receipt-key.pem")
+    worker = settings_in(folder)
+    settings = ServerSettings(
+        database_url=worker.database_url,
+        broker_url=worker.broker_url,
+        file_store_url=worker.file_store_url,
+        receipt_key_file=folder / "receipt-key.pem",
+    )
     with asyncio.Runner() as runner:
         look = _Looks(create_app(settings), runner)
         assert look("/healthz").n_bytes

@@ -13,15 +13,16 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from sqlalchemy.orm import Session
 from tests.support.work import let_time_pass
-from tests.support.worker import build_board_of
+from tests.support.worker import build_board_of, worker_settings
 
 from benchmarks.processes import ROOT
 from benchmarks.report import note, show
@@ -46,6 +47,7 @@ from exceptiondrive_schemas.base import bytes_digest
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
+from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.split import Split, SplitSample
 from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker import scoring_run, stages, work
@@ -57,7 +59,7 @@ from exceptiondrive_worker.sample.files import OPEN_FLOORS
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.splits.admin import register_all_splits
 from exceptiondrive_worker.splits.floors import FLOORS_FILE
-from exceptiondrive_worker.stages import Stages, Target
+from exceptiondrive_worker.stages import Scored, Stages, Target
 
 N_SUBMISSIONS = 1_000
 N_TEAMS = 97
@@ -106,14 +108,9 @@ def run(_: ProtocolDocument) -> None:
         _measure(Path(folder), N_SUBMISSIONS)
 
 
-def _settings(folder: Path) -> WorkerSettings:
-    return WorkerSettings(
-        database_url=f"sqlite:///{folder}/records.sqlite3",
-        broker_url="memory://",
-        file_store_url=(folder / "uploads").as_uri(),
-        splits_dir=folder / "splits",
-        private_dir=folder / "private",
-    )
+def settings_in(folder: Path) -> WorkerSettings:
+    """Return settings of a worker whose every place is in a folder, its records too."""
+    return worker_settings(folder, f"sqlite:///{folder}/records.sqlite3")
 
 
 def _measure(folder: Path, n_submissions: int) -> None:
@@ -204,7 +201,7 @@ def _state(database: Database, run_id: str) -> RunState:
 
 def _prepared(folder: Path, n_submissions: int) -> WorkerContext:
     """Records of scored submissions with their board, and the private store that made them."""
-    settings, protocol, workload = _settings(folder), packaged_protocol(), _workload()
+    settings, protocol, workload = settings_in(folder), packaged_protocol(), _workload()
     prepare(settings.database_url)
     place = folder / "splits" / "bench"
     place.mkdir(parents=True)
@@ -213,13 +210,7 @@ def _prepared(folder: Path, n_submissions: int) -> WorkerContext:
     context = open_context(settings)
     register_all_splits(context.database, context.splits, protocol)
     keep_memory()
-    with context.database.write() as session:
-        phase = NewPhase(id="bench", challenge=PLANNING.id, title="Bench", split="bench",
-            protocol="1.0", quota_per_day=50, quota_total=None)  # fmt: skip
-        revision = create_phase(session, phase, actor="bench").split_revision
-        teams = [
-            create_team(session, f"team{k}", f"Team {k}", actor="bench").id for k in range(N_TEAMS)
-        ]
+    revision, teams = open_phase(context.database, "bench")
     split = context.splits.find("bench", revision, protocol)
     for number, factor in enumerate(np.linspace(0.6, 1.2, n_submissions).tolist()):
         made = {
@@ -227,11 +218,11 @@ def _prepared(folder: Path, n_submissions: int) -> WorkerContext:
             "edited": np.round(workload.pairs.edited * factor, 4),
         }
         target = Target(bytes_digest(f"{number}".encode()), PLANNING, split, protocol, made=made)
-        _keep(context, target, teams[number % N_TEAMS], number)
-    with context.database.write() as session:
-        want_board(session, "bench", protocol.digest)
-        let_time_pass(session, timedelta(hours=1))
-    build_board_of(context, "bench", protocol.digest)
+        scored = context.stages.score(target)
+        published = Rounding(PLANNING, protocol.publication).sheet(scored.sheet)
+        with context.database.write() as session:
+            add_scored(session, target, scored, published, teams, number)
+    build_bench_board(context)
     return context
 
 
@@ -265,41 +256,65 @@ def _split(workload: Workload, protocol: ProtocolDocument) -> Split:
     )
 
 
-def _keep(context: WorkerContext, target: Target, team: int, number: int) -> None:
-    """Score what is made here, and record it as an upload that was scored."""
-    scored = context.stages.score(target)
-    published = Rounding(PLANNING, target.protocol.publication).sheet(scored.sheet)
-    name = f"s{number:07d}kq"
+def open_phase(database: Database, split: str) -> tuple[str, list[int]]:
+    """Open the phase `bench` on a split, and make its teams; return the split's revision and the teams."""
+    with database.write() as session:
+        phase = NewPhase(id="bench", challenge=PLANNING.id, title="Bench", split=split,
+            protocol="1.0", quota_per_day=50, quota_total=None)  # fmt: skip
+        revision = create_phase(session, phase, actor="bench").split_revision
+        teams = [
+            create_team(session, f"team{k}", f"Team {k}", actor="bench").id for k in range(N_TEAMS)
+        ]
+    return revision, teams
+
+
+def add_scored(
+    session: Session,
+    target: Target,
+    scored: Scored,
+    published: ScoreSheet,
+    teams: Sequence[int],
+    number: int,
+) -> None:
+    """Record what was made here as an upload that was scored; the teams take turns."""
+    name, now = f"s{number:07d}kq", database_now(session)
+    session.add(
+        Submission(
+            id=name,
+            phase_id="bench",
+            team_id=teams[number % len(teams)],
+            method=f"Planner {number}",
+            description="An invented planner.",
+            file_digest=target.file_digest,
+            size_bytes=1,
+            status=SubmissionStatus.SCORED,
+            received_at=now,
+            status_at=now,
+        )
+    )
+    session.flush()
+    session.add(
+        ScoreSheetRow(
+            submission_id=name,
+            protocol_digest=target.protocol.digest,
+            split_revision=target.split.manifest.revision,
+            sheet=published,
+            exact_digest=scored.digest,
+            measurement_key=scored.measurement_key,
+            scorer_version=SCORER_VERSION,
+            created_at=now,
+        )
+    )
+    session.add(SimilarityRow(submission_id=name, alike="[]"))
+
+
+def build_bench_board(context: WorkerContext) -> None:
+    """Build the board of the phase `bench`, which is due at once."""
+    digest = packaged_protocol().digest
     with context.database.write() as session:
-        now = database_now(session)
-        session.add(
-            Submission(
-                id=name,
-                phase_id="bench",
-                team_id=team,
-                method=f"Planner {number}",
-                description="A made-up planner.",
-                file_digest=target.file_digest,
-                size_bytes=1,
-                status=SubmissionStatus.SCORED,
-                received_at=now,
-                status_at=now,
-            )
-        )
-        session.flush()
-        session.add(
-            ScoreSheetRow(
-                submission_id=name,
-                protocol_digest=target.protocol.digest,
-                split_revision=target.split.manifest.revision,
-                sheet=published,
-                exact_digest=scored.digest,
-                measurement_key=scored.measurement_key,
-                scorer_version=SCORER_VERSION,
-                created_at=now,
-            )
-        )
-        session.add(SimilarityRow(submission_id=name, alike="[]"))
+        want_board(session, "bench", digest)
+        let_time_pass(session, timedelta(hours=1))
+    build_board_of(context, "bench", digest)
 
 
 # A worker
@@ -324,7 +339,7 @@ def _seconds_of(folder: Path, pid: int) -> Path:
 
 def _work(folder: Path) -> None:
     """Work until the preview is there; then write seconds of processor and wall by step."""
-    context, clock = open_context(_settings(folder)), _Clock()
+    context, clock = open_context(settings_in(folder)), Clock()
     keep_memory()
     for owner, name, step in STEPS:
         setattr(owner, name, clock.counting(getattr(owner, name), step))
@@ -334,7 +349,7 @@ def _work(folder: Path) -> None:
     _seconds_of(folder, os.getpid()).write_text(json.dumps(clock.seconds))
 
 
-class _Clock:
+class Clock:
     """Seconds by step, each without what is counted as another step inside it."""
 
     def __init__(self) -> None:

@@ -14,11 +14,10 @@ Job = Callable[[], object]
 Rounds = dict[str, list[float]]
 
 
-def interleave(jobs: Mapping[str, Job], rounds: int = 7, warm_up: bool = True) -> Rounds:
-    """Run every job once a round, in turn; CPU seconds by job."""
-    if warm_up:
-        for job in jobs.values():
-            job()
+def interleave(jobs: Mapping[str, Job], rounds: int) -> Rounds:
+    """Run every job once a round, in turn, and once before; CPU seconds by job."""
+    for job in jobs.values():
+        job()
     times: Rounds = {name: [] for name in jobs}
     for _ in range(rounds):
         for name, job in jobs.items():

@@ -15,11 +15,7 @@ import json
 import multiprocessing
 import os
 import random
-import signal
-import socket
 import statistics
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -31,17 +27,13 @@ from typing import NamedTuple
 
 import httpx
 from sqlalchemy import select
+from tests.support.system import System, running_system
 
 from benchmarks.report import at_most, note, show
 from benchmarks.timing import cpu_seconds, typical
 from benchmarks.upload import score
-from exceptiondrive_records.accounts.tokens import issue_token
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.phases.phases import create_phase
-from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, WorkItem
-from exceptiondrive_schemas.api.phase_settings import NewPhase
-from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_worker.process import keep_memory
 from exceptiondrive_worker.sample.files import OPEN_FLOORS
@@ -52,7 +44,6 @@ N_SAMPLES = 3181
 PROTOCOL = "1.0"
 N_WATCHED, N_IN_A_ROW = 10, 40
 IDLE_S = 15.0
-BIN = Path(sys.executable).parent
 TASKS = [
     f"{family}{number}" for family in ("SE", "LB", "BG", "SR", "IC", "RS") for number in (1, 2, 3)
 ]
@@ -64,48 +55,31 @@ def run(_: ProtocolDocument) -> None:
         base = Path(folder)
         texts = (planning_text(number, N_SAMPLES) for number in range(N_WATCHED + N_IN_A_ROW))
         files = [gzip.compress(text, 6) for text in texts]
-        with running_system(base, N_SAMPLES) as system:
-            authorization = {"Authorization": f"Bearer {system.token}"}
-            with httpx.Client(base_url=system.address, headers=authorization, timeout=30) as http:
+        with running_bench(base, N_SAMPLES) as (system, token):
+            authorization, launcher = {"Authorization": f"Bearer {token}"}, system.launcher.pid
+            with httpx.Client(base_url=system.url, headers=authorization, timeout=30) as http:
                 times_s = [_upload_to_rank_s(http, data) for data in files[:N_WATCHED]]
                 records = Database(_records_url(base))
                 _wait_until_all_is_done(records)
-                idle = _cpu_while(system.launcher, lambda: time.sleep(IDLE_S))
+                idle = _cpu_while(launcher, lambda: time.sleep(IDLE_S))
                 in_a_row = files[N_WATCHED:]
                 before = arithmetic_s(base, in_a_row)
-                uploads = _cpu_while(system.launcher, lambda: _upload_all(http, in_a_row, records))
+                uploads = _cpu_while(launcher, lambda: _upload_all(http, in_a_row, records))
                 arithmetic = before + arithmetic_s(base, in_a_row)
                 records.dispose()
     _report_times(times_s)
     _report_cpu(idle, uploads, 1000 * typical(arithmetic))
 
 
-class System(NamedTuple):
-    """Where the embedded default answers, a team's token, and the process that started it."""
-
-    address: str
-    token: str
-    launcher: int
-
-
 @contextmanager
-def running_system(base: Path, n_samples: int) -> Iterator[System]:
-    """Run the embedded default in a folder, over a split of its own with an open phase: `bench`."""
+def running_bench(base: Path, n_samples: int) -> Iterator[tuple[System, str]]:
+    """Run the embedded default over a split of its own with an open phase, `bench`; and a team's token."""
     _write_split(_split_file(base), n_samples)
-    port, environment = _free_port(), _environment(base)
-    launcher = subprocess.Popen(
-        [BIN / "exceptiondrive-server", "run", "--port", str(port), "--data", base / "data"],
-        env=environment,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    address = f"http://127.0.0.1:{port}"
-    try:
-        _wait_until_ready(address)
-        yield System(address, _open_phase(base, environment), launcher.pid)
-    finally:
-        launcher.send_signal(signal.SIGINT)
-        launcher.wait(timeout=60)
+    with running_system(base / "data", base / "splits") as system:
+        system.work("register-splits")
+        limits = ("--quota-total", "none", "--rejected-per-day", "50")
+        system.open_phase("bench", "bench", "--protocol", PROTOCOL, *limits)
+        yield system, system.make_team("bench")
 
 
 def arithmetic_s(base: Path, files: list[bytes]) -> list[float]:
@@ -299,58 +273,6 @@ def _split_file(base: Path) -> Path:
 
 def _records_url(base: Path) -> str:
     return f"sqlite:///{base}/data/records.sqlite3"
-
-
-def _environment(base: Path) -> dict[str, str]:
-    kept = {k: v for k, v in os.environ.items() if not k.startswith("EXCEPTIONDRIVE_")}
-    return kept | {"EXCEPTIONDRIVE_SPLITS_DIR": str(base / "splits")}
-
-
-def _open_phase(base: Path, environment: dict[str, str]) -> str:
-    """Register the split, open a phase, make a team; return its token."""
-    url = _records_url(base)
-    subprocess.run(
-        [BIN / "exceptiondrive-worker", "register-splits"],
-        env=environment | {"EXCEPTIONDRIVE_DATABASE_URL": url},
-        capture_output=True,
-        check=True,
-    )
-    database = Database(url)
-    with database.write() as session:
-        new = NewPhase(
-            id="bench",
-            challenge=PLANNING.id,
-            title="Bench",
-            split="bench",
-            protocol=PROTOCOL,
-            quota_per_day=50,
-            quota_total=None,
-            rejected_per_day=50,
-        )
-        create_phase(session, new, actor="bench")
-        team = create_team(session, "bench", "Bench", actor="bench")
-        token, _ = issue_token(session, team.id, "bench", actor="bench")
-    database.dispose()
-    return token
-
-
-def _wait_until_ready(address: str, timeout_s: float = 90.0) -> None:
-    deadline = time.monotonic() + timeout_s
-    while time.monotonic() < deadline:
-        try:
-            if httpx.get(f"{address}/readyz").json()["live_workers"]:
-                return
-        except httpx.TransportError:
-            pass
-        time.sleep(0.2)
-    raise SystemExit("the system did not come up")
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-    return port
 
 
 if __name__ == "__main__":

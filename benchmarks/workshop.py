@@ -8,7 +8,6 @@ SIGKILL; what both freeze has to be the same, byte for byte.
 import argparse
 import re
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -21,6 +20,7 @@ from pathlib import Path
 import httpx
 from rich.console import Console
 from rich.table import Table
+from tests.support.processes import free_port
 from tests.support.stand_in import share_of
 
 from exceptiondrive_build.candidates import walk
@@ -214,9 +214,7 @@ def _compare(one: Path, other: Path) -> None:
 
 @contextmanager
 def _stand_in(shop: Path) -> Iterator[str]:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     command = [sys.executable, "-m", "tests.support.stand_in", str(shop), "--port", str(port)]
     process = subprocess.Popen([*command, "--suitable", "0.1931", "--low", "0.03"])
     try:

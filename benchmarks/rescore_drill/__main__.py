@@ -9,23 +9,18 @@ Needs ../shared/realdata beside the repository; writes only into a temporary fol
 """
 
 import argparse
-import shutil
 import signal
 import sys
-import tempfile
 import time
 from contextlib import ExitStack
-from pathlib import Path
 
-from benchmarks.rescore_drill.clients import Clients
+from tests.chaos.topology import Topology
+
+from benchmarks.rescore_drill.clients import Clients, Reader
 from benchmarks.rescore_drill.drill import N_STAGES, UPDATES, Drill
-from benchmarks.rescore_drill.processes import Deployment, free_port
-from benchmarks.rescore_drill.reader import Reader
 from benchmarks.rescore_drill.report import Report
-from benchmarks.rescore_drill.stage import database_of, prepare_records
-from benchmarks.rescore_drill.uploads import REALDATA, variations
+from benchmarks.rescore_drill.stage import REALDATA, SETTINGS, WORKERS, prepare_records, variations
 from benchmarks.rescore_drill.verdict import NotProven, demand, demand_end_state
-from exceptiondrive_records.db.database import Database
 from exceptiondrive_schemas.protocol import packaged_protocol
 
 
@@ -55,38 +50,33 @@ def main() -> None:
 
 def _verdict(kind: str, n_submissions: int, report: Report) -> str | None:
     """Run the drill; return what was not proven, if anything."""
-    folder = Path(tempfile.mkdtemp(prefix="ed-drill-"))
     try:
         with ExitStack() as stack:
-            _drill(kind, n_submissions, folder, report, stack)
+            _drill(kind, n_submissions, report, stack)
     except NotProven as not_proven:
         return f"NOT PROVEN: {not_proven}"
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
     return None
 
 
-def _drill(kind: str, n_submissions: int, folder: Path, report: Report, stack: ExitStack) -> None:
-    url = stack.enter_context(database_of(kind, folder))
+def _drill(kind: str, n_submissions: int, report: Report, stack: ExitStack) -> None:
+    topology = Topology(uses_postgres=kind == "postgres", n_workers=0, settings=SETTINGS)
+    stack.callback(topology.close)
     made = variations()
-    tokens = prepare_records(url, folder, n_submissions, made)
-    database = Database(url)
-    stack.callback(database.dispose)
-    deployment = Deployment(url, folder, free_port())
-    stack.callback(deployment.end)
-    deployment.start()
-    clients = Clients(deployment.url, tokens, made)
+    tokens = prepare_records(topology, n_submissions, made)
+    for lane, slots in WORKERS:
+        topology.add_worker(lanes=lane, slots=slots)
+    clients = Clients(topology.url, tokens, made)
     stack.callback(clients.close)
     clients.n_submitted = n_submissions
-    drill = Drill(database, deployment, clients, report)
+    drill = Drill(topology, clients, report)
     drill.first_scores(n_submissions)
-    with Reader(deployment.url) as reader:  # also while no run is on: it costs time as well
+    with Reader(topology.url) as reader:  # also while no run is on: it costs time as well
         alone = drill.alone()
         for name in UPDATES:
             drill.update(name, alone)
         covered = [packaged_protocol(), *drill.cover_all()]
     report.say("workers killed (SIGKILL)", drill.n_killed)
-    for what, value in demand_end_state(database, clients.n_submitted, covered, reader):
+    for what, value in demand_end_state(topology.database, clients.n_submitted, covered, reader):
         report.say(what, value)
     demand(not drill.slow, f"fresh submissions waited too long: {'; '.join(drill.slow)}")
 

@@ -5,18 +5,55 @@ import random
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from statistics import median
 
 from sqlalchemy import func, select
+from tests.chaos.topology import Topology
 
 from benchmarks.rescore_drill.clients import Clients, short_digest
-from benchmarks.rescore_drill.processes import Deployment
 from benchmarks.rescore_drill.report import Report
 from benchmarks.rescore_drill.verdict import demand
-from benchmarks.rescore_drill.waits import ALLOWED_RATIO, Waits, ratio, waits_of
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol_toml, parse_protocol
+
+ALLOWED_RATIO = 2.0
+"""A run may double the waiting time of fresh submissions, and no more."""
+
+
+@dataclass(frozen=True)
+class Waits:
+    """Seconds from upload to score, and of these until a worker last took the job, by submission."""
+
+    to_score_s: tuple[float, ...]
+    to_worker_s: tuple[float, ...]
+
+    def __str__(self) -> str:
+        score, worker = median(self.to_score_s), median(self.to_worker_s)
+        return f"{score:.2f} s (max {max(self.to_score_s):.2f}), {worker:.2f} s for a worker"
+
+
+def waits_of(database: Database, ids: list[str]) -> Waits:
+    """Return the waits of these submissions."""
+    query = (
+        select(Submission.received_at, Submission.status_at, Job.leased_at)
+        .join(Job, (Job.submission_id == Submission.id) & Job.is_first)
+        .where(Submission.id.in_(ids))
+    )
+    with database.read() as session:
+        rows = session.execute(query).all()
+    return Waits(
+        tuple((scored - received).total_seconds() for received, scored, _ in rows),
+        tuple((leased - received).total_seconds() for received, _, leased in rows if leased),
+    )
+
+
+def ratio(with_run: Waits, without: Waits) -> float:
+    """Return how many times as long the median submission waits."""
+    return median(with_run.to_score_s) / median(without.to_score_s)
+
 
 N_FRESH = 24
 PAUSE_S = (0.25, 0.6)
@@ -42,8 +79,7 @@ def protocol_of(name: str) -> tuple[str, ProtocolDocument]:
 class Drill:
     """One drill on one database."""
 
-    database: Database
-    deployment: Deployment
+    topology: Topology
     clients: Clients
     report: Report
     n_killed: int = 0
@@ -166,15 +202,24 @@ class Drill:
             ids.append(self.clients.submit(f"{prefix}-{number}"))
             time.sleep(chance.uniform(*PAUSE_S))
             if kills and number % KILL_AFTER_EVERY == KILL_AFTER_EVERY - 2:
-                self.n_killed += self.deployment.kill_a_worker(chance)
+                self.n_killed += self._kill_a_worker(chance)
         self.wait(lambda: self._n_scored(ids) == len(ids), f"{prefix} to be scored")
-        return waits_of(self.database, ids)
+        return waits_of(self.topology.database, ids)
+
+    def _kill_a_worker(self, chance: random.Random) -> int:
+        """SIGKILL a whole worker, or only its scoring processes; return how many were killed."""
+        worker = self.topology.workers[chance.randrange(len(self.topology.workers))]
+        if chance.random() < 0.5:
+            worker.kill_group()
+            worker.start()  # at once: how long a supervisor waits is not what is measured
+            return 1
+        return worker.kill_children()
 
     def _n_scored(self, ids: list[str] | None = None) -> int:
         query = select(func.count()).where(Submission.status == SubmissionStatus.SCORED)
         if ids is not None:
             query = query.where(Submission.id.in_(ids))
-        with self.database.read() as session:
+        with self.topology.database.read() as session:
             return session.scalar(query) or 0
 
     def _standing(self, run_id: str) -> str:

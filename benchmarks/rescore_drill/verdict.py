@@ -6,7 +6,7 @@ from collections import Counter
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from benchmarks.rescore_drill.reader import Reader
+from benchmarks.rescore_drill.clients import Reader
 from exceptiondrive_records.audit.log import count_audit_lines, verify_audit
 from exceptiondrive_records.boards.boards import served_body
 from exceptiondrive_records.boards.tables import BoardRow

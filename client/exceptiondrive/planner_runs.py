@@ -24,6 +24,7 @@ from exceptiondrive.pair_files import (
     read_bytes,
     read_text,
 )
+from exceptiondrive_schemas.check.source_fit import summed
 
 Tokens = Iterator[tuple[str, Waypoints | None]]
 
@@ -146,20 +147,11 @@ def read_vad(path: Path, mode: int | None, on_form: OnForm) -> Tokens:
         if mode is not None:
             on_form(f"mode {mode} of {len(modes)}")
         points = points_of(path, token, increments, None)
-        yield token, None if points is None else _added_up(points)
+        yield token, None if points is None else tuple(summed([(x, y) for x, y, *_ in points]))
 
 
 def _flat(value: Any) -> list[float]:
     return [each for part in value for each in _flat(part)] if isinstance(value, list) else [value]
-
-
-def _added_up(points: Waypoints) -> Waypoints:
-    x = y = 0.0
-    positions = []
-    for step_x, step_y, *_ in points:
-        x, y = x + step_x, y + step_y
-        positions.append((x, y))
-    return tuple(positions)
 
 
 def read_bench2drive(path: Path, mode: int | None, on_form: OnForm) -> Tokens:

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from exceptiondrive_agent.answers import read_reminder, read_strategy
+from exceptiondrive_agent.questions import read_reminder, read_strategy
 from exceptiondrive_endpoints.answers import json_object
 from exceptiondrive_endpoints.errors import NoAnswerError, Reason
 from exceptiondrive_schemas.protocol import packaged_protocol

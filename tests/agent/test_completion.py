@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from exceptiondrive_agent.answers import read_reminder
+from exceptiondrive_agent.questions import read_reminder
 from exceptiondrive_endpoints.endpoint import read_completion
 from exceptiondrive_endpoints.errors import NoAnswerError
 from exceptiondrive_schemas.protocol import packaged_protocol

@@ -5,7 +5,7 @@ import pytest
 from tests.agent.bench import made_png
 
 from exceptiondrive_agent.errors import AgentError
-from exceptiondrive_agent.images import find_images
+from exceptiondrive_agent.run import find_images
 from exceptiondrive_endpoints.errors import NoAnswerError, Reason
 from exceptiondrive_endpoints.images import MAX_IMAGE_BYTES, load_images
 

@@ -1,11 +1,12 @@
 import pytest
 from jsonschema import Draft202012Validator
 
-from exceptiondrive_agent.answers import decision_schema, reminder_schema
 from exceptiondrive_agent.questions import (
     DECISION_INSTRUCTIONS,
+    decision_schema,
     messages,
     reminder_instructions,
+    reminder_schema,
     reminder_text,
 )
 from exceptiondrive_endpoints.images import CleanImage

@@ -28,7 +28,6 @@ MAY_OPEN_SPLITS = {
     "boards/references.py": "takes ids and recorded paths, which references are made of",
     "boards/run.py": "asks for the split of a phase",
     "context.py": "opens the store",
-    "exact_sheet.py": "takes loaded arrays",
     "jury.py": "scores planners that are known against a loaded split",
     "operator_cli.py": "checks and registers",
     "scoring_run.py": "asks for the split of a job",

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from tests.build.test_stages import report as run_report
 from typer.testing import CliRunner
 
-from exceptiondrive_build.audit_plan import audit_plan, draw_for
 from exceptiondrive_build.candidates import (
     Candidate,
     edit_asked,
@@ -22,7 +21,7 @@ from exceptiondrive_build.candidates import (
 )
 from exceptiondrive_build.cli import app
 from exceptiondrive_build.inspection import draw
-from exceptiondrive_build.numbers import finite_population
+from exceptiondrive_build.numbers import audit_plan, draw_for, finite_population
 from exceptiondrive_build.prompts import Prompts
 from exceptiondrive_build.records import Author, Kind, Record
 from exceptiondrive_build.report import Report, report, shares_fit
@@ -159,7 +158,7 @@ def papers_shop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         deciding.append()
     with pytest.MonkeyPatch.context() as patch:
         walked = walk_of(folder)
-        for module in ("report", "audit_plan"):
+        for module in ("report", "numbers"):
             patch.setattr(f"exceptiondrive_build.{module}.walk", walked)
         yield folder
 

@@ -20,9 +20,8 @@ from exceptiondrive_build.scenes.cameras import ground_polygon, project
 from exceptiondrive_build.scenes.generated import MARK, MARK_RADIUS_M, VERSION, make_scenes
 from exceptiondrive_build.scenes.keyframe import Keyframe
 from exceptiondrive_build.scenes.nuscenes import CAMERAS, rigid
-from exceptiondrive_build.scenes.read_in import read_in
+from exceptiondrive_build.scenes.read_in import read_in, read_scenes, write_scenes
 from exceptiondrive_build.scenes.scene_set import SceneSet
-from exceptiondrive_build.scenes.source import read_scenes, write_scenes
 from exceptiondrive_build.workshop import Workshop, new_workshop
 
 ROUND = np.linspace(0, 2 * np.pi, 64, endpoint=False)

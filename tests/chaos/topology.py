@@ -202,11 +202,17 @@ class Topology:
             return self.postgres.url
         return f"sqlite:///{self.data / 'records.sqlite3'}"
 
-    def add_worker(self, *, environment: dict[str, str] | None = None, slots: int = 2) -> Process:
+    def add_worker(
+        self,
+        *,
+        environment: dict[str, str] | None = None,
+        slots: int = 2,
+        lanes: str = "live,rescore",
+    ) -> Process:
         """Start one worker more."""
         name = f"worker-{len(self.workers) + 1}"
-        concurrency = ("--concurrency", f"{slots}")
-        worker = self._add(name, "worker", "run", *concurrency, **(environment or {}))
+        serves = ("--lanes", lanes, "--concurrency", f"{slots}")
+        worker = self._add(name, "worker", "run", *serves, **(environment or {}))
         self.workers.append(worker)
         return worker
 

@@ -23,13 +23,16 @@ import exceptiondrive_schemas
 from exceptiondrive import Client
 from exceptiondrive.cli import app
 from exceptiondrive.organizer import Organizer
+from exceptiondrive_schemas.api.phase_report import PhaseReport
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.publish.examples import EXAMPLES
 from exceptiondrive_server.app import create_app
 from exceptiondrive_server.web.settings import ServerSettings
 
 if TYPE_CHECKING:
-    from tests.client.servers import Running
+    from tests.client.servers import CannedServer, Running
 
 NEW = {"new_here": {"of_any_form": [1, "two"]}, "new_text": "text", "new_number": 0}
 
@@ -236,6 +239,46 @@ def test_sdk_and_commands_work_with_a_newer_server(
     for words in (["teams", "list"], ["protocols", "list"], ["audit", "verify"]):
         done = run(newer.url, newer.organizer_token, ["organizer", *words])
         assert done.exit_code == 0, (words, done.stderr)
+
+
+def test_of_a_challenge_that_came_later_programs_get_everything(
+    canned_server: "CannedServer",
+) -> None:
+    """People are told to take a newer client: words and columns of the challenge are not known here."""
+    board = EXAMPLES["board"]()
+    assert isinstance(board, Board)
+    ended = PhaseReport(
+        phase="dev",
+        title="Development",
+        challenge=ChallengeId("gaps"),
+        opened_at=None,
+        closed_at=board.published_at,
+        board=1,
+        board_digest=board.body_digest,
+        published_at=board.published_at,
+        split=board.split,
+        part=None,
+        protocol=board.protocol,
+        n_samples=3,
+        n_boards=1,
+        n_teams=1,
+        n_submissions=1,
+        n_ranked=0,
+        n_listed=1,
+        winners=(),
+        may_be_first=(),
+        flags={},
+        shake_up=None,
+        protocols=("1.0",),
+    )
+    board = board.model_copy(update={"challenge": "gaps"})
+    canned_server.answer("GET /leaderboard", 200, board.model_dump(mode="json", by_alias=True))
+    canned_server.answer("GET /phases/dev/report", 200, ended.model_dump(mode="json"))
+    for words in (["leaderboard", "--phase", "dev"], ["report", "dev"]):
+        told = run(canned_server.url, "t", words)
+        assert (told.exit_code, "no challenge 'gaps' here" in told.stderr) == (5, True), told.stderr
+        done = run(canned_server.url, "t", [*words, "--json"])
+        assert json.loads(done.stdout)["challenge"] == "gaps", done.stderr
 
 
 def run(server: str, token: str, words: list[str]) -> Any:

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from tests.support.metrics import SIX_METRICS
+from tests.scoring.made import SIX_METRICS
 
 from exceptiondrive_schemas.protocol import ProtocolDocument, RankingSection
 from exceptiondrive_scoring.aliases import FloatArray

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.support.strategies import answers_alone
+from tests.scoring.made import answers_alone
 
 from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, STRATEGY, ChallengeId
 from exceptiondrive_schemas.protocol import ProtocolDocument

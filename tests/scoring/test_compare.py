@@ -4,8 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from tests.support.metrics import SIX_METRICS
-from tests.support.strategies import answers_alone
+from tests.scoring.made import SIX_METRICS, answers_alone
 
 from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.protocol import ProtocolDocument

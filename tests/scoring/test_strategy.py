@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from tests.support.strategies import answers_alone
+from tests.scoring.made import answers_alone
 
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_scoring.arrays import STRATEGIES, SplitArrays

@@ -44,7 +44,7 @@ SELECT md5(string_agg(line, chr(10) ORDER BY line)) FROM (
   UNION ALL SELECT version_num FROM alembic_version
 ) AS lines
 """
-_TABLES = (
+TABLES = (
     "SELECT tablename FROM pg_tables WHERE schemaname = 'public' AND tablename <> 'alembic_version'"
 )
 _RESTART = "SELECT setval(format('%I.%I', schemaname, sequencename)::regclass, start_value, false) FROM pg_sequences"
@@ -114,7 +114,7 @@ class Postgres:
             if _shape(connection) != self._pristine:
                 return False
             connection.execute("SET LOCAL session_replication_role = replica")  # append-only tables
-            tables = [table for (table,) in connection.execute(_TABLES).fetchall()]
+            tables = [table for (table,) in connection.execute(TABLES).fetchall()]
             connection.execute(";".join(f'DELETE FROM "{table}"' for table in tables))
             connection.execute(_RESTART)
         return True

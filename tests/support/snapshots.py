@@ -16,11 +16,9 @@ from typing import Any, Protocol, TypeVar
 import psycopg
 import pytest
 from sqlalchemy import make_url
+from tests.support.databases import TABLES
 
 T = TypeVar("T")
-_TABLES = (
-    "SELECT tablename FROM pg_tables WHERE schemaname = 'public' AND tablename <> 'alembic_version'"
-)
 _COUNTERS = (
     "SELECT format('%I.%I', schemaname, sequencename), last_value FROM pg_sequences"
     " WHERE last_value IS NOT NULL"
@@ -55,7 +53,7 @@ class PostgresRows:
     def of(cls, url: str) -> "PostgresRows":
         tables = {}
         with psycopg.connect(_postgres_address(url)) as connection:
-            for (table,) in connection.execute(_TABLES).fetchall():
+            for (table,) in connection.execute(TABLES).fetchall():
                 has_rows = connection.execute(f'SELECT 1 FROM "{table}" LIMIT 1').fetchone()
                 if has_rows:
                     with connection.cursor().copy(

@@ -27,8 +27,6 @@ def claim_board_of(
     phase_id: str,
     protocol_digest: str,
     split_revision: str | None = None,
-    *,
-    lease_s: float = 30,
 ) -> BoardRequest | None:
     """Claim the build of this very board, if it is wanted and nobody builds it."""
     phase = session.get_one(Phase, phase_id)
@@ -38,7 +36,7 @@ def claim_board_of(
         & (BoardRequest.split_revision == (split_revision or phase.split_revision))
     )
     free = select(BoardRequest.id).where(which, is_free(BoardRequest, NOW))
-    return claim(session, BoardRequest, free, lease_s)
+    return claim(session, BoardRequest, free, lease_s=30)
 
 
 def let_time_pass(session: Session, time: timedelta) -> None:

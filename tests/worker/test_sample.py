@@ -13,11 +13,10 @@ from exceptiondrive_schemas.submission_files import PlanningPrediction, Planning
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_scoring.region import prepare_regions
 from exceptiondrive_scoring.sheet import Breakdown, aggregate
-from exceptiondrive_worker.sample.driving import Manoeuvre
+from exceptiondrive_worker.sample.driving import Lane, Manoeuvre
 from exceptiondrive_worker.sample.files import write_planners, write_sample_split
 from exceptiondrive_worker.sample.hazards import PLACEMENTS
 from exceptiondrive_worker.sample.planners import PLANNERS, Planner, predictions
-from exceptiondrive_worker.sample.road import Lane
 from exceptiondrive_worker.sample.scenes import SEED, SampleScene, sample_scenes
 from exceptiondrive_worker.splits.admin import read_datasheet
 from exceptiondrive_worker.splits.store import LoadedSplit, load_split, read_split

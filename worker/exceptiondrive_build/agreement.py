@@ -16,6 +16,7 @@ import shapely
 from exceptiondrive_build.records import Record
 from exceptiondrive_build.settings import VerifySection
 from exceptiondrive_build.values import Corners, Verified
+from exceptiondrive_schemas.datasheet import Agreement
 from exceptiondrive_scoring.aliases import FloatArray
 
 N_BLIND = 2
@@ -35,31 +36,6 @@ class Outcome:
     state: State
     corners: Corners | None = None
     people: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Agreement:
-    """How well blind readers agree, over all candidates that two of them have read.
-
-    Attributes:
-        n: Candidates with two blind readings.
-        both_accepted: Of these, those that both accepted.
-        same_word: Of all, those that both accepted or both rejected.
-        beyond: Those that need a third reader.
-        iou_mean: Mean intersection over union of regions that both accepted.
-        iou_median: Their median.
-        corner_m_max: Greatest distance of two corners among them.
-        alpha: Krippendorff's alpha over accepted and rejected; None where all words are the same.
-    """
-
-    n: int
-    both_accepted: int
-    same_word: int
-    beyond: int
-    iou_mean: float | None
-    iou_median: float | None
-    corner_m_max: float | None
-    alpha: float | None
 
 
 def readings(records: Sequence[Record]) -> list[tuple[str, Verified]]:
@@ -149,6 +125,10 @@ def agreement(verifications: Mapping[str, Sequence[Record]], limits: VerifySecti
     Args:
         verifications: Standing verifications of each candidate, oldest first.
         limits: Beyond which a third reader decides.
+
+    Returns:
+        Over all candidates with two blind readings; intersection over union, and the greatest
+        distance of two corners, of the regions that both accepted.
     """
     pairs = [
         pair for records in verifications.values() if len(pair := blind_pair(records)) == N_BLIND

@@ -27,10 +27,7 @@ COMMANDS = {
     "scenes": ("exceptiondrive_build.scenes.commands", "Make a set of scenes, or read one in."),
     "run": ("exceptiondrive_build.stage_commands", "Ask a model: screen, edit or review."),
     "localize": ("exceptiondrive_build.stage_commands", "Propose a region for what is accepted."),
-    "review": (
-        "exceptiondrive_build.review_page.commands",
-        "Serve the review page on this machine.",
-    ),
+    "review": ("exceptiondrive_build.review_page.app", "Serve the review page on this machine."),
     "lint": (
         "exceptiondrive_build.freezing.commands",
         "Warn of what makes the split a bad benchmark.",

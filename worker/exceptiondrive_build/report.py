@@ -5,7 +5,6 @@ All of it is counted anew from records and answers. Nothing here names a region 
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
 from datetime import datetime
 from itertools import pairwise
 from typing import Annotated
@@ -136,9 +135,7 @@ def report(workshop: Workshop) -> Report:
         tasks=cells([task for task in taxonomy.tasks if task.id in used], everything, ()),
         marks=_marks(everything),
         audit=audit(candidates, settings.inspect),
-        agreement=Agreement.model_validate(asdict(agreement(verifications, settings.verify)))
-        if verifications
-        else None,
+        agreement=agreement(verifications, settings.verify) if verifications else None,
         spent=tuple(_spent(stage(workshop), candidates) for stage in STAGES),
         people=_people(workshop, candidates),
         currency=settings.currency,

@@ -8,8 +8,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from exceptiondrive_build.audit_plan import AuditPlan, audit_plan
 from exceptiondrive_build.cli import Json, WorkshopFolder
+from exceptiondrive_build.numbers import AuditPlan, audit_plan
 from exceptiondrive_build.report import Line, Report, report
 from exceptiondrive_build.workshop import Workshop
 from exceptiondrive_schemas.datasheet import Cell

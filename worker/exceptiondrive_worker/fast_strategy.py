@@ -16,6 +16,7 @@ from exceptiondrive_schemas.check.fast_decode import (
     rows_of,
     submission_decoder,
 )
+from exceptiondrive_schemas.check.strategy_rules import TEXT_KEYS
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_schemas.submission_files import MAX_TEXT_CHARACTERS, ReminderRecord, RiskLevel
@@ -24,7 +25,6 @@ from exceptiondrive_scoring.strategy import strategy_answers
 
 Letter = Literal["A", "B", "C", "D", "E"]
 UNSET = msgspec.UNSET
-TEXT_KEYS = ("relative_location", "evidence", "safety_constraint")
 
 
 def _optional(kind: Any) -> Any:

@@ -2,13 +2,14 @@
 
 import os
 import sys
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Annotated, Any, NoReturn
 
 import typer
+from typer.core import TyperGroup
 from typer.main import get_group
 
-from exceptiondrive.cli.groups import Group
 from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError
 from exceptiondrive.version import __version__
 
@@ -44,7 +45,7 @@ COMMANDS = {
         ".submission_commands",
         "Show what the team may still submit, and when the count resets.",
     ),
-    "terms": (".terms_command", "Show the terms of a phase, and accept them for the team."),
+    "terms": (".board_commands", "Show the terms of a phase, and accept them for the team."),
     "edit": (
         ".submission_commands",
         "Change name, links, description or facts of a submission; without options, list its changes.",
@@ -103,6 +104,29 @@ BLAS_THREADS = "OPENBLAS_NUM_THREADS"
 """numpy would start a thread for each core, and no command multiplies matrices."""
 NO_PLUGINS = "PYDANTIC_DISABLE_PLUGINS"
 """Else pydantic looks through the metadata of every installed package for plugins of its own."""
+
+
+class Group(TyperGroup):
+    """A group that cuts no summary short, however narrow the terminal."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write what each command does, in as many lines as that takes."""
+        commands = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
+        rows = [
+            (name, " ".join((each.help or "").partition("\n\n")[0].split()))
+            for name, each in commands
+            if each is not None and not each.hidden
+        ]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+
+
+def group(help_text: str, commands: Mapping[str, Callable[..., None]]) -> typer.Typer:
+    """Return a group of these commands."""
+    made = typer.Typer(cls=Group, help=help_text, no_args_is_help=True, rich_markup_mode=None)
+    for name, command in commands.items():
+        made.command(name)(command)
+    return made
 
 
 class Commands(Group):

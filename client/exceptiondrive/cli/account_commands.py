@@ -6,8 +6,7 @@ from typing import Annotated
 
 import typer
 
-from exceptiondrive.cli import completion, options
-from exceptiondrive.cli.groups import Group
+from exceptiondrive.cli import completion, group, options
 from exceptiondrive.cli.output import can_ask, say, show, show_result
 from exceptiondrive.cli.session import open_client, prepare, say_retry
 from exceptiondrive.cli.tables import records_table
@@ -138,14 +137,13 @@ def register(app: typer.Typer) -> None:
     """Add these commands."""
     for command in (login, logout, whoami):
         app.command()(command)
-    group = typer.Typer(
-        cls=Group,
-        help="Your team's tokens; needs a token with the scope `tokens`.",
-        no_args_is_help=True,
-        rich_markup_mode=None,
+    tokens = group(
+        "Your team's tokens; needs a token with the scope `tokens`.",
+        {
+            "list": list_tokens,
+            "create": create_token,
+            "rotate": rotate_token,
+            "revoke": revoke_token,
+        },
     )
-    group.command("list")(list_tokens)
-    group.command("create")(create_token)
-    group.command("rotate")(rotate_token)
-    group.command("revoke")(revoke_token)
-    app.add_typer(group, name="tokens")
+    app.add_typer(tokens, name="tokens")

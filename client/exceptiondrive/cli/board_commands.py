@@ -1,4 +1,4 @@
-"""Commands about what everyone may see: leaderboard, phases."""
+"""Commands about boards and phases: what everyone may see, and the terms to be accepted."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +12,8 @@ from exceptiondrive.cli.output import show, show_json, show_result
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.cli.tables import board_view, left_words
 from exceptiondrive.errors import InvalidArgumentError, utc_text
-from exceptiondrive.settings import find_setting
+from exceptiondrive.settings import default_phase, find_setting
+from exceptiondrive.words import challenge_of
 from exceptiondrive_schemas.api.submission import PhaseView
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.printable import printable
@@ -85,7 +86,7 @@ def leaderboard(
             typer.echo(printable(text), nl=False)
             return
         board = client.leaderboard(**asked)
-    show_result(board, json, *board_view(board))
+    show_result(board, json, *(() if json else board_view(board)))
 
 
 def phases(server: options.Server = None, json: options.Json = False) -> None:
@@ -114,11 +115,38 @@ def report(
     """Show how a phase ended: the first places, and what a reveal changed."""
     with open_client(server) as client:
         found = client.report(phase)
-    show_result(found, json, *_report_view(found))
+    show_result(found, json, *(() if json else _report_view(found)))
+
+
+def terms(
+    phase: options.DefaultPhase = None,
+    accept: Annotated[
+        str | None,
+        typer.Option("--accept", metavar="VERSION", help="Accept them, in the version you read."),
+    ] = None,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Show the terms of a phase, and accept them for the team."""
+    phase = default_phase(phase)
+    with open_client(server) as client:
+        if accept is not None:
+            accepted = client.accept_terms(phase, accept)
+            line = f"terms of {phase}, version {accepted['version']}, accepted"
+            show_result(accepted, json, line)
+            return
+        view = client.phase(phase)
+    if view.terms_version is None:
+        raise InvalidArgumentError("no_terms", f"The phase {phase} has no terms to accept.")
+    how = f"accept them by: exceptiondrive terms --phase {phase} --accept {view.terms_version}"
+    at = view.terms_accepted_at
+    facts = {"phase": phase, "version": view.terms_version, "text": view.page.terms}
+    state = how if at is None else f"accepted {utc_text(at)}"
+    show_result(facts, json, view.page.terms, "", f"version {view.terms_version}; {state}")
 
 
 def _report_view(found: "PhaseReport") -> Iterator[str | FittedTable]:
-    columns = CHALLENGES[found.challenge].columns
+    columns = challenge_of(found.challenge).columns
     yield (
         f"{found.title}: closed {utc_text(found.closed_at)}, board {found.board}, protocol "
         f"{found.protocol.version}, {found.n_samples:,} samples; {found.n_teams:,} teams, "
@@ -184,3 +212,4 @@ def register(app: typer.Typer) -> None:
     app.command()(leaderboard)
     app.command()(phases)
     app.command()(report)
+    app.command()(terms)

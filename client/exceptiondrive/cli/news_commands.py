@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from exceptiondrive.cli import completion, options
+from exceptiondrive.cli import options
 from exceptiondrive.cli.output import show_result
 from exceptiondrive.cli.session import open_client, open_organizer
 from exceptiondrive.cli.tables import records_table
@@ -53,12 +53,7 @@ def list_news(server: options.Server = None, json: options.Json = False) -> None
 
 
 def publish_news(
-    phase: Annotated[
-        str,
-        typer.Option(
-            "--phase", metavar="ID", autocompletion=completion.phases, help="Id of the phase."
-        ),
-    ],
+    phase: options.PhaseId,
     title: Annotated[str, typer.Option("--title", metavar="TEXT", help="One line.")],
     text: Text,
     server: options.Server = None,
@@ -72,9 +67,7 @@ def publish_news(
 
 def withdraw_news(
     news_id: Annotated[str, typer.Argument(metavar="ID", help="Id of the news.")],
-    reason: Annotated[
-        str, typer.Option("--reason", metavar="TEXT", help="Why; stays in the audit log.")
-    ],
+    reason: options.Reason,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:

@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from exceptiondrive.cli import completion, options
-from exceptiondrive.cli.groups import Group
+from exceptiondrive.cli import completion, group, options
 from exceptiondrive.cli.output import show, show_json, show_result
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.cli.tables import notices_view, records_table
@@ -29,12 +28,6 @@ Wishes = Annotated[
     ),
 ]
 ContactId = Annotated[str, typer.Argument(metavar="ID", help="Id, from `contacts list`.")]
-contacts = typer.Typer(
-    cls=Group,
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    help="Addresses at which the team is told: e-mail, once confirmed, and webhooks.",
-)
 
 
 def notices(
@@ -60,7 +53,6 @@ def notices(
         show("no notices")
 
 
-@contacts.command("list")
 def list_contacts(server: options.Server = None, json: options.Json = False) -> None:
     """List where the team is told."""
     with open_client(server) as client:
@@ -73,7 +65,6 @@ def list_contacts(server: options.Server = None, json: options.Json = False) -> 
         show("no addresses: the team is told in its inbox alone")
 
 
-@contacts.command()
 def add(
     address: Annotated[
         str, typer.Argument(metavar="ADDRESS", help="E-mail address, or https of a webhook.")
@@ -96,7 +87,6 @@ def add(
     show_result(contact, json, f"{contact['id']}  {contact['address']}  {words}")
 
 
-@contacts.command()
 def tell(
     contact_id: ContactId,
     what: Annotated[
@@ -117,7 +107,6 @@ def tell(
     show_result(contact, json, f"{contact['address']} is told of: {told}")
 
 
-@contacts.command()
 def remove(
     contact_id: ContactId, server: options.Server = None, json: options.Json = False
 ) -> None:
@@ -158,4 +147,8 @@ def _wishes(given: list[str] | None) -> tuple[str, ...]:
 def register(app: typer.Typer) -> None:
     """Add these commands."""
     app.command()(notices)
+    contacts = group(
+        "Addresses at which the team is told: e-mail, once confirmed, and webhooks.",
+        {"list": list_contacts, "add": add, "tell": tell, "remove": remove},
+    )
     app.add_typer(contacts, name="contacts")

@@ -90,6 +90,18 @@ SubmissionId = Annotated[
         help="Id of the submission, or the address of its page.",
     ),
 ]
+TeamId = Annotated[
+    str, typer.Argument(metavar="TEAM", autocompletion=completion.teams, help="Id of the team.")
+]
+PhaseId = Annotated[
+    str,
+    typer.Option(
+        "--phase", metavar="PHASE", autocompletion=completion.phases, help="Id of the phase."
+    ),
+]
+Reason = Annotated[
+    str, typer.Option("--reason", metavar="TEXT", help="Why; stays in the audit log.")
+]
 FactsFile = Annotated[
     Path | None, typer.Option("--facts", metavar="FILE", help="JSON file of the method's facts.")
 ]

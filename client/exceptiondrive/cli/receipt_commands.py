@@ -6,8 +6,7 @@ from typing import Annotated
 import typer
 
 from exceptiondrive.checking import write_file
-from exceptiondrive.cli import options
-from exceptiondrive.cli.groups import Group
+from exceptiondrive.cli import group, options
 from exceptiondrive.cli.output import say, show_result
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.errors import utc_text
@@ -74,10 +73,7 @@ def _write(text: str, output: Path | None) -> None:
 
 def register(app: typer.Typer) -> None:
     """Add these commands."""
-    group = typer.Typer(
-        cls=Group, help="Signed receipts of scored submissions.", no_args_is_help=True
+    receipts = group(
+        "Signed receipts of scored submissions.", {"get": get, "verify": verify, "keys": keys}
     )
-    group.command()(get)
-    group.command()(verify)
-    group.command()(keys)
-    app.add_typer(group, name="receipt")
+    app.add_typer(receipts, name="receipt")

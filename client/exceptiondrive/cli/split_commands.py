@@ -6,8 +6,7 @@ from typing import Annotated
 import typer
 
 from exceptiondrive.checking import write_file
-from exceptiondrive.cli import completion, options
-from exceptiondrive.cli.groups import Group
+from exceptiondrive.cli import completion, group, options
 from exceptiondrive.cli.output import show_result
 from exceptiondrive.cli.progress import TransferBar
 from exceptiondrive.cli.session import open_client
@@ -79,11 +78,5 @@ def _say_written(facts: dict[str, str | int], json: bool) -> None:
 def register(app: typer.Typer) -> None:
     """Add these commands."""
     app.command()(manifest)
-    split = typer.Typer(
-        cls=Group,
-        help="Development splits, whose regions are public.",
-        no_args_is_help=True,
-        rich_markup_mode=None,
-    )
-    split.command()(download)
-    app.add_typer(split, name="split")
+    splits = group("Development splits, whose regions are public.", {"download": download})
+    app.add_typer(splits, name="split")

@@ -285,6 +285,7 @@ class SubmissionReader:
         self._is_of_another_form = False
         self._absent: Counter[str] = Counter()
         self.faults = faults
+        self._refuse = faults.add
         self.challenge: ChallengeId | None = None
         self.split: str | None = None
         self.n_predictions: int | None = None
@@ -605,17 +606,6 @@ class SubmissionReader:
                 )
             return f"looks like CSV with {name}; {self._convert}"
         return None
-
-    def _refuse(
-        self,
-        code: FaultCode,
-        path: Path,
-        expected: str,
-        got: str,
-        sample_id: str | None = None,
-        hint: str | None = None,
-    ) -> None:
-        self.faults.add(code, path, expected=expected, got=got, sample_id=sample_id, hint=hint)
 
 
 UTF8_BYTE_ORDER_MARK = b"\xef\xbb\xbf"

@@ -123,7 +123,6 @@ class FaultList:
         self,
         code: FaultCode,
         path: Path,
-        *,
         expected: str,
         got: str,
         sample_id: str | None = None,

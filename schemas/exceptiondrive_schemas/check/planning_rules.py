@@ -65,6 +65,7 @@ class PlanningRules:
         self._protocol = protocol
         self._geometry = protocol.geometry
         self._faults = faults
+        self._refuse = faults.add
         self._sources: list[array[float]] = []
         self._n_missing = {"source": 0, "edited": 0}
         self._n_trajectories = 0
@@ -408,17 +409,6 @@ class PlanningRules:
     @property
     def _form(self) -> str:
         return f"[[x, y] x {self._geometry.waypoints}] or null"
-
-    def _refuse(
-        self,
-        code: FaultCode,
-        path: Path,
-        expected: str,
-        got: str,
-        sample_id: str | None,
-        hint: str | None = None,
-    ) -> None:
-        self._faults.add(code, path, expected=expected, got=got, sample_id=sample_id, hint=hint)
 
 
 NULL_HINT = (

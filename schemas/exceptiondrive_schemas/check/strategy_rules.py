@@ -31,6 +31,7 @@ class StrategyRules:
 
     def __init__(self, protocol: ProtocolDocument, faults: FaultList) -> None:
         self._faults = faults
+        self._refuse = faults.add
         self._task_ids = frozenset(task.id for task in protocol.tasks)
         self._ranking, self._plausibility = protocol.ranking, protocol.plausibility
         self._n_missing = 0
@@ -141,8 +142,3 @@ class StrategyRules:
             self._refuse(code, path, expected, quoted(value), sample_id)
             return None
         return value
-
-    def _refuse(
-        self, code: FaultCode, path: Path, expected: str, got: str, sample_id: str | None
-    ) -> None:
-        self._faults.add(code, path, expected=expected, got=got, sample_id=sample_id)

@@ -9,7 +9,7 @@ import json
 from base64 import b64encode
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 from exceptiondrive_build.agreement import agreement, outcome
 from exceptiondrive_build.candidates import Candidate
@@ -23,7 +23,6 @@ from exceptiondrive_build.values import Corners, Edited
 from exceptiondrive_build.workshop import Workshop
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.datasheet import (
-    Agreement,
     Datasheet,
     Example,
     SplitChange,
@@ -298,7 +297,7 @@ def _datasheet(
         families=cells(taxonomy.families, candidates.values(), counted),
         tasks=cells(workshop.tasks, candidates.values(), counted),
         audit=audit(candidates, settings.inspect),
-        agreement=Agreement(**asdict(agreed)) if agreed.n else None,
+        agreement=agreed if agreed.n else None,
         deciders=deciders(workshop, candidates.values()),
         warnings=tuple(
             SplitWarning(code=found.code, what=found.what, count=found.count)

@@ -1,7 +1,8 @@
-"""The application behind the page: the loopback alone, one-time addresses, signed-in reviewers."""
+"""The review page: its command, and the application: the loopback alone, one-time addresses, reviewers."""
 
 import re
 import secrets
+import socket
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import asdict
@@ -9,6 +10,8 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 from urllib.parse import urlsplit
 
+import typer
+import uvicorn
 from fastapi import Body, FastAPI, Form, HTTPException, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, HTMLResponse, JSONResponse, RedirectResponse
@@ -17,6 +20,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from pydantic import ValidationError
 
 from exceptiondrive_build.agreement import agreement
+from exceptiondrive_build.cli import WorkshopFolder
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.records import person_named
 from exceptiondrive_build.review_page.cards import card
@@ -315,3 +319,32 @@ def _add_cards(app: FastAPI) -> None:
         else:
             leases.give_back(holder)
         return {}
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to a command line."""
+    app.command()(review)
+
+
+def review(
+    workshop: WorkshopFolder = Path(),
+    port: Annotated[int, typer.Option(min=0, max=65535, help="0: any free one.")] = 8400,
+    lease_s: Annotated[
+        float, typer.Option(min=1, help="How long a card waits for a browser that died.")
+    ] = 60.0,
+) -> None:
+    """Serve the review page on this machine; each browser opens it by an address that works once."""
+    Workshop(workshop).records.close()
+    try:
+        listening = socket.create_server(("127.0.0.1", port))
+    except OSError as error:
+        advice = "Give another --port, or 0 for any free one."
+        raise BuildError(f"Port {port}: {error.strerror}.", advice) from None
+    at = listening.getsockname()[1]
+
+    def announce(key: str) -> None:
+        typer.echo(f"for the next browser: http://127.0.0.1:{at}/open/{key}")
+
+    with listening:
+        app = review_app(workshop, announce, lease_s=lease_s)
+        uvicorn.Server(uvicorn.Config(app, log_level="warning")).run(sockets=[listening])

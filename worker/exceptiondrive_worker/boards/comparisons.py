@@ -13,7 +13,6 @@ from itertools import combinations, islice
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from exceptiondrive_records.boards.ranking import EntryRecord
 from exceptiondrive_schemas.base import canonical_json
@@ -160,7 +159,7 @@ def _kept_or_made(
         target.protocol.grading.headline,
         *(text for _, record in (a, b) for text in (record.submission_id, record.method)),
     )
-    kept = _kept(private, key)
+    kept = private.read_document(Shelf.COMPARISONS, key, PairedComparison)
     if kept is not None:
         return kept
     of_a, of_b = (stages.sample_scores(each, record.measurement_key) for each, record in (a, b))
@@ -170,20 +169,15 @@ def _kept_or_made(
     return made
 
 
-def _kept(private: PrivateStore, key: str) -> PairedComparison | None:
-    data = private.read(Shelf.COMPARISONS, key)
-    if data is None:
-        return None
-    try:
-        return PairedComparison.model_validate_json(data)
-    except ValidationError:
-        return None  # written by another version
-
-
 def _difference(found: Difference, words: Mapping[str, str]) -> PairedDifference:
     """The verdict with the names of the methods in place of A and B."""
     who, _, what = found.verdict.partition(" is ")
     verdict = f"{words[who]} is {what}" if what and who in words else found.verdict
+    return paired_difference(found, verdict)
+
+
+def paired_difference(found: Difference, verdict: str) -> PairedDifference:
+    """Return a difference as a board tells it, with its verdict in these words; nothing is rounded."""
     return PairedDifference(
         difference=found.difference,
         interval=found.interval,

@@ -7,15 +7,17 @@ is kept under the hash of what made it, so a new entry on the board repeats none
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pydantic import ValidationError
-
 from exceptiondrive_records.boards.ranking import EntryRecord, LinkedRecord
 from exceptiondrive_schemas.base import canonical_json
-from exceptiondrive_schemas.board import PairedDifference, ReminderEffect
+from exceptiondrive_schemas.board import ReminderEffect
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.score_sheet import MetricRow
-from exceptiondrive_scoring.compare import Comparison, Difference, compare
-from exceptiondrive_worker.boards.comparisons import headline_of, rounded_difference
+from exceptiondrive_scoring.compare import Comparison, compare
+from exceptiondrive_worker.boards.comparisons import (
+    headline_of,
+    paired_difference,
+    rounded_difference,
+)
 from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.splits.private_store import PrivateStore, Shelf, content_key
 from exceptiondrive_worker.stages import Stages, Target
@@ -68,7 +70,7 @@ def _effect(
         linked.submission_id,
         linked.method,
     )
-    effect = _kept(private, key)
+    effect = private.read_document(Shelf.EFFECTS, key, ReminderEffect)
     if effect is None:
         with_it = stages.sample_scores(target, record.measurement_key)
         without = stages.sample_scores(other, linked.measurement_key)
@@ -84,7 +86,10 @@ def exact_effect(compared: Comparison, linked: LinkedRecord) -> ReminderEffect:
     return ReminderEffect(
         without=linked.submission_id,
         without_method=linked.method,
-        differences={key: _difference(found) for key, found in compared.overall.items()},
+        differences={
+            key: paired_difference(found, _VERDICTS.get(found.verdict, found.verdict))
+            for key, found in compared.overall.items()
+        },
     )
 
 
@@ -109,22 +114,3 @@ def published_effect(
             found = found.model_copy(update={"difference": own})
         differences[metric.key] = found
     return effect.model_copy(update={"differences": differences})
-
-
-def _difference(found: Difference) -> PairedDifference:
-    return PairedDifference(
-        difference=found.difference,
-        interval=found.interval,
-        discordant=found.discordant,
-        verdict=_VERDICTS.get(found.verdict, found.verdict),
-    )
-
-
-def _kept(private: PrivateStore, key: str) -> ReminderEffect | None:
-    data = private.read(Shelf.EFFECTS, key)
-    if data is None:
-        return None
-    try:
-        return ReminderEffect.model_validate_json(data)
-    except ValidationError:
-        return None  # written by another version

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from random import Random
 
-from exceptiondrive_worker.sample.road import Lane, Position
+from exceptiondrive_worker.sample.driving import Lane, Position
 
 FRONT_BUMPER_M = 3.528
 """Where the footprint of protocol 1.0 ends ahead of the rear axle."""

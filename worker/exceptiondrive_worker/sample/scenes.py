@@ -6,9 +6,8 @@ from random import Random
 
 from exceptiondrive_schemas.split import Split, SplitSample
 from exceptiondrive_schemas.submission_files import Trajectory
-from exceptiondrive_worker.sample.driving import Manoeuvre
+from exceptiondrive_worker.sample.driving import Lane, Manoeuvre
 from exceptiondrive_worker.sample.hazards import PLACEMENTS, Hazard, place
-from exceptiondrive_worker.sample.road import Lane
 
 SEED = 20261120
 SPLIT_NAME = "sample"

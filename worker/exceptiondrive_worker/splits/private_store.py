@@ -15,14 +15,18 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import structlog
 from numpy.typing import NDArray
+from pydantic import ValidationError
 from zlib_ng import zlib_ng
 
+from exceptiondrive_schemas.base import Document
 from exceptiondrive_scoring.aliases import Columns
+
+AnyDocument = TypeVar("AnyDocument", bound=Document)
 
 _CHECKSUM_BYTES = 4
 _ALIGNED_BYTES = 16
@@ -127,6 +131,16 @@ class PrivateStore:
         """Return the columns kept under `key`, or None."""
         data = self.read(shelf, key)
         return None if data is None else unpack_columns(data)
+
+    def read_document(self, shelf: Shelf, key: str, kind: type[AnyDocument]) -> AnyDocument | None:
+        """Return the document kept under `key`, or None, where another version wrote it, too."""
+        data = self.read(shelf, key)
+        if data is None:
+            return None
+        try:
+            return kind.model_validate_json(data)
+        except ValidationError:
+            return None
 
     def write_columns(self, shelf: Shelf, key: str, columns: Columns) -> None:
         """Keep columns under `key`."""

@@ -7,15 +7,15 @@ from typing import Annotated, Any
 import typer
 
 from exceptiondrive.checking import write_file
-from exceptiondrive.cli import completion, news_commands, options
-from exceptiondrive.cli.groups import Group
-from exceptiondrive.cli.organizer import participation, people, phases, rescoring, site
+from exceptiondrive.cli import completion, group, news_commands, options
+from exceptiondrive.cli.organizer import participation, phases, rescoring
 from exceptiondrive.cli.output import say, show_result, show_saved, upload_name
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.confirmations import confirm, default_key_path, make_key
 from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, utc_text
 from exceptiondrive.inputs import given_bytes, given_protocol
+from exceptiondrive_schemas.api.site import SiteLinks
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.protocol import ProtocolDocument, ProtocolError
 from exceptiondrive_schemas.protocols.sense import nonsense
@@ -26,9 +26,6 @@ SubmissionId = Annotated[
     typer.Argument(
         metavar="ID", autocompletion=completion.submission_ids, help="Id of the submission."
     ),
-]
-TeamId = Annotated[
-    str, typer.Argument(metavar="TEAM", autocompletion=completion.teams, help="Id of the team.")
 ]
 FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="Protocol document, TOML.")]
 
@@ -75,12 +72,7 @@ def diff_protocol(
 
 
 def similar(
-    phase: Annotated[
-        str,
-        typer.Option(
-            "--phase", metavar="PHASE", autocompletion=completion.phases, help="Id of the phase."
-        ),
-    ],
+    phase: options.PhaseId,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -161,7 +153,7 @@ def create_team(
 
 
 def approve_team(
-    team_id: TeamId, server: options.Server = None, json: options.Json = False
+    team_id: options.TeamId, server: options.Server = None, json: options.Json = False
 ) -> None:
     """Let a team that registered itself submit."""
     with open_organizer(server) as organizer:
@@ -170,8 +162,8 @@ def approve_team(
 
 
 def refuse_team(
-    team_id: TeamId,
-    reason: phases.ReasonOption,
+    team_id: options.TeamId,
+    reason: options.Reason,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -183,7 +175,7 @@ def refuse_team(
 
 def retry_submission(
     submission_id: SubmissionId,
-    reason: phases.ReasonOption,
+    reason: options.Reason,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -220,7 +212,7 @@ def show_story(
 
 def verify_submission(
     submission_id: SubmissionId,
-    reason: phases.ReasonOption,
+    reason: options.Reason,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -232,7 +224,7 @@ def verify_submission(
 
 def restore_submission(
     submission_id: SubmissionId,
-    reason: phases.ReasonOption,
+    reason: options.Reason,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -288,12 +280,7 @@ def download_archive(
             "--team", metavar="TEAM", autocompletion=completion.teams, help="Only of this team."
         ),
     ] = None,
-    phase: Annotated[
-        str | None,
-        typer.Option(
-            "--phase", metavar="ID", autocompletion=completion.phases, help="Only of this phase."
-        ),
-    ] = None,
+    phase: options.Phase = None,
     status: Annotated[
         str | None,
         typer.Option(
@@ -313,7 +300,9 @@ def download_archive(
     show_saved(output or Path("submissions.tar"), data, json)
 
 
-def list_tokens(team_id: TeamId, server: options.Server = None, json: options.Json = False) -> None:
+def list_tokens(
+    team_id: options.TeamId, server: options.Server = None, json: options.Json = False
+) -> None:
     """List a team's tokens, without their secrets."""
     columns = ("id", "name", "scopes", "created_at", "expires_at", "revoked_at", "last_used_at")
     with open_organizer(server) as organizer:
@@ -322,7 +311,7 @@ def list_tokens(team_id: TeamId, server: options.Server = None, json: options.Js
 
 
 def issue_token(
-    team_id: TeamId,
+    team_id: options.TeamId,
     name: Annotated[str, typer.Option("--name", metavar="NAME", help="What it is for.")],
     expires_at: Annotated[
         str | None, typer.Option("--expires-at", metavar="TIME", help="2027-01-31T00:00:00Z")
@@ -431,7 +420,7 @@ def list_confirmations(server: options.Server = None, json: options.Json = False
 
 def withdraw_confirmation(
     confirmation_id: Annotated[str, typer.Argument(metavar="ID", help="`confirmations` shows it.")],
-    reason: phases.ReasonOption,
+    reason: options.Reason,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -443,7 +432,7 @@ def withdraw_confirmation(
 
 def delete_protocol(
     version: Annotated[str, typer.Argument(metavar="VERSION", help="Version or digest.")],
-    reason: phases.ReasonOption,
+    reason: options.Reason,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -548,6 +537,62 @@ def read_audit(
     show_result(found, json, records_table(lines, columns))
 
 
+def list_people(server: options.Server = None, json: options.Json = False) -> None:
+    """List everybody who signed in through the provider, with their roles."""
+    with open_organizer(server) as organizer:
+        found = organizer.people()
+    columns = ("id", "name", "role", "phases", "signed_in_at")
+    show_result(found, json, records_table(found, columns))
+
+
+def set_role(
+    person: Annotated[str, typer.Argument(metavar="PERSON", help="Id of the person.")],
+    role: Annotated[
+        str | None,
+        typer.Option(
+            "--role",
+            metavar="ROLE",
+            autocompletion=completion.choices("owner", "helper", "read-only"),
+            help="owner, helper or read-only; else none.",
+        ),
+    ] = None,
+    phase_ids: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--phase",
+            metavar="ID",
+            autocompletion=completion.phases,
+            help="Confines the role to it; may stand again.",
+        ),
+    ] = None,
+    server: options.Server = None,
+    json: options.Json = False,
+) -> None:
+    """Give a person a role of organizers, or take it; it counts from their next request on."""
+    with open_organizer(server) as organizer:
+        told = organizer.set_role(person, role, phase_ids or ())
+    show_result(told, json, f"{told['name']}: {told['role'] or 'no organizer'}")
+
+
+def show_site(server: options.Server = None, json: options.Json = False) -> None:
+    """Show the links of the site."""
+    with open_organizer(server) as organizer:
+        _show_site(organizer.site(), json)
+
+
+def set_site(server: options.Server = None, json: options.Json = False, **links: Any) -> None:
+    """Set links of the site; what is left out stays, an empty one is not shown."""
+    changes = phases.setting_document(SiteLinks, links)
+    if not changes:
+        raise InvalidArgumentError("nothing_to_set", "Say what to set: `--help` lists the links.")
+    with open_organizer(server) as organizer:
+        _show_site(organizer.set_site(changes), json)
+
+
+def _show_site(links: dict[str, Any], json: bool) -> None:
+    show_result(links, json, *(f"{name:<9}  {text or '-'}" for name, text in links.items()))
+
+
 GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
     "teams": (
         "Teams and their tokens.",
@@ -599,9 +644,12 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         },
     ),
     "news": ("News of phases: page, feed and inboxes.", news_commands.NEWS),
-    "people": ("People and their organizers' roles.", people.PEOPLE),
+    "people": ("People and their organizers' roles.", {"list": list_people, "set": set_role}),
     "questions": ("Questions of teams, and answers.", news_commands.QUESTIONS),
-    "site": ("Links in header and footer of every page.", site.COMMANDS),
+    "site": (
+        "Links in header and footer of every page.",
+        {"show": show_site, "set": phases.with_settings(set_site, SiteLinks)},
+    ),
     "splits": ("Registered splits.", {"list": list_splits}),
     "audit": ("The append-only, hash-chained log.", {"list": read_audit, "verify": verify_audit}),
 }
@@ -609,17 +657,10 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
 
 def register(app: typer.Typer) -> None:
     """Add these commands."""
-    organizer = typer.Typer(
-        cls=Group,
-        help="For organizers, with an organizer's token.",
-        no_args_is_help=True,
-        rich_markup_mode=None,
+    organizer = group(
+        "For organizers, with an organizer's token.",
+        {"similar": similar, "message": participation.send_message},
     )
     for name, (help_text, commands) in GROUPS.items():
-        group = typer.Typer(cls=Group, help=help_text, no_args_is_help=True, rich_markup_mode=None)
-        for command_name, command in commands.items():
-            group.command(command_name)(command)
-        organizer.add_typer(group, name=name)
-    organizer.command("similar")(similar)
-    organizer.command("message")(participation.send_message)
+        organizer.add_typer(group(help_text, commands), name=name)
     app.add_typer(organizer, name="organizer")

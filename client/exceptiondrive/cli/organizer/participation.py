@@ -13,12 +13,6 @@ from exceptiondrive.cli.tables import records_table
 from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive_schemas.printable import counted
 
-TeamId = Annotated[
-    str, typer.Argument(metavar="TEAM", autocompletion=completion.teams, help="Id of the team.")
-]
-Reason = Annotated[
-    str, typer.Option("--reason", metavar="TEXT", help="Why; stays in the audit log.")
-]
 ToldReason = Annotated[
     str,
     typer.Option("--reason", metavar="TEXT", help="Why; told to the team, and in the audit log."),
@@ -29,7 +23,9 @@ PublicNote = Annotated[
 ]
 
 
-def show_team(team_id: TeamId, server: options.Server = None, json: options.Json = False) -> None:
+def show_team(
+    team_id: options.TeamId, server: options.Server = None, json: options.Json = False
+) -> None:
     """Show name, standing, people, addresses, own limits, disqualifications and accepted terms of a team."""
     with open_organizer(server) as organizer:
         found = organizer.participation(team_id)
@@ -49,8 +45,8 @@ def show_team(team_id: TeamId, server: options.Server = None, json: options.Json
 
 
 def change_team(
-    team_id: TeamId,
-    reason: Reason,
+    team_id: options.TeamId,
+    reason: options.Reason,
     name: Annotated[
         str | None, typer.Option("--name", metavar="NAME", help="As new boards show it.")
     ] = None,
@@ -71,14 +67,14 @@ def change_team(
 
 
 def merge_teams(
-    team_id: TeamId,
+    team_id: options.TeamId,
     into: Annotated[
         str,
         typer.Option(
             "--into", metavar="TEAM", autocompletion=completion.teams, help="The team that stays."
         ),
     ],
-    reason: Reason,
+    reason: options.Reason,
     yes: options.Yes = False,
     server: options.Server = None,
     json: options.Json = False,
@@ -93,8 +89,8 @@ def merge_teams(
 
 
 def forget_team(
-    team_id: TeamId,
-    reason: Reason,
+    team_id: options.TeamId,
+    reason: options.Reason,
     yes: options.Yes = False,
     server: options.Server = None,
     json: options.Json = False,
@@ -123,13 +119,8 @@ def import_teams(
 
 
 def set_limits(
-    team_id: TeamId,
-    phase: Annotated[
-        str,
-        typer.Option(
-            "--phase", metavar="PHASE", autocompletion=completion.phases, help="Id of the phase."
-        ),
-    ],
+    team_id: options.TeamId,
+    phase: options.PhaseId,
     reason: ToldReason,
     closes_at: Annotated[
         str | None, typer.Option("--closes-at", metavar="TIME", help="2027-01-31T00:00:00Z")
@@ -152,7 +143,7 @@ def set_limits(
 
 
 def disqualify_team(
-    team_id: TeamId,
+    team_id: options.TeamId,
     reason: ToldReason,
     public_note: PublicNote = None,
     phase: Annotated[

@@ -26,9 +26,6 @@ from exceptiondrive_schemas.challenges import CHALLENGES
 PhaseArgument = Annotated[
     str, typer.Argument(metavar="ID", autocompletion=completion.phases, help="Id of the phase.")
 ]
-ReasonOption = Annotated[
-    str, typer.Option("--reason", metavar="TEXT", help="Why; stays in the audit log.")
-]
 LONGEST_SHOWN = 100
 """Characters of a text that `show` prints; `--json` prints all."""
 REVEALED = {
@@ -138,7 +135,7 @@ def update(
 
 def feature(
     phase_id: PhaseArgument,
-    reason: ReasonOption,
+    reason: options.Reason,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -150,7 +147,7 @@ def feature(
 
 def delete(
     phase_id: PhaseArgument,
-    reason: ReasonOption,
+    reason: options.Reason,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -213,7 +210,7 @@ def withdraw_reported(
     reported_id: Annotated[
         str, typer.Argument(metavar="IMPORT", help="Id of the import: see `reported`.")
     ],
-    reason: ReasonOption,
+    reason: options.Reason,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -225,7 +222,7 @@ def withdraw_reported(
 
 def freeze(
     phase_id: PhaseArgument,
-    reason: ReasonOption,
+    reason: options.Reason,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -250,7 +247,7 @@ def reveal(
             help="What readers are to see.",
         ),
     ],
-    reason: ReasonOption,
+    reason: options.Reason,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:

@@ -30,15 +30,6 @@ from exceptiondrive_schemas.score_sheet import metric_text
 RunArgument = Annotated[
     str, typer.Argument(metavar="RUN", autocompletion=completion.runs, help="Id of the run.")
 ]
-ReasonOption = Annotated[
-    str, typer.Option("--reason", metavar="TEXT", help="Why; stays in the audit log.")
-]
-PhaseOption = Annotated[
-    str | None,
-    typer.Option(
-        "--phase", metavar="ID", autocompletion=completion.phases, help="Only of this phase."
-    ),
-]
 WatchOption = Annotated[
     bool, typer.Option("--watch", help="Follow until scoring has ended; exit code 6 on failures.")
 ]
@@ -65,7 +56,7 @@ def start(
             help="Whose board is to change.",
         ),
     ],
-    reason: ReasonOption,
+    reason: options.Reason,
     protocol: Annotated[
         str | None, typer.Option("--protocol", metavar="V", help="Version or digest to come.")
     ] = None,
@@ -94,7 +85,7 @@ def status(
         str | None,
         typer.Argument(metavar="[RUN]", autocompletion=completion.runs, help="Else all runs."),
     ] = None,
-    phase: PhaseOption = None,
+    phase: options.Phase = None,
     watch: WatchOption = False,
     server: options.Server = None,
     json: options.Json = False,
@@ -127,14 +118,14 @@ def preview(
         found = rescoring.preview(run_id, seen)
         if csv is not None:
             write_file(csv, rescoring.preview_csv(run_id))
-    show_result(found, json, *preview_lines(found))
+    show_result(found, json, *(() if json else preview_lines(found)))
     if found["is_stale"]:
         raise typer.Exit(ExceptionDriveError.exit_code)
 
 
 def apply(
     run_id: RunArgument,
-    reason: ReasonOption,
+    reason: options.Reason,
     digest: Annotated[
         str | None,
         typer.Option("--preview", metavar="DIGEST", help="Of the preview that you looked at."),
@@ -158,7 +149,7 @@ def verify(
             "--phase", metavar="ID", autocompletion=completion.phases, help="Whose sheets."
         ),
     ],
-    reason: ReasonOption,
+    reason: options.Reason,
     sample: Annotated[
         str, typer.Option("--sample", metavar="all|K", help="All sheets, or K drawn at random.")
     ] = "all",
@@ -197,7 +188,7 @@ def _step(step: str, words: str) -> Callable[..., None]:
 
     def take(
         run_id: RunArgument,
-        reason: ReasonOption,
+        reason: options.Reason,
         server: options.Server = None,
         json: options.Json = False,
     ) -> None:

@@ -1,9 +1,14 @@
-"""Answers of the strategy challenge, for tests that give them as numbers."""
+"""What tests of scoring give by hand: the metrics of the paper alone, and answers as numbers."""
 
 import numpy as np
 
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_scoring.aliases import IntArray
 from exceptiondrive_scoring.strategy import NO_ANSWER, StrategyAnswers
+
+KEYS = ("hcc", "ur", "hpr", "cts", "cts_x", "cts_y")
+SIX_METRICS = PLANNING.model_copy(update={"metrics": tuple(map(PLANNING.metric, KEYS))})
+"""The planning challenge, each metric a column."""
 
 
 def answers_alone(strategy: IntArray) -> StrategyAnswers:
