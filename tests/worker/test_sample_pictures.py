@@ -15,7 +15,6 @@ from sqlalchemy import select
 from sqlalchemy.exc import IntegrityError
 from tests.support.made_pictures import png
 
-from exceptiondrive_build.freezing.small_jpeg import PictureUnreadableError, small_jpeg
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import InvalidRecord
@@ -34,6 +33,7 @@ from exceptiondrive_worker.splits.pictures import (
     publish_pictures,
     remove_pictures,
 )
+from exceptiondrive_worker.splits.small_jpeg import PictureUnreadableError, small_jpeg
 from exceptiondrive_worker.splits.store import SplitStore
 
 LICENCE = "Made up by a test, CC0 1.0"

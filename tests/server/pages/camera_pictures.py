@@ -6,8 +6,8 @@ from tests.server.pages.invented_board import LONG_AGO, MANIFEST
 from tests.server.pages.page_site import real_drawings
 from tests.support.made_pictures import png
 
-from exceptiondrive_build.freezing.small_jpeg import small_jpeg
 from exceptiondrive_records.splits.tables import SamplePictureRow
+from exceptiondrive_worker.splits.small_jpeg import small_jpeg
 
 LICENCE = "CC <b>0</b> & kin"
 

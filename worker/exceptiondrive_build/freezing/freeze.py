@@ -16,7 +16,6 @@ from exceptiondrive_build.candidates import Candidate
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.freezing.croissant import croissant
 from exceptiondrive_build.freezing.datasheet_text import html_of, markdown_of
-from exceptiondrive_build.freezing.small_jpeg import LONGEST_SIDE_PX, PICTURES, small_jpeg
 from exceptiondrive_build.numbers import audit, cells, deciders, stages
 from exceptiondrive_build.records import Kind, Record
 from exceptiondrive_build.values import Corners, Edited
@@ -32,6 +31,7 @@ from exceptiondrive_schemas.datasheet import (
 )
 from exceptiondrive_schemas.split import Manifest, Split, SplitSample
 from exceptiondrive_worker.splits.faults import split_faults
+from exceptiondrive_worker.splits.small_jpeg import LONGEST_SIDE_PX, PICTURES, small_jpeg
 from exceptiondrive_worker.splits.warnings import split_warnings
 
 EXAMPLE_WIDTH_PX = 640

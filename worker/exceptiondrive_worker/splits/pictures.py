@@ -11,13 +11,6 @@ from pathlib import Path
 
 from sqlalchemy.orm import Session
 
-from exceptiondrive_build.freezing.small_jpeg import (
-    LONGEST_SIDE_PX,
-    MAX_FILE_BYTES,
-    PICTURES,
-    PictureUnreadableError,
-    small_jpeg,
-)
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.splits.drawings import PublicSplit, find_public_split
 from exceptiondrive_records.splits.pictures import show_pictures
@@ -25,6 +18,13 @@ from exceptiondrive_records.splits.tables import SamplePictureRow
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_worker.splits.admin import ACTOR
+from exceptiondrive_worker.splits.small_jpeg import (
+    LONGEST_SIDE_PX,
+    MAX_FILE_BYTES,
+    PICTURES,
+    PictureUnreadableError,
+    small_jpeg,
+)
 
 MAX_STORED_BYTES = 2 * 2**30
 """Of all pictures of a split together."""
