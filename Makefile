@@ -91,7 +91,7 @@ wheelhouse:  ## download every hashed wheel of LOCKS="bootstrap dev" (or client)
 	rm -r $(VENV)-wheelhouse
 	@du -sh wheelhouse; ls wheelhouse | wc -l
 
-lint: $(STAMP)  ## format, lint, types, import contracts, generated documents
+lint: $(STAMP)  ## format, lint, types, import contracts, the oldest Python of each part
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/djhtml --tabwidth 2 --check server worker
