@@ -220,6 +220,7 @@ def plausibility_lines(
     """Return a line for every share that the score sheet publishes, known ones first."""
     still = f"end less than {section.stationary_below_m:g} m from the start, or are missing"
     turning = f"turning tighter than {section.min_turn_radius_m:g} m"
+    first = "or with an impossible first step"
     shares = {key: share or 0.0 for key, share in plausibility.shares.items()}
     more = "more than {:g} points above the share in the original scenes"
     known = {  # share to its words, its threshold in words and as a number, the flag that it may raise
@@ -249,8 +250,7 @@ def plausibility_lines(
             "blind_to_the_edit",
         ),
         "impossible": (
-            f"paths with the hazard above {section.max_acceleration_mps2:g} m/s\u00b2, {turning}, or with an "
-            "impossible first step",
+            f"paths with the hazard above {section.max_acceleration_mps2:g} m/s\u00b2, {turning}, {first}",
             f"above {section.flag_impossible:.0%}",
             section.flag_impossible,
             "impossible_motion",
