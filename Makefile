@@ -62,7 +62,7 @@ test: $(STAMP) $(VENV)/.system  ## all tests; T=path picks some, N=2 says how ma
 pythons: $(STAMP)  ## the tests of client, scoring and worker on every other Python found, 3.10 to 3.14; T=path picks some, ENDS=1 the client's on the oldest and newest
 	$(BIN)/python -m tests.on_every_python $(if $(ENDS),--ends) $(filter-out tests,$(T))
 
-bench: $(STAMP)  ## every figure of docs/performance.md in one run, and at its end what was asked beside what was measured
+bench: $(STAMP)  ## the figures of docs/performance.md in one run, and at its end what was asked beside what was measured
 	$(BIN)/python -m benchmarks
 
 chaos: $(STAMP)  ## inject every fault of docs/faults.md into real processes; F="F01 F24" picks some, RESUME=1 goes on, WITHOUT=1 takes injections out
@@ -91,7 +91,7 @@ wheelhouse:  ## download every hashed wheel of LOCKS="bootstrap dev" (or client)
 	rm -r $(VENV)-wheelhouse
 	@du -sh wheelhouse; ls wheelhouse | wc -l
 
-lint: $(STAMP)  ## format, lint, types, import contracts, generated documents
+lint: $(STAMP)  ## format, lint, types, import contracts, the oldest Python of each part
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/djhtml --tabwidth 2 --check server worker

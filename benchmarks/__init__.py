@@ -1,1 +1,1 @@
-"""Benchmarks: `python -m benchmarks` prints every comparison of docs/performance.md in one run."""
+"""Benchmarks: `python -m benchmarks` prints the comparisons of docs/performance.md in one run."""

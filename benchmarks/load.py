@@ -2,8 +2,7 @@
 
 Real processes, full-size files of many teams whose arrivals thicken towards the deadline, one team
 that floods the queue first, and readers of page and board all the while (wrk where it is there).
-`--matrix` runs SQLite and PostgreSQL with one worker and two; `--out` writes the Markdown that
-docs/scaling.md takes in.
+`--matrix` runs SQLite and PostgreSQL with one worker and two; `--out` writes Markdown.
 """
 
 import argparse

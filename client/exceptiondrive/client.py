@@ -254,7 +254,7 @@ class Client(Connection):
     ...     print(submission.wait().rank)
 
     Args:
-        server: Address; else EXCEPTIONDRIVE_SERVER, else what `login` kept, else this machine.
+        server: Address; else EXCEPTIONDRIVE_SERVER, else what `config` or `login` kept, else this machine.
         token: Team token; else EXCEPTIONDRIVE_TOKEN, else what `login` kept for the server.
     """
 

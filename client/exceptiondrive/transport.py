@@ -453,7 +453,7 @@ class Connection:
     """Speaks to one server; use it as a context manager.
 
     Args:
-        server: Address; else EXCEPTIONDRIVE_SERVER, else what `login` kept, else this machine.
+        server: Address; else EXCEPTIONDRIVE_SERVER, else what `config` or `login` kept, else this machine.
         token: Token; else EXCEPTIONDRIVE_TOKEN, else what `login` kept for the server.
         attempts: How often a request is sent at most.
         timeout_s: Longest time without a byte, per request.

@@ -3,12 +3,18 @@
 import re
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.chaos.suite import FAULTS
 from tests.hostile.rows import ROWS
+from typer.main import get_command
 
+from exceptiondrive.cli import app as client
+from exceptiondrive_build.cli import app as build
 from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_server.operations.cli import app as server
+from exceptiondrive_worker.operator_cli import app as worker
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -29,7 +35,12 @@ OF_READERS = {
     "my_planner.py",
     "secrets/broker.conf",
 }
-LINK = re.compile(r"\]\(([^)\s#:]+)(#[\w-]+)?\)")
+LINK = re.compile(r"\]\(([^)\s#:]*)(?:#([\w-]+))?\)")
+FENCED, SPAN = re.compile(r"```(\w*)\n(.*?)```", re.DOTALL), re.compile(r"`([^`]+)`")
+CALL = re.compile(
+    r"(?<!--entrypoint )\bexceptiondrive(-server|-worker|-build|) (?!exceptiondrive)([a-z][^|#;&\n]*)"
+)
+PROGRAMS = {"": client, "-server": server, "-worker": worker, "-build": build}
 
 
 def tracked() -> dict[str, str]:
@@ -95,14 +106,49 @@ def test_every_file_that_a_document_names_is_there(texts: dict[str, str]) -> Non
 
 
 def test_links_between_documents_lead_somewhere(texts: dict[str, str]) -> None:
-    broken = {
-        (name, target)
+    broken = set()
+    for name, text in texts.items():
+        for target, section in LINK.findall(SPAN.sub("", FENCED.sub("", text))):
+            path = (ROOT / name).parent / target if target else ROOT / name
+            is_there = path.exists() and (
+                not section or section in sections(path.read_text("utf-8"))
+            )
+            if name.endswith(".md") and not is_there:
+                broken.add((name, target, section))
+    assert broken == set()
+
+
+def sections(text: str) -> set[str]:
+    """The anchors of the headings of a document, as they are made by who shows it."""
+    headings = re.findall(r"^#+ (.+)$", FENCED.sub("", text), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", each.lower()).replace(" ", "-") for each in headings}
+
+
+def test_every_command_and_option_that_a_document_names_is_there(texts: dict[str, str]) -> None:
+    calls = [
+        (name, program, call.split())
         for name, text in texts.items()
         if name.endswith(".md")
-        for target, _ in LINK.findall(re.sub(r"```.*?```|`[^`\n]*`", "", text, flags=re.DOTALL))
-        if not (ROOT / name).parent.joinpath(target).exists()
-    }
-    assert broken == set()
+        for code in (
+            *(block for language, block in FENCED.findall(text) if language == "sh"),
+            *(" ".join(span.split()) for span in SPAN.findall(FENCED.sub("", text))),
+            *re.findall(r"^ {4}(exceptiondrive.*)$", text, re.MULTILINE),
+        )
+        for program, call in CALL.findall(code.replace("\\\n", " "))
+    ]
+    assert len(calls) > 200
+    assert [call for call in calls if not is_known(*call[1:])] == []
+
+
+def is_known(program: str, words: list[str]) -> bool:
+    """Whether these words begin with a command and have none but its options."""
+    command: Any = get_command(PROGRAMS[program])
+    while words and (inner := getattr(command, "get_command", lambda *_: None)(None, words[0])):
+        command, words = inner, words[1:]
+    is_group = hasattr(command, "get_command")
+    options = {option for each in command.params for option in each.opts + each.secondary_opts}
+    given = {option for each in words for option in re.findall(r"^\[?(--?[a-z][a-z-]*)", each)}
+    return given <= options | {"--help"} and not (is_group and words and not given)
 
 
 def test_every_test_that_a_document_names_is_there() -> None:

@@ -60,23 +60,6 @@ def test_a_document_without_marks_is_refused() -> None:
         with_reference("# Nothing")
 
 
-@pytest.mark.parametrize("document", [CLIENT, QUICKSTART], ids=lambda path: path.name)
-def test_every_command_and_option_in_a_document_exists(document: Path) -> None:
-    text = document.read_text(encoding="utf-8").split("<!-- commands: begin")[0]
-    blocks = "\n".join(re.findall(r"```sh\n(.*?)```", text, flags=re.DOTALL))
-    calls = re.findall(
-        r"^(?:.*\| )?exceptiondrive ([^#\n]+)", blocks.replace("\\\n", ""), re.MULTILINE
-    )
-    for call in calls:
-        words = call.split()
-        depth = {"split": 2, "organizer": 3}.get(words[0], 1)
-        name = " ".join(words[:depth])
-        text_of_help = CliRunner().invoke(app, [*name.split(), "--help"])
-        assert text_of_help.exit_code == 0, call
-        for option in re.findall(r"(?<=\s)--?[a-z][a-z-]*", call):
-            assert option in text_of_help.stdout, f"{call}: no option {option}"
-
-
 def test_the_exit_codes_of_the_document_are_those_of_the_errors() -> None:
     from exceptiondrive import errors
 

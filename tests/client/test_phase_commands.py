@@ -171,6 +171,10 @@ def test_a_team_publishes_and_takes_back(working: "Running", planning_file: Make
     assert (published.exit_code, published.stdout) == (0, f"{mine} is public\n")
     board_shows(working, mine)
     undone = run(working, "publish", mine, "--undo")
+    assert (
+        f"it is private until you run exceptiondrive publish {mine}"
+        in run(working, "status", mine).stdout
+    )
     assert (undone.exit_code, undone.stdout) == (0, f"{mine} is private\n")
     board_shows(working)
     with working.client() as client:

@@ -438,6 +438,7 @@ def test_the_phase_of_the_environment_is_meant_where_none_is_named(
     assert json.loads(done.stdout)["phase"] == "dev"
     assert "phase dev" in run(working, "leaderboard").stdout
     assert "split tiny" in run(working, "check", planning_file()).stdout
+    assert "of the phase 'dev'" in run(working, "report").stderr, "it has not ended"
     words = json.loads(run(working, "leaderboard", "--challenge", "strategy", "--json").stdout)
     assert words["phase"] == "words", "a challenge that is named comes before a phase that is not"
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from exceptiondrive.cli import completion, options
+from exceptiondrive.cli import options
 from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.fitted_table import Column, FittedTable
 from exceptiondrive.cli.output import show, show_json, show_result
@@ -103,18 +103,13 @@ def phases(server: options.Server = None, json: options.Json = False) -> None:
 
 
 def report(
-    phase: Annotated[
-        str,
-        typer.Argument(
-            metavar="PHASE", autocompletion=completion.phases, help="Id of a phase that has ended."
-        ),
-    ],
+    phase: options.PhaseArgument = None,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
     """Show how a phase ended: the first places, and what a reveal changed."""
     with open_client(server) as client:
-        found = client.report(phase)
+        found = client.report(default_phase(phase))
     show_result(found, json, *(() if json else _report_view(found)))
 
 

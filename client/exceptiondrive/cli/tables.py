@@ -152,6 +152,8 @@ def submission_view(
     if view.status is SubmissionStatus.SCORED:
         rank = f"rank {view.rank}" if view.rank else "not ranked"
         why = f": {view.unranked_because}" if view.unranked_because else ""
+        if not view.is_published:
+            why = f": it is private until you run exceptiondrive publish {view.id}"
         if view.awaits_board:
             rank, why = "rank awaited", ": the next board is being built"
         if view.replaced_by is not None:

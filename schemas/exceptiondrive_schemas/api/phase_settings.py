@@ -143,12 +143,16 @@ class PhasePolicy(Document):
     @property
     def run_rule(self) -> str:
         """Say, before anything is handed in, which run stands on the board."""
+        private = "An entry is private, and ranks nowhere, until its team publishes it. "
+        said = private if self.entries_private else ""
         if self.entries_shown == "chosen":
-            return "Of each team one entry stands: the one that it chose, else its newest."
-        newest = "Of each method the newest run stands, also where it is worse"
+            return f"{said}Of each team one entry stands: the one that it chose, else its newest."
+        said += "Of each method the newest run stands, also where it is worse"
         if self.run_choice == "team":
-            return f"{newest}, unless the team says before the deadline: the best, or one that it names."
-        return f"{newest}; withdraw it, and the earlier one stands again."
+            return (
+                f"{said}, unless the team says before the deadline: the best, or one that it names."
+            )
+        return f"{said}; withdraw it, and the earlier one stands again."
 
 
 class PhaseSettings(Document):

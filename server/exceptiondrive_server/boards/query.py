@@ -58,7 +58,10 @@ class BoardQuery(BaseModel):
 
     challenge: KnownChallenge | None = Field(None, description="the challenge of the phase")
     phase: str | None = Field(
-        None, min_length=1, max_length=64, description="id; else the challenge's first phase"
+        None,
+        min_length=1,
+        max_length=64,
+        description="id; else the first phase, of the challenge where one is named",
     )
     protocol: str | None = Field(
         None, min_length=1, max_length=100, description="version or digest; else the one in force"

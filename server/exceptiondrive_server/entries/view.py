@@ -218,14 +218,15 @@ def plausibility_lines(
     plausibility: Plausibility, section: PlausibilitySection
 ) -> list[PlausibilityLine]:
     """Return a line for every share that the score sheet publishes, known ones first."""
-    still = f"end less than {section.stationary_below_m:g} m from the start"
+    still = f"end less than {section.stationary_below_m:g} m from the start, or are missing"
     turning = f"turning tighter than {section.min_turn_radius_m:g} m"
+    first = "or with an impossible first step"
     shares = {key: share or 0.0 for key, share in plausibility.shares.items()}
-    more = "more than {:.0%} above the share in the original scenes"
+    more = "more than {:g} points above the share in the original scenes"
     known = {  # share to its words, its threshold in words and as a number, the flag that it may raise
         "edited_stationary": (
             f"paths with the hazard that {still}",
-            more.format(section.flag_edited_stationary_excess),
+            more.format(100 * section.flag_edited_stationary_excess),
             shares.get("source_stationary", 0.0) + section.flag_edited_stationary_excess,
             "stands_still",
         ),
@@ -237,7 +238,7 @@ def plausibility_lines(
         ),
         "edited_behind": (
             "paths with the hazard that end behind the start",
-            more.format(section.flag_reverses_excess),
+            more.format(100 * section.flag_reverses_excess),
             shares.get("source_behind", 0.0) + section.flag_reverses_excess,
             "reverses",
         ),
@@ -249,7 +250,7 @@ def plausibility_lines(
             "blind_to_the_edit",
         ),
         "impossible": (
-            f"paths with the hazard above {section.max_acceleration_mps2:g} m/s\u00b2 or {turning}",
+            f"paths with the hazard above {section.max_acceleration_mps2:g} m/s\u00b2, {turning}, {first}",
             f"above {section.flag_impossible:.0%}",
             section.flag_impossible,
             "impossible_motion",

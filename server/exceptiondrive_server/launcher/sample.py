@@ -68,7 +68,7 @@ PHASES = {
     PLANNING.id: SamplePhase(
         "sample",
         "Development",
-        "Synthetic samples whose regions are public: try your files here, as often as you like. "
+        "Synthetic samples whose regions are public: try your files here. "
         "`exceptiondrive evaluate` gives the same scores on your machine.",
     ),
     STRATEGY.id: SamplePhase(

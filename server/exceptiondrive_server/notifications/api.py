@@ -77,7 +77,7 @@ def get_notifications(
     unread: Annotated[bool, Query(description="only what was not read yet")] = False,
     limit: Annotated[int, Query(ge=1, le=500)] = 100,
 ) -> list[NotificationView]:
-    """Read the inbox of the team, newest first: old and new numbers of each protocol update."""
+    """Read the inbox of the team, newest first; of a protocol update with old and new numbers."""
     with services.database.read() as session:
         return list_notifications(session, team_of(reader), only_unread=unread, limit=limit)
 

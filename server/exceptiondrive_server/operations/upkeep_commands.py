@@ -78,7 +78,7 @@ def sweep(
     ] = GRACE.total_seconds() / 3600,
     data: DataOption = None,
 ) -> None:
-    """Remove stored files that no record mentions: refused uploads, crashes. The server may run."""
+    """Remove stored files that no record mentions, as crashes leave them. The server may run."""
     settings = load_settings(RecordsSettings, data)
     grace = timedelta(hours=older_than_hours)
     with opened(settings) as database:

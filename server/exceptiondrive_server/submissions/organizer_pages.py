@@ -180,8 +180,8 @@ def deed_on(services: ServicesOf, submission_id: SubmissionId, deed: Deed) -> St
     step = Step(
         section="submissions",
         title=f"Try {method} again",
-        meaning="It is queued again with all its attempts, at its old place in time. "
-        "No quota is touched.",
+        meaning="It is queued again with all its attempts, at its old place in time, and counts in the "
+        "quota of its day, as what failed did not; where that is used up it is refused.",
         button="Try again",
         back=f"/organize/submissions/{submission.id}",
         back_words="The submission",

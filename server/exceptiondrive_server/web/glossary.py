@@ -73,7 +73,8 @@ _WORDS = {
     "flag": Term(
         "Flag",
         "A sign that the numbers of a row mean less than they say, such as a planner that only stands "
-        "still. A flagged row is never named as the best; with some flags it takes no rank.",
+        "still. With most flags a row is never named as the best; with those that the protocol lists it takes "
+        "no rank.",
     ),
     "reference": Term(
         "Reference rows",

@@ -53,7 +53,7 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = MappingProxyType(
             "Not allowed",
             "The token is valid, but it was issued for something else: teams cannot act as "
             "organizers, and reading tokens cannot submit.",
-            ("Use a token with the right scope; `exceptiondrive login` shows which you have.",),
+            ("Use a token with the right scope; `exceptiondrive whoami` shows which you have.",),
             4,
             in_browser=(
                 "If you sent a form, open its page again and send it anew.",
@@ -88,7 +88,7 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = MappingProxyType(
             "Something with this name exists with other content, or the state has moved on since "
             "you looked. Protocols, boards and split revisions never change once they are used.",
             ("Look at the present state again.", "Choose another name or version."),
-            2,
+            4,
             in_browser=("Open the page again: it shows how things stand now.",),
         ),
         ProblemCode.PHASE_CLOSED: ProblemKind(
@@ -128,7 +128,7 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = MappingProxyType(
             "Your team has made all submissions that this phase allows for now. Rejected and "
             "failed submissions never count, and neither do the same bytes sent again.",
             (
-                "Wait until the time in `Retry-After`; quotas renew at 00:00 UTC.",
+                "A day's quota renews at 00:00 UTC, `Retry-After` seconds from now; that of a whole phase does not.",
                 "Until then, score locally on the development split: `exceptiondrive evaluate`.",
             ),
             3,
@@ -161,7 +161,7 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = MappingProxyType(
         ProblemCode.TOO_MANY_REQUESTS: ProblemKind(
             429,
             "Too many requests",
-            "This address was asked too often in a short time.",
+            "Too much came at once or in a short time, from your address, your team or with your token.",
             ("Wait for the seconds in `Retry-After`, then go on more slowly.",),
             5,
             in_browser=("Wait as long as the sentence above says, then try again.",),
@@ -169,8 +169,8 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = MappingProxyType(
         ProblemCode.STORE_UNAVAILABLE: ProblemKind(
             503,
             "The service cannot do this right now",
-            "The database or the file store did not answer. Nothing was accepted, and nothing that "
-            "was accepted before is lost.",
+            "The database or the file store did not answer, or more files arrive than there are places for. "
+            "Nothing was accepted, and nothing that was accepted before is lost.",
             ("Try again after the seconds in `Retry-After`; the client does so by itself.",),
             5,
             in_browser=("Load the page again in a few seconds.",),

@@ -190,6 +190,8 @@ def test_of_two_shares_that_raise_one_flag_the_one_above_its_threshold_is_marked
         (0.01, False),
         (0.2, True),
     ]
+    assert lines[0].threshold == "more than 5 points above the share in the original scenes"
+    assert "first step" in lines[2].words  # it is counted there, too: zeros accelerate nowhere
 
 
 async def test_an_entry_of_a_withheld_split_says_what_is_told_and_what_is_not(

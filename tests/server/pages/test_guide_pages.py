@@ -11,8 +11,9 @@ import pytest
 from tests.server.pages.reading import read
 
 from exceptiondrive import check_file, recorder
+from exceptiondrive.transport import error_of
 from exceptiondrive_records.protocols.protocols import add_protocol
-from exceptiondrive_schemas.api.problems import ProblemCode
+from exceptiondrive_schemas.api.problems import Problem, ProblemCode
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.flags import FLAGS
@@ -70,6 +71,18 @@ async def test_the_protocol_page_says_which_flags_take_a_rank_and_when_they_are_
     assert "more than 5 m from the drive that was recorded" in text
     assert "less than 10 % in a family of at least 20 samples" in text
     assert "takes no rank" not in (await site.get("/protocols/1.0")).text
+
+
+async def test_required_clearances_of_the_protocol_page_are_scaled_and_not_rounded(
+    site: Any,
+) -> None:
+    text = packaged_protocol_toml("1.0").replace('version = "1.0"', 'version = "1.5"')
+    with site.database.write() as session:
+        add_protocol(session, text.replace("d_safe_scale = 1.0", "d_safe_scale = 1.5"), "test")
+    site.create_phase("scaled", protocol="1.5")
+    page = " ".join((await site.get("/protocols/1.5")).text.split())
+    shown = set(re.findall(r"</svg>\s*([\d.]+)\s*m\s*</td>", page))
+    assert shown == {f"{1.5 * task.d_safe_m:g}" for task in packaged_protocol("1.0").tasks}
 
 
 async def test_an_unknown_protocol_is_not_found(lively_site: Any) -> None:
@@ -153,6 +166,12 @@ async def test_every_problem_has_a_help_page(shown_site: Any, code: ProblemCode)
 def test_every_problem_is_explained_with_at_least_one_step() -> None:
     assert set(PROBLEMS) == set(ProblemCode)
     assert all(help_.steps and help_.happened for help_ in PROBLEMS.values())
+
+
+def test_the_exit_code_of_every_problem_is_what_the_client_ends_with() -> None:
+    for code, kind in PROBLEMS.items():
+        problem = Problem(type="", title="", status=kind.status, code=code, detail="")
+        assert error_of(problem).exit_code == kind.exit_code, code
 
 
 @pytest.mark.parametrize("code", list(FaultCode))

@@ -1,5 +1,6 @@
 """The page of a split: made of its datasheet alone, of a revision that readers know of."""
 
+import re
 from html.parser import HTMLParser
 
 from tests.server.pages.invented_board import COUNTS, DATASHEET, MANIFEST, N
@@ -77,6 +78,15 @@ async def test_a_split_without_a_datasheet_has_its_families(lively_site: Site) -
     assert "No datasheet lies beside this split" in text
     assert "Sudden Emergence 62 25.83 %" in text
     assert (await lively_site.get("/api/v1/splits/sample/datasheet")).status_code == 404
+
+
+async def test_the_commands_of_a_public_split_read_the_file_that_they_download(
+    lively_site: Site,
+) -> None:
+    lively_site.publish_split()
+    text = text_of((await lively_site.get("/splits/sample")).text)
+    (name,) = re.findall(r"exceptiondrive split download (\S+)", text)
+    assert f"--split {name}.split.json" in text, "what the client calls it where it is told no name"
 
 
 async def test_a_split_that_nobody_uses_is_not_found(lively_site: Site) -> None:
