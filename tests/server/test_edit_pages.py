@@ -4,9 +4,15 @@ import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+import pytest
 from markupsafe import escape
+from sqlalchemy import update
 from tests.server.nasty_strings import NASTY, UNSHOWABLE
 from tests.support.documents import digest_of
+
+from exceptiondrive_records.accounts.tables import Token
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_server.web import browser_session
 
 if TYPE_CHECKING:
     from tests.support.application import Api, TeamBrowser
@@ -149,3 +155,25 @@ def test_the_entry_page_tells_facts_and_when_they_changed(
     assert "Later" not in browse(api).get(page).text, (
         "the board keeps the name it was published with"
     )
+
+
+def test_a_token_that_is_revoked_while_its_form_is_read_withdraws_nothing(
+    api: "Api", browse: Browse, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one, check = api.submit("a").json()["id"], browser_session.require_form_token
+    browser = signed_in(api, browse)
+    page = f"/submissions/{one}"
+    token = browser.form_token(page)
+
+    def revoked_meanwhile(secret: str, given: str) -> None:
+        check(secret, given)
+        with api.database.write() as session:
+            mine = update(Token).where(Token.team_id == api.team_ids["alpha"])
+            session.execute(mine.values(revoked_at=database_now(session)))
+
+    monkeypatch.setattr(browser_session, "require_form_token", revoked_meanwhile)
+    answer = browser.client.post(
+        f"{page}/withdraw", data={"form_token": token}, headers={"Origin": browser.origin}
+    )
+    assert answer.status_code == 403
+    assert api.get(page, "organizer").json()["status"] != "withdrawn"

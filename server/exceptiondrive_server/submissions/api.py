@@ -9,9 +9,7 @@ from typing import Annotated
 from fastapi import APIRouter, Header, Path, Query, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response
-from sqlalchemy.orm import Session
 
-from exceptiondrive_records.accounts.sessions import require_unrevoked
 from exceptiondrive_records.accounts.tokens import Principal
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.entries.selection import choose, publish, unpublish
@@ -33,6 +31,7 @@ from exceptiondrive_server.submissions.download import own_upload
 from exceptiondrive_server.submissions.profile import asked_for_profile
 from exceptiondrive_server.submissions.upload import (
     confirmed_upload,
+    decide,
     received_upload,
     take_upload,
     told_to,
@@ -210,11 +209,7 @@ def patch_submission(
     What is left out stays, and so do score, time and quota. A name is the method's: all its runs in
     the phase take it. Boards that were published keep the old name; facts are joined when they are read.
     """
-
-    def edit(session: Session, submission_id: str, *, actor: str) -> Submission:
-        return edit_submission(session, submission_id, change, actor=actor)
-
-    return _decide(services, principal, submission_id, edit)
+    return _decide(services, principal, submission_id, partial(edit_submission, change=change))
 
 
 @router.get(
@@ -315,10 +310,7 @@ def _decide(
     submission_id: str,
     what: Callable[..., Submission],
 ) -> SubmissionView:
-    """Let a team decide about a submission of its own."""
-    with services.database.write() as session:
-        require_unrevoked(session, principal)
-        find_submission(session, submission_id, team_id=own_team(principal))
-        what(session, submission_id, actor=principal.actor)
+    """Let a team decide about a submission of its own, and tell it how that stands."""
+    decide(services, principal, submission_id, what)
     with services.database.read() as session:
         return told_to(principal, view(session, find_submission(session, submission_id)))

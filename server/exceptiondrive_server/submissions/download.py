@@ -79,7 +79,7 @@ def _given(services: Services, found: Submission) -> Response:
     return Response(
         data,
         media_type="application/octet-stream",
-        headers=_headers(f"exceptiondrive-{found.id}{suffix_of(data)}")
+        headers=attachment(f"exceptiondrive-{found.id}{suffix_of(data)}")
         | {"ETag": f'"{found.file_digest}"'},
     )
 
@@ -183,10 +183,11 @@ def _read_out(file: IO[bytes]) -> Iterator[bytes]:
 
 def tar_answer(parts: Iterable[bytes], name: str) -> Response:
     """Return a tar as a download that nobody keeps."""
-    return StreamingResponse(parts, media_type="application/x-tar", headers=_headers(name))
+    return StreamingResponse(parts, media_type="application/x-tar", headers=attachment(name))
 
 
-def _headers(name: str) -> dict[str, str]:
+def attachment(name: str) -> dict[str, str]:
+    """Return the headers of a download that nobody keeps."""
     return {
         **SECURITY_HEADERS,
         "Cache-Control": "no-store",

@@ -1,11 +1,11 @@
 """The page on which a team edits what it says of a submission, with the history of that."""
 
 from collections.abc import Mapping
+from functools import partial
 
 from fastapi import APIRouter, Request
 from fastapi.responses import RedirectResponse, Response
 
-from exceptiondrive_records.accounts.sessions import require_unrevoked
 from exceptiondrive_records.accounts.tokens import Scope
 from exceptiondrive_records.db.errors import NotFound, RecordsError
 from exceptiondrive_records.phases.phases import find_phase
@@ -21,6 +21,7 @@ from exceptiondrive_server.submissions.facts_form import (
     facts_of_form,
     texts_of_facts,
 )
+from exceptiondrive_server.submissions.upload import decide
 from exceptiondrive_server.web.auth import ServicesOf, own_team
 from exceptiondrive_server.web.browser_session import (
     Browser,
@@ -64,10 +65,8 @@ def post_edit(
     require_scope(browser, Scope.SUBMIT)
     try:
         change = SubmissionChange(**read(WORDS, form), facts=facts_of_form(form))
-        with services.database.write() as session:
-            require_unrevoked(session, browser.principal)
-            find_submission(session, submission_id, team_id=own_team(browser.principal))
-            edit_submission(session, submission_id, change, actor=browser.principal.actor)
+        edit = partial(edit_submission, change=change)
+        decide(services, browser.principal, submission_id, edit)
     except NotFound:
         raise
     except RecordsError as refusal:

@@ -4,10 +4,10 @@ All of it works without script. Another team's submission is not found.
 """
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from types import MappingProxyType
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.concurrency import run_in_threadpool
@@ -36,6 +36,7 @@ from exceptiondrive_schemas.published import DOCUMENT_NAMES, example_text
 from exceptiondrive_server.boards.page import PhaseLink
 from exceptiondrive_server.boards.queries import featured_protocol, phase_link
 from exceptiondrive_server.guide.client_files import client_wheel
+from exceptiondrive_server.submissions.download import attachment
 from exceptiondrive_server.submissions.events import follow_submission
 from exceptiondrive_server.submissions.facts_form import FACT_FIELDS
 from exceptiondrive_server.submissions.profile import asked_for_profile
@@ -43,7 +44,12 @@ from exceptiondrive_server.submissions.queries import phase_rules, score_tables
 from exceptiondrive_server.submissions.quick_start import quick_start
 from exceptiondrive_server.submissions.receipts_api import statement_of
 from exceptiondrive_server.submissions.runs import run_lines
-from exceptiondrive_server.submissions.upload import confirmed_upload, received_upload, take_upload
+from exceptiondrive_server.submissions.upload import (
+    confirmed_upload,
+    decide,
+    received_upload,
+    take_upload,
+)
 from exceptiondrive_server.submissions.view import (
     actions_of,
     is_spent,
@@ -65,7 +71,7 @@ from exceptiondrive_server.web.browser_session import (
 from exceptiondrive_server.web.forms import filled, typed
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS, ApiProblem
 from exceptiondrive_server.web.problems import problem_of, wants_page
-from exceptiondrive_server.web.responses import SECURITY_HEADERS, origin_of, page, private_page
+from exceptiondrive_server.web.responses import origin_of, page, private_page
 from exceptiondrive_server.web.services import Services
 
 router = APIRouter(include_in_schema=False)
@@ -311,15 +317,10 @@ def show_receipt(services: ServicesOf, browser: Browser, submission_id: Submissi
     with services.database.read() as session:
         found = find_submission(session, submission_id, team_id=own_team(browser.principal))
         statement = statement_of(session, found)
-    name = f"exceptiondrive-{submission_id}-receipt.json"
     return Response(
         services.signer.sign(statement).model_dump_json(indent=2, by_alias=True),
         media_type="application/json",
-        headers={
-            **SECURITY_HEADERS,
-            "Cache-Control": "no-store",
-            "Content-Disposition": f'attachment; filename="{name}"',
-        },
+        headers=attachment(f"exceptiondrive-{submission_id}-receipt.json"),
     )
 
 
@@ -335,7 +336,8 @@ def withdraw_submission(
     services: ServicesOf, browser: Browser, form: PostedForm, submission_id: SubmissionId
 ) -> Response:
     """Take a submission off the board."""
-    _decide(services, browser, submission_id, withdraw)
+    require_scope(browser, Scope.SUBMIT)
+    decide(services, browser.principal, submission_id, withdraw)
     return RedirectResponse(f"/submissions/{submission_id}", status_code=303)
 
 
@@ -350,7 +352,7 @@ def confirm_submission(
 
 
 @router.post("/submissions/{submission_id}/{what}")
-def decide(
+def post_decision(
     services: ServicesOf,
     browser: Browser,
     form: PostedForm,
@@ -360,16 +362,7 @@ def decide(
 ) -> Response:
     """Choose a submission for the board, publish it, or make it private again; then go back."""
     decision = partial(choose, rule=rule) if what == "choose" else _DECISIONS[what]
-    _decide(services, browser, submission_id, decision)
+    require_scope(browser, Scope.SUBMIT)
+    decide(services, browser.principal, submission_id, decision)
     back = "/my" if form.get("back") == "my" else f"/submissions/{submission_id}"
     return RedirectResponse(back, status_code=303)
-
-
-def _decide(
-    services: Services, browser: SignedIn, submission_id: str, what: Callable[..., Any]
-) -> None:
-    require_scope(browser, Scope.SUBMIT)
-    who = browser.principal
-    with services.database.write() as session:
-        find_submission(session, submission_id, team_id=own_team(who))
-        what(session, submission_id, actor=who.actor)

@@ -4,7 +4,7 @@ The form is read only once its sender is known; its file is kept on disk and nev
 """
 
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -280,6 +280,27 @@ def confirmed_upload(
     wake(services)
     with services.database.read() as session:
         return told_to(principal, view(session, find_submission(session, counted_id)))
+
+
+def decide(
+    services: Services, principal: Principal, submission_id: str, what: Callable[..., object]
+) -> None:
+    """Let a team do something with a submission of its own, in one transaction.
+
+    Args:
+        services: Of the application.
+        principal: Who asks.
+        submission_id: Of the submission.
+        what: Does it: called with a session, the id, and `actor`.
+
+    Raises:
+        NotAllowed: The token, or the place in the team, ended since the request began.
+        NotFound: The team has no such submission.
+    """
+    with services.database.write() as session:
+        require_unrevoked(session, principal)
+        find_submission(session, submission_id, team_id=own_team(principal))
+        what(session, submission_id, actor=principal.actor)
 
 
 def told_to(principal: Principal, seen: SubmissionView) -> SubmissionView:

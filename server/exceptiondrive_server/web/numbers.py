@@ -97,6 +97,11 @@ def unit_of(metric: Metric) -> str:
     return _UNITS[metric.unit]
 
 
+def heading(metric: Metric) -> str:
+    """Return what stands above a column of a metric: `HCC %`."""
+    return f"{metric.label} {unit_of(metric)}"
+
+
 def with_unit(metric: Metric, text: str) -> str:
     """Put the unit behind a written number."""
     return f"{text}{THIN_SPACE}{unit_of(metric)}"

@@ -165,6 +165,7 @@ def environment() -> Environment:
         over_families=over_families,
         unbroken=unbroken,
         unit=numbers.unit_of,
+        heading=numbers.heading,
         page_of=page_of,
     )
     return made
