@@ -386,6 +386,8 @@ def test_withdrawing_on_the_page_takes_it_off(api: "Api", alpha: "TeamBrowser") 
     assert (answer.status_code, answer.headers["location"]) == (303, address)
     assert "It stands on no board" in alpha.get(address).text
     assert "/withdraw" not in alpha.get(address).text
+    assert '<li class="withdrawn">withdrawn</li>' in alpha.get(address).text
+    assert "\u00b1 reaches" not in alpha.get("/my").text
 
 
 def test_events_of_an_ended_submission_say_so_and_end(api: "Api", alpha: "TeamBrowser") -> None:

@@ -8,6 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
+from unicodedata import east_asian_width
 
 from exceptiondrive_schemas.board import Board, BoardEntry, ReminderEffect
 from exceptiondrive_schemas.challenges import Corner, Metric
@@ -24,7 +25,6 @@ from exceptiondrive_server.boards.query import Average
 from exceptiondrive_server.web.numbers import Digits, Scale, fixed, nice_scale, px
 from exceptiondrive_server.web.templating import template_filter
 
-CHARACTER_WIDTH = 7.4
 LINE_HEIGHT = 16.0
 MAX_CHARACTERS = 24
 FAR = 30.0
@@ -474,9 +474,16 @@ def _placed(
 
 
 def _text_box(text: str, x: float, y: float, anchor: Anchor) -> Box:
-    width = len(text) * CHARACTER_WIDTH
+    width = sum(_character_width(character) for character in text)
     left = {"start": x, "middle": x - width / 2, "end": x - width}[anchor]
     return Box(left, y - LINE_HEIGHT + 4, left + width, y + 4)
+
+
+def _character_width(character: str) -> float:
+    """As wide as in the style of a label (13.5 px, bold), or a little more."""
+    if east_asian_width(character) in "WF":
+        return 13.5
+    return 9.8 if character.isupper() else 7.8
 
 
 def _leader(x: float, y: float, dx: float, dy: float) -> tuple[str, str, str, str] | None:

@@ -49,7 +49,7 @@ class Status:
 
 @dataclass(frozen=True)
 class StatusStep:
-    """A step on the way to a score; `state` is done, now or ahead."""
+    """A step on the way to a score; `state` is done, now, ahead, ended or withdrawn."""
 
     word: str
     state: str
@@ -88,10 +88,9 @@ def steps_of(submission: SubmissionView) -> tuple[StatusStep, ...]:
         states = ["done" if at < now else "ahead" for at in range(len(STEPS))]
         states[now] = "done" if status.is_terminal else "now"
         return tuple(StatusStep(s.value, state) for s, state in zip(STEPS, states, strict=True))
-    return (
-        StatusStep(SubmissionStatus.RECEIVED.value, "done"),
-        StatusStep(status_of(submission).word, "ended"),
-    )
+    word = status_of(submission).word
+    state = "withdrawn" if word == SubmissionStatus.WITHDRAWN.value else "ended"
+    return StatusStep(SubmissionStatus.RECEIVED.value, "done"), StatusStep(word, state)
 
 
 def _ahead(position: int) -> str:

@@ -139,3 +139,14 @@ async def test_strategy_entries_have_the_same_page_without_drawings(shown_site: 
     assert "Careful agent" in text
     assert "Under-warning" in text
     assert "How it drove" not in text
+
+
+async def test_everything_in_a_drawing_has_a_style_in_the_sheet(drawn_site: Any) -> None:
+    """What has none is black, also on the dark page; the drawing is made outside of the templates."""
+    style = (await drawn_site.get("/static/site.css")).text
+    drawings = re.findall(
+        r'<svg class="draw" .*?</svg>', (await drawn_site.get(ENTRY)).text, re.DOTALL
+    )
+    worn = set(re.findall(r'<(?:circle|g|path|poly\w+|text) class="([\w-]+)"', "".join(drawings)))
+    assert {"gap", "gap-end", "gap-text", "source-dot", "edited-dot"} < worn
+    assert [kind for kind in sorted(worn) if f".{kind}" not in re.findall(r"\.[\w-]+", style)] == []

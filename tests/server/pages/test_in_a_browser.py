@@ -9,6 +9,8 @@ from playwright.sync_api import Browser, Page, ViewportSize, expect
 from tests.support.browser import axe_violations
 from tests.support.serving import served
 
+from exceptiondrive_server.boards.charts import _text_box
+
 pytestmark = pytest.mark.browser
 PATHS = (
     "/",
@@ -270,6 +272,51 @@ def test_the_first_screen_shows_ranked_planners_and_how_sure_they_are(
     assert seen["heights"] == [row]
     if width > 1000:
         assert seen["hero"] <= 240
+
+
+UNBROKEN = """() => {
+  const walker = document.createTreeWalker(document.querySelector("main"), NodeFilter.SHOW_TEXT);
+  const name = "NameWithoutASpaceThatFills" + "EightyCharacters".repeat(3);
+  while (walker.nextNode()) {
+    const node = walker.currentNode;
+    if (!node.parentElement.closest("svg, details")) node.data = node.data.replaceAll(NAME, name);
+  }
+  const root = document.documentElement;
+  const aside = [...document.querySelectorAll(PARTS)].filter(
+    (part) => part.scrollWidth > part.clientWidth + 1);
+  return {named: root.innerText.includes(name), page: root.scrollWidth - root.clientWidth,
+    aside: aside.map((part) => part.outerHTML.slice(0, 80))};
+}"""
+
+
+@pytest.mark.parametrize("width", [390, 1440])
+@pytest.mark.parametrize(
+    ("path", "parts"),
+    [
+        ("/compare", ".two .scroll"),
+        ("/", ".two .scroll, .sub"),
+        ("/history?phase=sample", ".hist p"),
+    ],
+)
+def test_a_name_without_spaces_breaks_and_moves_no_column_out_of_sight(
+    visit: Visit, path: str, parts: str, width: int
+) -> None:
+    page = visit.open(path, width=width)
+    leader = visit.open("/").locator("#board-rows .pn").first.inner_text()
+    seen = page.evaluate(UNBROKEN.replace("NAME", repr(leader)).replace("PARTS", repr(parts)))
+    assert seen == {"named": True, "page": 0, "aside": []}
+
+
+LABELS = """() => [...document.querySelectorAll("text.t-lb")].filter((text) => text.checkVisibility())
+  .map((text) => [text.textContent, text.getBBox().width])"""
+
+
+def test_names_in_a_chart_are_no_wider_than_the_room_that_is_kept_for_them(visit: Visit) -> None:
+    drawn = visit.open("/").evaluate(LABELS)
+    assert len(drawn) > 3
+    for text, width in drawn:
+        room = _text_box(text, 0, 0, "start")
+        assert width <= room.right - room.left + 3, text
 
 
 def test_a_tap_on_a_phone_opens_the_rest_of_a_row(visit: Visit) -> None:
