@@ -1,10 +1,15 @@
 """Settings: malformed or misspelt ones stop the start with one clear sentence."""
 
+import subprocess
+import sys
+import tempfile
 from pathlib import Path
 
 import pytest
+from tests.support.processes import plain_environment
 
 from exceptiondrive_records.db.settings import RecordsSettings, SettingsError, load_settings
+from exceptiondrive_records.operations.setup import prepare
 
 
 def test_the_defaults_are_those_that_survived_every_fault() -> None:
@@ -72,3 +77,65 @@ def test_a_malformed_secret_is_named_but_not_told(
     with pytest.raises(SettingsError, match="EXCEPTIONDRIVE_BROKER_URL") as refused:
         load_settings(RecordsSettings)
     assert "hush" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "url"),
+    [
+        ("DATABASE_URL", "postgresql+psycopg://u:p:hush@h:hush/x"),
+        ("BROKER_URL", "redis://:hush#x@127.0.0.1:6379/0"),
+        ("BROKER_URL", "redis://broker:hush/0"),
+    ],
+)
+def test_an_address_that_a_sign_of_its_password_breaks_is_named_and_not_told(
+    monkeypatch: pytest.MonkeyPatch, name: str, url: str
+) -> None:
+    monkeypatch.setenv(f"EXCEPTIONDRIVE_{name}", url)
+    with pytest.raises(SettingsError, match=f"EXCEPTIONDRIVE_{name}.*%2F") as refused:
+        load_settings(RecordsSettings)
+    assert "hush" not in str(refused.value)
+
+
+def test_a_folder_of_secrets_that_is_not_there_is_not_passed_over(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("EXCEPTIONDRIVE_SECRETS_DIR", str(tmp_path / "none"))
+    with pytest.raises(SettingsError, match=r"EXCEPTIONDRIVE_SECRETS_DIR names .*/none"):
+        load_settings(RecordsSettings)
+
+
+@pytest.mark.parametrize("closed", ["", "exceptiondrive_broker_url"])
+def test_what_this_user_may_not_read_of_the_secrets_is_named(closed: str) -> None:
+    with tempfile.TemporaryDirectory() as name:  # others may enter the folder above it
+        folder = Path(name) / "secrets"
+        folder.mkdir()
+        (folder / "exceptiondrive_broker_url").write_text("redis://:p@broker/0")
+        Path(name).chmod(0o755)
+        (folder / closed).chmod(0)
+        told = subprocess.run(
+            [sys.executable, "-c", _AS_SOMEBODY_ELSE],
+            env=plain_environment(EXCEPTIONDRIVE_SECRETS_DIR=str(folder)),
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        folder.chmod(0o700)
+    assert told.stdout.startswith(f"the secrets in {folder} cannot be read"), told.stderr
+    assert f"Permission denied: '{folder / closed}'" in told.stdout
+
+
+def test_preparing_a_database_that_is_away_is_one_sentence() -> None:
+    with pytest.raises(SettingsError, match=r"the database does not answer: .*refused"):
+        prepare("postgresql+psycopg://u:hush@127.0.0.1:1/x")
+
+
+_AS_SOMEBODY_ELSE = """
+import os
+from exceptiondrive_records.db.settings import RecordsSettings, SettingsError, load_settings
+if os.geteuid() == 0:
+    os.setgroups([]); os.setgid(10001); os.setuid(10001)
+try:
+    load_settings(RecordsSettings)
+except SettingsError as error:
+    print(error)
+"""

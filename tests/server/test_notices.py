@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable
 from datetime import timedelta
 from email import message_from_bytes
+from email.utils import parsedate_to_datetime
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -117,6 +118,7 @@ def test_one_click_ends_all_mail(api_on_both: "Api", browse: Browse) -> None:
     address = str(message["List-Unsubscribe"]).replace("\n", "").replace(" ", "")
     assert address == f"<https://board.example{leave}>"
     assert message["List-Unsubscribe-Post"] == "List-Unsubscribe=One-Click"
+    assert parsedate_to_datetime(message["Date"]) == notice.created_at.replace(microsecond=0)
     body = {"List-Unsubscribe": "One-Click"}
     answer = browse(api_on_both).client.post(leave, data=body)  # no cookie, no form token
     assert answer.status_code == 200

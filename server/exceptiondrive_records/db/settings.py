@@ -4,13 +4,22 @@ import difflib
 import os
 from pathlib import Path
 from typing import Annotated, TypeVar
+from urllib.parse import urlsplit
 
 from pydantic import Field, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic_settings import SettingsError as UnreadableError
+from sqlalchemy import make_url
+from sqlalchemy.exc import ArgumentError
 
 PREFIX = "EXCEPTIONDRIVE_"
 SECRETS_VARIABLE = "EXCEPTIONDRIVE_SECRETS_DIR"
 Seconds = Annotated[float, Field(gt=0, le=86_400)]
+_UNREADABLE = (
+    "cannot be read as user:password@host:port; signs like / # ? @ : in a password are written as %2F "
+    "%23 %3F %40 %3A"
+)
+"""Never what stands there: parts of a password would be told."""
 
 
 class SettingsError(Exception):
@@ -39,6 +48,10 @@ class RecordsSettings(BaseSettings):
     def _database_is_supported(cls, url: str) -> str:
         if not url.startswith(("sqlite:///", "postgresql+psycopg://")):
             raise ValueError("must start with sqlite:/// or postgresql+psycopg://")
+        try:
+            make_url(url)
+        except (ArgumentError, ValueError):
+            raise ValueError(_UNREADABLE) from None
         return url
 
     @field_validator("broker_url")
@@ -46,6 +59,10 @@ class RecordsSettings(BaseSettings):
     def _broker_is_supported(cls, url: str) -> str:
         if not url.startswith(("redis://", "rediss://", "redis+socket://", "memory://")):
             raise ValueError("must start with redis://, rediss:// or redis+socket://")
+        try:
+            urlsplit(url).port  # noqa: B018 - it is parsed when it is asked for
+        except ValueError:
+            raise ValueError(_UNREADABLE) from None
         return url
 
     @field_validator("file_store_url")
@@ -82,7 +99,8 @@ def load_settings(kind: type[Settings], data: Path | None = None) -> Settings:
         data: The folder of an `exceptiondrive-server run`.
 
     Raises:
-        SettingsError: A value is malformed, or a variable looks like a misspelt one.
+        SettingsError: A value is malformed, its file cannot be read, or a variable looks like a misspelt
+            one.
     """
     _refuse_misspelt(set(kind.model_fields))
     folder = Path(os.environ.get(SECRETS_VARIABLE, "/run/secrets"))
@@ -92,12 +110,19 @@ def load_settings(kind: type[Settings], data: Path | None = None) -> Settings:
         for name, value in of_folder.items()
         if name in kind.model_fields
     }
-    secrets = {"_secrets_dir": folder} if folder.is_dir() else {}
     try:
+        if SECRETS_VARIABLE in os.environ and not folder.is_dir():
+            raise SettingsError(f"{SECRETS_VARIABLE} names {folder}, and there is no such folder")
+        secrets = {"_secrets_dir": folder} if folder.is_dir() else {}
         return kind(**given, **secrets)  # type: ignore[arg-type]
     except ValidationError as error:
         lines = [_line(item["loc"], item["msg"]) for item in error.errors(include_input=False)]
         raise SettingsError("the settings are not valid:\n" + "\n".join(lines)) from None
+    except (OSError, UnreadableError) as error:
+        raise SettingsError(
+            f"the secrets in {folder} cannot be read ({error.__cause__ or error}); give them to the user "
+            "of this process"
+        ) from None
 
 
 def _line(location: tuple[int | str, ...], message: str) -> str:

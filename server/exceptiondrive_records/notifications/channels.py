@@ -196,6 +196,7 @@ def message_of(
     message["Subject"] = one_line(notice.title)
     message["From"] = settings.mail_from
     message["To"] = to
+    message["Date"] = notice.created_at  # RFC 5322 asks for it; of a later attempt it is the same
     message["Message-ID"] = f"<{notice.id}@{settings.mail_from.rsplit('@', 1)[-1].rstrip('>')}>"
     message["List-Unsubscribe"] = f"<{leave}>"
     message["List-Unsubscribe-Post"] = "List-Unsubscribe=One-Click"

@@ -1,10 +1,11 @@
 """Settings of the server: those of the records, and what only the server needs."""
 
+import ipaddress
 from pathlib import Path
 from typing import Annotated
 from urllib.parse import urlsplit
 
-from pydantic import Field, SecretStr, model_validator
+from pydantic import Field, SecretStr, field_validator, model_validator
 
 from exceptiondrive_records.db.settings import RecordsSettings
 
@@ -55,6 +56,20 @@ class ServerSettings(RecordsSettings):
     """Takes webhooks to this very machine, over http: for tests alone."""
     events_longest_s: Annotated[float, Field(gt=0, le=3600)] = 300.0
     """After this a follower connects again."""
+
+    @field_validator("trusted_proxies")
+    @classmethod
+    def _proxies_are_addresses(cls, proxies: str) -> str:
+        """Uvicorn takes whatever it cannot read for a name, and then believes no proxy at all."""
+        for proxy in proxies.split(","):
+            try:
+                ipaddress.ip_network(proxy.strip())
+            except ValueError:
+                raise ValueError(
+                    f"{proxy.strip()!r} is no address and no network; write them with commas, as in "
+                    "127.0.0.1,172.30.250.0/24, a network by its first address"
+                ) from None
+        return proxies
 
     @model_validator(mode="after")
     def _provider_is_complete(self) -> "ServerSettings":
