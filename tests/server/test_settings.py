@@ -6,7 +6,9 @@ from exceptiondrive_records.db.settings import SettingsError, load_settings
 from exceptiondrive_server.web.settings import ServerSettings
 
 
-@pytest.mark.parametrize("proxies", ["172.30.250.1/24", "10.0.0.0/33", "127.0.0.1,proxy", "", "*"])
+@pytest.mark.parametrize(
+    "proxies", ["172.30.250.1/24", "10.0.0.0/33", "127.0.0.1,proxy", "127.0.0.1,", "*"]
+)
 def test_a_proxy_that_would_not_be_believed_stops_the_start(
     monkeypatch: pytest.MonkeyPatch, proxies: str
 ) -> None:
@@ -15,7 +17,9 @@ def test_a_proxy_that_would_not_be_believed_stops_the_start(
         load_settings(ServerSettings)
 
 
-@pytest.mark.parametrize("proxies", ["127.0.0.1", "172.30.250.0/24, ::1", "10.0.0.0/8,fd00::/8"])
+@pytest.mark.parametrize(
+    "proxies", ["", "127.0.0.1", "172.30.250.0/24, ::1", "10.0.0.0/8,fd00::/8"]
+)
 def test_addresses_and_networks_of_proxies_are_taken(
     monkeypatch: pytest.MonkeyPatch, proxies: str
 ) -> None:

@@ -61,7 +61,7 @@ class ServerSettings(RecordsSettings):
     @classmethod
     def _proxies_are_addresses(cls, proxies: str) -> str:
         """Uvicorn takes whatever it cannot read for a name, and then believes no proxy at all."""
-        for proxy in proxies.split(","):
+        for proxy in proxies.split(",") if proxies else ():  # nobody is believed where it is empty
             try:
                 ipaddress.ip_network(proxy.strip())
             except ValueError:
