@@ -5,7 +5,6 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -17,6 +16,16 @@ if TYPE_CHECKING:
     from tests.client.servers import Running
 
 NOBODY = "http://127.0.0.1:9"
+PATIENT = """
+import sys
+from exceptiondrive.__main__ import main
+from exceptiondrive.cli import completion
+
+completion.LONGEST_WAIT_S = 60.0
+sys.argv[0] = "exceptiondrive"
+main()
+"""
+"""The command; a shell at a prompt waits for a server no longer than a second, which a busy machine takes."""
 
 
 def completed(shell: str, line: str, **environment: str) -> "subprocess.CompletedProcess[str]":
@@ -28,7 +37,7 @@ def completed(shell: str, line: str, **environment: str) -> "subprocess.Complete
         "fish": {"_TYPER_COMPLETE_ARGS": line, "_TYPER_COMPLETE_FISH_ACTION": "get-args"},
     }[shell]
     return subprocess.run(
-        [Path(sys.executable).with_name("exceptiondrive")],
+        [sys.executable, "-c", PATIENT],
         env={**os.environ, "_EXCEPTIONDRIVE_COMPLETE": f"complete_{shell}", **asked, **environment},
         capture_output=True,
         text=True,
