@@ -6,8 +6,10 @@ import hmac
 import smtplib
 import socket
 import ssl
+from contextlib import closing, suppress
 from email.message import EmailMessage
 from email.policy import default
+from email.utils import localtime
 from typing import Annotated, Literal
 from urllib.parse import urlsplit, urlunsplit
 
@@ -29,11 +31,11 @@ class NoticeSettings(RecordsSettings):
     """Environment variables with the prefix `EXCEPTIONDRIVE_`."""
 
     public_url: str = "http://127.0.0.1:8000"
-    smtp_host: str | None = None
+    smtp_host: str = ""
     """Without one, no e-mail is sent; inbox and webhooks work all the same."""
     smtp_port: Annotated[int, Field(ge=1, le=65535)] = 587
     smtp_security: Literal["starttls", "tls", "none"] = "starttls"
-    smtp_user: str | None = None
+    smtp_user: str = ""
     smtp_password: SecretStr = SecretStr("")
     mail_from: str = "ExceptionDrive <no-reply@localhost>"
     webhooks_may_be_private: bool = False
@@ -154,6 +156,7 @@ def _may_help(error: Exception) -> bool:
 
 
 _MAIL_TIMEOUT_S = 10.0
+"""For each answer of the server, of which one message takes up to a dozen."""
 _LONG_LINES = default.clone(max_line_length=900)
 """Below the 998 of RFC 5322: a folded address in a header would be written in code words."""
 
@@ -172,14 +175,16 @@ def send_email(
     Raises:
         NotDelivered: No server is set, or it did not take the message.
     """
-    if settings.smtp_host is None:
+    if not settings.smtp_host:
         raise NotDelivered("no SMTP server is set (EXCEPTIONDRIVE_SMTP_HOST)")
     message = message_of(settings, to, notice, unsubscribe)
     try:
-        with _server(settings) as server:
-            if settings.smtp_user is not None:
+        with closing(_server(settings)) as server:
+            if settings.smtp_user:
                 server.login(settings.smtp_user, settings.smtp_password.get_secret_value())
             server.send_message(message)
+            with suppress(OSError):  # it is taken: what is answered to QUIT would send it again
+                server.quit()
     except (OSError, smtplib.SMTPException) as error:
         raise NotDelivered(f"the mail server did not take it ({type(error).__name__})") from None
 
@@ -196,6 +201,7 @@ def message_of(
     message["Subject"] = one_line(notice.title)
     message["From"] = settings.mail_from
     message["To"] = to
+    message["Date"] = localtime()
     message["Message-ID"] = f"<{notice.id}@{settings.mail_from.rsplit('@', 1)[-1].rstrip('>')}>"
     message["List-Unsubscribe"] = f"<{leave}>"
     message["List-Unsubscribe-Post"] = "List-Unsubscribe=One-Click"
@@ -248,7 +254,6 @@ def _entry_lines(entry: ChangedEntry, challenge: Challenge | None, site: str) ->
 
 
 def _server(settings: NoticeSettings) -> smtplib.SMTP:
-    assert settings.smtp_host is not None
     where = (settings.smtp_host, settings.smtp_port)
     context = ssl.create_default_context()
     if settings.smtp_security == "tls":
