@@ -18,6 +18,7 @@ def test_the_defaults_are_those_that_survived_every_fault() -> None:
         ("DATABASE_URL", "mysql://x", "must start with sqlite:///"),
         ("BROKER_URL", "amqp://x", "must start with redis://"),
         ("FILE_STORE_URL", "ftp://x", "must start with file:///"),
+        ("FILE_STORE_URL", "s3://", "must name a bucket"),
         ("LEASE_S", "-1", "greater than 0"),
         ("MAX_ATTEMPTS", "many", "valid integer"),
     ],
@@ -64,11 +65,38 @@ def test_the_environment_goes_before_a_file(
     assert load_settings(RecordsSettings).lease_s == 9
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("broker_url", "amqp://user:hush@x"),
+        ("broker_url", "redis://:hush/hush@broker:6379/0"),
+        ("database_url", "postgresql+psycopg://user:x@hush@db:five/x"),
+        ("database_url", "postgresql+psycopg://user:x@db:hush/x"),
+    ],
+)
 def test_a_malformed_secret_is_named_but_not_told(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, name: str, value: str
 ) -> None:
-    (tmp_path / "exceptiondrive_broker_url").write_text("amqp://user:hush@x")
+    (tmp_path / f"exceptiondrive_{name}").write_text(value)
     monkeypatch.setenv("EXCEPTIONDRIVE_SECRETS_DIR", str(tmp_path))
-    with pytest.raises(SettingsError, match="EXCEPTIONDRIVE_BROKER_URL") as refused:
+    monkeypatch.delenv("EXCEPTIONDRIVE_DATABASE_URL", raising=False)
+    with pytest.raises(SettingsError, match=f"EXCEPTIONDRIVE_{name.upper()}") as refused:
         load_settings(RecordsSettings)
     assert "hush" not in str(refused.value)
+
+
+def test_a_folder_of_secrets_that_is_not_there_is_not_ignored(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("EXCEPTIONDRIVE_SECRETS_DIR", str(tmp_path / "none"))
+    with pytest.raises(SettingsError, match="there is no folder"):
+        load_settings(RecordsSettings)
+
+
+def test_a_secret_that_cannot_be_read_is_named(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "exceptiondrive_broker_url").write_bytes(b"\xff\xfe")
+    monkeypatch.setenv("EXCEPTIONDRIVE_SECRETS_DIR", str(tmp_path))
+    with pytest.raises(SettingsError, match=r"cannot be read as text.*broker_url"):
+        load_settings(RecordsSettings)

@@ -4,13 +4,18 @@ import difflib
 import os
 from pathlib import Path
 from typing import Annotated, TypeVar
+from urllib.parse import urlsplit
 
 from pydantic import Field, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic_settings import SettingsError as UnreadableSecret
+from sqlalchemy import make_url
+from sqlalchemy.exc import ArgumentError
 
 PREFIX = "EXCEPTIONDRIVE_"
 SECRETS_VARIABLE = "EXCEPTIONDRIVE_SECRETS_DIR"
 Seconds = Annotated[float, Field(gt=0, le=86_400)]
+_SIGNS = "its port is a number, and in its password @ : / ? # stand as %40 %3A %2F %3F %23"
 
 
 class SettingsError(Exception):
@@ -39,6 +44,10 @@ class RecordsSettings(BaseSettings):
     def _database_is_supported(cls, url: str) -> str:
         if not url.startswith(("sqlite:///", "postgresql+psycopg://")):
             raise ValueError("must start with sqlite:/// or postgresql+psycopg://")
+        try:
+            make_url(url)
+        except (ArgumentError, ValueError):  # its words may quote a password
+            raise ValueError(f"is no address; {_SIGNS}") from None
         return url
 
     @field_validator("broker_url")
@@ -46,6 +55,10 @@ class RecordsSettings(BaseSettings):
     def _broker_is_supported(cls, url: str) -> str:
         if not url.startswith(("redis://", "rediss://", "redis+socket://", "memory://")):
             raise ValueError("must start with redis://, rediss:// or redis+socket://")
+        try:
+            urlsplit(url).port  # noqa: B018 - reading it is the check
+        except ValueError:  # its words may quote a password
+            raise ValueError(f"is no address; {_SIGNS}") from None
         return url
 
     @field_validator("file_store_url")
@@ -53,6 +66,8 @@ class RecordsSettings(BaseSettings):
     def _store_is_supported(cls, url: str) -> str:
         if not url.startswith(("file:///", "memory://", "s3://")):
             raise ValueError("must start with file:///, s3:// or memory://")
+        if url.startswith("s3://") and not urlsplit(url).netloc:
+            raise ValueError("must name a bucket: s3://BUCKET")
         return url
 
 
@@ -82,10 +97,13 @@ def load_settings(kind: type[Settings], data: Path | None = None) -> Settings:
         data: The folder of an `exceptiondrive-server run`.
 
     Raises:
-        SettingsError: A value is malformed, or a variable looks like a misspelt one.
+        SettingsError: A value is malformed, a secret cannot be read, or a variable looks like a
+            misspelt one.
     """
     _refuse_misspelt(set(kind.model_fields))
     folder = Path(os.environ.get(SECRETS_VARIABLE, "/run/secrets"))
+    if SECRETS_VARIABLE in os.environ and not folder.is_dir():
+        raise SettingsError(f"{SECRETS_VARIABLE}: there is no folder {folder}")
     of_folder = {} if data is None else folder_settings(data)
     given = {
         name: os.environ.get(PREFIX + name.upper(), value)
@@ -98,6 +116,11 @@ def load_settings(kind: type[Settings], data: Path | None = None) -> Settings:
     except ValidationError as error:
         lines = [_line(item["loc"], item["msg"]) for item in error.errors(include_input=False)]
         raise SettingsError("the settings are not valid:\n" + "\n".join(lines)) from None
+    except (UnreadableSecret, OSError) as error:
+        why = type(error.__cause__ or error).__name__
+        raise SettingsError(
+            f"a file in {folder} cannot be read as text by this user: {error} ({why})"
+        ) from None
 
 
 def _line(location: tuple[int | str, ...], message: str) -> str:

@@ -1,10 +1,11 @@
 """Settings of the server: those of the records, and what only the server needs."""
 
+from ipaddress import ip_network
 from pathlib import Path
 from typing import Annotated
 from urllib.parse import urlsplit
 
-from pydantic import Field, SecretStr, model_validator
+from pydantic import Field, SecretStr, field_validator, model_validator
 
 from exceptiondrive_records.db.settings import RecordsSettings
 
@@ -55,6 +56,14 @@ class ServerSettings(RecordsSettings):
     """Takes webhooks to this very machine, over http: for tests alone."""
     events_longest_s: Annotated[float, Field(gt=0, le=3600)] = 300.0
     """After this a follower connects again."""
+
+    @field_validator("trusted_proxies")
+    @classmethod
+    def _proxies_are_addresses(cls, proxies: str) -> str:
+        """What is none would be trusted never, and every visitor counted as the proxy."""
+        for proxy in proxies.split(",") if proxies else ():
+            ip_network(proxy.strip())  # its own words say what is wrong
+        return proxies
 
     @model_validator(mode="after")
     def _provider_is_complete(self) -> "ServerSettings":
