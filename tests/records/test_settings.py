@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from exceptiondrive_records.db.settings import RecordsSettings, SettingsError, load_settings
+from exceptiondrive_records.notifications.channels import NoticeSettings
 
 
 def test_the_defaults_are_those_that_survived_every_fault() -> None:
@@ -30,6 +31,25 @@ def test_a_malformed_value_is_named(
     with pytest.raises(SettingsError, match=words) as refused:
         load_settings(RecordsSettings)
     assert f"EXCEPTIONDRIVE_{variable}" in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("variable", "value"),
+    [
+        ("PUBLIC_URL", "board.example.org"),
+        ("MAIL_FROM", "nobody"),
+        ("MAIL_FROM", "The board <no-reply@"),
+        ("MAIL_FROM", "no-reply@board.example\nBcc: eve@example.org"),
+    ],
+)
+def test_a_sender_whose_mails_could_not_be_sent_or_followed_is_refused_at_the_start(
+    monkeypatch: pytest.MonkeyPatch, variable: str, value: str
+) -> None:
+    monkeypatch.setenv("EXCEPTIONDRIVE_MAIL_FROM", "The board, \u00fcber <no-reply@board.example>")
+    load_settings(NoticeSettings)
+    monkeypatch.setenv(f"EXCEPTIONDRIVE_{variable}", value)
+    with pytest.raises(SettingsError, match=f"EXCEPTIONDRIVE_{variable}"):
+        load_settings(NoticeSettings)
 
 
 def test_a_misspelt_variable_is_not_ignored(monkeypatch: pytest.MonkeyPatch) -> None:

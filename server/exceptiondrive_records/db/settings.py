@@ -15,6 +15,7 @@ from sqlalchemy.exc import ArgumentError
 PREFIX = "EXCEPTIONDRIVE_"
 SECRETS_VARIABLE = "EXCEPTIONDRIVE_SECRETS_DIR"
 Seconds = Annotated[float, Field(gt=0, le=86_400)]
+SiteUrl = Annotated[str, Field(pattern=r"^(https?://[^/?#@\s]+/?)?$")]
 _SIGNS = "its port is a number, and in its password @ : / ? # stand as %40 %3A %2F %3F %23"
 
 

@@ -17,7 +17,7 @@ import httpx
 import stamina
 from pydantic import Field, SecretStr
 
-from exceptiondrive_records.db.settings import RecordsSettings, Seconds
+from exceptiondrive_records.db.settings import RecordsSettings, Seconds, SiteUrl
 from exceptiondrive_records.notifications.public_addresses import is_public
 from exceptiondrive_schemas.api.rescoring import ChangedEntry, NotificationView, page_of
 from exceptiondrive_schemas.api.standing_words import standing_words
@@ -30,14 +30,16 @@ from exceptiondrive_schemas.printable import one_line
 class NoticeSettings(RecordsSettings):
     """Environment variables with the prefix `EXCEPTIONDRIVE_`."""
 
-    public_url: str = "http://127.0.0.1:8000"
+    public_url: SiteUrl = "http://127.0.0.1:8000"
     smtp_host: str = ""
     """Without one, no e-mail is sent; inbox and webhooks work all the same."""
     smtp_port: Annotated[int, Field(ge=1, le=65535)] = 587
     smtp_security: Literal["starttls", "tls", "none"] = "starttls"
     smtp_user: str = ""
     smtp_password: SecretStr = SecretStr("")
-    mail_from: str = "ExceptionDrive <no-reply@localhost>"
+    mail_from: Annotated[
+        str, Field(pattern=r"^([^<>\r\n]*<[^<>@\s]+@[^<>@\s]+>|[^<>@\s]+@[^<>@\s]+)$")
+    ] = "ExceptionDrive <no-reply@localhost>"
     webhooks_may_be_private: bool = False
     """Lets webhooks reach our own network and plain http: for tests on one machine alone."""
     deliver_every_s: Seconds = 1.0
