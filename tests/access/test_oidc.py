@@ -228,10 +228,14 @@ def test_who_declines_at_the_provider_is_told_so(
 
 
 def test_a_provider_that_names_another_issuer_is_not_used(
-    small_site: "Api", browse: Browse, provider: "RunningProvider"
+    small_site: "Api", browse: Browse, provider: "RunningProvider", logs: list[Any]
 ) -> None:
-    provider.order(names_itself="https://elsewhere.example")
+    """Most often they differ by a slash at the end: the operator is told both."""
+    named = f"{provider.issuer}/"
+    provider.order(names_itself=named)
     assert browse(small_site).get("/sign-in/provider").status_code == 503
+    told = [(line["named"], line["expected"]) for line in logs if "named" in line]
+    assert told == [(named, provider.issuer)]
 
 
 def test_without_the_provider_tokens_still_sign_in(

@@ -104,6 +104,8 @@ def test_each_service_has_its_own_address_of_the_database_and_no_other(
         (line,) = [row for row in texts[name].splitlines() if "postgresql" in row]
         assert f"//exceptiondrive_{role}:" in line
     assert [name for name, text in texts.items() if "SPLITS_DIR" in text] == ["worker"]
+    links = [name for name, text in texts.items() if "PUBLIC_URL=https://board.ex" in text]
+    assert links == ["server", "reconciler"], "pages, and mails"
 
 
 def test_run_again_it_keeps_secrets_data_and_what_an_operator_added(folder: Path) -> None:

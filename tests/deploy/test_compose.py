@@ -8,6 +8,7 @@ import compose_spec
 import pytest
 import yaml
 
+from exceptiondrive_records.notifications.channels import NoticeSettings
 from exceptiondrive_server.web.settings import ServerSettings
 
 ROOT = Path(__file__).parents[2]
@@ -143,6 +144,16 @@ def test_who_needs_a_way_out_has_one(compose: dict[str, Any]) -> None:
     assert added == {"services": {"server": {"networks": ["outside"]}}}
     services["server"]["networks"] += added["services"]["server"]["networks"]
     _validate(compose)
+
+
+def test_the_reconciler_is_given_all_that_mail_takes(compose: dict[str, Any]) -> None:
+    service = compose["services"]["reconciler"]
+    given = set(service["environment"]) | {
+        secret["target"].upper() for secret in service["secrets"] if isinstance(secret, dict)
+    }
+    names = [name for name in NoticeSettings.model_fields if name.startswith(("smtp_", "mail_"))]
+    assert len(names) == 6
+    assert {f"EXCEPTIONDRIVE_{name.upper()}" for name in [*names, "public_url"]} <= given
 
 
 def test_people_type_a_public_address_and_stopping_is_not_hurried(compose: dict[str, Any]) -> None:

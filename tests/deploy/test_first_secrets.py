@@ -98,7 +98,7 @@ def test_two_runs_share_no_secret(folder: Path, tmp_path: Path) -> None:
         for path in folder.iterdir()
         if path.read_bytes() == (other / path.name).read_bytes()
     }
-    assert same == {"oidc_client_secret"}, "which is empty"
+    assert same == {"oidc_client_secret", "smtp_password"}, "which are empty"
 
 
 def test_nothing_that_is_there_is_touched(folder: Path) -> None:

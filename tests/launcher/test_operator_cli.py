@@ -85,6 +85,16 @@ def test_a_folder_without_records_is_refused_and_stays_empty(
     assert not (data / "other").exists()
 
 
+def test_a_database_that_does_not_answer_is_one_sentence(
+    data: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("EXCEPTIONDRIVE_DATABASE_URL", f"sqlite:///{data}")  # a folder
+    assert command(monkeypatch, "migrate") == 2
+    said = capsys.readouterr().err
+    assert said.startswith("exceptiondrive-server: ")
+    assert said.count("\n") == 1
+
+
 def test_the_audit_chain_is_verified(
     data: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

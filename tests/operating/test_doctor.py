@@ -19,7 +19,6 @@ from tests.support.processes import plain_environment, wait_until
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import is_forbidden, sentence_of
 from exceptiondrive_records.db.errors import Conflict
-from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.participation.changes import change_team
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
@@ -28,39 +27,41 @@ from exceptiondrive_records.work.lease import take_lead
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_server.launcher.broker import broker_command, find_broker_binary, socket_path
 from exceptiondrive_server.operations.doctor import Finding, Severity, examine
+from exceptiondrive_server.web.settings import ServerSettings
 
 BIN = Path(sys.executable).parent
 
 
 @pytest.fixture
-def healthy(lived: Lived, broker: Any) -> RecordsSettings:
+def healthy(lived: Lived, broker: Any) -> ServerSettings:
     """A server with all its parts, and their signs of life."""
     lived.uploads.chmod(0o700)
     lived.uploads.parent.chmod(0o700)
     with lived.database.write() as session:
         beat(session, "worker", tuple(Lane))
         take_lead(session, "reconciler", "somebody", 60)
-    return RecordsSettings(
-        database_url=lived.url, broker_url=broker.url, file_store_url=lived.uploads.as_uri()
+    return ServerSettings(
+        database_url=lived.url,
+        broker_url=broker.url,
+        file_store_url=lived.uploads.as_uri(),
+        receipt_key_file=lived.uploads.parent / "receipt-key.pem",
     )
 
 
-def troubles(settings: RecordsSettings, *withheld: Path) -> list[Finding]:
+def troubles(settings: ServerSettings, *withheld: Path) -> list[Finding]:
     found = examine(settings, withheld)
     return [finding for finding in found if finding.severity is not Severity.OK]
 
 
-def whats(settings: RecordsSettings, *withheld: Path) -> str:
+def whats(settings: ServerSettings, *withheld: Path) -> str:
     return " | ".join(finding.what for finding in troubles(settings, *withheld))
 
 
-def test_it_finds_nothing_wrong_with_a_healthy_server(healthy: RecordsSettings) -> None:
+def test_it_finds_nothing_wrong_with_a_healthy_server(healthy: ServerSettings) -> None:
     assert troubles(healthy) == []
 
 
-def test_an_older_scorer_beside_a_newer_one_is_named(
-    healthy: RecordsSettings, lived: Lived
-) -> None:
+def test_an_older_scorer_beside_a_newer_one_is_named(healthy: ServerSettings, lived: Lived) -> None:
     with lived.database.write() as session:
         beat(session, "worker", tuple(Lane), scorer_version="1")
     assert troubles(healthy) == []
@@ -70,7 +71,7 @@ def test_an_older_scorer_beside_a_newer_one_is_named(
 
 
 def test_names_that_were_taken_before_they_looked_alike_are_named_and_stay(
-    healthy: RecordsSettings, lived: Lived
+    healthy: ServerSettings, lived: Lived
 ) -> None:
     with lived.database.write() as session:
         for slug, name in (("bob", "Bob"), ("other", "\u0412ob")):  # a Cyrillic capital
@@ -85,7 +86,7 @@ def test_names_that_were_taken_before_they_looked_alike_are_named_and_stay(
 
 
 def test_every_trouble_says_what_to_do(tmp_path: Path) -> None:
-    settings = RecordsSettings(
+    settings = ServerSettings(
         database_url=f"sqlite:///{tmp_path / 'none.sqlite3'}",
         broker_url="redis://127.0.0.1:1/0",
         file_store_url=(tmp_path / "uploads").as_uri(),
@@ -96,7 +97,7 @@ def test_every_trouble_says_what_to_do(tmp_path: Path) -> None:
 
 
 def test_records_that_lack_a_column_are_an_error_and_no_outage(
-    healthy: RecordsSettings, lived: Lived
+    healthy: ServerSettings, lived: Lived
 ) -> None:
     with lived.database.write() as session:
         session.execute(text("ALTER TABLE submissions DROP COLUMN confirm_until"))
@@ -131,14 +132,14 @@ def doctor_of(data: Path) -> str:
     return done.stdout
 
 
-def test_a_broker_that_evicts_is_named(healthy: RecordsSettings, broker: Any) -> None:
+def test_a_broker_that_evicts_is_named(healthy: ServerSettings, broker: Any) -> None:
     with broker.client() as client:
         client.config_set("maxmemory-policy", "allkeys-lru")
     assert "allkeys-lru" in whats(healthy)
 
 
 def test_a_broker_that_tells_nothing_of_its_settings_answers_all_the_same(
-    healthy: RecordsSettings, broker: Any
+    healthy: ServerSettings, broker: Any
 ) -> None:
     said = "the broker answers; whether it evicts anything it does not tell"
     with broker.client() as client:
@@ -154,7 +155,7 @@ def test_a_broker_that_tells_nothing_of_its_settings_answers_all_the_same(
 
 
 def test_a_broker_that_is_away_is_a_warning_not_an_error(
-    healthy: RecordsSettings, broker: Any
+    healthy: ServerSettings, broker: Any
 ) -> None:
     broker.kill()
     (finding,) = troubles(healthy)
@@ -162,16 +163,47 @@ def test_a_broker_that_is_away_is_a_warning_not_an_error(
     assert "nothing is lost" in finding.what
 
 
-def test_uploads_that_everyone_may_read_are_an_error(
-    healthy: RecordsSettings, lived: Lived
-) -> None:
+def test_uploads_that_everyone_may_read_are_an_error(healthy: ServerSettings, lived: Lived) -> None:
     lived.uploads.chmod(0o755)
     (finding,) = troubles(healthy)
     assert finding.severity is Severity.ERROR
     assert finding.do == f"run: chmod o-rwx {lived.uploads}"
 
 
-def test_missing_workers_and_reconcilers_are_named(healthy: RecordsSettings, lived: Lived) -> None:
+def test_a_folder_of_uploads_that_is_not_there_is_named_and_not_made(
+    healthy: ServerSettings, tmp_path: Path
+) -> None:
+    folder = tmp_path / "mistyped"
+    said = whats(healthy.model_copy(update={"file_store_url": folder.as_uri()}))
+    assert said == f"there is no folder {folder} that this user may see"
+    assert not folder.exists()
+
+
+def test_a_receipt_key_that_is_none_is_named_before_somebody_asks_for_a_receipt(
+    healthy: ServerSettings,
+) -> None:
+    healthy.receipt_key_file.write_text("no key")
+    (finding,) = troubles(healthy)
+    assert finding.severity is Severity.ERROR
+    assert str(healthy.receipt_key_file) in finding.what
+
+
+def test_the_settings_of_the_server_are_examined(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [BIN / "exceptiondrive-server", "doctor", "--data", str(tmp_path)],
+        env=plain_environment() | {"EXCEPTIONDRIVE_TRUSTED_PROXIES": "172.30.250.1/24"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert (
+        "EXCEPTIONDRIVE_TRUSTED_PROXIES: '172.30.250.1/24' is no address and no network"
+        in done.stderr
+    )
+
+
+def test_missing_workers_and_reconcilers_are_named(healthy: ServerSettings, lived: Lived) -> None:
     with lived.database.write() as session:
         session.execute(text("DELETE FROM worker_heartbeats"))
         session.execute(text("DELETE FROM work WHERE kind = 'lead'"))
@@ -181,14 +213,14 @@ def test_missing_workers_and_reconcilers_are_named(healthy: RecordsSettings, liv
     )
 
 
-def test_an_old_queue_is_named(healthy: RecordsSettings, lived: Lived) -> None:
+def test_an_old_queue_is_named(healthy: ServerSettings, lived: Lived) -> None:
     with lived.database.write() as session:
         statement = "UPDATE work SET state = 'queued', created_at = '2026-01-01 00:00:00.000000'"
         session.execute(text(statement))
     assert "the oldest waiting job is" in whats(healthy)
 
 
-def test_records_without_their_guards_are_an_error(healthy: RecordsSettings, lived: Lived) -> None:
+def test_records_without_their_guards_are_an_error(healthy: ServerSettings, lived: Lived) -> None:
     with lived.database.write() as session:
         session.execute(text("DROP TRIGGER audit_lines_no_update"))
         session.execute(text("DROP TRIGGER audit_lines_no_delete"))
@@ -197,7 +229,7 @@ def test_records_without_their_guards_are_an_error(healthy: RecordsSettings, liv
     assert "audit_lines" in finding.what
 
 
-def test_an_old_schema_is_an_error(healthy: RecordsSettings, empty_database_url: str) -> None:
+def test_an_old_schema_is_an_error(healthy: ServerSettings, empty_database_url: str) -> None:
     path = empty_database_url.removeprefix("sqlite:///")
     if path != empty_database_url:
         Path(path).touch()

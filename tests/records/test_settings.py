@@ -9,7 +9,7 @@ import pytest
 from tests.support.processes import plain_environment
 
 from exceptiondrive_records.db.settings import RecordsSettings, SettingsError, load_settings
-from exceptiondrive_records.operations.setup import prepare
+from exceptiondrive_records.notifications.channels import NoticeSettings
 
 
 def test_the_defaults_are_those_that_survived_every_fault() -> None:
@@ -23,6 +23,7 @@ def test_the_defaults_are_those_that_survived_every_fault() -> None:
         ("DATABASE_URL", "mysql://x", "must start with sqlite:///"),
         ("BROKER_URL", "amqp://x", "must start with redis://"),
         ("FILE_STORE_URL", "ftp://x", "must start with file:///"),
+        ("FILE_STORE_URL", "s3://", "must name a bucket"),
         ("LEASE_S", "-1", "greater than 0"),
         ("MAX_ATTEMPTS", "many", "valid integer"),
     ],
@@ -34,6 +35,25 @@ def test_a_malformed_value_is_named(
     with pytest.raises(SettingsError, match=words) as refused:
         load_settings(RecordsSettings)
     assert f"EXCEPTIONDRIVE_{variable}" in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("variable", "value"),
+    [
+        ("PUBLIC_URL", "board.example.org"),
+        ("MAIL_FROM", "nobody"),
+        ("MAIL_FROM", "The board <no-reply@"),
+        ("MAIL_FROM", "no-reply@board.example\nBcc: eve@example.org"),
+    ],
+)
+def test_a_sender_whose_mails_could_not_be_sent_or_followed_is_refused_at_the_start(
+    monkeypatch: pytest.MonkeyPatch, variable: str, value: str
+) -> None:
+    monkeypatch.setenv("EXCEPTIONDRIVE_MAIL_FROM", "The board, \u00fcber <no-reply@board.example>")
+    load_settings(NoticeSettings)
+    monkeypatch.setenv(f"EXCEPTIONDRIVE_{variable}", value)
+    with pytest.raises(SettingsError, match=f"EXCEPTIONDRIVE_{variable}"):
+        load_settings(NoticeSettings)
 
 
 def test_a_misspelt_variable_is_not_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -69,12 +89,22 @@ def test_the_environment_goes_before_a_file(
     assert load_settings(RecordsSettings).lease_s == 9
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("broker_url", "amqp://user:hush@x"),
+        ("broker_url", "redis://:hush/hush@broker:6379/0"),
+        ("database_url", "postgresql+psycopg://user:x@hush@db:five/x"),
+        ("database_url", "postgresql+psycopg://user:x@db:hush/x"),
+    ],
+)
 def test_a_malformed_secret_is_named_but_not_told(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, name: str, value: str
 ) -> None:
-    (tmp_path / "exceptiondrive_broker_url").write_text("amqp://user:hush@x")
+    (tmp_path / f"exceptiondrive_{name}").write_text(value)
     monkeypatch.setenv("EXCEPTIONDRIVE_SECRETS_DIR", str(tmp_path))
-    with pytest.raises(SettingsError, match="EXCEPTIONDRIVE_BROKER_URL") as refused:
+    monkeypatch.delenv("EXCEPTIONDRIVE_DATABASE_URL", raising=False)
+    with pytest.raises(SettingsError, match=f"EXCEPTIONDRIVE_{name.upper()}") as refused:
         load_settings(RecordsSettings)
     assert "hush" not in str(refused.value)
 
@@ -124,11 +154,6 @@ def test_what_this_user_may_not_read_of_the_secrets_is_named(closed: str) -> Non
     assert f"Permission denied: '{folder / closed}'" in told.stdout
 
 
-def test_preparing_a_database_that_is_away_is_one_sentence() -> None:
-    with pytest.raises(SettingsError, match=r"the database does not answer: .*refused"):
-        prepare("postgresql+psycopg://u:hush@127.0.0.1:1/x")
-
-
 _AS_SOMEBODY_ELSE = """
 import os
 from exceptiondrive_records.db.settings import RecordsSettings, SettingsError, load_settings
@@ -139,3 +164,12 @@ try:
 except SettingsError as error:
     print(error)
 """
+
+
+def test_a_secret_that_cannot_be_read_is_named(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "exceptiondrive_broker_url").write_bytes(b"\xff\xfe")
+    monkeypatch.setenv("EXCEPTIONDRIVE_SECRETS_DIR", str(tmp_path))
+    with pytest.raises(SettingsError, match=r"cannot be read .*broker_url"):
+        load_settings(RecordsSettings)

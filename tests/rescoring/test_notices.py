@@ -40,6 +40,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_records.work.lease import new_item
+from exceptiondrive_records.work.tables import WorkState
 
 Stage = Any
 D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 4.5")
@@ -86,6 +87,10 @@ class Mailbox:
 
     def __init__(self) -> None:
         self.messages: list[tuple[list[str], str]] = []
+        self.answer_to_quit = "221 bye"
+
+    async def handle_QUIT(self, server: Any, session: Any, envelope: Any) -> str:  # noqa: N802
+        return self.answer_to_quit
 
     async def handle_DATA(self, server: Any, session: Any, envelope: Any) -> str:  # noqa: N802
         self.messages.append((envelope.rcpt_tos, envelope.content.decode()))
@@ -389,11 +394,24 @@ def test_an_e_mail_says_what_the_board_shows_before_and_after(
     assert "before and after: https://board.example/rescoring/" in text
     assert "List-Unsubscribe: <https://board.example/contacts/" in text.replace("\r\n ", " ")
     assert "List-Unsubscribe-Post: List-Unsubscribe=One-Click" in text
+    assert "\r\nDate: " in text
 
 
+def test_a_mail_that_was_taken_is_not_sent_again_whatever_is_answered_to_quit(
+    stage: Stage, make_protocol: Callable[..., str], mailbox: tuple[Mailbox, int]
+) -> None:
+    kept, port = mailbox
+    kept.answer_to_quit = "421 too many connections"
+    told(stage, make_protocol, Channel.EMAIL, "alpha@example.org")
+    smtp = settings(smtp_host="127.0.0.1", smtp_port=port, smtp_security="none")
+    assert send_next(stage.database, smtp)
+    assert (delivery(stage).state, len(kept.messages)) == (WorkState.DONE, 1)
+
+
+@pytest.mark.parametrize("host", [{}, {"smtp_host": ""}])
 def test_without_a_mail_server_the_message_waits(
-    stage: Stage, make_protocol: Callable[..., str]
+    stage: Stage, make_protocol: Callable[..., str], host: dict[str, str]
 ) -> None:
     told(stage, make_protocol, Channel.EMAIL, "alpha@example.org")
-    send_next(stage.database, settings())
+    send_next(stage.database, settings(**host))
     assert "no SMTP server" in (delivery(stage).note or "")

@@ -273,7 +273,7 @@ def test_an_email_gets_no_header_and_no_line_from_a_name(text: str) -> None:
     raw = message.as_bytes()
     sent = {"Subject", "From", "To", "Message-ID", "MIME-Version"}
     sent |= {"Content-Type", "Content-Transfer-Encoding"}
-    sent |= {"List-Unsubscribe", "List-Unsubscribe-Post"}
+    sent |= {"List-Unsubscribe", "List-Unsubscribe-Post", "Date"}
     assert set(message.keys()) == sent
     assert b"\nBcc:" not in raw
     body = text_of(notice(text, REFERENCE), "https://board.example")

@@ -39,9 +39,12 @@ class WorkerSettings(RecordsSettings):
     def _limits_are_in_order(self) -> Self:
         if not self.soft_time_limit_s < self.time_limit_s < self.lease_s:
             raise ValueError(
-                "soft_time_limit_s < time_limit_s < lease_s must hold, or two workers would hold "
-                "one job at a time"
+                "EXCEPTIONDRIVE_SOFT_TIME_LIMIT_S < EXCEPTIONDRIVE_TIME_LIMIT_S < "
+                "EXCEPTIONDRIVE_LEASE_S must hold, or two workers would hold one job at a time"
             )
         if self.heartbeat_every_s * 2 > self.heartbeat_ttl_s:
-            raise ValueError("heartbeat_every_s must be at most half of heartbeat_ttl_s")
+            raise ValueError(
+                "EXCEPTIONDRIVE_HEARTBEAT_EVERY_S must be at most half of "
+                "EXCEPTIONDRIVE_HEARTBEAT_TTL_S"
+            )
         return self

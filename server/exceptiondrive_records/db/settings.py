@@ -15,6 +15,7 @@ from sqlalchemy.exc import ArgumentError
 PREFIX = "EXCEPTIONDRIVE_"
 SECRETS_VARIABLE = "EXCEPTIONDRIVE_SECRETS_DIR"
 Seconds = Annotated[float, Field(gt=0, le=86_400)]
+SiteUrl = Annotated[str, Field(pattern=r"^(https?://[^/?#@\s]+/?)?$")]
 _UNREADABLE = (
     "cannot be read as user:password@host:port; signs like / # ? @ : in a password are written as %2F "
     "%23 %3F %40 %3A"
@@ -70,6 +71,8 @@ class RecordsSettings(BaseSettings):
     def _store_is_supported(cls, url: str) -> str:
         if not url.startswith(("file:///", "memory://", "s3://")):
             raise ValueError("must start with file:///, s3:// or memory://")
+        if url.startswith("s3://") and not urlsplit(url).netloc:
+            raise ValueError("must name a bucket: s3://BUCKET")
         return url
 
 
@@ -119,9 +122,10 @@ def load_settings(kind: type[Settings], data: Path | None = None) -> Settings:
         lines = [_line(item["loc"], item["msg"]) for item in error.errors(include_input=False)]
         raise SettingsError("the settings are not valid:\n" + "\n".join(lines)) from None
     except (OSError, UnreadableError) as error:
+        reason = error.__cause__ if isinstance(error.__cause__, OSError) else error
         raise SettingsError(
-            f"the secrets in {folder} cannot be read ({error.__cause__ or error}); give them to the user "
-            "of this process"
+            f"the secrets in {folder} cannot be read ({reason}); each is a text that the user of this "
+            "process may read"
         ) from None
 
 

@@ -6,6 +6,7 @@ import hmac
 import smtplib
 import socket
 import ssl
+from contextlib import closing, suppress
 from email.message import EmailMessage
 from email.policy import default
 from typing import Annotated, Literal
@@ -15,7 +16,7 @@ import httpx
 import stamina
 from pydantic import Field, SecretStr
 
-from exceptiondrive_records.db.settings import RecordsSettings, Seconds
+from exceptiondrive_records.db.settings import RecordsSettings, Seconds, SiteUrl
 from exceptiondrive_records.notifications.public_addresses import is_public
 from exceptiondrive_schemas.api.rescoring import ChangedEntry, NotificationView, page_of
 from exceptiondrive_schemas.api.standing_words import standing_words
@@ -28,14 +29,16 @@ from exceptiondrive_schemas.printable import one_line
 class NoticeSettings(RecordsSettings):
     """Environment variables with the prefix `EXCEPTIONDRIVE_`."""
 
-    public_url: str = "http://127.0.0.1:8000"
-    smtp_host: str | None = None
+    public_url: SiteUrl = "http://127.0.0.1:8000"
+    smtp_host: str = ""
     """Without one, no e-mail is sent; inbox and webhooks work all the same."""
     smtp_port: Annotated[int, Field(ge=1, le=65535)] = 587
     smtp_security: Literal["starttls", "tls", "none"] = "starttls"
-    smtp_user: str | None = None
+    smtp_user: str = ""
     smtp_password: SecretStr = SecretStr("")
-    mail_from: str = "ExceptionDrive <no-reply@localhost>"
+    mail_from: Annotated[
+        str, Field(pattern=r"^([^<>\r\n]*<[^<>@\s]+@[^<>@\s]+>|[^<>@\s]+@[^<>@\s]+)$")
+    ] = "ExceptionDrive <no-reply@localhost>"
     webhooks_may_be_private: bool = False
     """Lets webhooks reach our own network and plain http: for tests on one machine alone."""
     deliver_every_s: Seconds = 1.0
@@ -154,6 +157,7 @@ def _may_help(error: Exception) -> bool:
 
 
 _MAIL_TIMEOUT_S = 10.0
+"""For each answer of the server, of which one message takes up to a dozen."""
 _LONG_LINES = default.clone(max_line_length=900)
 """Below the 998 of RFC 5322: a folded address in a header would be written in code words."""
 
@@ -172,14 +176,16 @@ def send_email(
     Raises:
         NotDelivered: No server is set, or it did not take the message.
     """
-    if settings.smtp_host is None:
+    if not settings.smtp_host:
         raise NotDelivered("no SMTP server is set (EXCEPTIONDRIVE_SMTP_HOST)")
     message = message_of(settings, to, notice, unsubscribe)
     try:
-        with _server(settings) as server:
-            if settings.smtp_user is not None:
+        with closing(_server(settings)) as server:
+            if settings.smtp_user:
                 server.login(settings.smtp_user, settings.smtp_password.get_secret_value())
             server.send_message(message)
+            with suppress(OSError):  # it is taken: what is answered to QUIT would send it again
+                server.quit()
     except (OSError, smtplib.SMTPException) as error:
         raise NotDelivered(f"the mail server did not take it ({type(error).__name__})") from None
 
@@ -249,7 +255,6 @@ def _entry_lines(entry: ChangedEntry, challenge: Challenge | None, site: str) ->
 
 
 def _server(settings: NoticeSettings) -> smtplib.SMTP:
-    assert settings.smtp_host is not None
     where = (settings.smtp_host, settings.smtp_port)
     context = ssl.create_default_context()
     if settings.smtp_security == "tls":

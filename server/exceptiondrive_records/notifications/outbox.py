@@ -29,8 +29,8 @@ from exceptiondrive_schemas.api.rescoring import NotificationView
 
 _log = structlog.get_logger("exceptiondrive.notices")
 
-_LEASE_S = 60.0
-"""Longer than one message may take: two senders would send it twice."""
+_LEASE_S = 180.0
+"""Longer than one message may take, a mail up to a dozen answers: two senders would send it twice."""
 _OF_LATE = timedelta(hours=1)
 """The time over which teams share the sender."""
 

@@ -26,16 +26,13 @@ def prepare(database_url: str) -> None:
 
     Raises:
         Conflict: A protocol was recorded under a shipped version with other content.
-        SettingsError: The database does not answer, or this is not its owner.
     """
+    migrate(database_url)
     database = Database(database_url)
     try:
-        migrate(database_url)
         with database.write() as session:
             for file in sorted(PACKAGED_PROTOCOLS.glob("*.toml")):
                 add_protocol(session, file.read_text(encoding="utf-8"), _ACTOR)
-    except DBAPIError as error:
-        raise SettingsError(sentence_of(error)) from None
     finally:
         database.dispose()
 

@@ -169,7 +169,11 @@ class Provider:
 
     def _check(self, metadata: Mapping[str, Any]) -> None:
         if metadata.get("issuer") != self.issuer:
-            _log.error("the provider names another issuer than the settings")
+            _log.error(
+                "the provider names another issuer than EXCEPTIONDRIVE_OIDC_ISSUER",
+                named=str(metadata.get("issuer"))[:200],
+                expected=self.issuer,
+            )
             raise ProviderAway
         for name in _ENDPOINTS:
             if not is_private_url(str(metadata.get(name, ""))):

@@ -115,9 +115,9 @@ class BareServer:
                 "FILE_STORE_URL": (self.folder / "uploads").as_uri(),
             }
 
+        site = {"PUBLIC_URL": f"https://{self.host}"}
         server = {
             "RECEIPT_KEY_FILE": f"{self.folder}/etc/{RECEIPT_KEY}",
-            "PUBLIC_URL": f"https://{self.host}",
             "TRUSTED_PROXIES": "127.0.0.1",
             "OIDC_CLIENT_SECRET": (secrets / "oidc_client_secret").read_text(),
         }
@@ -126,8 +126,8 @@ class BareServer:
             "PRIVATE_DIR": f"{self.folder}/private",
         }
         return {
-            "server": (SERVER_USER, common("database_url") | server),
-            "reconciler": (SERVER_USER, common("reconciler_database_url")),
+            "server": (SERVER_USER, common("database_url") | site | server),
+            "reconciler": (SERVER_USER, common("reconciler_database_url") | site),
             "worker": (WORKER_USER, common("worker_database_url") | worker),
             "owner": (OWNER_USER, common("owner_database_url")),
         }

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from sqlalchemy.exc import DBAPIError
 
-from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.database import Database, sentence_of
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.db.roles import Role, grant_to_files, grants
 from exceptiondrive_records.db.settings import RecordsSettings, SettingsError, load_settings
@@ -186,6 +187,10 @@ def main() -> None:
     """Run a command; what goes wrong is one sentence on stderr."""
     try:
         app()
+        return
+    except DBAPIError as error:
+        said = sentence_of(error)
     except (LaunchError, RecordsError, SettingsError) as error:
-        typer.echo(f"exceptiondrive-server: {error}", err=True)
-        sys.exit(2)
+        said = str(error)
+    typer.echo(f"exceptiondrive-server: {said}", err=True)
+    sys.exit(2)

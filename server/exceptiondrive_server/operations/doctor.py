@@ -34,6 +34,8 @@ from exceptiondrive_records.teams.teams import names_that_look_alike
 from exceptiondrive_records.work.heartbeats import scorers_at_work
 from exceptiondrive_records.work.tables import Job, Leader, WorkState
 from exceptiondrive_schemas.printable import printable
+from exceptiondrive_server.submissions.receipts import read_or_make_key
+from exceptiondrive_server.web.settings import ServerSettings
 
 _CLOCK_SKEW_S = 2.0
 _OLDEST_QUEUED_S = 60.0
@@ -58,7 +60,7 @@ class Finding:
     do: str = ""
 
 
-def examine(settings: RecordsSettings, withheld: tuple[Path, ...] = ()) -> list[Finding]:
+def examine(settings: ServerSettings, withheld: tuple[Path, ...] = ()) -> list[Finding]:
     """Return all findings.
 
     Args:
@@ -71,6 +73,7 @@ def examine(settings: RecordsSettings, withheld: tuple[Path, ...] = ()) -> list[
         *_database(settings),
         *_broker(settings.broker_url),
         *_store(settings.file_store_url),
+        *_receipt_key(settings.receipt_key_file),
         *(finding for folder in withheld for finding in _wall(folder)),
     ]
 
@@ -282,6 +285,14 @@ def _text(value: object) -> str:
 
 
 def _store(url: str) -> Iterator[Finding]:
+    folder = Path(unquote(urlsplit(url).path))
+    if url.startswith("file:") and not os.path.isdir(folder):  # False where it is closed
+        yield Finding(
+            Severity.ERROR,
+            f"there is no folder {folder} that this user may see",
+            "check EXCEPTIONDRIVE_FILE_STORE_URL; the server makes the folder when it starts",
+        )
+        return
     try:
         FileStore(url).holds(_NO_FILE)
     except (StoreError, OSError) as error:
@@ -294,7 +305,6 @@ def _store(url: str) -> Iterator[Finding]:
     if not url.startswith("file:"):
         yield Finding(Severity.OK, "the file store answers")
         return
-    folder = Path(unquote(urlsplit(url).path))
     if not os.access(folder, os.W_OK):
         yield Finding(
             Severity.ERROR, f"{folder} cannot be written", "give the server's user write access"
@@ -309,6 +319,21 @@ def _store(url: str) -> Iterator[Finding]:
         )
     else:
         yield Finding(Severity.OK, "the file store answers and is closed to others")
+
+
+def _receipt_key(path: Path) -> Iterator[Finding]:
+    """One that is not there is made when a receipt is asked for first."""
+    if not os.path.exists(path):  # False where its folder is closed
+        return
+    try:
+        read_or_make_key(path)
+    except StoreError as error:
+        yield Finding(
+            Severity.ERROR,
+            f"{printable(str(error))} ({path})",
+            "make that file an Ed25519 key in PEM which the server's user may read; see `rotate keys` "
+            "in docs/operating.md",
+        )
 
 
 def _private_file(path: Path, name: str) -> Iterator[Finding]:

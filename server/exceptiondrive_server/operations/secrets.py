@@ -107,6 +107,7 @@ def _files(host: str, database: str, broker: str) -> Mapping[str, bytes]:
         "broker_url": f"redis://:{password}@{broker}/0",
         "broker.conf": f"requirepass {password}\n",
         "oidc_client_secret": "",
+        "smtp_password": "",
     }
     encoded = {name: text.encode() for name, text in texts.items()}
     return {**encoded, "tls.crt": certificate, "tls.key": key}

@@ -22,6 +22,7 @@ from exceptiondrive_server.operations.records_commands import (
     DataOption,
     say,
 )
+from exceptiondrive_server.web.settings import ServerSettings
 
 upkeep_app = typer.Typer()
 File = Annotated[Path, typer.Argument(metavar="FILE", help="The backup, one file.")]
@@ -102,7 +103,7 @@ def doctor(
     """Examine settings, permissions, walls, broker, database and clocks; exit code 1 on errors."""
     from exceptiondrive_server.operations.doctor import Severity, examine
 
-    settings = load_settings(RecordsSettings, data)
+    settings = load_settings(ServerSettings, data)
     if data is not None and "EXCEPTIONDRIVE_BROKER_URL" not in os.environ:
         private = broker_url(data.resolve() / "broker")
         settings = settings.model_copy(update={"broker_url": private})

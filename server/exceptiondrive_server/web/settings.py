@@ -7,7 +7,7 @@ from urllib.parse import urlsplit
 
 from pydantic import Field, SecretStr, field_validator, model_validator
 
-from exceptiondrive_records.db.settings import RecordsSettings
+from exceptiondrive_records.db.settings import RecordsSettings, SiteUrl
 
 MEBIBYTE = 1024 * 1024
 
@@ -24,7 +24,7 @@ def is_private_url(url: str) -> bool:
 class ServerSettings(RecordsSettings):
     """Environment variables with the prefix `EXCEPTIONDRIVE_`."""
 
-    public_url: Annotated[str, Field(pattern=r"^(https?://[^/?#@\s]+/?)?$")] = ""
+    public_url: SiteUrl = ""
     """What people type; by default what each request names. `https://` makes cookies Secure."""
     self_registration: bool | None = None
     """False forces self-registration off; True has it on until organizers switch it; by default it is
