@@ -52,7 +52,7 @@ def test_a_sender_whose_mails_could_not_be_sent_or_followed_is_refused_at_the_st
     monkeypatch.setenv("EXCEPTIONDRIVE_MAIL_FROM", "The board, \u00fcber <no-reply@board.example>")
     load_settings(NoticeSettings)
     monkeypatch.setenv(f"EXCEPTIONDRIVE_{variable}", value)
-    with pytest.raises(SettingsError, match=f"EXCEPTIONDRIVE_{variable}"):
+    with pytest.raises(SettingsError, match=rf"EXCEPTIONDRIVE_{variable}: must be .* as in "):
         load_settings(NoticeSettings)
 
 

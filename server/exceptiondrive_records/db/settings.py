@@ -2,11 +2,12 @@
 
 import difflib
 import os
+import re
 from pathlib import Path
 from typing import Annotated, TypeVar
 from urllib.parse import urlsplit
 
-from pydantic import Field, ValidationError, field_validator
+from pydantic import AfterValidator, Field, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 from pydantic_settings import SettingsError as UnreadableError
 from sqlalchemy import make_url
@@ -15,12 +16,31 @@ from sqlalchemy.exc import ArgumentError
 PREFIX = "EXCEPTIONDRIVE_"
 SECRETS_VARIABLE = "EXCEPTIONDRIVE_SECRETS_DIR"
 Seconds = Annotated[float, Field(gt=0, le=86_400)]
-SiteUrl = Annotated[str, Field(pattern=r"^(https?://[^/?#@\s]+/?)?$")]
 _UNREADABLE = (
     "cannot be read as user:password@host:port; signs like / # ? @ : in a password are written as %2F "
     "%23 %3F %40 %3A"
 )
 """Never what stands there: parts of a password would be told."""
+
+
+def matching(pattern: str, words: str) -> AfterValidator:
+    """Refuse a text that does not match, with these words about what it must be."""
+
+    def check(text: str) -> str:
+        if not re.fullmatch(pattern, text):
+            raise ValueError(words)
+        return text
+
+    return AfterValidator(check)
+
+
+SiteUrl = Annotated[
+    str,
+    matching(
+        r"(https?://[^/?#@\s]+/?)?",
+        "must be http:// or https:// with a host and no path, as in https://board.example.org",
+    ),
+]
 
 
 class SettingsError(Exception):

@@ -16,7 +16,7 @@ import httpx
 import stamina
 from pydantic import Field, SecretStr
 
-from exceptiondrive_records.db.settings import RecordsSettings, Seconds, SiteUrl
+from exceptiondrive_records.db.settings import RecordsSettings, Seconds, SiteUrl, matching
 from exceptiondrive_records.notifications.public_addresses import is_public
 from exceptiondrive_schemas.api.rescoring import ChangedEntry, NotificationView, page_of
 from exceptiondrive_schemas.api.standing_words import standing_words
@@ -37,7 +37,11 @@ class NoticeSettings(RecordsSettings):
     smtp_user: str = ""
     smtp_password: SecretStr = SecretStr("")
     mail_from: Annotated[
-        str, Field(pattern=r"^([^<>\r\n]*<[^<>@\s]+@[^<>@\s]+>|[^<>@\s]+@[^<>@\s]+)$")
+        str,
+        matching(
+            r"[^<>\r\n]*<[^<>@\s]+@[^<>@\s]+>|[^<>@\s]+@[^<>@\s]+",
+            "must be an address, or a name and an address as in The board <no-reply@board.example.org>",
+        ),
     ] = "ExceptionDrive <no-reply@localhost>"
     webhooks_may_be_private: bool = False
     """Lets webhooks reach our own network and plain http: for tests on one machine alone."""
