@@ -8,6 +8,7 @@ import pytest
 import typer
 
 from exceptiondrive_records.db.roles import Role
+from exceptiondrive_records.notifications.channels import NoticeSettings
 from exceptiondrive_server.operations.cli import app as server_app
 from exceptiondrive_server.web.metrics import RecordsCollector, RequestMetrics
 from exceptiondrive_server.web.settings import ServerSettings
@@ -74,7 +75,8 @@ def test_the_runbook_is_read_at_all() -> None:
 
 
 def test_every_setting_that_is_named_is_there(document: str) -> None:
-    fields = {*ServerSettings.model_fields, *WorkerSettings.model_fields}
+    kinds = (ServerSettings, NoticeSettings, WorkerSettings)
+    fields = {name for kind in kinds for name in kind.model_fields}
     known = {f"EXCEPTIONDRIVE_{name.upper()}" for name in fields} | NOT_SETTINGS
     assert set(re.findall(r"EXCEPTIONDRIVE_[A-Z_]+[A-Z]", document)) <= known
 

@@ -7,6 +7,7 @@ the reminder to the one with it.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal, NamedTuple
 from unicodedata import east_asian_width
 
@@ -474,16 +475,16 @@ def _placed(
 
 
 def _text_box(text: str, x: float, y: float, anchor: Anchor) -> Box:
-    width = sum(_character_width(character) for character in text)
+    width = _text_width(text)
     left = {"start": x, "middle": x - width / 2, "end": x - width}[anchor]
     return Box(left, y - LINE_HEIGHT + 4, left + width, y + 4)
 
 
-def _character_width(character: str) -> float:
+@lru_cache(maxsize=1024)  # each place that is tried for a name asks
+def _text_width(text: str) -> float:
     """As wide as in the style of a label (13.5 px, bold), or a little more."""
-    if east_asian_width(character) in "WF":
-        return 13.5
-    return 9.8 if character.isupper() else 7.8
+    n_wide = len([each for each in text if east_asian_width(each) in "WF"])
+    return 7.8 * len(text) + 2.0 * sum(map(str.isupper, text)) + 5.7 * n_wide
 
 
 def _leader(x: float, y: float, dx: float, dy: float) -> tuple[str, str, str, str] | None:
