@@ -330,3 +330,10 @@ def test_a_file_that_waits_says_for_how_long_and_one_in_work_until_when(
 ) -> None:
     usual = {"position": 0, "expected_wait_s": 12.3, "attempts": 0, "workers_alive": 4}
     assert queue_text(QueuePlace(**(usual | queue))) == text
+
+
+def test_a_score_that_is_kept_back_is_not_called_unranked() -> None:
+    one = submission(0, "scored", sheet=None, rank=None, score_kept_back_since=NOW)
+    said = " ".join(str(part) for part in submission_view(one, "http://server/x"))
+    assert "not ranked" not in said
+    assert f"kept back in phase {one.phase}: its board is frozen since" in said

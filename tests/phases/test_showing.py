@@ -82,6 +82,7 @@ def test_a_frozen_board_stays_while_scoring_goes_on(life: "Life", scores: str) -
         assert "Beta Labs" not in text, path
     assert frozen_since[:10] in life.get("/?phase=test").text
     assert "frozen" in life.get("/?phase=test").text
+    assert life.get("/?phase=test").text.count("on the board when the organizers reveal it") == 2
     own = [life.get(path.format(id=late), "beta") for path in OF_TEAM]
     has_score = ['"micro"' in answer.text for answer in own]
     assert has_score == ([True] * 3 if scores == "shown" else [False] * 3)
@@ -91,6 +92,7 @@ def test_a_frozen_board_stays_while_scoring_goes_on(life: "Life", scores: str) -
     life.done("/phases/test/reveal", {"what": "board", "reason": "ceremony"})
     assert set(life.entry_ids()) == {early, late}
     assert life.json("/api/v1/phases/test")["now"]["frozen_since"] is None
+    assert life.get("/?phase=test").text.count("on the board within seconds") == 2
 
 
 def test_the_best_of_a_method_is_not_said_of_scores_that_are_kept_back(life: "Life") -> None:

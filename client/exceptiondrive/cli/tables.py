@@ -156,6 +156,10 @@ def submission_view(
             why = f": it is private until you run exceptiondrive publish {view.id}"
         if view.awaits_board:
             rank, why = "rank awaited", ": the next board is being built"
+        if view.score_kept_back_since is not None:
+            since = utc_text(view.score_kept_back_since)
+            rank = "score and rank kept back"
+            why = f": its board is frozen since {since}, until the organizers reveal it"
         if view.replaced_by is not None:
             rank, why = "not on the board", f": replaced by {view.replaced_by}"
         yield Text(f"{rank} in phase {view.phase}{why}", style="bold")

@@ -449,6 +449,12 @@ class BoardPage:
         return Notice(words, f"/?phase={board.phase}#board", "Show the current board")
 
     @property
+    def shows_new(self) -> str:
+        """When what is scored now stands on the board."""
+        is_frozen = self.now is not None and self.now.frozen_since is not None
+        return "when the organizers reveal it" if is_frozen else "within seconds"
+
+    @property
     def banners(self) -> tuple[Notice, ...]:
         """What the phase keeps back now, or shows apart."""
         if self.board is None or self.now is None or not self.is_current:
