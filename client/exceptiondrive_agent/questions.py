@@ -33,6 +33,8 @@ from exceptiondrive_schemas.check.fault_list import LINE_BREAKS, has_unkeepable
 from exceptiondrive_schemas.submission_files import ReminderRecord, RiskLevel
 from exceptiondrive_schemas.taxonomy import Strategy, Taxonomy
 
+_BARE_LETTER = re.compile(r"""["'`*(\s]*([A-E])["'`*).\s]*""")
+_REQUIRED = ("hazard_present", "risk_level", "recommended_strategy")
 _STRATEGIES = "\n".join(f"{strategy.value}: {strategy.action}" for strategy in Strategy)
 _SCENE = (
     "You see camera images of one driving scene, all taken at the same moment from one car, "
@@ -192,10 +194,6 @@ def decide_question(
     )
     texts = {key: reminder_text(record, taxonomy) for key, record in reminders.items()}
     return replace(question, reminders=texts)
-
-
-_BARE_LETTER = re.compile(r"""["'`*(\s]*([A-E])["'`*).\s]*""")
-_REQUIRED = ("hazard_present", "risk_level", "recommended_strategy")
 
 
 def reminder_schema(taxonomy: Taxonomy) -> Schema:

@@ -1,4 +1,4 @@
-"""Counts over decisions: the funnel, families and tasks, the audit with its intervals, who decided.
+"""Counts over decisions: the funnel, families and tasks, the audit and its plan, who decided.
 
 All of it follows from candidates and records as they stand; no number here tells a region or a
 sample.
@@ -23,6 +23,8 @@ from exceptiondrive_schemas.datasheet import Audit, Cell, Decider, Interval, Sta
 from exceptiondrive_schemas.taxonomy import Family, Task
 
 CONFIDENCE = 0.95
+WIDTHS = (0.10, 0.08, 0.06, 0.05, 0.04, 0.03, 0.02)
+EXPECTED_SHARE = 0.95
 _BY_PEOPLE = (Kind.INSPECT, Kind.VERIFY)
 
 
@@ -159,10 +161,6 @@ def _standing(candidate: Candidate) -> Iterable[Record]:
     return (*rest, *people)
 
 
-WIDTHS = (0.10, 0.08, 0.06, 0.05, 0.04, 0.03, 0.02)
-EXPECTED_SHARE = 0.95
-
-
 class PlanRow(Document):
     """A width of the interval, and the smallest draw that reaches it."""
 
@@ -202,7 +200,7 @@ def audit_plan(workshop: Workshop, share: float | None = None) -> AuditPlan:
 def draw_for(width: float, share: float, population: int) -> int:
     """The smallest draw without replacement whose 95 % interval is at most so wide.
 
-    The interval is that of `numbers.finite_population`; its width falls as the draw grows.
+    The interval is that of `finite_population`; its width falls as the draw grows.
     """
 
     def negative_width(drawn: int) -> float:

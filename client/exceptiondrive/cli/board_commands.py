@@ -86,7 +86,7 @@ def leaderboard(
             typer.echo(printable(text), nl=False)
             return
         board = client.leaderboard(**asked)
-    show_result(board, json, *(() if json else board_view(board)))
+    show_result(board, json, board_view(board))
 
 
 def phases(server: options.Server = None, json: options.Json = False) -> None:
@@ -110,7 +110,7 @@ def report(
     """Show how a phase ended: the first places, and what a reveal changed."""
     with open_client(server) as client:
         found = client.report(default_phase(phase))
-    show_result(found, json, *(() if json else _report_view(found)))
+    show_result(found, json, _report_view(found))
 
 
 def terms(

@@ -234,7 +234,7 @@ def convert(
     if mode is not None and not any(each.startswith(f"mode {mode} of ") for each in forms):
         done = (f"no trajectory has several modes: --mode {mode} chose nothing", *done)
     facts |= {"size_bytes": size_bytes, "done": list(done), "nulled": list(outcome.nulled)}
-    show_result(facts, json, *_said(done, outcome), *report_view(report, str(output)))
+    show_result(facts, json, *_said(done, outcome), report_view(report, str(output)))
 
 
 def _read_runs(

@@ -165,7 +165,7 @@ def evaluate(
     report = sound.report.model_copy(update={"unranked_because": because or None})
     words = sheet_view(sheet, sound.protocol, n_predictions=report.n_predictions)
     ranked = () if because else (f"it would be ranked under protocol {sound.protocol.version}",)
-    show_result(sheet, json, *words, *file_view(report), *ranked)
+    show_result(sheet, json, words, file_view(report), *ranked)
 
 
 def _steps(*, is_shown: bool) -> AbstractContextManager[Callable[[str], None]]:

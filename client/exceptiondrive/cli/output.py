@@ -3,7 +3,7 @@
 import json
 import re
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -54,11 +54,12 @@ def console(stderr: bool = False) -> Console:
     return found
 
 
-def show(*parts: RenderableType) -> None:
-    """Write a result for people on stdout."""
+def show(*parts: RenderableType | Iterator[RenderableType]) -> None:
+    """Write a result for people on stdout; of a view, all that it yields."""
     out = console()
     for part in parts:
-        out.print(part)
+        for each in part if isinstance(part, Iterator) else (part,):
+            out.print(each)
 
 
 def show_json(value: Any) -> None:
@@ -72,8 +73,13 @@ def show_document(document: Document) -> None:
     show_json(document.model_dump(mode="json", by_alias=True))
 
 
-def show_result(result: Any, as_json: bool, *words: RenderableType) -> None:
-    """Write a result: a document or record as JSON where `--json` asks for it, else in words."""
+def show_result(
+    result: Any, as_json: bool, *words: RenderableType | Iterator[RenderableType]
+) -> None:
+    """Write a result: a document or record as JSON where `--json` asks for it, else in words.
+
+    A view makes its words only where they are shown.
+    """
     if not as_json:
         show(*words)
     elif isinstance(result, Document):

@@ -150,23 +150,30 @@ def submission_view(
         n_predictions = view.report.n_predictions if view.report else None
         yield from sheet_view(view.sheet, with_tasks=False, n_predictions=n_predictions)
     if view.status is SubmissionStatus.SCORED:
-        rank = f"rank {view.rank}" if view.rank else "not ranked"
-        why = f": {view.unranked_because}" if view.unranked_because else ""
-        if not view.is_published:
-            why = f": it is private until you run exceptiondrive publish {view.id}"
-        if view.awaits_board:
-            rank, why = "rank awaited", ": the next board is being built"
-        if view.score_kept_back_since is not None:
-            since = utc_text(view.score_kept_back_since)
-            rank = "score and rank kept back"
-            why = f": its board is frozen since {since}, until the organizers reveal it"
-        if view.replaced_by is not None:
-            rank, why = "not on the board", f": replaced by {view.replaced_by}"
-        yield Text(f"{rank} in phase {view.phase}{why}", style="bold")
+        rank, why = _standing(view)
+        because = f": {why}" if why else ""
+        yield Text(f"{rank} in phase {view.phase}{because}", style="bold")
         yield Text(page_url)
     elif not view.status.is_terminal:
         yield Text(f"follow it with: exceptiondrive status {view.id}")
         yield Text(f"or in the browser: {page_url}")
+
+
+def _standing(view: SubmissionView) -> tuple[str, str]:
+    """Return the rank of a scored submission, or what stands in its place, and why."""
+    if view.replaced_by is not None:
+        return "not on the board", f"replaced by {view.replaced_by}"
+    if view.score_kept_back_since is not None:
+        since = utc_text(view.score_kept_back_since)
+        return (
+            "score and rank kept back",
+            f"its board is frozen since {since}, until the organizers reveal it",
+        )
+    if view.awaits_board:
+        return "rank awaited", "the next board is being built"
+    if not view.is_published:
+        return "not ranked", f"it is private until you run exceptiondrive publish {view.id}"
+    return f"rank {view.rank}" if view.rank else "not ranked", view.unranked_because or ""
 
 
 def submissions_view(views: Iterable[SubmissionView]) -> Iterator[RenderableType]:

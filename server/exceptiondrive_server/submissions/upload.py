@@ -1,5 +1,7 @@
 """Take an upload, for the API and the form of the page: read, stored, accepted, a worker called.
 
+And what the team then decides about it: confirm, edit, withdraw, choose, publish.
+
 The form is read only once its sender is known; its file is kept on disk and never parsed here.
 """
 

@@ -118,7 +118,7 @@ def preview(
         found = rescoring.preview(run_id, seen)
         if csv is not None:
             write_file(csv, rescoring.preview_csv(run_id))
-    show_result(found, json, *(() if json else preview_lines(found)))
+    show_result(found, json, preview_lines(found))
     if found["is_stale"]:
         raise typer.Exit(ExceptionDriveError.exit_code)
 
@@ -334,8 +334,8 @@ def runs_table(runs: list[Record]) -> FittedTable:
     return table
 
 
-def preview_lines(preview: Record) -> list[RenderableType]:
-    """Return the headline of a comparison and its entries, worst movers first."""
+def preview_lines(preview: Record) -> Iterator[RenderableType]:
+    """Yield the headline of a comparison and its entries, worst movers first."""
     comparison = preview["comparison"]
     stale = "  STALE: something has changed since" if preview["is_stale"] else ""
     head = (
@@ -346,16 +346,13 @@ def preview_lines(preview: Record) -> list[RenderableType]:
         f"{_n_newly_ranked(comparison)} newly ranked, "
         f"{comparison['n_newly_failing']} no longer ranked{stale}"
     )
-    lines: list[RenderableType] = [
-        DIRECTIONS[preview.get("direction", "apply")],
-        head,
-        _entries_table(comparison),
-    ]
-    lines += _unranked_lines(comparison)
-    lines += _effect_lines(comparison)
-    lines += [f"! {blocker}" for blocker in preview["blockers"]]
-    lines.append(f"preview {preview['digest']}")
-    return lines
+    yield DIRECTIONS[preview.get("direction", "apply")]
+    yield head
+    yield _entries_table(comparison)
+    yield from _unranked_lines(comparison)
+    yield from _effect_lines(comparison)
+    yield from (f"! {blocker}" for blocker in preview["blockers"])
+    yield f"preview {preview['digest']}"
 
 
 def _n_newly_ranked(comparison: Record) -> int:
