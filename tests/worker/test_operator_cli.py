@@ -233,7 +233,6 @@ def put(tmp_path: Path, split: Split) -> Path:
 def test_the_sample_is_made_registered_and_published(
     operate: Operate, tmp_path: Path, sqlite_url: str
 ) -> None:
-    assert operate("make-sample")[0] == 0
     assert operate("seed-sample")[0] == 0
     code, out, _ = operate("seed-sample")
     assert code == 0, "a second time nothing changes"

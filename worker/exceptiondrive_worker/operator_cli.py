@@ -268,7 +268,14 @@ def make_planners(folder: Path) -> None:
 
 @app.command("seed-sample")
 def seed_sample(data: DataOption = None) -> None:
-    """Register all splits and publish the sample split, so that anyone may evaluate at home."""
+    """Publish the sample split, so that anyone may evaluate at home; it is made where none lies.
+
+    All splits that lie beside it are registered.
+    """
+    settings = load_settings(WorkerSettings, data)
+    with opened(settings):
+        if SplitStore(settings.splits_dir).missing([SPLIT_NAME]):
+            write_sample_split(settings.splits_dir)
     register_splits(data=data)
     publish_split(SPLIT_NAME, data=data)
 
