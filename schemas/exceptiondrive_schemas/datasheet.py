@@ -138,7 +138,11 @@ class SplitChange(Document):
     @property
     def sentences(self) -> tuple[str, ...]:
         """The makers' words, and how many samples it is about."""
-        moved = f"the regions of {counted(self.moved, 'sample')} change"
+        moved = (
+            "the region of 1 sample changes"
+            if self.moved == 1
+            else f"the regions of {self.moved:,} samples change"
+        )
         withdrawn = (
             f"{counted(self.withdrawn, 'sample')} withdrawn: files still answer, none counts"
         )

@@ -6,6 +6,7 @@ from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from tests.support.worker import add_split
 
 from exceptiondrive_records.db.errors import PhaseClosed
 from exceptiondrive_records.splits.splits import find_split, list_splits
@@ -91,6 +92,43 @@ def test_what_a_part_holds_is_in_no_column_of_the_server(life: "Life") -> None:
             for part, row in rows.items()
         }
     assert documents["public"] == documents["private"] == documents[None]
+
+
+def test_a_later_revision_tells_of_each_part_what_changes_in_it(life: "Life") -> None:
+    """A count over both parts would be untrue of the board, which counts one of them."""
+    from tests.phases.life import SAMPLES, split_of
+
+    before = revisions(life)
+    life.make_phase()
+    nearer = split_of(SAMPLES | {"a": ("SE1", 9.0, "private")}, "parted")
+    later = nearer.model_copy(
+        update={
+            "samples": tuple(
+                it.model_copy(update={"withdrawn": "no hazard"}) if it.sample_id == "b" else it
+                for it in nearer.samples
+            )
+        }
+    )
+    add_split(
+        life.database, life.worker.splits_dir, later, "split-2.json", "b goes, a comes nearer."
+    )
+    with life.database.read() as session:
+        rows = [row for row in list_splits(session) if row.changes is not None]
+        after = {row.part: row.revision for row in rows}
+        told = {row.part: row.changes.model_dump() for row in rows if row.changes is not None}
+    told_words = {"words": "b goes, a comes nearer."}
+    assert told == {
+        None: told_words | {"previous": before[None], "moved": 1, "withdrawn": 1},
+        "public": told_words | {"previous": before["public"], "moved": 0, "withdrawn": 1},
+        "private": told_words | {"previous": before["private"], "moved": 1, "withdrawn": 0},
+    }
+    run = life.start_run(split_revision=after["public"])
+    view = life.json(f"/api/v1/organizer/rescoring/{run}", "organizer")
+    assert [change["sentence"] for change in view["difference"]["changes"]] == [
+        "b goes, a comes nearer.",
+        "1 sample withdrawn: files still answer, none counts",
+        "N goes from 2 to 1",
+    ]
 
 
 def test_the_live_board_counts_the_public_part_of_files_that_answer_everything(

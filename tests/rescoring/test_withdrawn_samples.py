@@ -76,7 +76,7 @@ def test_old_files_answer_what_is_withdrawn_and_no_sheet_counts_it(stage: Stage)
     run_id = stage.draft(split_revision=put_revision(stage, later))
     expected = (
         WORDS,
-        "the regions of 1 sample change",
+        "the region of 1 sample changes",
         "1 sample withdrawn: files still answer, none counts",
         "N goes from 4 to 3",
     )
@@ -109,7 +109,7 @@ def test_a_run_over_two_revisions_tells_what_each_of_them_changed(stage: Stage) 
     run_id = stage.draft(split_revision=put_revision(stage, second, "b failed the audit.", 3))
     assert stage.view(run_id).difference.sentences == (
         "The region of d lay too far.",
-        "the regions of 1 sample change",
+        "the region of 1 sample changes",
         "b failed the audit.",
         "1 sample withdrawn: files still answer, none counts",
         "N goes from 4 to 3",
@@ -266,7 +266,7 @@ def test_from_the_workshop_to_a_rescored_board(stage: Stage, shop: Path) -> None
     assert after["n_samples"] == len(first.samples) - 2
     expected = (
         WORDS,
-        "the regions of 1 sample change",
+        "the region of 1 sample changes",
         "2 samples withdrawn: files still answer, none counts",
         f"N goes from {len(first.samples)} to {len(first.samples) - 2}",
     )

@@ -35,13 +35,17 @@ def worker_settings(folder: Path, database_url: str, **changes: Any) -> WorkerSe
 
 
 def add_split(
-    database: Database, splits_dir: Path, split: Split, file_name: str = "split.json"
+    database: Database,
+    splits_dir: Path,
+    split: Split,
+    file_name: str = "split.json",
+    words: str = "",
 ) -> str:
     """Put a split file where workers look, register it, and return its revision."""
     folder = splits_dir / split.name
     leave_open(folder)
     (folder / file_name).write_text(split.model_dump_json(by_alias=True, exclude_none=True))
-    registered = register_all_splits(database, SplitStore(splits_dir), packaged_protocol())
+    registered = register_all_splits(database, SplitStore(splits_dir), packaged_protocol(), words)
     return next(each.manifest.revision for each in registered if each.manifest.name == split.name)
 
 

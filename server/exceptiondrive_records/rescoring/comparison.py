@@ -12,7 +12,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.pairs import count_pairs
 from exceptiondrive_records.rescoring.tables import RescoringRun
-from exceptiondrive_records.splits.splits import find_split, list_splits, whole_split
+from exceptiondrive_records.splits.splits import find_split, list_splits
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_schemas.api.rescoring import Change, Comparison, EntryChange, Standing
 from exceptiondrive_schemas.board import Board, BoardEntry
@@ -233,18 +233,17 @@ def split_steps(session: Session, before: SplitRow, after: SplitRow) -> tuple[Sp
     Returns:
         Oldest first; nothing where the later one does not come from the earlier one.
     """
-    old, new = (whole_split(session, row.name, row.revision) for row in (before, after))
     previous = {
         row.revision: row.changes
         for row in list_splits(session)
-        if row.name == new.name and row.changes is not None
+        if row.name == after.name and row.changes is not None
     }
     steps: list[SplitChange] = []
-    revision = new.revision
-    while revision != old.revision and revision in previous:
+    revision = after.revision
+    while revision != before.revision and revision in previous:
         steps.append(previous.pop(revision))
         revision = steps[-1].previous
-    return tuple(reversed(steps)) if revision == old.revision else ()
+    return tuple(reversed(steps)) if revision == before.revision else ()
 
 
 def _revision_changes(

@@ -41,7 +41,7 @@ class SplitRow(Base):
     warnings: Mapped[SplitWarnings] = mapped_column(DocumentText(SplitWarnings))
     """What lint doubts, by count; of a part: nothing."""
     changes: Mapped[SplitChange | None] = mapped_column(DocumentText(SplitChange))
-    """What readers are told of a later revision; of a part: nothing."""
+    """What readers are told of a later revision; of a part: of its own samples."""
     datasheet: Mapped[Datasheet | None] = mapped_column(DocumentText(Datasheet), deferred=True)
     """How it was made, as far as anyone may know, where its makers say so."""
 

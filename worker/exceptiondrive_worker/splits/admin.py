@@ -13,6 +13,7 @@ from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.splits.splits import list_splits, publish_split, register_split
 from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_schemas.api.phase_settings import SplitPart
 from exceptiondrive_schemas.check.inflate import GZIP_MAGIC
 from exceptiondrive_schemas.datasheet import Datasheet, SplitChange, SplitWarning, SplitWarnings
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -279,7 +280,7 @@ def _register(
     whole, warnings = loaded[None].manifest, split_warnings(split, protocol)
     counts = [SplitWarning(code=w.code, what=w.what, count=w.count) for w in warnings]
     sheet = read_datasheet(path)
-    changes = sheet.changes if sheet else _changes(database, splits, split, words)
+    changes = _changes(database, splits, split, sheet, words)
     with database.write() as session:
         for part, of_part in loaded.items():
             register_split(
@@ -291,24 +292,38 @@ def _register(
                 part=part,
                 whole_revision=None if part is None else whole.revision,
                 warnings=SplitWarnings(found=tuple(counts if part is None else ())),
-                changes=changes if part is None else None,
+                changes=changes.get(part),
                 datasheet=sheet if part is None else None,
             )
     return RegisteredSplit(path, whole, warnings)
 
 
 def _changes(
-    database: Database, splits: SplitStore, split: Split, words: str
-) -> SplitChange | None:
-    """Return what is told of a revision that is not registered yet, since the one before."""
+    database: Database, splits: SplitStore, split: Split, sheet: Datasheet | None, words: str
+) -> dict[SplitPart | None, SplitChange]:
+    """Return what is told of a later revision, and of each part that it changes.
+
+    The revision before is the one that the datasheet names; without one, and where this revision
+    is not registered yet, the newest that is and whose file lies beside it.
+    """
+    said = sheet.changes if sheet else None
     with database.read() as session:
         known = [row.revision for row in list_splits(session) if row.name == split.name]
-    if not words or split.revision in known:
-        return None
+    if said is not None:
+        words, known = said.words, [said.previous]
+    elif sheet is not None or not words or split.revision in known:
+        return {}
     files = (read_split(path) for path in splits.files() if path.parent.name == split.name)
     earlier = {each.revision: each for each in files}
     before = next((earlier[revision] for revision in known if revision in earlier), None)
-    return None if before is None else SplitChange.between(before, split, words)
+    if before is None:
+        return {} if said is None else {None: said}
+    told: dict[SplitPart | None, SplitChange] = {}
+    for part in parts_of(split):
+        old, new = (it if part is None else it.part(part) for it in (before, split))
+        if old.revision != new.revision:
+            told[part] = SplitChange.between(old, new, words)
+    return told if said is None else {**told, None: said}
 
 
 def datasheet_beside(split_path: Path) -> Path:
