@@ -273,12 +273,31 @@ def test_of_a_challenge_that_came_later_programs_get_everything(
     )
     board = board.model_copy(update={"challenge": "gaps"})
     canned_server.answer("GET /leaderboard", 200, board.model_dump(mode="json", by_alias=True))
+    canned_server.answer(f"GET /phases/{board.phase}", 200, phase_of(board))
     canned_server.answer("GET /phases/dev/report", 200, ended.model_dump(mode="json"))
     for words in (["leaderboard", "--phase", "dev"], ["report", "dev"]):
         told = run(canned_server.url, "t", words)
         assert (told.exit_code, "no challenge 'gaps' here" in told.stderr) == (5, True), told.stderr
         done = run(canned_server.url, "t", [*words, "--json"])
         assert json.loads(done.stdout)["challenge"] == "gaps", done.stderr
+
+
+def phase_of(board: Board) -> dict[str, Any]:
+    """Return the phase of a board, as the oldest server tells it."""
+    return {
+        "id": board.phase,
+        "challenge": "gaps",
+        "title": "Gaps",
+        "split": board.split.name,
+        "split_revision": board.split.revision,
+        "split_is_public": True,
+        "n_samples": board.n_samples,
+        "protocol": board.protocol.version,
+        "protocol_digest": board.protocol.digest,
+        "is_open": True,
+        "quota_per_day": 3,
+        "max_upload_bytes": 1_000_000,
+    }
 
 
 def run(server: str, token: str, words: list[str]) -> Any:

@@ -132,10 +132,14 @@ def test_a_board_is_frozen_and_revealed(working: "Running", planning_file: MakeF
     assert shown(working)["now"]["frozen_since"] is not None
     second = scored(working, other_bytes(planning_file("two.json")), "Second")
     board_shows(working, first)
+    asked = ("leaderboard", "--phase", "test")
+    assert "\nfrozen since 2" in run(working, *asked).stdout
+    assert "frozen" not in run(working, *asked, "--as-of", "2099-01-01").stdout
     revealed = organize(working, "reveal", "test", "--what", "board", *REASON)
     assert revealed.exit_code == 0, revealed.stderr
     assert revealed.stdout.startswith("the newest board of test is shown")
     board_shows(working, first, second)
+    assert "frozen" not in run(working, *asked).stdout
 
 
 def test_names_are_revealed(working: "Running", planning_file: MakeFile) -> None:

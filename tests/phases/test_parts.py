@@ -362,7 +362,7 @@ def test_the_reveal_waits_for_the_deadline_then_flips_the_board_once(life: "Life
     assert life.get("/api/v1/boards/test/1").text == old
     changes = life.json("/api/v1/boards?phase=test")[0]["what_changed"]
     words = (
-        "the private part of the split (3 samples) count in place of the public part of the split"
+        "the private part of the split (3 samples) counts in place of the public part of the split"
     )
     assert changes == [f"{words} (2 samples)"]
 

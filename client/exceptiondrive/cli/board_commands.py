@@ -86,7 +86,8 @@ def leaderboard(
             typer.echo(printable(text), nl=False)
             return
         board = client.leaderboard(**asked)
-    show_result(board, json, board_view(board))
+        now = None if json or as_of else client.phase(board.phase).now
+    show_result(board, json, board_view(board, now.frozen_since if now else None))
 
 
 def phases(server: options.Server = None, json: options.Json = False) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
+from datetime import datetime
 from typing import TYPE_CHECKING, Any, Literal
 
 from rich.console import RenderableType
@@ -169,6 +170,8 @@ def _standing(view: SubmissionView) -> tuple[str, str]:
             "score and rank kept back",
             f"its board is frozen since {since}, until the organizers reveal it",
         )
+    if view.is_late:
+        return "not ranked", "it came after the deadline and stands on the late view alone"
     if view.awaits_board:
         return "rank awaited", "the next board is being built"
     if not view.is_published:
@@ -287,8 +290,8 @@ def quota_table(quotas: Mapping[str, Quota]) -> FittedTable:
     return table
 
 
-def board_view(board: "Board") -> Iterator[RenderableType]:
-    """Yield what to print for a board."""
+def board_view(board: "Board", frozen_since: datetime | None = None) -> Iterator[RenderableType]:
+    """Yield what to print for a board, and since when it waits for the organizers."""
     challenge = challenge_of(board.challenge)
     yield Text(
         f"{challenge.title} · phase {board.phase} · split {board.split.name} "
@@ -300,6 +303,8 @@ def board_view(board: "Board") -> Iterator[RenderableType]:
         f"{AGGREGATES.get(board.headline, board.headline)}",
         style="dim",
     )
+    if frozen_since is not None:
+        yield Text(f"frozen since {utc_text(frozen_since)}, until the organizers reveal it")
     if board.view == "late":
         yield Text(
             "late view: with the entries that came after the deadline; no rank of the board moves"

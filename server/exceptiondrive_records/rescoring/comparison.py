@@ -259,7 +259,9 @@ def _part_change(before: SplitRow, after: SplitRow) -> tuple[Change_of_differenc
     if before.part == after.part:
         return ()
     old, new = (f"{_part_words(row)} ({row.n_samples:,} samples)" for row in (before, after))
-    return (Change_of_differences(sentence=f"{new} count in place of {old}", stage=Stage.MEASURE),)
+    counts = "count" if after.part is None else "counts"
+    sentence = f"{new} {counts} in place of {old}"
+    return (Change_of_differences(sentence=sentence, stage=Stage.MEASURE),)
 
 
 def _part_words(row: SplitRow) -> str:
