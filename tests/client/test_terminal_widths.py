@@ -342,4 +342,4 @@ def test_a_score_that_is_kept_back_is_not_called_unranked() -> None:
 def test_a_late_entry_is_told_why_it_takes_no_rank() -> None:
     one = submission(0, "scored", rank=None, is_late=True)
     said = " ".join(str(part) for part in submission_view(one, "http://server/x"))
-    assert "came after the deadline and stands on the late view alone" in said
+    assert "came after the deadline, so it holds no rank" in said

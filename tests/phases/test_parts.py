@@ -355,6 +355,8 @@ def test_the_reveal_waits_for_the_deadline_then_flips_the_board_once(life: "Life
     assert (board["n_samples"], board["part"]) == (3, "private")
     assert [entry["team"] for entry in board["entries"]] == ["Beta Labs", "Alpha Institute"]
     assert life.json("/api/v1/phases/test")["now"]["part"] == "private"
+    assert "(private part), whose" in life.get("/phases/test").text
+    assert "counts 3 samples, the private part of the split." in life.get("/?phase=test").text
     for later in (life.ahead(60), None):  # the private part would answer live uploads
         refused = life.refused("/phases/test", {"closes_at": later}, 409, "PATCH")
         assert "Make another phase" in refused

@@ -171,7 +171,7 @@ def _standing(view: SubmissionView) -> tuple[str, str]:
             f"its board is frozen since {since}, until the organizers reveal it",
         )
     if view.is_late:
-        return "not ranked", "it came after the deadline and stands on the late view alone"
+        return "not ranked", "it came after the deadline, so it holds no rank and moves none"
     if view.awaits_board:
         return "rank awaited", "the next board is being built"
     if not view.is_published:

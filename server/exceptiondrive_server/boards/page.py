@@ -522,6 +522,11 @@ def _kept_back(board: Board, now: PhaseNow) -> Iterator[Notice]:
             "The others count when the organizers reveal them after the deadline."
         )
         yield Notice(words, "", "")
+    elif board.part is not None:
+        words = (
+            f"This board counts {board.n_samples:,} samples, the {board.part} part of the split."
+        )
+        yield Notice(words, "", "")
     if now.families_shown_from is not None:
         yield Notice(f"Families are shown from {minute(now.families_shown_from)}.", "", "")
     if now.is_anonymous:

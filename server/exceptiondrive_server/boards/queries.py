@@ -265,12 +265,12 @@ def choose_board(session: Session, phase: Phase, query: BoardQuery) -> BoardRow 
     """Return the board of a phase that is asked for; None where it has none yet.
 
     Raises:
-        NotFound: The protocol or the board does not exist, or nothing came late.
+        NotFound: The protocol or the board does not exist, or no late entry counts now.
     """
     if query.view == "late":
         row = late_board(session, phase.id)
         if row is None:
-            raise NotFound("late view, since nothing came late, of the phase", phase.id)
+            raise NotFound("late view of the phase", phase.id, ": no late entry counts on it now")
         return row
     if query.board is not None:
         return find_board(session, phase.id, query.board)

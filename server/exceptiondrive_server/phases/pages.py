@@ -11,6 +11,7 @@ from exceptiondrive_records.news.news import news_of
 from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_records.phases.policy import frozen_since
 from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.flags import FLAGS
 from exceptiondrive_server.boards.queries import phase_link
@@ -38,6 +39,7 @@ def show_phase(request: Request, phase_id: PhaseId) -> Response:
             "text": phase.page,
             "news": [news_view(row) for row in news_of(session, phase.id)],
             "protocol": find_protocol(session, phase.protocol_digest).version,
+            "part": find_split(session, phase.split_name, phase.split_revision).part,
             "quota_total": phase.quota_total,
             "freezes_at": freezes_at if freezes_at and freezes_at > now else None,
             "frozen_since": frozen_since(phase, now),

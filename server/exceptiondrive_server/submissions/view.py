@@ -139,7 +139,7 @@ def policy_sentences(seen: SubmissionView, policy: PhasePolicy) -> Iterator[str]
             "the reason stands in the team's notices."
         )
     if seen.is_late:
-        yield "It came after the deadline: it stands on the late view alone."
+        yield "It came after the deadline, so it holds no rank and moves none."
     if seen.score_kept_back_since is not None:
         since = minute(seen.score_kept_back_since)
         yield (
