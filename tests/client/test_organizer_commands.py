@@ -72,7 +72,8 @@ def test_a_team_may_not_organize(running: "Running") -> None:
 
 def test_a_phase_is_made_on_a_registered_split(running: "Running") -> None:
     splits = organize(running, "splits", "list")
-    assert "tiny" in splits.stdout
+    (tiny,) = json.loads(organize(running, "splits", "list", "--json").stdout)
+    assert f" {tiny['revision']} " in splits.stdout, "in one piece, to be copied"
     made = organize(
         running,
         *("phases", "create", "test", "--title", "Test", "--split", "tiny"),

@@ -122,6 +122,12 @@ def test_a_later_revision_tells_of_each_part_what_changes_in_it(life: "Life") ->
         "public": told_words | {"previous": before["public"], "moved": 0, "withdrawn": 1},
         "private": told_words | {"previous": before["private"], "moved": 1, "withdrawn": 0},
     }
+    of_all = life.start_run(split_revision=after[None])
+    assert life.json(f"/api/v1/organizer/rescoring/{of_all}", "organizer")["blockers"][-1] == (
+        "To count the public part of that revision instead, cancel this run and name "
+        f"{after['public']}."
+    )
+    life.done(f"/rescoring/{of_all}/cancel")
     run = life.start_run(split_revision=after["public"])
     view = life.json(f"/api/v1/organizer/rescoring/{run}", "organizer")
     assert [change["sentence"] for change in view["difference"]["changes"]] == [

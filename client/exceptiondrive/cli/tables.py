@@ -58,7 +58,8 @@ def records_table(records: Iterable[Mapping[str, Any]], columns: tuple[str, ...]
 
 
 def _kind_of(name: str) -> Literal["id", "words"]:
-    return "id" if name in ("id", "phase", "at") or name.endswith(("_id", "_at")) else "words"
+    ids = ("id", "phase", "at", "revision")
+    return "id" if name in ids or name.endswith(("_id", "_at")) else "words"
 
 
 def _cell(name: str, value: Any) -> str:

@@ -11,7 +11,8 @@ from exceptiondrive_records.phases.policy import frozen_since, has_closed
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.runs import create_run, start_run
 from exceptiondrive_records.rescoring.tables import RescoringRun
-from exceptiondrive_records.splits.splits import find_split, part_revision
+from exceptiondrive_records.splits.splits import find_split, part_of, part_revision
+from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_schemas.api.phase_settings import SplitPart
 from exceptiondrive_schemas.api.rescoring import RunState
 
@@ -38,12 +39,15 @@ def reveal_split(session: Session, phase_id: str, *, reason: str, actor: str) ->
 
 def is_reveal(session: Session, run: RescoringRun) -> bool:
     """Whether a run changes which part of the split counts."""
-    phase = session.get_one(Phase, run.phase_id)
-    old, new = (
-        find_split(session, phase.split_name, revision)
-        for revision in (run.from_split_revision, run.to_split_revision)
-    )
+    old, new = _splits_of(session, run)
     return old.part != new.part
+
+
+def _splits_of(session: Session, run: RescoringRun) -> tuple[SplitRow, SplitRow]:
+    name = session.get_one(Phase, run.phase_id).split_name
+    revisions = run.from_split_revision, run.to_split_revision
+    old, new = (find_split(session, name, revision) for revision in revisions)
+    return old, new
 
 
 def reveal_blockers(session: Session, run: RescoringRun) -> list[str]:
@@ -53,9 +57,21 @@ def reveal_blockers(session: Session, run: RescoringRun) -> list[str]:
     if run.state is RunState.APPLIED:
         words = _against_update(phase, now, "rolling back")
         return [] if words is None else [words]
-    reveals = is_reveal(session, run)
-    words = _against_reveal(phase, now) if reveals else _against_update(phase, now, "applying")
-    return [] if words is None else [words]
+    if not is_reveal(session, run):
+        words = _against_update(phase, now, "applying")
+        return [] if words is None else [words]
+    words = _against_reveal(phase, now)
+    return [] if words is None else [words, *_same_part(session, run)]
+
+
+def _same_part(session: Session, run: RescoringRun) -> list[str]:
+    """Say what to ask for instead, where another revision was meant and not another part."""
+    old, new = _splits_of(session, run)
+    same = part_revision(session, new.name, new.revision, part_of(old))
+    if same is None or same == old.revision:
+        return []
+    what = "all samples" if old.part is None else f"the {old.part} part"
+    return [f"To count {what} of that revision instead, cancel this run and name {same}."]
 
 
 def _against_reveal(phase: Phase, now: datetime) -> str | None:

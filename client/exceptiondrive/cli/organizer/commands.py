@@ -448,7 +448,7 @@ def list_splits(server: options.Server = None, json: options.Json = False) -> No
         found = organizer.splits()
     rows = [one | {"warnings": _counts(one.get("warnings", ()))} for one in found]
     columns = (
-        "name", "n_samples", "is_public", "part", "revision", "registered_at", "words", "warnings"
+        "name", "revision", "part", "n_samples", "is_public", "registered_at", "words", "warnings"
     )  # fmt: skip
     show_result(found, json, records_table(rows, columns))
 
