@@ -14,8 +14,10 @@ from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_schemas.base import canonical_json
+from exceptiondrive_schemas.datasheet import SplitChange
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.split import Split
+from exceptiondrive_worker.sample.files import sample_datasheet
 from exceptiondrive_worker.splits.faults import SplitRefusedError
 from exceptiondrive_worker.splits.store import load_split
 
@@ -94,29 +96,31 @@ def test_what_a_part_holds_is_in_no_column_of_the_server(life: "Life") -> None:
     assert documents["public"] == documents["private"] == documents[None]
 
 
-def test_a_later_revision_tells_of_each_part_what_changes_in_it(life: "Life") -> None:
+@pytest.mark.parametrize("told_by", ["words", "datasheet"])
+def test_a_later_revision_tells_of_each_part_what_changes_in_it(life: "Life", told_by: str) -> None:
     """A count over both parts would be untrue of the board, which counts one of them."""
     from tests.phases.life import SAMPLES, split_of
 
-    before = revisions(life)
+    before, words = revisions(life), "b goes, a comes nearer."
     life.make_phase()
     nearer = split_of(SAMPLES | {"a": ("SE1", 9.0, "private")}, "parted")
-    later = nearer.model_copy(
-        update={
-            "samples": tuple(
-                it.model_copy(update={"withdrawn": "no hazard"}) if it.sample_id == "b" else it
-                for it in nearer.samples
-            )
-        }
+    samples = (
+        it.model_copy(update={"withdrawn": "no hazard"}) if it.sample_id == "b" else it
+        for it in nearer.samples
     )
-    add_split(
-        life.database, life.worker.splits_dir, later, "split-2.json", "b goes, a comes nearer."
-    )
+    later = nearer.model_copy(update={"samples": tuple(samples)})
+    if told_by == "datasheet":
+        changes = SplitChange.between(split_of(SAMPLES, "parted"), later, words)
+        sheet = sample_datasheet(later).model_copy(update={"changes": changes})
+        path = life.worker.splits_dir / "parted" / "datasheet-2.json"
+        path.write_bytes(canonical_json(sheet))
+    said = words if told_by == "words" else ""
+    add_split(life.database, life.worker.splits_dir, later, "split-2.json", said)
     with life.database.read() as session:
         rows = [row for row in list_splits(session) if row.changes is not None]
         after = {row.part: row.revision for row in rows}
         told = {row.part: row.changes.model_dump() for row in rows if row.changes is not None}
-    told_words = {"words": "b goes, a comes nearer."}
+    told_words = {"words": words}
     assert told == {
         None: told_words | {"previous": before[None], "moved": 1, "withdrawn": 1},
         "public": told_words | {"previous": before["public"], "moved": 0, "withdrawn": 1},
@@ -131,7 +135,7 @@ def test_a_later_revision_tells_of_each_part_what_changes_in_it(life: "Life") ->
     run = life.start_run(split_revision=after["public"])
     view = life.json(f"/api/v1/organizer/rescoring/{run}", "organizer")
     assert [change["sentence"] for change in view["difference"]["changes"]] == [
-        "b goes, a comes nearer.",
+        words,
         "1 sample withdrawn: files still answer, none counts",
         "N goes from 2 to 1",
     ]
