@@ -157,7 +157,7 @@ def dot_plot(
     width: int = DOT_WIDTH,
     order: Sequence[int] | None = None,
 ) -> DotPlot | None:
-    """Draw some entries of a board by family, hardest first; None where none tells families.
+    """Draw some entries of a board by family, hardest first; None where none of theirs is told.
 
     Args:
         board: Whose families they are.
@@ -175,6 +175,8 @@ def dot_plot(
     left, right = DOT_LEFT, width - 14.0
     cells = [entry.families.get(head.id) for entry in entries for head in families]
     known = [v for cell in cells if cell and (v := cell.metrics.get(metric.key)) is not None]
+    if not known:
+        return None
     spans = [span for cell in cells if cell and (span := cell.intervals.get(metric.key))]
     ends = [100 * end for span in spans for end in span]
     scale = nice_scale(

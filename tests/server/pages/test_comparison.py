@@ -283,3 +283,12 @@ def test_a_family_that_none_of_them_tells_is_not_left_blank_in_the_drawing(
     assert plot is not None
     drawn = str(macro("boards/families.html", "dots")(plot, "d"))
     assert drawn.count(">not told</text>") == 1
+
+
+def test_nothing_is_drawn_where_no_family_is_told(lively_board: Board) -> None:
+    cells = {
+        head.id: lively_board.entries[0].families[head.id].model_copy(update={"hcc": None})
+        for head in lively_board.families
+    }
+    pair = [each.model_copy(update={"families": cells}) for each in lively_board.entries[:2]]
+    assert dot_plot(lively_board, pair, Digits()) is None

@@ -77,6 +77,7 @@ async def test_a_split_without_a_datasheet_has_its_families(lively_site: Site) -
     text = text_of((await lively_site.get("/splits/sample")).text)
     assert "No datasheet lies beside this split" in text
     assert "Sudden Emergence 62 25.83 %" in text
+    assert "Two samples failed the audit" in text, "what its words said of the change stays"
     assert (await lively_site.get("/api/v1/splits/sample/datasheet")).status_code == 404
 
 
