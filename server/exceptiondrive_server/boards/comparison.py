@@ -118,12 +118,16 @@ class Comparison:
 
     @cached_property
     def families_sentence(self) -> str:
-        """The families in which one is surely ahead, sample by sample, and how many stay open."""
+        """The families in which one is surely ahead, sample by sample, and how many stay open.
+
+        Of those that are told: a family of few samples is not.
+        """
         if self.paired is None:
             return ""
         found = [
-            (self.paired.families.get(head.id), short_title(head.title).lower())
+            (each, short_title(head.title).lower())
             for head in self.board.families
+            if (each := self.paired.families.get(head.id)) is not None
         ]
         sign = 1 if self.first.better == "higher" else -1
         parts = []

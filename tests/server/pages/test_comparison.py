@@ -60,13 +60,21 @@ def test_nobody_is_ahead_in_a_family_without_a_pair(lively_board: Board) -> None
 def test_ahead_in_a_family_is_who_is_surely_better_there(lively_board: Board) -> None:
     board = with_pairs(lively_board)
     first, second, third = board.entries[:3]
-    rest = "in 5 families the split does not tell them apart."
+    rest = "in 1 family the split does not tell them apart."
     sure = Comparison(board, first, third, Digits()).families_sentence
     assert sure == f"Kestrel-2 is ahead in lane blockage scenes; {rest}"
     turned = Comparison(board, third, first, Digits()).families_sentence
     assert turned == f"Kestrel-2 is ahead in lane blockage scenes; {rest}"
     open_ = Comparison(board, first, second, Digits()).families_sentence
     assert open_ == "In no family is one surely ahead."
+
+
+def test_of_families_that_are_not_told_nothing_is_said(lively_board: Board) -> None:
+    board = with_pairs(lively_board)
+    pairs = [each.model_copy(update={"families": {}}) for each in board.comparisons]
+    board = board.model_copy(update={"comparisons": tuple(pairs)})
+    first, second = board.entries[:2]
+    assert Comparison(board, first, second, Digits()).families_sentence == ""
 
 
 def test_differences_are_first_minus_second(paper_board: Board) -> None:
@@ -132,7 +140,7 @@ def with_pairs(board: Board) -> Board:
             a=ids[0],
             b=ids[at],
             overall={"hcc": each},
-            families={"lane_blockage": each},
+            families={"lane_blockage": each, "sudden_emergence": open_},
             tasks={"LB1": each, "LB2": open_},
         )
         for at, each in found.items()
