@@ -8,11 +8,14 @@ from xml.etree import ElementTree as Xml
 from tests.server.pages.invented_board import PROTOCOL
 from tests.server.pages.page_site import publish_late_view
 
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.method_facts import Links
-from exceptiondrive_schemas.score_sheet import Flag, Plausibility
+from exceptiondrive_schemas.protocol import packaged_protocol_toml
+from exceptiondrive_schemas.score_sheet import Flag, Plausibility, ProtocolRef
 from exceptiondrive_server.boards.exports import entry_bibtex
 from exceptiondrive_server.entries.view import plausibility_lines
 
@@ -204,6 +207,19 @@ async def test_an_entry_of_a_withheld_split_says_what_is_told_and_what_is_not(
     assert told in words((await lively_site.get("/entries/s0000000kq")).text)
     lively_site.publish_split()
     assert told not in words((await lively_site.get("/entries/s0000000kq")).text)
+
+
+async def test_what_a_protocol_keeps_of_few_samples_is_said_where_dashes_stand(
+    lively_site: Any, lively_board: Board
+) -> None:
+    said = "Of fewer than 100 samples their number alone is told."
+    assert said not in (await lively_site.get("/entries/s0000000kq")).text
+    with lively_site.database.write() as session:
+        protocol = add_protocol(session, packaged_protocol_toml("1.1-withheld"), "test")
+        session.get_one(Phase, "sample").protocol_digest = protocol.digest
+    ref = ProtocolRef(version="1.1-withheld", digest=protocol.digest)
+    lively_site.publish(lively_board.model_copy(update={"protocol": ref}))
+    assert said in (await lively_site.get("/entries/s0000000kq")).text
 
 
 async def test_an_entry_is_cited_by_its_own_paper_and_by_its_board(
