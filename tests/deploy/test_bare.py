@@ -128,6 +128,13 @@ def test_run_again_it_keeps_secrets_data_and_what_an_operator_added(folder: Path
     assert not list(folder.rglob("*.new"))
 
 
+def test_run_again_it_adds_a_secret_that_an_older_version_did_not_ask_for(folder: Path) -> None:
+    secret = folder / "secrets/oidc_client_secret"
+    secret.unlink()
+    assert init(folder).exit_code == 0
+    assert (secret.read_text(), mode(secret)) == ("", (OWNER, 0o400))
+
+
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may")
 def test_who_is_not_root_is_told_so(tmp_path: Path) -> None:
     assert isinstance(init(tmp_path).exception, LaunchError)
