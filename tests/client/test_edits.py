@@ -141,3 +141,5 @@ def test_an_address_that_no_mail_reaches_is_told_of(working: "Running") -> None:
     stop.set()
     outbox.join()
     assert "could not be sent: this server may have no mail server" in told
+    listed = ok(run(working, "contacts", "list")).splitlines()
+    assert ["last message" in listed[0], "waiting" in listed[1]] == [True, True]

@@ -128,6 +128,31 @@ def test_run_again_it_keeps_secrets_data_and_what_an_operator_added(folder: Path
     assert not list(folder.rglob("*.new"))
 
 
+def test_a_command_of_the_operator_takes_settings_as_systemd_does(folder: Path) -> None:
+    """No shell reads them: a blank, `<` or `$` ended it, or came out as something else."""
+    settings = folder / "etc/server.env"
+    added = "EXCEPTIONDRIVE_OIDC_NAME=single sign-on\nEXCEPTIONDRIVE_OIDC_CLIENT_SECRET=a$b;'c\n"
+    more = '# a word\nEXCEPTIONDRIVE_MAIL_FROM="The board <no-reply@board.example.org>"'
+    settings.write_text(settings.read_text() + added + more)
+    done = subprocess.run(
+        [folder / "as", "server", "env"], capture_output=True, text=True, check=True
+    )
+    lines = done.stdout.splitlines()
+    assert {
+        "EXCEPTIONDRIVE_OIDC_NAME=single sign-on",
+        "EXCEPTIONDRIVE_OIDC_CLIENT_SECRET=a$b;'c",
+        "EXCEPTIONDRIVE_MAIL_FROM=The board <no-reply@board.example.org>",
+        "EXCEPTIONDRIVE_TRUSTED_PROXIES=127.0.0.1",
+    } <= set(lines)
+
+
+def test_run_again_it_adds_a_secret_that_an_older_version_did_not_ask_for(folder: Path) -> None:
+    secret = folder / "secrets/oidc_client_secret"
+    secret.unlink()
+    assert init(folder).exit_code == 0
+    assert (secret.read_text(), mode(secret)) == ("", (OWNER, 0o400))
+
+
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may")
 def test_who_is_not_root_is_told_so(tmp_path: Path) -> None:
     assert isinstance(init(tmp_path).exception, LaunchError)

@@ -101,14 +101,41 @@ def test_two_runs_share_no_secret(folder: Path, tmp_path: Path) -> None:
     assert same == {"oidc_client_secret", "smtp_password"}, "which are empty"
 
 
-def test_nothing_that_is_there_is_touched(folder: Path) -> None:
-    before = {path: path.read_bytes() for path in folder.iterdir()}
-    (folder / "database_url").unlink()
+def test_run_again_it_adds_what_is_missing_and_keeps_what_is_there(folder: Path) -> None:
+    """As after an upgrade to a version that asks for a secret more, or after a full disk."""
+    lost = {"smtp_password", "receipt_key.pem", "database_url", "tls.crt", "tls.key"}
+    kept = {path: path.read_bytes() for path in folder.iterdir() if path.name not in lost}
+    for name in lost - {"database_url"}:
+        (folder / name).unlink()
+    (folder / "database_url").chmod(0o600)
+    (folder / "database_url").write_bytes(b"")  # a full disk left it so
+    done = init(folder)
+    assert done.exit_code == 0, done.output
+    said = done.stderr.splitlines()[0].partition(": ")[2]
+    assert set(said.split(", ")) == lost
+    assert all(path.read_bytes() == content for path, content in kept.items())
+    assert role_of((folder / "database_url").read_text())[0] is Role.API
+    assert {stat.S_IMODE(path.stat().st_mode) for path in folder.iterdir()} == {0o444}
+    again = init(folder)
+    assert "nothing, every file is there" in again.stderr
+    assert "signs itself" not in again.stderr
+
+
+@pytest.mark.parametrize(
+    ("lost", "other"),
+    [
+        ("postgres_password", "owner_database_url"),
+        ("broker.conf", "broker_url"),
+        ("tls.key", "tls.crt"),
+    ],
+)
+def test_of_two_files_that_agree_none_is_made_alone(folder: Path, lost: str, other: str) -> None:
+    (folder / lost).unlink()
+    (folder / "smtp_password").unlink()
     done = init(folder)
     assert isinstance(done.exception, LaunchError)
-    assert "already holds broker.conf, broker_url" in str(done.exception)
-    assert not (folder / "database_url").exists()
-    assert all(path.read_bytes() == before[path] for path in folder.iterdir())
+    assert f"holds {other} and no {lost}" in str(done.exception)
+    assert not (folder / "smtp_password").exists(), "nothing was written"
 
 
 def test_no_secret_is_printed(tmp_path: Path) -> None:

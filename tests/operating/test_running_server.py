@@ -51,6 +51,16 @@ def log_lines(topology: Topology) -> list[str]:
     return (topology.folder / "server.log").read_text().splitlines()
 
 
+def test_the_log_of_the_reconciler_is_json_lines(topology: Topology) -> None:
+    logs = [topology.folder / f"reconciler-{number}.log" for number in (1, 2)]
+
+    def lines() -> list[str]:
+        return [line for log in logs for line in log.read_text().splitlines()]
+
+    topology.wait_until(lambda: bool(lines()), "one to log", 60)
+    assert all({"event", "level", "timestamp"} <= set(json.loads(line)) for line in lines())
+
+
 def wait_for_scores(topology: Topology, submission_ids: list[str]) -> None:
     def statuses() -> set[SubmissionStatus]:
         with topology.database.read() as session:

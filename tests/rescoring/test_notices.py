@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 from aiosmtpd.controller import Controller
 from sqlalchemy import delete, select
+from structlog.testing import capture_logs
 from tests.support.work import let_time_pass
 
 from exceptiondrive_records.boards.boards import entries_on
@@ -164,6 +165,15 @@ def test_a_webhook_that_stumbles_is_tried_again(
     send_next(stage.database, settings())
     assert len(receiver.received) == 2
     assert delivery(stage).outcome.value == "sent"
+
+
+def test_no_log_line_tells_the_address_of_a_webhook(receiver: Receiver) -> None:
+    receiver.answers = [503, 503, 500]
+    secret_address = f"{receiver.url}/T00/secret"
+    with capture_logs() as lines, pytest.raises(NotDelivered, match="answered 500"):
+        send_webhook(secret_address, "s", b"{}", 0, may_be_private=True)
+    assert len(receiver.received) == len(lines) + 1 == 3, "each try but the first is in the log"
+    assert "secret" not in str(lines)
 
 
 def test_a_webhook_that_refuses_waits_in_the_outbox_and_is_given_up_in_the_end(

@@ -362,6 +362,7 @@ def test_the_page_shows_inbox_and_addresses(api: "Api", browse: Browse) -> None:
     assert sent.status_code == 303
     text = browser.get(page).text
     assert "waits for a yes" in text
+    assert "<small>newest message waiting</small>" in text
     (contact,) = api.get("/contacts", "alpha").json()
     assert contact["wishes"] == ["scored", "failed"]
     saved = browser.post(f"{page}/{contact['id']}/wishes", {"wishes": "overtaken"}, page=page)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from structlog.testing import capture_logs
 from tests.support.made_pictures import png
 
 from exceptiondrive_records.db.database import Database
@@ -109,6 +110,21 @@ def test_where_no_split_lies_it_is_said_where_one_was_looked_for(
     assert (code, out) == (2, "")
     assert f"no split lies in {tmp_path}/splits, as NAME/split.json.gz" in err
     assert "EXCEPTIONDRIVE_SPLITS_DIR" in err
+
+
+def test_a_worker_that_finds_no_split_says_so_as_it_starts(
+    operate: Operate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make_split: MakeSplit
+) -> None:
+    """It starts all the same: the folder may be mounted, or filled, later."""
+    monkeypatch.setattr("exceptiondrive_worker.process.run_worker", lambda *_: None)
+    with capture_logs() as lines:
+        assert operate("run")[0] == 0
+    assert [line["folder"] for line in lines] == [f"{tmp_path}/splits"]
+    assert "EXCEPTIONDRIVE_SPLITS_DIR" in lines[0]["event"]
+    put(tmp_path, make_split({"a": {}}))
+    with capture_logs() as lines:
+        assert operate("run")[0] == 0
+    assert lines == []
 
 
 def test_a_file_that_is_refused_is_named_and_keeps_no_other_back(

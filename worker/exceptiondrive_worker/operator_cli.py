@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import Annotated, NoReturn
 
+import structlog
 import typer
 
 from exceptiondrive_records.db.errors import RecordsError
@@ -59,6 +60,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+_log = structlog.get_logger("exceptiondrive.worker")
 DataOption = Annotated[Path | None, typer.Option("--data", help=DATA_HELP)]
 WordsOption = Annotated[
     str, typer.Option("--words", help="What readers are told of a later revision.")
@@ -94,6 +96,12 @@ def run(
     with opened(settings) as database:  # its connections must not reach the processes that score
         refuse_if_older(database)
     close_to_others(settings.splits_dir)
+    if not SplitStore(settings.splits_dir).files():
+        _log.warning(
+            "no split lies here, as NAME/split.json.gz, that this user may read: what is submitted "
+            "waits until one does; EXCEPTIONDRIVE_SPLITS_DIR names the folder",
+            folder=str(settings.splits_dir.absolute()),
+        )
     run_worker(settings, _lanes(lanes), concurrency)
 
 

@@ -9,15 +9,16 @@ from exceptiondrive.cli import completion, group, options
 from exceptiondrive.cli.output import show, show_json, show_result
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.cli.tables import notices_view, records_table
-from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive_schemas.api.rescoring import WISHES
 
 if TYPE_CHECKING:
     from exceptiondrive.client import Client
+    from exceptiondrive.transport import Record
 
 MAIL_WAIT_S, MAIL_PAUSE_S = 3.0, 0.3
 """So long is the message waited for that asks to confirm an address."""
-COLUMNS = ("id", "address", "wishes", "is_confirmed", "channel", "created_at")
+COLUMNS = ("id", "address", "last_message", "wishes", "is_confirmed", "channel", "created_at")
 Wishes = Annotated[
     list[str] | None,
     typer.Option(
@@ -54,13 +55,14 @@ def notices(
 
 
 def list_contacts(server: options.Server = None, json: options.Json = False) -> None:
-    """List where the team is told."""
+    """List where the team is told, and what became of the newest message there."""
     with open_client(server) as client:
         found = client.contacts()
     if json:
         show_json(found)
     elif found:
-        show(records_table(found, COLUMNS))
+        rows = [{**each, "last_message": _last_message(each)} for each in found]
+        show(records_table(rows, COLUMNS))
     else:
         show("no addresses: the team is told in its inbox alone")
 
@@ -114,6 +116,12 @@ def remove(
     with open_client(server) as client:
         contact = client.remove_contact(contact_id)
     show_result(contact, json, f"{contact['address']} is told nothing more")
+
+
+def _last_message(contact: "Record") -> str:
+    last = contact["last_message"] or {}
+    state = last.get("state", "").replace("_", " ")
+    return f"{state} {utc_text(last['sent_at'])}" if last.get("sent_at") else state
 
 
 def _confirmation(client: "Client", contact_id: str) -> str:

@@ -63,6 +63,10 @@ class NotDelivered(Exception):  # noqa: N818 - says what happened
     """The message did not reach its address; the text says why, without quoting an answer."""
 
 
+class _Stumbled(NotDelivered):
+    """Another try may help. httpx's own error would tell the log the address, which often is a secret."""
+
+
 def signature(secret: str, timestamp: int, body: bytes) -> str:
     """Return `sha256=` and the hex HMAC-SHA256 of `timestamp`, a full stop, and the body."""
     signed = f"{timestamp}.".encode() + body
@@ -117,8 +121,6 @@ def send_webhook(
     }
     try:
         asyncio.run(_post_in_time(pinned, host, headers, body))
-    except httpx.HTTPStatusError as error:
-        raise NotDelivered(f"the webhook answered {error.response.status_code}") from None
     except TimeoutError:
         raise NotDelivered(f"the webhook took longer than {_LONGEST_S:g} s") from None
     except httpx.HTTPError as error:
@@ -133,7 +135,11 @@ async def _post_in_time(url: str, host: str, headers: dict[str, str], body: byte
         httpx.AsyncClient(timeout=_TIMEOUT_S, trust_env=False, follow_redirects=False) as client,
     ):
         async for attempt in stamina.retry_context(
-            on=_may_help, attempts=_ATTEMPTS, wait_initial=0.2, wait_max=1.0, timeout=15.0
+            on=(_Stumbled, httpx.TransportError),
+            attempts=_ATTEMPTS,
+            wait_initial=0.2,
+            wait_max=1.0,
+            timeout=15.0,
         ):
             with attempt:
                 await _post(client, url, host, headers, body)
@@ -148,13 +154,10 @@ async def _post(
     ) as answer:
         if answer.is_redirect:
             raise NotDelivered(f"the webhook answered {answer.status_code}; it is not followed")
-        answer.raise_for_status()
-
-
-def _may_help(error: Exception) -> bool:
-    if isinstance(error, httpx.HTTPStatusError):
-        return error.response.status_code >= 500 or error.response.status_code == 429
-    return isinstance(error, httpx.TransportError)
+        if not answer.is_success:
+            may_help = answer.status_code >= 500 or answer.status_code == 429
+            refusal = _Stumbled if may_help else NotDelivered
+            raise refusal(f"the webhook answered {answer.status_code}")
 
 
 # E-mail over the SMTP server of the settings.

@@ -13,6 +13,7 @@ from exceptiondrive_records.notifications.contacts import (
     confirm_contact,
     find_by_key,
     list_contacts,
+    newest_delivery,
     remove_contact,
     set_wishes,
     unsubscribe_contact,
@@ -176,7 +177,10 @@ def _page(
     team_id = team_of(browser.principal)
     with services.database.read() as session:
         notices = list_notifications(session, team_id, limit=SHOWN)
-        contacts = list_contacts(session, team_id)
+        contacts = [
+            (contact, newest_delivery(session, contact.id))
+            for contact in list_contacts(session, team_id)
+        ]
     return private_page(
         request,
         "notifications/notices.html",

@@ -76,8 +76,7 @@ class BareServer:
             path.mkdir(parents=True, exist_ok=True)
             _give(path, user, mode)
         secrets = self.folder / "secrets"
-        if not (secrets / RECEIPT_KEY).exists():
-            write_first_secrets(secrets, self.host, database=DATABASE_AT, broker=BROKER_AT)
+        write_first_secrets(secrets, self.host, database=DATABASE_AT, broker=BROKER_AT)
         (secrets / "database.sql").write_text(
             _first_sql((secrets / "postgres_password").read_text())
         )

@@ -128,7 +128,9 @@ def reconcile(data: DataOption = None) -> None:
     from exceptiondrive_records.operations.garbage import run_sweeper
     from exceptiondrive_records.operations.reconciler import run_reconciler
     from exceptiondrive_records.work.dispatch import Dispatcher
+    from exceptiondrive_server.web.logs import set_up_logs
 
+    set_up_logs()
     settings = load_settings(RecordsSettings, data)
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):

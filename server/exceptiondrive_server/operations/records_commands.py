@@ -167,13 +167,19 @@ def init_secrets(
         str, typer.Option("--host", help="Name of the server, for its first TLS certificate.")
     ] = "localhost",
 ) -> None:
-    """Write every secret that compose.yaml names into DIR, with passwords of its own."""
+    """Write every secret that compose.yaml names into DIR, with passwords of its own.
+
+    Run again, it adds what is missing and keeps what is there.
+    """
     from exceptiondrive_server.operations.secrets import write_first_secrets
 
     with _writing(folder):
         written = write_first_secrets(folder, host)
-    say(f"{len(written)} files are in {folder}; keep a copy where backups are kept")
-    say(f"tls.crt signs itself for {host}: put a real certificate into tls.crt and tls.key")
+    names = [path.name for path in written]
+    say(f"written into {folder}: {', '.join(names) or 'nothing, every file is there'}")
+    say("keep a copy where backups are kept")
+    if "tls.crt" in names:
+        say(f"tls.crt signs itself for {host}: put a real certificate into tls.crt and tls.key")
 
 
 @receipts_app.command("init")

@@ -17,7 +17,7 @@ from cryptography.x509.oid import NameOID
 
 from exceptiondrive_records.db.roles import Role
 from exceptiondrive_server.launcher.child import LaunchError
-from exceptiondrive_server.submissions.receipts import write_new_key
+from exceptiondrive_server.submissions.receipts import new_key_pem
 
 # A certificate that signs itself: the first of a server, and that of tests.
 
@@ -59,12 +59,17 @@ RECEIPT_KEY = "receipt_key.pem"
 DATABASE = "exceptiondrive"
 OWNER = "exceptiondrive_owner"
 _PASSWORD_BYTES = 24
+_MADE_TOGETHER = (
+    {"postgres_password", "owner_database_url"},
+    {"broker_url", "broker.conf"},
+    {"tls.crt", "tls.key"},
+)
 
 
 def write_first_secrets(
     folder: Path, host: str, *, database: str = "database", broker: str = "broker:6379"
 ) -> list[Path]:
-    """Write all files into a folder that holds none of them, and return them.
+    """Write every file that the folder does not hold yet, and return those.
 
     The folder is for its owner alone; the files in it may be read by whoever gets one mounted.
 
@@ -75,24 +80,28 @@ def write_first_secrets(
         broker: Host and port of the broker, likewise.
 
     Raises:
-        LaunchError: One of the files is there already: nothing was written.
+        LaunchError: One of two files that agree is there and the other is not: nothing was written.
     """
     files = _files(host, database, broker)
-    there = sorted(name for name in (*files, RECEIPT_KEY) if (folder / name).exists())
-    if there:
-        raise LaunchError(
-            f"{folder} already holds {', '.join(there)}; nothing was written. Files that agree are "
-            "only made together: name an empty folder, or see `rotate keys` in docs/operating.md."
-        )
+    missing = [name for name, content in files.items() if _is_missing(folder / name, content)]
+    for pair in _MADE_TOGETHER:
+        if len(lacking := pair & set(missing)) == 1:
+            raise LaunchError(
+                f"{folder} holds {', '.join(pair - lacking)} and no {', '.join(lacking)}, which agrees "
+                "with it; nothing was written. Put the missing one back, or take both away; see "
+                "`rotate keys` in docs/operating.md."
+            )
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     folder.chmod(0o700)
-    for name, content in files.items():
-        (folder / name).write_bytes(content)
-    write_new_key(folder / RECEIPT_KEY, replace=False)
-    written = [folder / name for name in (*files, RECEIPT_KEY)]
-    for path in written:
-        path.chmod(0o444)
-    return written
+    for name in missing:
+        (folder / name).write_bytes(files[name])
+        (folder / name).chmod(0o444)
+    return [folder / name for name in missing]
+
+
+def _is_missing(path: Path, content: bytes) -> bool:
+    """Whether there is no such file, or an empty one that should not be: a full disk leaves some."""
+    return not path.exists() or (path.stat().st_size == 0 and content != b"")
 
 
 def _files(host: str, database: str, broker: str) -> Mapping[str, bytes]:
@@ -110,7 +119,7 @@ def _files(host: str, database: str, broker: str) -> Mapping[str, bytes]:
         "smtp_password": "",
     }
     encoded = {name: text.encode() for name, text in texts.items()}
-    return {**encoded, "tls.crt": certificate, "tls.key": key}
+    return {**encoded, "tls.crt": certificate, "tls.key": key, RECEIPT_KEY: new_key_pem()}
 
 
 def _password() -> str:

@@ -100,6 +100,12 @@ def read_or_make_key(path: Path) -> Ed25519PrivateKey:
     return key
 
 
+def new_key_pem() -> bytes:
+    """Return a new private key, as its file holds it."""
+    key = Ed25519PrivateKey.generate()
+    return key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+
+
 def write_new_key(path: Path, *, replace: bool) -> None:
     """Make a private key: written beside the file with mode 0600, then moved to its name.
 
@@ -107,15 +113,12 @@ def write_new_key(path: Path, *, replace: bool) -> None:
         path: The file.
         replace: Whether a key that is there gives way; else it stays.
     """
-    pem = Ed25519PrivateKey.generate().private_bytes(
-        Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()
-    )
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.{os.getpid()}.part")
     part.unlink(missing_ok=True)
     descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     with os.fdopen(descriptor, "wb") as stream:
-        stream.write(pem)
+        stream.write(new_key_pem())
     if replace:
         part.replace(path)
         return
