@@ -24,13 +24,17 @@ from exceptiondrive_schemas.receipt import (
     signed_bytes,
 )
 
+_FETCH = "Fetch it anew: exceptiondrive receipt get ID -o FILE"
+
 
 class ReceiptError(InvalidArgumentError):
     """The receipt does not hold; `altered` names the fields that are not what was signed."""
 
-    def __init__(self, code: str, sentence: str, altered: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, code: str, sentence: str, altered: tuple[str, ...] = (), cure: str = _FETCH
+    ) -> None:
         self.altered = altered
-        super().__init__(code, sentence, "Fetch it anew: exceptiondrive receipt get ID -o FILE")
+        super().__init__(code, sentence, cure)
 
 
 class KnownKey(ReceiptKey):
@@ -80,6 +84,7 @@ def verify_receipt(
         raise ReceiptError(
             "receipt_key_unknown",
             f"The key {receipt.key_id!r} of the receipt is not among the known keys.",
+            cure="Fetch the server's: exceptiondrive receipt keys -o keys.json; then add --key keys.json",
         )
     if not _is_signed(receipt, named[0]):
         raise ReceiptError(

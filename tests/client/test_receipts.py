@@ -100,6 +100,7 @@ def test_a_receipt_holds_and_every_tampered_field_is_named(receipt: Path, tmp_pa
     unknown = verify(receipt)
     assert unknown.exit_code == 2
     assert "not among the known keys" in unknown.stderr
+    assert "exceptiondrive receipt keys -o keys.json; then add --key" in unknown.stderr
 
     whole = json.loads(receipt.read_text())
     assert whole["statement"].keys() == FIELDS.keys()

@@ -149,7 +149,9 @@ def test_a_command_of_the_operator_takes_settings_as_systemd_does(folder: Path) 
 def test_run_again_it_adds_a_secret_that_an_older_version_did_not_ask_for(folder: Path) -> None:
     secret = folder / "secrets/oidc_client_secret"
     secret.unlink()
-    assert init(folder).exit_code == 0
+    done = init(folder)
+    assert done.exit_code == 0
+    assert "secrets that were made: oidc_client_secret\n" in done.stderr
     assert (secret.read_text(), mode(secret)) == ("", (OWNER, 0o400))
 
 

@@ -50,7 +50,7 @@ def test_every_file_of_compose_is_there_and_nothing_else(
     named = {Path(secret["file"]).name for secret in compose["secrets"].values()}
     assert {path.name for path in folder.iterdir()} == named
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
-    assert {stat.S_IMODE(path.stat().st_mode) for path in folder.iterdir()} == {0o444}
+    assert {stat.S_IMODE(path.stat().st_mode) for path in folder.iterdir()} == {0o644}
 
 
 def address(folder: Path, name: str) -> URL:
@@ -115,7 +115,7 @@ def test_run_again_it_adds_what_is_missing_and_keeps_what_is_there(folder: Path)
     assert set(said.split(", ")) == lost
     assert all(path.read_bytes() == content for path, content in kept.items())
     assert role_of((folder / "database_url").read_text())[0] is Role.API
-    assert {stat.S_IMODE(path.stat().st_mode) for path in folder.iterdir()} == {0o444}
+    assert {stat.S_IMODE(path.stat().st_mode) for path in folder.iterdir()} == {0o644}
     again = init(folder)
     assert "nothing, every file is there" in again.stderr
     assert "signs itself" not in again.stderr

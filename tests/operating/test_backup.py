@@ -2,6 +2,7 @@
 
 import io
 import tarfile
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -133,10 +134,32 @@ def test_a_backup_is_of_one_moment_and_for_its_owner_alone(lived: Lived, tmp_pat
     assert [entry.name for entry in tmp_path.glob(".backup*")] == []
 
 
+def test_its_tables_lie_beside_it_while_it_is_written(
+    lived: Lived, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A container's /tmp is memory, and smaller than the boards of some years."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "nowhere"))
+    write_backup(lived.database, lived.files, tmp_path / "backup.tar")
+    assert [path.name for path in tmp_path.glob("*.tar*")] == ["backup.tar"]
+
+
 def test_it_is_not_restored_over_records_that_hold_something(lived: Lived, tmp_path: Path) -> None:
     write_backup(lived.database, lived.files, tmp_path / "backup.tar")
+    other = FileStore((tmp_path / "other").as_uri())
     with pytest.raises(BackupError, match="not empty"):
-        restore_backup(tmp_path / "backup.tar", lived.url, lived.files)
+        restore_backup(tmp_path / "backup.tar", lived.url, other)
+    assert list(other.stored()) == []
+
+
+def test_a_file_store_that_takes_nothing_is_told_with_what_to_do(
+    lived: Lived, tmp_path: Path, sqlite_path: Path
+) -> None:
+    write_backup(lived.database, lived.files, tmp_path / "backup.tar")
+    files = FileStore((tmp_path / "other").as_uri())
+    (tmp_path / "other").rmdir()
+    (tmp_path / "other").touch()
+    with pytest.raises(BackupError, match="needs room, and the right to write"):
+        restore_backup(tmp_path / "backup.tar", f"sqlite:///{sqlite_path}", files)
 
 
 def test_a_damaged_upload_is_not_backed_up_as_if_it_were_whole(

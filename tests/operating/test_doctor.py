@@ -20,6 +20,7 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import is_forbidden, sentence_of
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.participation.changes import change_team
+from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.heartbeats import beat
@@ -299,6 +300,20 @@ def test_the_command_ends_with_1_on_errors(tmp_path: Path) -> None:
     )
     assert done.returncode == 1, done.stderr
     assert "-> run: exceptiondrive-server migrate" in done.stdout
+
+
+def test_a_disk_that_is_low_is_a_warning_and_one_that_refuses_uploads_an_error(
+    healthy: ServerSettings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for free_bytes, severity, words in (
+        (63 << 20, Severity.ERROR, "less than 64 MiB is free"),
+        (65 << 20, Severity.WARNING, "less than 1 GiB is free"),
+    ):
+        monkeypatch.setattr(FileStore, "free_bytes", lambda _, free=free_bytes: free)
+        (found,) = troubles(healthy)
+        assert found.severity is severity
+        assert found.what.startswith(words)
+        assert "refused" in found.what
 
 
 def test_backup_restore_and_verify_by_command(lived: Lived, tmp_path: Path) -> None:

@@ -92,7 +92,7 @@ def test_a_store_without_room_is_not_ready(
     make_api: MakeApi, sqlite_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     api = make_api(sqlite_url)
-    monkeypatch.setattr(file_store, "_LEAST_FREE_BYTES", 1 << 62)
+    monkeypatch.setattr(file_store, "LEAST_FREE_BYTES", 1 << 62)
     response = api.get("/readyz")
     assert response.status_code == 503
     assert (response.json()["database"], response.json()["file_store"]) == (True, False)

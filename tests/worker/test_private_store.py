@@ -3,6 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from structlog.testing import capture_logs
 
 from exceptiondrive_worker.splits.private_store import (
     PrivateStore,
@@ -31,6 +32,18 @@ def test_columns_come_back_bit_for_bit(store: PrivateStore) -> None:
     assert pack_columns(found) == pack_columns(COLUMNS)
     assert found["edited"].shape == (3, 2, 2)
     assert found["intrusion"].dtype == np.bool_
+
+
+def test_what_cannot_be_kept_is_told_and_keeps_nothing_from_being_scored(
+    store: PrivateStore,
+) -> None:
+    """As on a full or read-only disk: whoever asks for it makes it again."""
+    folder = store.root / Shelf.MEASUREMENTS
+    folder.rmdir()
+    with capture_logs() as lines:
+        store.write_columns(Shelf.MEASUREMENTS, "k", COLUMNS)
+    assert [line["shelf"] for line in lines] == ["measurements"]
+    assert store.read_columns(Shelf.MEASUREMENTS, "k") is None
 
 
 def test_a_plain_number_keeps_having_no_axes(store: PrivateStore) -> None:

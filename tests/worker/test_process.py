@@ -3,11 +3,15 @@
 import multiprocessing
 import os
 from multiprocessing.connection import Connection
+from pathlib import Path
 
 import pytest
+from structlog.testing import capture_logs
+from tests.support.worker import worker_settings
 
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_worker.process import BACKGROUND_NICENESS, give_way
+from exceptiondrive_worker import process as worker_process
+from exceptiondrive_worker.process import BACKGROUND_NICENESS, WorkerProcess, give_way
 
 LEAST_PRIORITY = 19
 """Of any process: more than that is not taken away."""
@@ -34,3 +38,25 @@ def test_a_worker_of_the_background_alone_gives_way(lanes: tuple[Lane, ...], exp
     process.join(30)
     assert here.poll(), "the process said nothing"
     assert here.recv() == min(os.nice(0) + expected, LEAST_PRIORITY)
+
+
+def test_a_process_whose_folder_was_away_begins_when_it_is_back(
+    tmp_path: Path, sqlite_url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Until then it gives no sign of life, and the log says what it waits for."""
+    monkeypatch.setattr(worker_process, "limit_memory", lambda _: None)
+    settings = worker_settings(tmp_path, sqlite_url)
+    settings.private_dir.parent.mkdir(parents=True, exist_ok=True)
+    settings.private_dir.touch()  # no folder can be made here
+    process = WorkerProcess(settings, (Lane.LIVE,))
+    with capture_logs() as lines:
+        process.begin()
+        with pytest.raises(RuntimeError, match="has not begun"):
+            process.context()
+    assert [line["log_level"] for line in lines] == ["error", "error"]
+    assert "EXCEPTIONDRIVE_PRIVATE_DIR" in lines[0]["event"]
+    settings.private_dir.unlink()
+    try:
+        assert process.context().private.root == settings.private_dir
+    finally:
+        process.end()

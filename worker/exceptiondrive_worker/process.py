@@ -47,8 +47,19 @@ class WorkerProcess:
         self._heartbeat: Heartbeat | None = None
 
     def begin(self, **_: Any) -> None:
-        """Open the context, start the heartbeat, then see to memory."""
-        self._context = open_context(self._settings, self._lanes)
+        """Open the context, start the heartbeat, then see to memory.
+
+        Where a folder is away or cannot be written the log says so, and the next message tries again.
+        """
+        try:
+            self._context = open_context(self._settings, self._lanes)
+        except OSError as error:
+            _log.error(
+                "the process scores nothing until EXCEPTIONDRIVE_PRIVATE_DIR can be written and "
+                "EXCEPTIONDRIVE_FILE_STORE_URL be reached",
+                why=str(error),
+            )
+            return
         self._heartbeat = Heartbeat(
             self._context.database,
             self._lanes,
@@ -82,6 +93,8 @@ class WorkerProcess:
 
     def context(self) -> WorkerContext:
         """Return the open context of this process."""
+        if self._context is None:
+            self.begin()
         if self._context is None:
             raise RuntimeError("the worker process has not begun")
         return self._context

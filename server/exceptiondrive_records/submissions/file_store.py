@@ -30,7 +30,7 @@ from exceptiondrive_schemas.base import bytes_digest
 
 _DIGEST = re.compile(r"sha256:([0-9a-f]{64})")
 _NAME = re.compile(r"[0-9a-f]{2}/([0-9a-f]{64})")
-_LEAST_FREE_BYTES = 64 << 20
+LEAST_FREE_BYTES = 64 << 20
 LOW_ON_ROOM_BYTES = 1 << 30
 """With less room than this operators are told; with less than 64 MiB uploads are refused."""
 _IN_MEMORY_BYTES = 1 << 20
@@ -122,7 +122,7 @@ class FileStore:
             return False
         if self._folder is None:
             return True
-        has_room = (self.free_bytes() or 0) >= _LEAST_FREE_BYTES
+        has_room = (self.free_bytes() or 0) >= LEAST_FREE_BYTES
         return has_room and os.access(self._folder, os.W_OK | os.X_OK)
 
     def free_bytes(self) -> int | None:

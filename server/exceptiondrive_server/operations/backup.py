@@ -19,7 +19,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.db.errors import RecordsError
+from exceptiondrive_records.db.errors import RecordsError, StoreError
 from exceptiondrive_records.migrations import migrate, newest_revision
 from exceptiondrive_records.operations.dump import (
     begin_snapshot,
@@ -68,7 +68,8 @@ def write_backup(database: Database, files: FileStore, path: Path) -> BackupHead
                 head = _head(session, len(digests))
                 _add(archive, _HEAD, head.model_dump_json(indent=1).encode())
                 for table in dumped_tables():
-                    _add_lines(archive, f"records/{table.name}.jsonl", dump_rows(session, table))
+                    rows = dump_rows(session, table)
+                    _add_lines(archive, f"records/{table.name}.jsonl", rows, path.parent)
             for digest in digests:  # files never change: they need no snapshot
                 data = files.read(digest, limit_bytes=LIMIT_BYTES)
                 _add(archive, f"files/{digest.removeprefix('sha256:')}", data)
@@ -89,11 +90,18 @@ def restore_backup(path: Path, database_url: str, files: FileStore) -> BackupHea
             migrate(database_url)
             database = Database(database_url)
             try:
+                with database.read() as session:  # before a file is put anywhere
+                    _require_empty(session)
                 _restore_files(archive, files, head)  # rows come last: none without its file
                 with database.write() as session:
                     _restore_rows(archive, session, head)
             finally:
                 database.dispose()
+    except StoreError as error:
+        raise BackupError(
+            f"{error} No row was restored. This user needs room, and the right to write, where "
+            "EXCEPTIONDRIVE_FILE_STORE_URL says."
+        ) from None
     except tarfile.TarError as error:
         raise BackupError(f"{path} is not a whole backup: {error}") from None
     except OSError as error:
@@ -149,14 +157,18 @@ def _restore_files(archive: tarfile.TarFile, files: FileStore, head: BackupHead)
             raise BackupError(f"{name} in the backup does not hold the bytes of its name")
 
 
+def _require_empty(session: Session) -> None:
+    if not is_empty(session):
+        raise BackupError("these records are not empty: restore into new ones")
+
+
 def _chunks(stream: IO[bytes]) -> Iterator[bytes]:
     while chunk := stream.read(2**20):
         yield chunk
 
 
 def _restore_rows(archive: tarfile.TarFile, session: Session, head: BackupHead) -> None:
-    if not is_empty(session):
-        raise BackupError("these records are not empty: restore into new ones")
+    _require_empty(session)
     for table in dumped_tables():
         if head.columns.get(table.name) != column_names(table):
             raise BackupError(f"table {table.name} has other columns in the backup")
@@ -179,8 +191,9 @@ def _add(archive: tarfile.TarFile, name: str, data: bytes) -> None:
     archive.addfile(member, io.BytesIO(data))
 
 
-def _add_lines(archive: tarfile.TarFile, name: str, lines: Iterator[str]) -> None:
-    with tempfile.TemporaryFile() as spooled:
+def _add_lines(archive: tarfile.TarFile, name: str, lines: Iterator[str], folder: Path) -> None:
+    """Add a table, which lies in `folder` first: a container's /tmp is memory, and small."""
+    with tempfile.TemporaryFile(dir=folder) as spooled:
         for line in lines:
             spooled.write(line.encode("utf-8") + b"\n")
         member = tarfile.TarInfo(name)

@@ -62,8 +62,11 @@ class BareServer:
     programs: Path
     host: str
 
-    def write(self) -> None:
+    def write(self) -> list[Path]:
         """Write everything; secrets that are there stay, all else follows from them anew.
+
+        Returns:
+            The secrets that were made.
 
         Raises:
             LaunchError: This is not root, or no nginx or broker is installed.
@@ -76,7 +79,7 @@ class BareServer:
             path.mkdir(parents=True, exist_ok=True)
             _give(path, user, mode)
         secrets = self.folder / "secrets"
-        write_first_secrets(secrets, self.host, database=DATABASE_AT, broker=BROKER_AT)
+        made = write_first_secrets(secrets, self.host, database=DATABASE_AT, broker=BROKER_AT)
         (secrets / "database.sql").write_text(
             _first_sql((secrets / "postgres_password").read_text())
         )
@@ -92,6 +95,7 @@ class BareServer:
             filled = Template(text).substitute(programs, folder=self.folder, programs=self.programs)
             self._put(place, filled, 0, 0o755 if name == "as.sh" else 0o644)
         self._put("etc/nginx.conf", self._nginx(_find_nginx()), 0, 0o644)
+        return made
 
     def _put(self, name: str, text: str, user: int, mode: int) -> None:
         """Replace a file whole; it is never readable by anybody else, not for a moment."""

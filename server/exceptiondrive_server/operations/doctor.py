@@ -29,7 +29,11 @@ from exceptiondrive_records.migrations import is_current, is_usable, missing_col
 from exceptiondrive_records.operations.reconciler import LEADERSHIP
 from exceptiondrive_records.operations.troubles import troubles
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.submissions.file_store import LOW_ON_ROOM_BYTES, FileStore
+from exceptiondrive_records.submissions.file_store import (
+    LEAST_FREE_BYTES,
+    LOW_ON_ROOM_BYTES,
+    FileStore,
+)
 from exceptiondrive_records.teams.teams import names_that_look_alike
 from exceptiondrive_records.work.heartbeats import scorers_at_work
 from exceptiondrive_records.work.tables import Job, Leader, WorkState
@@ -309,9 +313,18 @@ def _store(url: str) -> Iterator[Finding]:
         yield Finding(
             Severity.ERROR, f"{folder} cannot be written", "give the server's user write access"
         )
-    if (FileStore(url).free_bytes() or 0) < LOW_ON_ROOM_BYTES:
+    free_bytes = FileStore(url).free_bytes() or 0
+    if free_bytes < LEAST_FREE_BYTES:
         yield Finding(
-            Severity.WARNING, f"less than 1 GiB is free under {folder}", "make room: uploads stay"
+            Severity.ERROR,
+            f"less than 64 MiB is free under {folder}: uploads are refused",
+            "make room, see `disk full` in docs/operating.md; no restart is needed",
+        )
+    elif free_bytes < LOW_ON_ROOM_BYTES:
+        yield Finding(
+            Severity.WARNING,
+            f"less than 1 GiB is free under {folder}; below 64 MiB uploads are refused",
+            "make room, see `disk full` in docs/operating.md",
         )
     if stat.S_IMODE(folder.stat().st_mode) & stat.S_IRWXO:
         yield Finding(

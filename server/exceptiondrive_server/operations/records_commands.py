@@ -201,8 +201,10 @@ def init(
 
     folder = bare.absolute()
     with _writing(folder):
-        BareServer(folder, (programs or programs_of_this()).absolute(), host).write()
+        made = BareServer(folder, (programs or programs_of_this()).absolute(), host).write()
     say(f"{folder} holds folders, secrets/, settings in etc/ and units in systemd/")
+    if made:
+        say(f"secrets that were made: {', '.join(path.name for path in made)}")
     say("next: the database, the units and the splits, as in docs/operating-bare.md")
 
 

@@ -95,7 +95,7 @@ def write_first_secrets(
     folder.chmod(0o700)
     for name in missing:
         (folder / name).write_bytes(files[name])
-        (folder / name).chmod(0o444)
+        (folder / name).chmod(0o644)
     return [folder / name for name in missing]
 
 

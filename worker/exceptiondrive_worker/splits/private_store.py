@@ -122,10 +122,14 @@ class PrivateStore:
         """Keep `data` under `key`.
 
         It is written in its place: until all of it is there, and where the writer was killed, a reader
-        finds it absent. Two that write one key write the same bytes.
+        finds it absent. Two that write one key write the same bytes. What cannot be written, on a full
+        disk say, is made again when it is asked for: it keeps nothing from being scored.
         """
-        with open(self._path(shelf, key), "wb", opener=_as_owner) as file:
-            file.write(_checksum(data) + data)
+        try:
+            with open(self._path(shelf, key), "wb", opener=_as_owner) as file:
+                file.write(_checksum(data) + data)
+        except OSError as error:
+            _log.warning("not kept in the private store", shelf=shelf.value, why=error.strerror)
 
     def read_columns(self, shelf: Shelf, key: str) -> dict[str, NDArray[Any]] | None:
         """Return the columns kept under `key`, or None."""
