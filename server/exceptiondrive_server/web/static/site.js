@@ -18,6 +18,14 @@
     }
   });
 
+  // The second click of a double click does nothing twice.
+  let sentAt = -Infinity;
+  document.addEventListener("submit", (event) => {
+    if (event.defaultPrevented || event.target.getAttribute("method") !== "post") return;
+    if (event.timeStamp - sentAt < 2000) event.preventDefault();
+    else sentAt = event.timeStamp;
+  });
+
   // A changed choice is applied at once.
   for (const select of document.querySelectorAll("form.filters > label select")) {
     select.addEventListener("change", () => select.form.requestSubmit());
