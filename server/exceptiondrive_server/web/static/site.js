@@ -18,9 +18,9 @@
     }
   });
 
-  // The second click of a double click does nothing twice.
-  let sentAt = -Infinity;
-  document.addEventListener("submit", (event) => {
+  // A double click sends once.
+  let sentAt = -2000;
+  addEventListener("submit", (event) => {
     if (event.defaultPrevented || event.target.getAttribute("method") !== "post") return;
     if (event.timeStamp - sentAt < 2000) event.preventDefault();
     else sentAt = event.timeStamp;
