@@ -162,7 +162,7 @@ def policy_sentences(seen: SubmissionView, policy: PhasePolicy) -> Iterator[str]
     if seen.awaits_board:
         yield "The next board is being built; the rank is awaited."
     if seen.unranked_because is not None:
-        yield f"It stands on the board without a rank: {seen.unranked_because}."
+        yield f"It has no rank: {seen.unranked_because}."
     if seen.is_chosen:
         yield "The team chose it: it stands on the board."
     elif policy.run_choice == "team" and policy.entries_shown == "all":
