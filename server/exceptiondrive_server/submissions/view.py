@@ -216,6 +216,7 @@ def standing(seen: SubmissionView, policy: PhasePolicy) -> str:
     if seen.status is not SubmissionStatus.SCORED:
         return ""
     words = (
+        "disqualified" if seen.disqualified_at is not None else "",
         "chosen" if seen.is_chosen else "",
         ("published" if seen.is_published else "private") if policy.entries_private else "",
         "late" if seen.is_late else "",
