@@ -118,6 +118,8 @@ def test_a_team_is_disqualified_and_reinstated_by_page(
     seen = f"/organize/submissions/{own}/disqualify"
     assert organizer.post(seen, WHY, page=seen).headers["location"].endswith("done=disqualified")
     assert "Disqualified: see the team" in organizer.get(f"/organize/submissions/{own}").text
+    asked = organizer.get("/organize/disqualifications/2/reinstate").text
+    assert "Reinstate the entry Planner of Alpha" in asked
 
 
 def test_a_message_is_previewed_and_shows_no_address(
