@@ -401,6 +401,9 @@ def test_withdrawing_on_the_page_takes_it_off(api: "Api", alpha: "TeamBrowser") 
     assert "It stands on no board" in alpha.get(address).text
     assert "/withdraw" not in alpha.get(address).text
     assert '<li class="withdrawn">withdrawn</li>' in alpha.get(address).text
+    assert "its file can be sent again" in alpha.get(address).text
+    assert '<a class="btn" href="/submit?phase=dev#upload">' in alpha.get(address).text
+    assert alpha.submit("a").headers["location"] != address
     assert "\u00b1 reaches" not in alpha.get("/my").text
 
 

@@ -154,6 +154,11 @@ def policy_sentences(seen: SubmissionView, policy: PhasePolicy) -> Iterator[str]
         )
     if seen.confirmed_as is not None:
         yield f"Submission {seen.confirmed_as} is in its place: the team confirmed it or sent it again."
+    elif seen.status is SubmissionStatus.WITHDRAWN and seen.disqualified_at is None:
+        yield (
+            "While the phase takes files its file can be sent again, which takes quota anew; an "
+            "organizer can let this one stand again."
+        )
     if seen.replaced_by is not None:
         yield (
             f"Submission {seen.replaced_by} stands on the board in its place; withdraw that one, and "
