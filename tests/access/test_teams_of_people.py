@@ -126,6 +126,7 @@ def test_an_invitation_works_once_within_its_week_and_only_whole(
         assert eve.post(wrong, {}, page="/my/team").status_code == 404
     ada.post(link, {}, page=link)
     assert eve.get(link).status_code == 404
+    assert "it was used or withdrawn, or its week is over" in eve.get(link).text
     assert eve.post(link, {}, page="/my/team").status_code == 404
     link = invited_by_token(small_site, browse)
     with small_site.database.write() as session:

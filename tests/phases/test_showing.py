@@ -86,6 +86,9 @@ def test_a_frozen_board_stays_while_scoring_goes_on(life: "Life", scores: str) -
     own = [life.get(path.format(id=late), "beta") for path in OF_TEAM]
     has_score = ['"micro"' in answer.text for answer in own]
     assert has_score == ([True] * 3 if scores == "shown" else [False] * 3)
+    because = life.json(f"/api/v1/submissions/{late}", "beta")["unranked_because"]
+    told = "the board is frozen, and shows it when the organizers reveal the board"
+    assert because == (told if scores == "shown" else None)
     assert '"micro"' in life.get(f"/api/v1/submissions/{early}", "alpha").text
     live = life.json("/api/v1/organizer/phases/test/board", "organizer")
     assert (live["is_public"], live["names"][late]) == (False, ["Beta Labs", "Secret"])

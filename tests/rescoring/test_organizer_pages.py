@@ -91,6 +91,8 @@ def test_an_update_goes_from_document_to_rollback_over_the_pages(
     assert "required clearance" in checked
     assert "4.5 m" in checked
     assert "regrade only, 3 sheets" in checked
+    assert "`changes`" not in checked
+    assert "what <code>changes</code> tells readers is what it told in 1.0" in checked
     assert organizer.document(toml, "add").headers["location"].endswith("done=protocol_added")
     run_id = organizer.draft()
     here = f"{RUNS}/{run_id}"

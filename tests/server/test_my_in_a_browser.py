@@ -80,3 +80,16 @@ def test_a_new_token_is_copied_by_a_button_that_can_be_seen(
     page.click(".issued button:text-is('Copy')")
     expect(page.locator(".issued button")).to_have_text("Copied")
     assert page.evaluate("navigator.clipboard.readText()") == token
+
+
+def test_a_double_click_issues_one_token(my_page: Callable[..., Page], address: str) -> None:
+    page = my_page()
+    page.goto(f"{address}/my/tokens")
+    n_before = page.locator("tbody tr").count()
+    page.fill("input[name=name]", "cluster")
+    page.evaluate(
+        "() => { const b = document.querySelector('.upload button'); b.click(); setTimeout(() => b.click(), 30); }"
+    )
+    page.wait_for_selector(".issued pre")
+    page.goto(f"{address}/my/tokens")
+    assert page.locator("tbody tr").count() == n_before + 1

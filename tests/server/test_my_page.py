@@ -112,7 +112,7 @@ def test_a_team_finds_its_notices_receipt_and_facts_where_it_looks(
     assert receipt.json() == api.get(f"/submissions/{one}/receipt", "alpha").json()
     assert "attachment" in receipt.headers["content-disposition"]
     facts = " ".join(re.sub(r"<[^>]+>", " ", browser.get("/my/team").text).split())
-    assert "Submissions 1 Tokens 1 in use Told at no address yet" in facts
+    assert "Submissions 1 Tokens 1 in use Told at no confirmed address yet" in facts
     stranger = browse(api)
     stranger.sign_in("beta")
     for end in ("", "/receipt"):

@@ -365,6 +365,9 @@ def test_alike_submissions_of_a_phase_are_reported(api: "Api", organizer: "TeamB
                   "0 scored submissions were compared", "2 more after the next board"):  # fmt: skip
         assert words in " ".join(page.split()), words
     assert organizer.get("/organize/similar/no-such").status_code == 404
+    with api.database.write() as session:
+        session.execute(text("UPDATE submissions SET confirmed_as = id WHERE method = 'of beta'"))
+    assert "of beta" not in organizer.get("/organize/similar/dev").text
 
 
 def test_the_api_refuses_teams_and_retries_submissions_by_the_same_rules(

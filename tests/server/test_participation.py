@@ -68,7 +68,7 @@ def test_a_team_may_do_none_of_it(
 
 
 def test_an_entry_is_disqualified_and_reinstated_by_api(
-    api_on_both: "Api", as_problem: Callable[..., Any]
+    api_on_both: "Api", as_problem: Callable[..., Any], browse: Callable[..., "TeamBrowser"]
 ) -> None:
     api = api_on_both
     own = api.submit("a").json()["id"]
@@ -81,6 +81,9 @@ def test_an_entry_is_disqualified_and_reinstated_by_api(
     assert last_line(api).detail["reason"] == WHY["reason"]
     as_problem(api.post(path, "organizer", json=note), 409, "conflict")
     as_problem(api.submit("a"), 403, "not_allowed")
+    alpha = browse(api)
+    alpha.sign_in("alpha")
+    assert "<b>Disqualified</b>" in alpha.get("/my").text
     assert api.get(f"/submissions/{own}", "alpha").json()["disqualified_at"] is not None
     told = api.get("/notifications", "alpha").json()[0]
     assert (told["kind"], told["what_changed"][0]) == ("disqualified", f"Reason: {WHY['reason']}")
@@ -115,6 +118,8 @@ def test_a_team_is_disqualified_and_reinstated_by_page(
     seen = f"/organize/submissions/{own}/disqualify"
     assert organizer.post(seen, WHY, page=seen).headers["location"].endswith("done=disqualified")
     assert "Disqualified: see the team" in organizer.get(f"/organize/submissions/{own}").text
+    asked = organizer.get("/organize/disqualifications/2/reinstate").text
+    assert "Reinstate the entry Planner of Alpha" in asked
 
 
 def test_a_message_is_previewed_and_shows_no_address(

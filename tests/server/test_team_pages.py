@@ -248,6 +248,20 @@ def test_a_token_that_may_only_read_sees_all_and_changes_nothing(api: "Api", bro
     assert reader.get("/my/tokens").status_code == 403
 
 
+def test_a_token_is_revoked_by_a_second_step_that_says_what_follows(
+    api: "Api", alpha: "TeamBrowser"
+) -> None:
+    api.post("/tokens", "alpha", json={"name": "cluster", "scopes": ["submit"]})
+    rows = alpha.get("/my/tokens").text.split("<tr")[2:]
+    other, own = sorted(rows, key=lambda row: "you signed in with it" in row)
+    for row in (other, own):
+        opened = row.split('<details class="danger">')[1]
+        assert "It stops working at once, for good." in opened
+        assert "/revoke" in opened
+    assert "you are signed out too" in own
+    assert "you are signed out too" not in other
+
+
 def test_my_lists_the_teams_own_with_status_and_place(api: "Api", alpha: "TeamBrowser") -> None:
     mine, theirs = api.submit("a").json()["id"], api.submit("b", "beta").json()["id"]
     page = alpha.get("/my").text
@@ -387,6 +401,9 @@ def test_withdrawing_on_the_page_takes_it_off(api: "Api", alpha: "TeamBrowser") 
     assert "It stands on no board" in alpha.get(address).text
     assert "/withdraw" not in alpha.get(address).text
     assert '<li class="withdrawn">withdrawn</li>' in alpha.get(address).text
+    assert "its file can be sent again" in alpha.get(address).text
+    assert '<a class="btn" href="/submit?phase=dev#upload">' in alpha.get(address).text
+    assert alpha.submit("a").headers["location"] != address
     assert "\u00b1 reaches" not in alpha.get("/my").text
 
 

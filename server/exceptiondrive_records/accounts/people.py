@@ -244,7 +244,7 @@ def find_invitation(session: Session, text: str) -> tuple[Invitation, Team]:
     expected = found.secret_digest if found is not None else _NO_INVITATION
     is_right = hmac.compare_digest(secret_digest(secret), expected)
     if found is None or not is_right:
-        raise NotFound("open invitation", "of this link")
+        raise _no_invitation(invitation_id)
     return found, session.get_one(Team, found.team_id)
 
 
@@ -263,9 +263,14 @@ def accept_invitation(session: Session, text: str, person_id: str, *, actor: str
         .returning(Invitation.id)
     ).one_or_none()
     if used is None:
-        raise NotFound("open invitation", "of this link")
+        raise _no_invitation(invitation.id)
     add_member(session, team, person_id, actor=actor)
     return team
+
+
+def _no_invitation(invitation_id: str) -> NotFound:
+    known = ": it was used or withdrawn, or its week is over. Ask the team for another"
+    return NotFound("open invitation", invitation_id[:16], known)
 
 
 def withdraw_invitation(session: Session, team_id: int, invitation_id: str, *, actor: str) -> None:

@@ -143,8 +143,8 @@ def _require_mergeable(session: Session, team: Team, target: Team) -> None:
         (row.phase_id, row.file_digest): row.id
         for row in session.scalars(select(Submission).where(Submission.team_id == team.id))
     }
-    both = sorted(mine[key] for phase, digest in session.execute(theirs)
-                  if (key := (phase, digest)) in mine)  # fmt: skip
+    both = sorted({mine[key] for phase, digest in session.execute(theirs)
+                   if (key := (phase, digest)) in mine})  # fmt: skip
     if both:
         raise Conflict(
             f"Both teams submitted the same bytes: {', '.join(both[:5])}. One team has a file once "

@@ -135,9 +135,11 @@ class _Known:
 
 
 def _equal_files(known: dict[str, _Known]) -> Iterator[AlikePair]:
-    """Pair each file with the first team that sent it, whatever became of it."""
+    """Pair each file with the first team that sent it, whatever became of it; once, where it was confirmed."""
     first: dict[str, _Known] = {}
     for each in known.values():
+        if each.submission.confirmed_as is not None:
+            continue
         earlier = first.setdefault(each.submission.file_digest, each)
         if earlier.team.id != each.team.id:
             yield AlikePair(

@@ -140,9 +140,14 @@ class _Seen:
         return rules_of(self._session, self.phase, self._submissions)
 
     @cached_property
+    def is_frozen(self) -> bool:
+        """Whether what comes in time is shown when the organizers reveal the board."""
+        return frozen_since(self.phase, self.now) is not None
+
+    @cached_property
     def is_board_coming(self) -> bool:
         """Whether the board is being built that will show what came in time."""
-        if frozen_since(self.phase, self.now) is not None:
+        if self.is_frozen:
             return False
         key = key_of_phase(self.phase)
         return is_board_wanted(
@@ -169,6 +174,17 @@ def _view(
     replaced = seen.replaced_by.get(submission.id)
     run_rule, is_chosen = seen.rules.get(submission.id, ("newest", False))
     is_published = not phase.policy.entries_private or submission.published_at is not None
+    is_to_come = (
+        is_scored
+        and shown is None
+        and replaced is None
+        and is_published
+        and disqualified_at is None
+        and not is_late(phase, submission)
+    )
+    unranked_because = shown.unranked_because if shown else None
+    if is_to_come and seen.is_frozen and not seen.hides(submission):
+        unranked_because = "the board is frozen, and shows it when the organizers reveal the board"
     return SubmissionView(
         id=submission.id,
         phase=phase.id,
@@ -192,14 +208,8 @@ def _view(
         rank=shown.rank if shown else None,
         rank_interval=shown.rank_interval if shown else None,
         intervals=shown.intervals if shown else {},
-        unranked_because=shown.unranked_because if shown else None,
-        awaits_board=is_scored
-        and shown is None
-        and replaced is None
-        and is_published
-        and disqualified_at is None
-        and not is_late(phase, submission)
-        and seen.is_board_coming,
+        unranked_because=unranked_because,
+        awaits_board=is_to_come and seen.is_board_coming,
         awaits_profile=awaits_profile,
         confirm_until=submission.confirm_until if can_be_confirmed else None,
         confirmed_as=submission.confirmed_as,

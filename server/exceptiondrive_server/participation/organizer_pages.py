@@ -322,14 +322,17 @@ def reinstatement(
     with services.database.read() as session:
         row = find_disqualification(session, disqualification_id)
         team = session.get_one(Team, row.team_id)
-    what = row.submission_id or "everything of the team"
+        where = find_phase(session, row.phase_id).title if row.phase_id else "every phase"
+        what = "everything of the team"
+        if row.submission_id:
+            what = f"the entry {find_submission(session, row.submission_id).method}"
     return _step(
         team,
-        title=f"Reinstate {team.name}",
+        title=f"Reinstate {what} of {team.name}" if row.submission_id else f"Reinstate {team.name}",
         meaning="What was taken off the boards stands on the next one. The team is told.",
         button="Reinstate",
         fields=(TOLD_REASON,),
-        facts=(("What", what), ("Where", row.phase_id or "every phase"), ("Reason", row.reason)),
+        facts=(("What", what), ("Where", where), ("Reason", row.reason)),
         command=f'exceptiondrive organizer teams reinstate {row.id} --reason "…"',
         take=partial(reinstate, disqualification_id=row.id),
         done="reinstated",

@@ -306,6 +306,8 @@ def show_submission(
         form_token=browser.form_token if Scope.SUBMIT in browser.principal.scopes else None,
         actions=actions_of(seen, phase.policy, has_closed=ended),
         can_withdraw=seen.status not in without_score,
+        can_send_again=seen.status in (SubmissionStatus.REJECTED, SubmissionStatus.WITHDRAWN)
+        and not (ended or seen.is_asked or seen.confirmed_as),
         is_again=again,
     )
 

@@ -154,6 +154,11 @@ def policy_sentences(seen: SubmissionView, policy: PhasePolicy) -> Iterator[str]
         )
     if seen.confirmed_as is not None:
         yield f"Submission {seen.confirmed_as} is in its place: the team confirmed it or sent it again."
+    elif seen.status is SubmissionStatus.WITHDRAWN and seen.disqualified_at is None:
+        yield (
+            "While the phase takes files its file can be sent again, which takes quota anew; an "
+            "organizer can let this one stand again."
+        )
     if seen.replaced_by is not None:
         yield (
             f"Submission {seen.replaced_by} stands on the board in its place; withdraw that one, and "
@@ -162,7 +167,7 @@ def policy_sentences(seen: SubmissionView, policy: PhasePolicy) -> Iterator[str]
     if seen.awaits_board:
         yield "The next board is being built; the rank is awaited."
     if seen.unranked_because is not None:
-        yield f"It stands on the board without a rank: {seen.unranked_because}."
+        yield f"It has no rank: {seen.unranked_because}."
     if seen.is_chosen:
         yield "The team chose it: it stands on the board."
     elif policy.run_choice == "team" and policy.entries_shown == "all":
@@ -216,6 +221,7 @@ def standing(seen: SubmissionView, policy: PhasePolicy) -> str:
     if seen.status is not SubmissionStatus.SCORED:
         return ""
     words = (
+        "disqualified" if seen.disqualified_at is not None else "",
         "chosen" if seen.is_chosen else "",
         ("published" if seen.is_published else "private") if policy.entries_private else "",
         "late" if seen.is_late else "",

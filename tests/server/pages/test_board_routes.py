@@ -423,6 +423,22 @@ async def test_a_board_of_a_reference_alone_has_no_charts_and_leads_to_submittin
     assert text.index('id="submit"') < text.index('id="metrics"')
 
 
+async def test_numbers_behind_names_that_begin_alike_are_explained(
+    lively_site: Any, lively_board: Board
+) -> None:
+    words = "(1), (2): names that begin alike, in the order of the board"
+    assert words not in (await lively_site.get("/")).text
+    one, two, *others = lively_board.entries
+    alike = [
+        each.model_copy(update={"method": f"Planner with a long name, {end}"})
+        for each, end in ((one, "large"), (two, "small"))
+    ]
+    lively_site.publish(lively_board.model_copy(update={"entries": (*alike, *others)}))
+    text = (await lively_site.get("/")).text
+    assert "… (2)" in text
+    assert words in text
+
+
 async def test_chosen_entries_join_the_charts_without_script(
     lively_site: Any, lively_board: Board
 ) -> None:

@@ -270,6 +270,7 @@ def test_the_other_order_turns_tasks_too(lively_board: Board) -> None:
 async def test_the_page_shows_tasks_with_and_without_intervals(paired_site: Any) -> None:
     text = (await paired_site.get("/compare?a=s0000000kq&b=s0000002kq")).text
     assert text.count("<tr") > 27
+    assert text.count('<th scope="col" class="tx">Verdict</th>') == 2
     assert "+1 to +7" in text
     other = (await paired_site.get("/compare?a=s0000001kq&b=s0000002kq")).text
     tasks = other[other.index('id="tasks"') :]

@@ -18,6 +18,14 @@
     }
   });
 
+  // A double click sends once.
+  let sentAt = -2000;
+  addEventListener("submit", (event) => {
+    if (event.defaultPrevented || event.target.getAttribute("method") !== "post") return;
+    if (event.timeStamp - sentAt < 2000) event.preventDefault();
+    else sentAt = event.timeStamp;
+  });
+
   // A changed choice is applied at once.
   for (const select of document.querySelectorAll("form.filters > label select")) {
     select.addEventListener("change", () => select.form.requestSubmit());
