@@ -2,6 +2,8 @@
 
 import multiprocessing
 import os
+import subprocess
+import sys
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -60,3 +62,26 @@ def test_a_process_whose_folder_was_away_begins_when_it_is_back(
         assert process.context().private.root == settings.private_dir
     finally:
         process.end()
+
+
+@pytest.mark.parametrize(
+    "set_up",
+    [
+        "from exceptiondrive_worker.logs import configure_logging as set_up",
+        "from exceptiondrive_server.web.logs import set_up_logs as set_up",
+    ],
+)
+def test_nothing_ends_of_a_log_line_that_a_full_disk_does_not_take(
+    set_up: str, tmp_path: Path
+) -> None:
+    """The thread of the heartbeat ended so, and the worker counted as dead from then on."""
+    code = (
+        f"{set_up}\nset_up()\nimport sys, structlog\nfrom pathlib import Path\n"
+        "for _ in range(100):\n    structlog.get_logger().warning('x' * 1000)\n"
+        "Path(sys.argv[1]).touch()\n"
+    )
+    with Path("/dev/full").open("w") as full:
+        subprocess.run(
+            [sys.executable, "-c", code, tmp_path / "alive"], stdout=full, stderr=full, check=False
+        )
+    assert (tmp_path / "alive").exists()

@@ -6,6 +6,8 @@ import sys
 import structlog
 from structlog.typing import Processor
 
+from exceptiondrive_records.operations.log_stream import patient
+
 
 def configure_logging() -> None:
     """Send all log lines of this process, libraries and warnings included, the same way."""
@@ -18,7 +20,8 @@ def configure_logging() -> None:
     if sys.stderr.isatty():
         renderer = structlog.dev.ConsoleRenderer()
     structlog.configure(
-        processors=[*shared, renderer], logger_factory=structlog.PrintLoggerFactory(sys.stderr)
+        processors=[*shared, renderer],
+        logger_factory=structlog.PrintLoggerFactory(patient(sys.stderr)),
     )
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(

@@ -5,6 +5,8 @@ import sys
 
 import structlog
 
+from exceptiondrive_records.operations.log_stream import patient
+
 
 def set_up_logs() -> None:
     """Send all logs of this process to stdout as JSON lines."""
@@ -15,7 +17,7 @@ def set_up_logs() -> None:
             structlog.processors.TimeStamper(fmt="iso", utc=True),
             structlog.processors.JSONRenderer(),
         ],
-        logger_factory=structlog.PrintLoggerFactory(sys.stdout),
+        logger_factory=structlog.PrintLoggerFactory(patient(sys.stdout)),
         cache_logger_on_first_use=True,
     )
     logging.basicConfig(stream=sys.stdout, level=logging.WARNING, format="%(message)s")
