@@ -343,3 +343,11 @@ def test_a_late_entry_is_told_why_it_takes_no_rank() -> None:
     one = submission(0, "scored", rank=None, is_late=True)
     said = " ".join(str(part) for part in submission_view(one, "http://server/x"))
     assert "came after the deadline, so it holds no rank" in said
+
+
+def test_a_replaced_run_that_the_board_still_shows_has_its_rank() -> None:
+    """A frozen board shows it, and so does one that is being built."""
+    shown = submission(0, "scored", rank=2, replaced_by="2mjvnt33drhnasw9")
+    assert "rank 2 in phase" in " ".join(map(str, submission_view(shown, "http://server/x")))
+    gone = submission(0, "scored", rank=None, replaced_by="2mjvnt33drhnasw9")
+    assert "not on the board" in " ".join(map(str, submission_view(gone, "http://server/x")))

@@ -26,7 +26,7 @@ def test_a_team_chooses_in_its_list_until_the_deadline(life: "Life") -> None:
     page = alpha.get("/my").text
     assert buttons(page) == {(second, "choose")}
     assert "<b>Chosen</b>" in page
-    stands = "stands on the board in its place"
+    stands = "takes its place"
     assert f"Submission {first} {stands}" in alpha.get(f"/submissions/{second}").text
     assert stands not in alpha.get(f"/submissions/{first}").text
     life.work()

@@ -35,7 +35,7 @@ def test_a_run_shows_score_interval_change_and_trend(
     assert "50.00 +12.50 since the run before" in newest
     assert "[HCC of the runs so far: 37.50, 50.00]" in newest
     assert "Rank awaited: the next board is being built." in newest
-    assert "Another run stands in its place." in oldest
+    assert "Another run takes its place." in oldest
     api.publish(make_entry("Planner", submission_id=second))
     newest, oldest = my_rows(api, browse)
     assert "±10.0" in newest.split()

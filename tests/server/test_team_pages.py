@@ -160,7 +160,7 @@ def test_the_form_says_what_a_later_run_replaces_and_the_page_by_what(
     assert f'<a href="{second}">' in form
     assert f'<a href="{first}">' not in form
     replaced_by = second.removeprefix("/submissions/")
-    assert f"Submission {replaced_by} stands on the board in its place" in alpha.get(first).text
+    assert f"Submission {replaced_by} takes its place" in alpha.get(first).text
     shown = api.get(f"/submissions/{first.removeprefix('/submissions/')}", "alpha").json()
     assert shown["replaced_by"] == replaced_by
 

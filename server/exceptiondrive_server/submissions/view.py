@@ -161,8 +161,8 @@ def policy_sentences(seen: SubmissionView, policy: PhasePolicy) -> Iterator[str]
         )
     if seen.replaced_by is not None:
         yield (
-            f"Submission {seen.replaced_by} stands on the board in its place; withdraw that one, and "
-            "this one stands again."
+            f"Submission {seen.replaced_by} takes its place; withdraw that one, and this one stands "
+            "again."
         )
     if seen.awaits_board:
         yield "The next board is being built; the rank is awaited."
