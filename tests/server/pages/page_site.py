@@ -132,8 +132,9 @@ class Site:
         """Create a phase over a split, by default the small one, registering protocol and split."""
         with self.database.write() as session:
             add_protocol(session, packaged_protocol_toml(), "test")
-            datasheet = DATASHEET if manifest is MANIFEST else None
-            register_split(session, manifest, COUNTS, "test", datasheet=datasheet)
+            made: dict[str, Any] = {"datasheet": DATASHEET, "changes": DATASHEET.changes}
+            told = made if manifest is MANIFEST else {}
+            register_split(session, manifest, COUNTS, "test", **told)
             create_phase(
                 session,
                 NewPhase(
