@@ -64,6 +64,7 @@ def test_a_report_comes_with_the_end_and_tells_what_the_boards_tell(life: "Life"
     assert f"board {final['board']}" in words
     assert "</a> ," not in page
     assert "3 teams" in words
+    assert "took the place of another" not in words, "none did"
     assert f'href="/?phase=test&amp;board={before["board"]}#board"' in page
     assert f"{told[ids[0]][1] - told[ids[0]][0]} down" in words
     for winner in report["winners"]:
@@ -89,6 +90,6 @@ def test_a_freeze_and_a_team_with_a_later_deadline_keep_the_report_back(life: "L
         early: 1,
         late: None,
     }
-    assert "new" in text_of(life.get(PAGE).text)
+    assert "A run that took the place of another is new" in text_of(life.get(PAGE).text)
     life.done("/phases/test/freeze")
     assert life.get(REPORT).status_code == 404
