@@ -183,8 +183,11 @@ def test_a_removed_member_is_out_at_once(
     stranger.sign_in("beta")
     assert stranger.post(path, {}, page="/my/team").status_code == 404
     assert ada.get("/my").status_code == 200
+    assert "You are out of Alpha at once" in ada.get("/my/team").text
     keeper = browse(site)
     keeper.sign_in("alpha")
+    asked = keeper.get("/my/team").text.split('<details class="danger">')[1]
+    assert "Ada Example is out of Alpha at once" in asked
     assert keeper.post(path, {}, page="/my/team").status_code == 303
     for page in ("/my", "/my/tokens", "/submissions/x"):
         assert ada.get(page).headers["location"] == "/my/team"

@@ -2,6 +2,7 @@
 
 import hashlib
 import stat
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -65,6 +66,19 @@ def test_a_file_larger_than_the_reader_allows_is_not_read(store: FileStore) -> N
 def test_what_is_not_there_is_not_found(store: FileStore, digest: str) -> None:
     with pytest.raises(NotFound):
         store.read(digest, limit_bytes=10)
+
+
+def test_a_folder_that_is_away_is_an_outage_and_its_files_are_not_missing(tmp_path: Path) -> None:
+    folder = tmp_path / "files"
+    store = FileStore(folder.as_uri())
+    digest, _ = store.put_stream([b"bytes"], limit_bytes=100)
+    folder.rename(tmp_path / "away")
+    for ask in (store.holds, store.changed_at, partial(store.read, limit_bytes=100)):
+        with pytest.raises(StoreError, match="does not answer"):
+            ask(digest)
+    assert not store.takes_files()
+    (tmp_path / "away").rename(folder)
+    assert store.read(digest, limit_bytes=100) == b"bytes"
 
 
 def test_a_flipped_bit_is_never_read(tmp_path: Path) -> None:

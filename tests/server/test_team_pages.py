@@ -262,6 +262,18 @@ def test_a_token_is_revoked_by_a_second_step_that_says_what_follows(
     assert "you are signed out too" not in other
 
 
+def test_a_disqualified_team_is_offered_no_form_of_the_phase(
+    api: "Api", alpha: "TeamBrowser"
+) -> None:
+    assert '<button class="btn pri">Submit</button>' in alpha.get("/submit").text
+    why = {"reason": "The file was copied."}
+    assert api.post("/organizer/teams/alpha/disqualify", "organizer", json=why).status_code == 201
+    page = alpha.get("/submit").text
+    assert "Your team is disqualified here since" in page
+    assert 'value="dev" disabled' in " ".join(page.split())
+    assert '<button class="btn pri">Submit</button>' not in page
+
+
 def test_my_lists_the_teams_own_with_status_and_place(api: "Api", alpha: "TeamBrowser") -> None:
     mine, theirs = api.submit("a").json()["id"], api.submit("b", "beta").json()["id"]
     page = alpha.get("/my").text

@@ -93,6 +93,7 @@ class FileStore:
                 raise UploadTooLarge(limit_bytes)
             data = bytes(found.bytes())
         except FileNotFoundError:
+            self._require_folder()
             raise NotFound("file", digest) from None
         except (BaseError, OSError) as error:
             raise StoreError("The file store does not answer; try again later.") from error
@@ -109,6 +110,7 @@ class FileStore:
         try:
             obstore.head(self._store, _key(digest))
         except FileNotFoundError:
+            self._require_folder()
             return False
         except (BaseError, OSError) as error:
             raise StoreError("The file store does not answer; try again later.") from error
@@ -157,6 +159,7 @@ class FileStore:
         try:
             return obstore.head(self._store, _key(digest))["last_modified"]
         except FileNotFoundError:
+            self._require_folder()
             return None
         except (BaseError, OSError) as error:
             raise StoreError("The file store does not answer; try again later.") from error
@@ -173,6 +176,11 @@ class FileStore:
             return
         except (BaseError, OSError) as error:
             raise StoreError("The file store does not answer; try again later.") from error
+
+    def _require_folder(self) -> None:
+        """No file is missing where the whole folder is away: it may come back with all of them."""
+        if self._folder is not None and not self._folder.is_dir():
+            raise StoreError("The file store does not answer; try again later.")
 
     def _put(self, digest: str, spooled: tempfile.SpooledTemporaryFile[bytes]) -> None:
         spooled.seek(0)
