@@ -37,6 +37,7 @@ from exceptiondrive_records.notifications.contacts import (
 from exceptiondrive_records.notifications.outbox import send_next
 from exceptiondrive_records.notifications.public_addresses import is_public
 from exceptiondrive_records.notifications.tables import Channel, ContactPoint, Delivery
+from exceptiondrive_records.operations.troubles import troubles
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.teams.teams import find_team
@@ -425,3 +426,23 @@ def test_without_a_mail_server_the_message_waits(
     told(stage, make_protocol, Channel.EMAIL, "alpha@example.org")
     send_next(stage.database, settings(**host))
     assert "no SMTP server" in (delivery(stage).note or "")
+
+
+def test_operators_are_told_that_no_mail_goes_out_until_one_does(
+    stage: Stage, make_protocol: Callable[..., str], mailbox: tuple[Mailbox, int]
+) -> None:
+    _, port = mailbox
+    told(stage, make_protocol, Channel.EMAIL, "alpha@example.org")
+
+    def try_with(smtp: NoticeSettings) -> list[str]:
+        with stage.owner.write() as session:
+            let_time_pass(session, timedelta(hours=2))
+        assert send_next(stage.database, smtp)
+        with stage.database.read() as session:
+            return [one.what for one in troubles(session) if one.code == "mail_not_sent"]
+
+    away = settings(smtp_host="127.0.0.1", smtp_port=1, smtp_security="none")
+    assert try_with(away) == [], "one failure is none yet"
+    (what,) = try_with(away)
+    assert what.startswith("No mail goes out: 1 message to 1 address came to nothing")
+    assert try_with(settings(smtp_host="127.0.0.1", smtp_port=port, smtp_security="none")) == []

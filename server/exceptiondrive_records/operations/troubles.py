@@ -5,19 +5,25 @@ Each is found by one query; none tells anything of a split but its name.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import timedelta
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.notifications.tables import Channel, ContactPoint, Delivery
 from exceptiondrive_records.phases.phases import list_phases, not_checked
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.splits.splits import whole_split
 from exceptiondrive_records.work.heartbeats import live_workers, missing_splits
-from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest
+from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, WorkState
 from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.printable import counted
 
 BEGUN_IN_VAIN = 2
-"""A board that was begun so often was not finished at least once."""
+"""A board that was begun so often was not finished at least once; so with a mail."""
+_MAIL_OF = timedelta(days=1)
+"""Mails that were last tried before this are told no more."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +52,7 @@ def troubles(session: Session) -> tuple[Trouble, ...]:
         *_splits(session),
         *_boards(session),
         *_phases(session),
+        *_mail(session),
     )
 
 
@@ -121,3 +128,34 @@ def _phases(session: Session) -> Iterator[Trouble]:
                 f"not of split {phase.split_name}.",
                 f"exceptiondrive organizer phases update {phase.id} --no-shows-reported",
             )
+
+
+def _mail(session: Session) -> Iterator[Trouble]:
+    """One address that takes nothing is its team's affair: here no mail at all came through since."""
+    of_mail = ContactPoint.channel == Channel.EMAIL
+    is_sent = Delivery.state == WorkState.DONE
+    last_sent = select(func.max(Delivery.finished_at)).join(ContactPoint).where(of_mail, is_sent)
+    last_sent_at = session.scalar(last_sent)
+    in_vain = (
+        select(func.count(Delivery.id), func.count(ContactPoint.id.distinct()))
+        .join(ContactPoint)
+        .where(
+            of_mail,
+            ~is_sent,
+            Delivery.attempts >= BEGUN_IN_VAIN,
+            Delivery.leased_at > database_now(session) - _MAIL_OF,
+        )
+    )
+    if last_sent_at is not None:
+        in_vain = in_vain.where(Delivery.created_at > last_sent_at)
+    n_mails, n_addresses = session.execute(in_vain).one()
+    if n_mails:
+        yield Trouble(
+            "mail_not_sent",
+            "mail",
+            f"No mail goes out: {counted(n_mails, 'message')} to "
+            f"{counted(n_addresses, 'address', 'addresses')} came to nothing, none was sent since. "
+            "The log of exceptiondrive-server reconcile says why. Teams find all in their notices.",
+            "set right what the log says at 'not delivered'; docs/rescoring.md has the settings of "
+            "mail. What still waits is then sent by itself",
+        )

@@ -39,6 +39,7 @@ TROUBLE_LINKS = {
     "board_not_built": ("/organize/phases/{}", "See the phase"),
     "no_recorded_drives": ("/organize/phases/{}#troubles", "What to do"),
     "reported_beside_other_split": ("/organize/phases/{}#troubles", "What to do"),
+    "mail_not_sent": ("/organize/teams", "See the teams"),
 }
 """Where an organizer goes for each kind of trouble."""
 Task = tuple[str, str, str, str]
