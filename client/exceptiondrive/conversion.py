@@ -15,8 +15,8 @@ from typing import Literal
 
 from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.check.source_fit import (
-    AT_ORIGIN_M,
+from exceptiondrive_schemas.check.source_fit import AT_ORIGIN_M
+from exceptiondrive_schemas.check.transformations import (
     SPEEDS_MPS,
     UNITS,
     at_times,

@@ -24,7 +24,7 @@ from exceptiondrive.pair_files import (
     read_bytes,
     read_text,
 )
-from exceptiondrive_schemas.check.source_fit import summed
+from exceptiondrive_schemas.check.transformations import summed
 
 Tokens = Iterator[tuple[str, Waypoints | None]]
 

@@ -16,11 +16,11 @@ from tests.support.extract import make_extract
 
 from exceptiondrive_schemas.check import check, source_fit
 from exceptiondrive_schemas.check.answers import PlanningDocument, TrajectoryPair
-from exceptiondrive_schemas.check.source_fit import (
+from exceptiondrive_schemas.check.source_fit import file_profile
+from exceptiondrive_schemas.check.transformations import (
     UNITS_M,
     Points,
     at_times,
-    file_profile,
     mirrored,
     rotated,
     scaled,

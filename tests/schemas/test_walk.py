@@ -25,7 +25,7 @@ from tests.support.extract import Path6, make_extract
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import check_bytes
 from exceptiondrive_schemas.check.checker import FROM_YAML
-from exceptiondrive_schemas.check.source_fit import (
+from exceptiondrive_schemas.check.transformations import (
     at_times,
     mirrored,
     rotated,

@@ -25,7 +25,7 @@ from exceptiondrive.pair_files import OnForm, read_pairs
 from exceptiondrive.planner_runs import FORMS, PlannerForm, planner_form, read_runs
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import check_bytes
-from exceptiondrive_schemas.check.source_fit import UNITS
+from exceptiondrive_schemas.check.transformations import UNITS
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 

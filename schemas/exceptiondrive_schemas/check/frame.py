@@ -11,8 +11,8 @@ from functools import cached_property
 from operator import sub
 
 from exceptiondrive_schemas.check.fault_list import FaultList
-from exceptiondrive_schemas.check.source_fit import UNITS_M
 from exceptiondrive_schemas.check.tracks import Column, Tracks
+from exceptiondrive_schemas.check.transformations import UNITS_M
 from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.file_profile import CONVERT, FileProfile
 from exceptiondrive_schemas.protocol import ProtocolDocument

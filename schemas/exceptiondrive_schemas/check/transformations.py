@@ -1,0 +1,234 @@
+"""Simple mistakes of a trajectory file, as transformations that mend them: axes, units, times, order.
+
+`exceptiondrive convert` applies them; `source_fit` tries them. Pure Python, for client and server alike.
+"""
+
+from __future__ import annotations  # array[float] is no runtime type before 3.12
+
+import math
+from array import array
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from types import MappingProxyType
+
+from exceptiondrive_schemas.protocol import GeometrySection
+
+Point = tuple[float, float]
+Points = Sequence[Point]
+
+SAME_TIME_S = 1e-6
+
+
+@dataclass(eq=False)  # frozen ones take five times as long to make, and there is one a sample
+class Compared:
+    """One sample: what was driven, and what the file says, flat (x1, y1, x2, y2, ...)."""
+
+    recorded: Points
+    flat_source: array[float]
+    flat_edited: array[float] | None
+
+    @cached_property
+    def source(self) -> Points:
+        """The waypoints of the source trajectory."""
+        return _points(self.flat_source)
+
+    @property
+    def edited(self) -> Points | None:
+        """Those of the edited one, if there is one."""
+        return None if self.flat_edited is None else _points(self.flat_edited)
+
+
+@dataclass(frozen=True)
+class Transformation:
+    """A simple mistake and what mends it.
+
+    Attributes:
+        looks_like: What the file looks like, to stand after "looks like".
+        option: What `exceptiondrive convert` needs to mend it; None where no conversion can.
+        apply: Returns mended points and the recorded ones at the same times.
+        by_hand: What the planner's author does where no conversion can.
+    """
+
+    looks_like: str
+    option: str | None
+    apply: Callable[[Compared], tuple[Points, Points] | None]
+    by_hand: str | None = None
+
+
+def _points(flat: Sequence[float]) -> Points:
+    return list(zip(flat[::2], flat[1::2], strict=True))
+
+
+def rotated(points: Points, quarter_turns: int) -> list[Point]:
+    """Turn points counter-clockwise by quarter turns about the origin."""
+    turns: tuple[Callable[[Point], Point], ...] = (
+        lambda point: point,
+        lambda point: (-point[1], point[0]),
+        lambda point: (-point[0], -point[1]),
+        lambda point: (point[1], -point[0]),
+    )
+    return list(map(turns[quarter_turns % 4], points))
+
+
+def swapped(points: Points) -> list[Point]:
+    """Exchange x and y."""
+    return [(y, x) for x, y in points]
+
+
+def mirrored(points: Points) -> list[Point]:
+    """Turn y to the other side."""
+    return [(x, -y) for x, y in points]
+
+
+def scaled(points: Points, factor: float) -> list[Point]:
+    """Multiply every coordinate."""
+    return [(x * factor, y * factor) for x, y in points]
+
+
+def summed(points: Points) -> list[Point]:
+    """Add up increments to positions."""
+    total_x = total_y = 0.0
+    positions = []
+    for x, y in points:
+        total_x, total_y = total_x + x, total_y + y
+        positions.append((total_x, total_y))
+    return positions
+
+
+def from_polar(points: Points, *, degrees: bool = False) -> list[Point]:
+    """Return x and y of ranges and bearings; a bearing is counter-clockwise from +x."""
+    unit_rad = math.pi / 180 if degrees else 1.0
+    return [(r * math.cos(b * unit_rad), r * math.sin(b * unit_rad)) for r, b in points]
+
+
+def at_times(points: Points, time_step_s: float, times_s: Sequence[float]) -> list[Point]:
+    """Return where a trajectory is at given times, on straight lines between its waypoints.
+
+    Args:
+        points: Waypoints at one, two, ... time steps; (0, 0) is put in front.
+        time_step_s: Time between two of them.
+        times_s: Times from 0 to the last waypoint's.
+    """
+    whole = [(0.0, 0.0), *points]
+    found = []
+    for time_s in times_s:
+        index = min(int(time_s / time_step_s + 1e-9), len(points) - 1)
+        share = time_s / time_step_s - index
+        (x0, y0), (x1, y1) = whole[index], whole[index + 1]
+        found.append((x0 + share * (x1 - x0), y0 + share * (y1 - y0)))
+    return found
+
+
+def of_source(change: Callable[[Points], Points], sample: Compared) -> tuple[Points, Points]:
+    """Return the changed source trajectory, and what was recorded."""
+    return change(sample.source), sample.recorded
+
+
+def _exchanged(sample: Compared) -> tuple[Points, Points] | None:
+    return None if sample.edited is None else (sample.edited, sample.recorded)
+
+
+def _with_step(given_s: float, wanted_s: float, sample: Compared) -> tuple[Points, Points]:
+    """Take the source as waypoints `given_s` apart, and compare as far as both reach."""
+    step_s = min(given_s, wanted_s)
+    reach_s = min(given_s * len(sample.source), wanted_s * len(sample.recorded))
+    times_s = [step_s * step for step in range(1, round(reach_s / step_s) + 1)]
+    return (
+        at_times(sample.source, given_s, times_s),
+        at_times(sample.recorded, wanted_s, times_s),
+    )
+
+
+UNITS_M: Mapping[str, float] = MappingProxyType(
+    {
+        "millimetres": 0.001,
+        "centimetres": 0.01,
+        "decimetres": 0.1,
+        "inches": 0.0254,
+        "feet": 0.3048,
+        "kilometres": 1000.0,
+    }
+)
+"""Units that trajectories come in, other than metres, each in metres."""
+SPEEDS_MPS: Mapping[str, float] = MappingProxyType({"km/h": 1 / 3.6, "mph": 0.44704})
+UNITS: Mapping[str, float] = MappingProxyType({**UNITS_M, **SPEEDS_MPS})
+"""The same with those of velocities, other than metres a second."""
+SPATIAL: tuple[tuple[str, str, Callable[[Points], Points]], ...] = (
+    ("mirrored (y to the right)", "--mirror", mirrored),
+    ("x and y exchanged (x left, y forward)", "--swap", swapped),
+    ("x right / y forward", "--rotate -90", partial(rotated, quarter_turns=-1)),
+    ("x left / y backward", "--rotate 90", partial(rotated, quarter_turns=1)),
+    ("x backward / y right", "--rotate 180", partial(rotated, quarter_turns=2)),
+    *((unit, f"--unit {unit}", partial(scaled, factor=metres)) for unit, metres in UNITS_M.items()),
+    ("increments instead of positions", "--cumulative", summed),
+    ("reversed in time", "--reverse", lambda points: points[::-1]),
+)
+TIME_FACTORS = (0.1, 0.2, 0.4, 0.5, 1.0, 2.0, 5.0)
+MIRROR = SPATIAL[0]
+_DEGREES = partial(from_polar, degrees=True)
+POLAR: tuple[tuple[str, str, Callable[[Points], Points]], ...] = (
+    ("range and bearing in radians", "--polar radians", from_polar),
+    ("range and bearing in degrees", "--polar degrees", _DEGREES),
+)
+_BEARING_FIRST: tuple[tuple[str, str, Callable[[Points], Points]], ...] = (
+    ("bearing in radians and range", "--swap --polar radians", lambda p: from_polar(swapped(p))),
+    ("bearing in degrees and range", "--swap --polar degrees", lambda p: _DEGREES(swapped(p))),
+)
+EXCHANGE = Transformation("source and edited exchanged", "--exchange", _exchanged)
+"""Where edits are slight, a file fits exchanged, too, and much better as it should be."""
+
+
+def of_space(time_step_s: float) -> Iterator[Transformation]:
+    """Yield what another frame, unit or meaning of the numbers would be, of waypoints so far apart."""
+
+    def moved(velocities: Points) -> Points:
+        return summed(scaled(velocities, time_step_s))
+
+    of_time = (
+        ("velocities instead of positions", "--velocities", moved),
+        *(
+            (
+                f"velocities in {unit} instead of positions",
+                f"--unit {unit} --velocities",
+                lambda points, mps=mps: moved(scaled(points, mps)),
+            )
+            for unit, mps in SPEEDS_MPS.items()
+        ),
+        (
+            "speed and heading in radians",
+            "--polar radians --velocities",
+            lambda points: moved(from_polar(points)),
+        ),
+    )
+    for looks_like, option, change in (*SPATIAL, *POLAR, *_BEARING_FIRST, *of_time):
+        yield Transformation(looks_like, option, partial(of_source, change))
+    yield EXCHANGE
+
+
+def of_time(geometry: GeometrySection, n_given: int) -> Iterator[Transformation]:
+    """Yield what waypoints another time apart would be; fewer than the horizon takes cannot be mended."""
+    for factor in TIME_FACTORS:
+        given_s = factor * geometry.time_step_s
+        n_needed = waypoints_needed(geometry, given_s)
+        cut = " --truncate" if n_given > n_needed else ""
+        count = "" if n_given == geometry.waypoints else f"{n_given} "
+        looks_like = [f"{count}waypoints {given_s:g} s apart"]
+        if n_given < n_needed:
+            end_s = given_s * n_given
+            looks_like.append(
+                f"(the last at {end_s:g} s, where {geometry.horizon_s:g} s are wanted)"
+            )
+        if n_given == geometry.waypoints:
+            looks_like.append(f"or like a planner at {factor:g} times the recorded speed")
+        yield Transformation(
+            " ".join(looks_like),
+            None if n_given < n_needed else f"--time-step-s {given_s:g}{cut}",
+            partial(_with_step, given_s, geometry.time_step_s),
+            f"let the planner plan {geometry.horizon_s:g} s ahead" if n_given < n_needed else None,
+        )
+
+
+def waypoints_needed(geometry: GeometrySection, time_step_s: float) -> int:
+    """Return how many waypoints so far apart in time reach the protocol's horizon."""
+    return math.ceil((geometry.horizon_s - SAME_TIME_S) / time_step_s)
