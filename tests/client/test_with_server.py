@@ -171,6 +171,7 @@ def test_check_says_what_an_upload_will_do(working: "Running", planning_file: Ma
     told = run(working, *checked, str(slower_file(planning_file))).stdout
     assert "it will be refused: your team is disqualified in this phase since 2" in told
     assert "will be ranked" not in told
+    assert "nothing: disqualified since 2" in run(working, "phases").stdout
 
 
 def test_a_withdrawal_asks_and_says_what_stands_again(

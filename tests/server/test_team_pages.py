@@ -272,6 +272,10 @@ def test_a_disqualified_team_is_offered_no_form_of_the_phase(
     assert "Your team is disqualified here since" in page
     assert 'value="dev" disabled' in " ".join(page.split())
     assert '<button class="btn pri">Submit</button>' not in page
+    assert "left today" not in page
+    own = " ".join(alpha.get("/my").text.split())
+    assert "nothing: your team is disqualified here since" in own
+    assert 'data-k="left today"' not in own
 
 
 def test_my_lists_the_teams_own_with_status_and_place(api: "Api", alpha: "TeamBrowser") -> None:

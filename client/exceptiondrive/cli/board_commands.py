@@ -181,7 +181,6 @@ def phases_table(views: tuple[PhaseView, ...]) -> FittedTable:
         Column("left"),
     )
     for view in views:
-        quota = view.quota
         table.add_row(
             view.id,
             view.challenge,
@@ -190,9 +189,15 @@ def phases_table(views: tuple[PhaseView, ...]) -> FittedTable:
             f"{view.n_samples:,}",
             view.protocol,
             _window(view),
-            f"{view.quota_per_day} a day" if quota is None else left_words(quota),
+            _left(view),
         )
     return table
+
+
+def _left(view: PhaseView) -> str:
+    if view.disqualified_at is not None:
+        return f"nothing: disqualified since {view.disqualified_at:%Y-%m-%d}"
+    return f"{view.quota_per_day} a day" if view.quota is None else left_words(view.quota)
 
 
 def _window(view: PhaseView) -> str:
