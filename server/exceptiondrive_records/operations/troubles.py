@@ -132,22 +132,21 @@ def _phases(session: Session) -> Iterator[Trouble]:
 
 def _mail(session: Session) -> Iterator[Trouble]:
     """One address that takes nothing is its team's affair: here no mail at all came through since."""
-    of_mail = ContactPoint.channel == Channel.EMAIL
-    is_sent = Delivery.state == WorkState.DONE
-    last_sent = select(func.max(Delivery.finished_at)).join(ContactPoint).where(of_mail, is_sent)
-    last_sent_at = session.scalar(last_sent)
-    in_vain = (
-        select(func.count(Delivery.id), func.count(ContactPoint.id.distinct()))
-        .join(ContactPoint)
-        .where(
-            of_mail,
-            ~is_sent,
-            Delivery.attempts >= BEGUN_IN_VAIN,
-            Delivery.leased_at > database_now(session) - _MAIL_OF,
+    since = database_now(session) - _MAIL_OF
+    mails = select(Delivery).join(ContactPoint).where(ContactPoint.channel == Channel.EMAIL)
+    last_sent_at = session.scalar(
+        mails.with_only_columns(func.max(Delivery.finished_at)).where(
+            Delivery.state == WorkState.DONE, Delivery.finished_at > since
         )
     )
-    if last_sent_at is not None:
-        in_vain = in_vain.where(Delivery.created_at > last_sent_at)
+    in_vain = mails.with_only_columns(
+        func.count(Delivery.id), func.count(ContactPoint.id.distinct())
+    ).where(
+        Delivery.state.in_((*OPEN_STATES, WorkState.FAILED)),
+        Delivery.attempts >= BEGUN_IN_VAIN,
+        Delivery.leased_at > since,
+        Delivery.created_at > (last_sent_at or since),
+    )
     n_mails, n_addresses = session.execute(in_vain).one()
     if n_mails:
         yield Trouble(
