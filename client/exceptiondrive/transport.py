@@ -574,9 +574,11 @@ def quoted(name: str) -> str:
     """Return a name as one part of a path, whatever it holds.
 
     Raises:
-        InvalidArgumentError: It is no text.
+        InvalidArgumentError: It is no text, or an empty one.
     """
-    return quote(require_text(name), safe="") or "-"
+    if not require_text(name):
+        raise InvalidArgumentError("wrong_argument", "A name or id is empty.")
+    return quote(name, safe="")
 
 
 def require_text(value: object, what: str = "A name or id") -> str:
