@@ -102,8 +102,11 @@ def write_file(path: Path, content: str | bytes) -> int:
         else:
             target = Path(os.path.realpath(path))
             part = target.with_name(f".{target.name}.part")
-            part.write_bytes(data)
-            os.replace(part, target)
+            try:
+                part.write_bytes(data)
+                os.replace(part, target)
+            finally:
+                part.unlink(missing_ok=True)
     except OSError as error:
         raise InvalidArgumentError(
             "unwritable_file", f"{path} cannot be written: {error.strerror}."

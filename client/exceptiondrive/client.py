@@ -551,6 +551,9 @@ class Client(Connection):
             phase: Only of this phase.
             status: Only in this status, such as `scored`.
             limit: At most so many.
+
+        Raises:
+            NotFoundError: There is no such phase; the advice names those that there are.
         """
         found: list[SubmissionView] = []
         after: str | None = None
@@ -565,6 +568,8 @@ class Client(Connection):
             after = page.next
             if after is None:
                 break
+        if phase is not None and not found:
+            self.phase(phase)  # a mistyped one has no submissions either: say what was meant
         return tuple(found)
 
     def edit(

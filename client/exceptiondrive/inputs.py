@@ -59,8 +59,13 @@ STDIN = Path("-")
 Model = TypeVar("Model", bound=Document)
 
 
-def given_bytes(given: object, what: str = "file") -> GivenFile:
+def given_bytes(given: object, what: str = "file", advice: str = "") -> GivenFile:
     """Return what a path, bytes or an open file hold.
+
+    Args:
+        given: Any of these.
+        what: What to call it.
+        advice: Where to take it from, if it cannot be read.
 
     Raises:
         InvalidArgumentError: It is none of these, or cannot be read.
@@ -75,7 +80,7 @@ def given_bytes(given: object, what: str = "file") -> GivenFile:
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or str(error)
             raise InvalidArgumentError(
-                "unreadable_file", f"{os.fspath(given)} cannot be read: {reason}."
+                "unreadable_file", f"{os.fspath(given)} cannot be read: {reason}.", advice
             ) from None
     read = None if isinstance(given, Document) else getattr(given, "read", None)
     data = read() if callable(read) else None
@@ -192,7 +197,7 @@ def _model(kind: type[Model], given: object, noun: str, advice: str) -> Model:
         if isinstance(given, Mapping):
             data = json.dumps(_plain(given)).encode()
         else:
-            name, data = given_bytes(given, noun)
+            name, data = given_bytes(given, noun, advice)
             data = inflate(
                 data, max_upload_bytes=MAX_SPLIT_BYTES, max_inflated_bytes=MAX_SPLIT_BYTES
             )

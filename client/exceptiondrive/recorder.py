@@ -20,12 +20,13 @@ well, the journal becomes the submission file in one step and goes away. When th
 the journal stays, and the next `Recorder` of the same path goes on from it.
 """
 
+import contextlib
 import gzip
 import io
 import json
 import math
 import os
-from typing import Any, Dict, List, Optional, Set, Type, TypeVar, Union
+from typing import Any, Dict, Iterator, List, Optional, Set, Type, TypeVar, Union
 
 WAYPOINTS = 6
 STRATEGIES = ("A", "B", "C", "D", "E")
@@ -113,7 +114,8 @@ class Journal:
         """Write the submission file in one step, drop the journal, and return the path.
 
         Raises:
-            RecorderError: Nothing was recorded, or samples of the manifest are missing.
+            RecorderError: Nothing was recorded, samples of the manifest are missing, or the file
+                cannot be written.
         """
         if not self._predictions:
             raise RecorderError("nothing was recorded: call add() for every sample first")
@@ -124,16 +126,22 @@ class Journal:
                 f"{', '.join(missing[:5])}. Add them (with None where the planner gives nothing); "
                 f"what is recorded stays in {self.journal_path}"
             )
-        _write_in_one_step(
-            self.path, dict(self._header(), predictions=list(self._predictions.values()))
-        )
+        document = dict(self._header(), predictions=list(self._predictions.values()))
+        try:
+            _write_in_one_step(self.path, document)
+        except OSError as error:
+            raise RecorderError(
+                f"{self.path} cannot be written: {error}; what is recorded stays in "
+                f"{self.journal_path}"
+            )
         self.close()
         os.remove(self.journal_path)
         return self.path
 
     def close(self) -> None:
         """Stop recording and keep the journal, to go on later."""
-        self._stream.close()
+        with self._told():
+            self._stream.close()
 
     def _record(self, prediction: Dict[str, Any]) -> None:
         sample_id = prediction["sample_id"]
@@ -153,8 +161,24 @@ class Journal:
         return {"schema": self.schema, "split": self.split}
 
     def _append(self, value: Dict[str, Any]) -> None:
-        self._stream.write(json.dumps(value, allow_nan=False) + "\n")
-        self._stream.flush()
+        if self._stream.closed:
+            raise RecorderError(
+                f"the recording of {self.path} is closed; open another at the same path to go on"
+            )
+        with self._told():
+            self._stream.write(json.dumps(value, allow_nan=False) + "\n")
+            self._stream.flush()
+
+    @contextlib.contextmanager
+    def _told(self) -> Iterator[None]:
+        """Say of a full disk that what was recorded is not lost."""
+        try:
+            yield
+        except OSError as error:
+            raise RecorderError(
+                f"{self.journal_path} cannot be written: {error}; the samples before stay in it, "
+                "and the next run goes on from there"
+            )
 
     def _resume(self) -> None:
         """Take over what a dead run recorded; drop the line that it did not finish."""
@@ -335,8 +359,12 @@ def _write_in_one_step(path: str, document: Dict[str, Any]) -> None:
         return
     path = os.path.realpath(path)
     part_path = path + ".part"
-    with open(part_path, "wb") as part:
-        part.write(data)
-        part.flush()
-        os.fsync(part.fileno())
-    os.replace(part_path, path)
+    try:
+        with open(part_path, "wb") as part:
+            part.write(data)
+            part.flush()
+            os.fsync(part.fileno())
+        os.replace(part_path, path)
+    finally:
+        if os.path.exists(part_path):
+            os.remove(part_path)

@@ -229,7 +229,8 @@ def _unknown_answer(response: httpx.Response) -> ExceptionDriveError:
     return ServerError(
         "unexpected_answer",
         f"{answered}, and not in the form of an ExceptionDrive server.",
-        "Check the address of the server, and that this client is as new as the server.",
+        "Check the address of the server, that no page of the network asks to sign in first, and "
+        "that this client is as new as the server.",
     )
 
 
@@ -376,6 +377,8 @@ class Transport:
             ) from error
         if not response.is_success:
             self._refuse(response)
+        if response.headers.get("content-type", "").startswith("text/html"):
+            raise _unknown_answer(response)
         return response
 
     def _refuse(self, response: httpx.Response) -> NoReturn:
@@ -571,9 +574,11 @@ def quoted(name: str) -> str:
     """Return a name as one part of a path, whatever it holds.
 
     Raises:
-        InvalidArgumentError: It is no text.
+        InvalidArgumentError: It is no text, or an empty one.
     """
-    return quote(require_text(name), safe="") or "-"
+    if not require_text(name):
+        raise InvalidArgumentError("wrong_argument", "A name or id is empty.")
+    return quote(name, safe="")
 
 
 def require_text(value: object, what: str = "A name or id") -> str:

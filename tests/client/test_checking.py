@@ -2,9 +2,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.support.full_disk import room_for
 
 from exceptiondrive import InvalidArgumentError, Recorder, StrategyRecorder, check_file
-from exceptiondrive.checking import manifest_of
+from exceptiondrive.checking import manifest_of, write_file
+from exceptiondrive.cli.output import show_saved
 from exceptiondrive.inputs import given_split
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.split import Manifest
@@ -37,6 +39,18 @@ def test_all_faults_are_listed_at_once(planning_file: MakeFile, manifest: Manife
 def test_without_a_manifest_only_the_form_is_checked(planning_file: MakeFile) -> None:
     assert check_file(planning_file(split="another")).is_valid
     assert not check_file(planning_file(schema="exceptiondrive.planning/9")).is_valid
+
+
+def test_a_full_disk_keeps_no_half_of_a_file(tmp_path: Path) -> None:
+    kept, new = tmp_path / "kept.json", tmp_path / "new.json"
+    kept.write_text("{}")
+    with room_for(20):
+        with pytest.raises(InvalidArgumentError, match=r"kept\.json cannot be written"):
+            write_file(kept, b"x" * 1_000)
+        with pytest.raises(InvalidArgumentError, match=r"new\.json cannot be written"):
+            show_saved(new, b"x" * 1_000, as_json=False)
+    assert kept.read_text() == "{}"
+    assert sorted(tmp_path.iterdir()) == [kept]
 
 
 def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:

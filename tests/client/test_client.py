@@ -299,6 +299,17 @@ def test_an_answer_that_unpacks_without_end_is_given_up(
     assert len(canned_server.requests) == 1
 
 
+def test_submissions_of_a_phase_that_is_not_there_name_the_phases(
+    canned_server: "CannedServer",
+) -> None:
+    canned_server.answer("GET /submissions", 200, {"submissions": [], "next": None})
+    canned_server.problem("GET /phases/dvev", 404, "not_found")
+    canned_server.answer("GET /phases", 200, [PHASE])
+    with Client(canned_server.url) as client, pytest.raises(NotFoundError) as caught:
+        client.submissions(phase="dvev")
+    assert "Did you mean 'dev'?" in caught.value.advice
+
+
 def test_submissions_are_read_page_by_page(canned_server: "CannedServer") -> None:
     canned_server.answer("GET /submissions", 200, {"submissions": [VIEW, VIEW], "next": "abc"})
     canned_server.answer("GET /submissions", 200, {"submissions": [VIEW], "next": None})
@@ -419,6 +430,26 @@ def test_an_answer_in_another_form_is_said_by_every_reader(
         with pytest.raises(ServerError, match="in a form that this client does not know") as caught:
             read()
         assert caught.value.code == "unexpected_answer"
+
+
+def test_a_page_that_asks_to_sign_in_is_no_answer_of_a_server(
+    canned_server: "CannedServer",
+) -> None:
+    page, kind = (
+        b"<html>Sign in to the network</html>",
+        {"content-type": "text/html; charset=utf-8"},
+    )
+    for path in ("GET /me", "GET /leaderboard.csv"):
+        canned_server.answer(path, 200, page, kind)
+    with Client(canned_server.url) as client:
+        readers: list[Callable[[], object]] = [
+            client.me,
+            lambda: client.leaderboard_csv(phase="dev"),
+        ]
+        for read in readers:
+            with pytest.raises(ServerError, match="answered 200, and not in the form") as caught:
+                read()
+            assert "asks to sign in" in caught.value.advice
 
 
 def test_who_speaks_in_the_clear_trusts_no_certificate_at_all() -> None:

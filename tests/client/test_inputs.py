@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 
 from exceptiondrive import (
+    Client,
     ExceptionDriveError,
     InvalidArgumentError,
     Recorder,
@@ -115,6 +116,22 @@ def test_a_manifest_is_the_same_in_every_form(
 def test_what_is_no_protocol_is_refused(planning_file: MakeFile, protocol: Any) -> None:
     with pytest.raises(InvalidArgumentError, match="is neither a protocol file nor a version"):
         check_file(planning_file(), protocol=protocol)
+
+
+def test_an_empty_name_is_said_to_be_empty() -> None:
+    with Client("http://127.0.0.1:9") as client, pytest.raises(InvalidArgumentError, match="empty"):
+        client.status("")
+
+
+def test_who_names_a_split_and_no_file_of_it_is_told_where_to_take_it(
+    planning_file: MakeFile,
+) -> None:
+    with pytest.raises(InvalidArgumentError, match="cannot be read") as caught:
+        evaluate_file(planning_file(), split="sample")
+    assert "exceptiondrive split download" in caught.value.advice
+    with pytest.raises(InvalidArgumentError, match="cannot be read") as caught:
+        check_file(planning_file(), manifest="dev")
+    assert "exceptiondrive manifest PHASE" in caught.value.advice
 
 
 def test_a_series_is_no_submission() -> None:

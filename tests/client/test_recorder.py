@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.support.full_disk import room_for
 from tests.support.pythons import pythons
 
 from exceptiondrive.recorder import Recorder, RecorderError, StrategyRecorder
@@ -218,6 +219,43 @@ def test_strategies_are_recorded_with_their_reminder(tmp_path: Path) -> None:
             {"sample_id": "s2", "strategy": None},
         ],
     }
+
+
+def test_a_full_disk_loses_no_sample_that_was_recorded(tmp_path: Path) -> None:
+    path = tmp_path / "planner.json"
+    names = [f"s{number}" for number in range(40)]
+
+    def record_all() -> None:
+        with Recorder(path, split="sample") as recorder:
+            for name in names:
+                if name not in recorder:
+                    recorder.add(name, source=STRAIGHT, edited=None)
+
+    with pytest.raises(RecorderError, match="the samples before stay in it"), room_for(2_000):
+        record_all()
+    assert not path.exists()
+    left = Recorder(path, split="sample")
+    assert 0 < len(left) < len(names)
+    left.close()
+    record_all()
+    assert [each["sample_id"] for each in json.loads(path.read_text())["predictions"]] == names
+
+
+def test_a_file_for_which_there_is_no_room_leaves_the_journal_and_no_half(tmp_path: Path) -> None:
+    path = tmp_path / "planner.json"
+    recorder = Recorder(path, split="sample")
+    recorder.add("s1", source=STRAIGHT, edited=None)
+    with pytest.raises(RecorderError, match="what is recorded stays in"), room_for(20):
+        recorder.write()
+    assert sorted(tmp_path.iterdir()) == [tmp_path / "planner.json.journal"]
+    assert recorder.write() == str(path)
+
+
+def test_a_recording_that_was_closed_takes_no_more(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "planner.json", split="sample")
+    recorder.close()
+    with pytest.raises(RecorderError, match="is closed; open another"):
+        recorder.add("s1", source=STRAIGHT, edited=None)
 
 
 KILLED_PLANNER = """

@@ -97,8 +97,10 @@ def show_saved(path: Path, data: bytes, as_json: bool) -> None:
     from exceptiondrive.inputs import require_name
 
     require_name(path)
+    is_ours = False
     try:
         with path.open("xb") as file:
+            is_ours = True
             file.write(data)
     except FileExistsError:
         raise InvalidArgumentError(
@@ -107,6 +109,8 @@ def show_saved(path: Path, data: bytes, as_json: bool) -> None:
             "Name another file: --output FILE",
         ) from None
     except OSError as error:
+        if is_ours:  # half of a file would be in the way of the next attempt
+            path.unlink()
         raise InvalidArgumentError(
             "not_written", f"{path} cannot be written: {error.strerror}."
         ) from None

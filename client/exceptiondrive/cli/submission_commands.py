@@ -202,8 +202,6 @@ def submissions(
     """List the team's submissions, newest first."""
     with open_client(server) as client:
         views = client.submissions(phase=phase, status=_status(only), limit=limit)
-        if phase is not None and not views:
-            client.phase(phase)  # a mistyped one has no submissions either: say what was meant
     if json:
         show_json([view.model_dump(mode="json", by_alias=True) for view in views])
     elif views:
