@@ -196,13 +196,23 @@ def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path:
     table.write_text("id,name,affiliation\nalef,Alef,Lab\nbet,Bet,\n", encoding="utf-8")
     made = organize(running, "teams", "import", table)
     assert (made.exit_code, made.stdout.count(",edk_")) == (0, 2)
+    table.write_bytes("id,name\ngimel,Gimél\n".encode("cp1252"))
+    refused = organize(running, "teams", "import", table)
+    assert (refused.exit_code, "save it as UTF-8" in refused.stderr) == (2, True)
+    table.write_text("id\tname\ngimel\tGimel, third\n", encoding="utf-8-sig")
+    assert organize(running, "teams", "import", table).exit_code == 0
     why = ("--reason", "asked for by mail")
     assert organize(running, "teams", "change", "bet", "--name", "Beth", *why).exit_code == 0
     assert organize(running, "teams", "change", "bet", *why).exit_code == 2
     out = organize(running, "teams", "disqualify", "bet", "--phase", "dev", *why, "--json")
     number = json.loads(out.stdout)["id"]
     assert "bet" in organize(running, "teams", "disqualified").stdout
-    assert standings(running) == {"alpha": "", "alef": "", "bet": "disqualified in dev"}
+    assert standings(running) == {
+        "alpha": "",
+        "alef": "",
+        "bet": "disqualified in dev",
+        "gimel": "",
+    }
     assert "disqualified in dev\n" in organize(running, "teams", "show", "bet").stdout
     assert organize(running, "teams", "reinstate", number, *why).stdout == "bet reinstated\n"
     limits = organize(running, "teams", "limits", "bet", "--phase", "dev", "--quota-total", 2, *why)
@@ -330,6 +340,11 @@ def test_a_board_of_elsewhere_is_imported_listed_and_withdrawn(
     file.write_text(f"method;hcc;split;split_revision;protocol\nFar;20;far;{revision};1.0\n")
     bad = organize(running, *phases)
     assert (bad.exit_code, "Line 2: hcc is 20" in bad.stderr) == (2, True)
+    file.write_bytes(
+        f"method;hcc;split;split_revision;protocol\nFür;0.2;far;{revision};1.0\n".encode("cp1252")
+    )
+    old = organize(running, *phases)
+    assert (old.exit_code, "board.csv is not UTF-8 text" in old.stderr) == (2, True)
     gone = ("phases", "withdraw-reported", "dev", made["id"], "--reason", "wrong")
     assert "Far withdrawn" in organize(running, *gone).stdout
     (line,) = json.loads(organize(running, "audit", "list", "--limit", "1", "--json").stdout)
