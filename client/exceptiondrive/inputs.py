@@ -46,6 +46,18 @@ class GivenFile(NamedTuple):
     name: str
     data: bytes
 
+    def text(self) -> str:
+        """Return what it holds as text, in UTF-8; no letter is replaced or left out.
+
+        Raises:
+            InvalidArgumentError: It is something else, such as a table in an encoding of old.
+        """
+        try:
+            return self.data.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            words = f"{self.name} is not UTF-8 text. Nothing was sent; save it as UTF-8."
+            raise InvalidArgumentError("unreadable_file", words) from None
+
 
 BytesLike = GivenFile | str | os.PathLike[str] | bytes | BinaryIO
 """The path of a file, what it holds, or an open one."""

@@ -236,6 +236,21 @@ def test_a_role_for_one_phase_lists_its_submissions_and_names_no_other_phase_or_
         assert "Your role is confined to dev; this is for organizers of" in refused.text
 
 
+@pytest.mark.parametrize("who", ["owner of dev", "reader of dev", "helper"])
+def test_links_of_a_page_lead_to_no_refusal(
+    site: "Api", browse: Callable[..., "TeamBrowser"], who: str
+) -> None:
+    submission = site.submit("a").json()["id"]
+    browser = browse(site)
+    browser.sign_in(who)
+    for page in ("/organize/phases/dev", f"/organize/submissions/{submission}"):
+        text = browser.get(page).text
+        links = set(re.findall(r'href="(/organize[^"#]*)', text))
+        assert links
+        refused = {link for link in links if browser.get(html.unescape(link)).status_code == 403}
+        assert refused == set(), page
+
+
 def test_a_role_for_one_phase_publishes_its_news_by_page(
     site: "Api", browse: Callable[..., "TeamBrowser"]
 ) -> None:

@@ -250,6 +250,15 @@ def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path:
     assert "accepted 2" in CliRunner().invoke(app, ["terms", "--phase", "dev"], env=terms).stdout
 
 
+def test_a_table_in_an_encoding_of_old_makes_no_team(running: "Running", tmp_path: Path) -> None:
+    table = tmp_path / "teams.csv"
+    table.write_bytes("id,name\ndalet,Dalét\n".encode("cp1252"))
+    refused = organize(running, "teams", "import", table)
+    assert (refused.exit_code, "save it as UTF-8" in refused.stderr) == (2, True)
+    table.write_text("id\tname\ndalet\tDalet, third\n", encoding="utf-8-sig")
+    assert organize(running, "teams", "import", table).exit_code == 0
+
+
 def test_what_is_done_with_a_submission_from_the_command_line(
     running: "Running", tmp_path: Path, planning_file: Callable[..., Path]
 ) -> None:
@@ -330,6 +339,11 @@ def test_a_board_of_elsewhere_is_imported_listed_and_withdrawn(
     file.write_text(f"method;hcc;split;split_revision;protocol\nFar;20;far;{revision};1.0\n")
     bad = organize(running, *phases)
     assert (bad.exit_code, "Line 2: hcc is 20" in bad.stderr) == (2, True)
+    file.write_bytes(
+        f"method;hcc;split;split_revision;protocol\nFür;0.2;far;{revision};1.0\n".encode("cp1252")
+    )
+    old = organize(running, *phases)
+    assert (old.exit_code, "board.csv is not UTF-8 text" in old.stderr) == (2, True)
     gone = ("phases", "withdraw-reported", "dev", made["id"], "--reason", "wrong")
     assert "Far withdrawn" in organize(running, *gone).stdout
     (line,) = json.loads(organize(running, "audit", "list", "--limit", "1", "--json").stdout)

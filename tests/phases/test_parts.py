@@ -398,6 +398,28 @@ def test_a_reveal_that_is_rolled_back_stays_known(life: "Life") -> None:
         accepted_with_its_first_byte(life, before, "sha256:held")
 
 
+def test_after_a_rollback_pages_say_what_stands(life: "Life") -> None:
+    life.make_phase(closes_at=life.ahead(60))
+    own = life.submit("alpha", PUBLIC_ONLY)
+    life.submit("beta", PRIVATE_ONLY)
+    life.work()
+    life.move(closes_at=life.now())
+    run = reveal(life)
+    life.apply(run)
+    entry, report = f"/entries/{own}?phase=test", "/phases/test/report"
+    public, private = (board["board"] for board in life.json("/api/v1/boards?phase=test")[::-1])
+    stands = 'board={0}#board">board {0}</a>'
+    assert stands.format(private) in life.get(entry).text
+    life.done(f"/rescoring/{run}/rollback", {"reason": "a mistake"})
+    assert life.board()["board"] == life.board("&protocol=1.0")["board"] == public
+    assert stands.format(public) in life.get(entry).text, "the board that is shown, built earlier"
+    assert stands.format(private) not in life.get(entry).text
+    told = life.get(report).text
+    assert "Only the public part of the split counts." in told
+    assert "not been revealed" not in told, "readers saw it"
+    assert "Another revision of parted" in life.get(f"/rescoring/{run}").text
+
+
 def test_nobody_picks_after_the_reveal(life: "Life") -> None:
     """Not by withdrawing, nor by publishing; and the private score of no other entry is shown."""
     policy = {"entries_shown": "chosen", "entries_private": True, "late_entries": "own_view"}

@@ -31,7 +31,7 @@ def test_a_report_comes_with_the_end_and_tells_what_the_boards_tell(life: "Life"
     assert "How it ended" not in life.get("/phases/test").text
     life.move(closes_at=life.now())
     assert life.json(REPORT)["shake_up"] is None
-    assert "has not been revealed" in life.get(PAGE).text
+    assert "Only the public part of the split counts." in life.get(PAGE).text
     last_public = life.json(REPORT)["board"]
     life.apply(reveal(life))
 

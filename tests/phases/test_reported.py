@@ -132,6 +132,18 @@ def test_a_list_of_objects_is_taken_as_a_table_is(scored: "Life") -> None:
     assert rows_of(made)[0]["method"] == "Far Planner"
 
 
+@pytest.mark.parametrize("by", ["copied cells", "capitals", "empty columns"])
+def test_what_a_spreadsheet_makes_of_a_table_is_taken(scored: "Life", by: str) -> None:
+    tables = {
+        "copied cells": ROWS.replace(",", "\t"),
+        "capitals": ROWS.replace(HEAD, HEAD.upper()),
+        "empty columns": f"\ufeff\r\n{HEAD},,\r\n{LINE},,\r\n,,\r\n",
+    }
+    (row,) = rows_of(scored.done(PATH, sent(tables[by])))
+    assert row["metrics"] == {"hcc": 0.1964, "ur": 0.7892}
+    assert "already" in scored.refused(PATH, sent(ROWS), 409), "the very rows"
+
+
 def test_a_number_beyond_all_measures_is_refused_in_words(scored: "Life") -> None:
     (line,) = csv.DictReader(io.StringIO(ROWS))
     words = scored.refused(PATH, sent(json.dumps([{**line, "hcc": 10**400}])), 400)
@@ -147,13 +159,14 @@ def test_a_number_beyond_all_measures_is_refused_in_words(scored: "Life") -> Non
         ({REVISION: ""}, "Line 3: It does not tell split_revision"),
         ({REVISION: "abc"}, "Line 3: split_revision is 'abc': write it in full"),
         ({",1.0,": ",,"}, "Line 3: It does not tell protocol"),
+        ({",1.0,": ",1,"}, "Line 3: protocol is '1': write its version in full, such as 1.0"),
         ({"3181": "many"}, "Line 3: n_samples is 'many'"),
         ({"3181": "9" * 5000}, "Line 3: n_samples is '99"),
         ({"micro": "mean"}, "Line 3: average is 'mean': write micro or macro_family"),
         ({"Far Planner": "Far\u202ePlanner"}, "Line 3: The method holds characters"),
         ({"Far Planner": ""}, "Line 3: It does not tell method"),
         ({"0.1964,0.7892,0.2028": ",,"}, "Line 3: It tells no metric"),
-        ({"Far Team,": "Far Team,x,"}, "Line 3 has 12 values, not 11"),
+        ({"Far Team,": "Far Team,x,"}, "Line 3 has 12 values, not 11 as line 1"),
     ],
 )
 def test_a_bad_line_is_named_with_its_cure_and_nothing_is_imported(

@@ -253,8 +253,14 @@ def latest_board(
 
 
 def latest_public_board(session: Session, phase_id: str, protocol_digest: str) -> BoardRow | None:
-    """Return the newest board of a phase under a protocol that was ever shown."""
-    query = _newest_first(phase_id, protocol_digest, None).where(was_shown())
+    """Return the board of a phase under a protocol that readers saw last, also after a rollback."""
+    query = (
+        select(BoardRow)
+        .join(BoardFlip, BoardFlip.board_id == BoardRow.id)
+        .where(BoardFlip.phase_id == phase_id, BoardRow.protocol_digest == protocol_digest)
+        .order_by(BoardFlip.at.desc(), BoardFlip.id.desc())
+        .limit(1)
+    )
     return session.scalars(query).first()
 
 
@@ -378,7 +384,9 @@ def newest_board_with(session: Session, submission_id: str) -> BoardRow | None:
 def boards_by_protocol(
     session: Session, submission: Submission, limit: int
 ) -> list[tuple[BoardRow, BoardRow]]:
-    """Return the first and the last public board with a submission, under each protocol.
+    """Return the boards with a submission that readers saw first and last, under each protocol.
+
+    Last is what was shown last, not what was built last: a rollback shows an earlier board again.
 
     Args:
         session: To read with.
@@ -386,18 +394,23 @@ def boards_by_protocol(
         limit: How many protocols at most, the newest first.
     """
     query = (
-        select(func.min(BoardRow.id), func.max(BoardRow.id))
+        select(func.min(BoardFlip.id), func.max(BoardFlip.id))
+        .join(BoardRow, BoardRow.id == BoardFlip.board_id)
         .join(BoardEntryRow, BoardEntryRow.board_id == BoardRow.id)
         .join(ProtocolRow, ProtocolRow.digest == BoardRow.protocol_digest)
-        .where(BoardEntryRow.submission_id == submission.id, was_shown())
+        .where(BoardEntryRow.submission_id == submission.id)
         .group_by(ProtocolRow.digest, ProtocolRow.created_at)
         .order_by(ProtocolRow.created_at.desc())
         .limit(limit)
     )
     return [
-        (session.get_one(BoardRow, first), session.get_one(BoardRow, last))
+        (_board_of(session, first), _board_of(session, last))
         for first, last in session.execute(query)
     ]
+
+
+def _board_of(session: Session, flip_id: int) -> BoardRow:
+    return session.get_one(BoardRow, session.get_one(BoardFlip, flip_id).board_id)
 
 
 def _newest_first(

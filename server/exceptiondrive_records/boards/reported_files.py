@@ -90,7 +90,9 @@ def _rows(text: str, challenge: Challenge) -> tuple[ImportedRow, ...]:
 def _lines(text: str, challenge: Challenge) -> list[_Line]:
     lines = _of_json(text, challenge) if text.lstrip()[:1] in ("{", "[") else _of_csv(text)
     if not lines:
-        raise InvalidRecord("The file has no row.")
+        raise InvalidRecord(
+            "The file has no row: write the names of columns first, then one method a line."
+        )
     if len(lines) > MAX_ROWS:
         raise InvalidRecord(f"The file has more than {MAX_ROWS} rows; import it in parts.")
     return lines
@@ -98,15 +100,12 @@ def _lines(text: str, challenge: Challenge) -> list[_Line]:
 
 def _of_csv(text: str) -> list[_Line]:
     (_, head), *rows = csv_rows(text) or [(1, [])]
-    names = [name.strip() for name in head]
+    names = [name.strip().lower() for name in head]
     twice = {name for name in names if names.count(name) > 1}
     if twice:
         raise InvalidRecord(f"The first line names the column {min(twice)} twice.")
     lines: list[_Line] = []
     for number, cells in rows:
-        if len(cells) != len(names):
-            words = f"Line {number} has {len(cells)} values, not {len(names)}"
-            raise InvalidRecord(f"{words}: put text that holds the separator in quotes.")
         values = map(from_spreadsheet, map(str.strip, cells))
         lines.append(_Line(f"Line {number}", dict(zip(names, values, strict=True))))
     return lines
@@ -222,7 +221,7 @@ def _row(values: Mapping[str, Any], challenge: Challenge) -> ImportedRow:
         families=families,
         n_samples=_count(values.get("n_samples")),
         split=SplitRef(name=_split_name(values["split"]), revision=_revision(values)),
-        protocol=_text("protocol", values["protocol"], 100),
+        protocol=_protocol(values["protocol"]),
         protocol_digest=_digest("protocol_digest", values.get("protocol_digest")),
         average=_average(values.get("average")),
         cite=_text(
@@ -296,6 +295,16 @@ def _revision(values: Mapping[str, Any]) -> str:
     return revision
 
 
+def _protocol(value: Any) -> str:
+    version = _text("protocol", value, 100)
+    if version.isdigit():
+        raise InvalidRecord(
+            f"protocol is {version!r}: write its version in full, such as 1.0; spreadsheet programs "
+            "cut it unless its cells are of text."
+        )
+    return version
+
+
 def _digest(name: str, value: Any) -> str | None:
     if value is None or value == "":
         return None
@@ -317,5 +326,5 @@ def _average(value: Any) -> Average | None:
 def _text(kind: str, value: Any, max_length: int, *, may_be_empty: bool = False) -> str:
     text = "" if value is None else value
     if not isinstance(text, str):
-        raise InvalidRecord(f"The {kind} is no text.")
+        raise InvalidRecord(f"The {kind} is no text: put it in quotes.")
     return checked_text(kind, text, max_length=max_length, may_be_empty=may_be_empty)

@@ -5,26 +5,42 @@ import io
 
 from exceptiondrive_records.db.errors import InvalidRecord
 
+_SEPARATORS = ",;\t"
+"""The last is what stands in the clipboard when cells of a spreadsheet are copied."""
+
 
 def csv_rows(text: str) -> list[tuple[int, list[str]]]:
     """Return the rows that hold something, each with the line on which it begins.
 
+    Empty cells at the end of the first line are no columns, and nor are those below them.
+
     Args:
-        text: Its values are separated by commas or by semicolons, as the first line tells.
+        text: Its values are separated by commas, semicolons or tabs, as the first line tells.
 
     Raises:
-        InvalidRecord: It is no table.
+        InvalidRecord: It is no table, or a row has not as many values as the first one.
     """
     text = text.removeprefix("\ufeff")
-    head = text.split("\n", 1)[0]
-    separator = ";" if head.count(";") > head.count(",") else ","
+    head = text.lstrip("\r\n").split("\n", 1)[0]
+    separator = max(_SEPARATORS, key=head.count)
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
-    rows, line = [], 1
+    rows: list[tuple[int, list[str]]] = []
+    line, n_columns = 1, 0
     try:
         for cells in reader:
             if any(map(str.strip, cells)):
+                while len(cells) > n_columns and not cells[-1].strip():
+                    cells.pop()
+                n_columns = n_columns or len(cells)
+                if len(cells) != n_columns:
+                    raise InvalidRecord(
+                        f"Line {line} has {len(cells)} values, not {n_columns} as line {rows[0][0]}: "
+                        "put text that holds the separator in quotes."
+                    )
                 rows.append((line, cells))
             line = reader.line_num + 1
     except csv.Error as error:
-        raise InvalidRecord(f"This is no table as CSV: {error}.") from None
+        raise InvalidRecord(
+            f"This is no table as CSV: {error}. Save it as CSV; in quoted text write each quote twice."
+        ) from None
     return rows

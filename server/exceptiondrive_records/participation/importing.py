@@ -42,7 +42,7 @@ def import_teams(session: Session, text: str, *, actor: str) -> list[ImportedTea
 
     Args:
         session: Of a write transaction; a refusal has to end it, so that no team is left.
-        text: CSV with a first line of column names, separated by commas or semicolons.
+        text: CSV with a first line of column names, separated by commas, semicolons or tabs.
         actor: Who.
 
     Raises:
@@ -124,10 +124,8 @@ def _lines(text: str) -> Iterator[_Line]:
             f"The first line must name columns of {', '.join(COLUMNS)}; id and name are needed."
         )
     if not rows:
-        raise InvalidRecord("The table has no team.")
+        raise InvalidRecord("The table has no team: write one a line below the names of columns.")
     if len(rows) > MAX_TEAMS:
         raise InvalidRecord(f"The table has more than {MAX_TEAMS} teams; import it in parts.")
     for number, row in rows:
-        if len(row) != len(names):
-            raise InvalidRecord(f"Line {number} has {len(row)} values, not {len(names)}.")
         yield _Line(number, dict(zip(names, map(str.strip, row), strict=True)))

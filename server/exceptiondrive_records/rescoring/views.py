@@ -264,20 +264,16 @@ def _news_under_aliases(news: BoardNews, aliases: Mapping[str, str]) -> BoardNew
     return news.model_copy(update={"entries": entries})
 
 
-def update_reasons(session: Session, phase_id: str) -> dict[int, tuple[str, ...]]:
-    """Return why boards of a phase took the place of others, where an update was applied or taken back.
+def update_words(session: Session, phase_id: str) -> dict[int, tuple[str, ...]]:
+    """Return what changed as boards of a phase were shown, where an update was applied or taken back.
 
     Returns:
-        By key of the board: what changed, and the organizers' reason.
+        By key of the board, of when it was shown last. Reasons stay with the organizers.
     """
     runs = _runs_by_flip(session, phase_id)
-    flips = session.scalars(select(BoardFlip).where(BoardFlip.id.in_(runs)))
+    flips = select(BoardFlip).where(BoardFlip.id.in_(runs)).order_by(BoardFlip.id)
     return {
-        flip.board_id: (
-            *_words_of(session, runs[flip.id], flip.id),
-            f"Reason: {runs[flip.id].reason.strip()}",
-        )
-        for flip in flips
+        flip.board_id: _words_of(session, runs[flip.id], flip.id) for flip in session.scalars(flips)
     }
 
 

@@ -260,7 +260,7 @@ class BoardNote:
     published_at: datetime
     findings: str
     news: str
-    reasons: tuple[str, ...] = ()
+    what_changed: tuple[str, ...] = ()
     """What an update of protocol or split changed, and the organizers' reason."""
 
 
@@ -311,7 +311,7 @@ def _board(root: Xml.Element, history: History, board: BoardNote, site_url: str)
     _text(entry, "id", address)
     _link(entry, address, "alternate")
     _text(entry, "updated", iso(board.published_at))
-    said = [board.news, *board.reasons, board.findings, f"Content {board.digest}."]
+    said = [board.news, *board.what_changed, board.findings, f"Content {board.digest}."]
     _text(entry, "summary", " ".join(filter(None, said)))
 
 

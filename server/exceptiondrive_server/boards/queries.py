@@ -36,7 +36,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.protocols.shown import shown_protocol
 from exceptiondrive_records.protocols.tables import ProtocolRow
-from exceptiondrive_records.rescoring.views import update_reasons
+from exceptiondrive_records.rescoring.views import update_words
 from exceptiondrive_records.splits.drawings import protocol_drawing
 from exceptiondrive_records.splits.splits import whole_split
 from exceptiondrive_records.splits.tables import SplitRow
@@ -347,8 +347,8 @@ def read_history(session: Session, query: BoardQuery) -> History:
         .order_by(BoardRow.number.desc())
         .limit(_NEWEST_BOARDS)
     )
-    reasons = update_reasons(session, phase.id)
-    notes = tuple([_note(session, row, reasons.get(row.id, ())) for row in session.scalars(newest)])
+    changes = update_words(session, phase.id)
+    notes = tuple([_note(session, row, changes.get(row.id, ())) for row in session.scalars(newest)])
     return History(
         phase.id,
         phase.title,
@@ -374,7 +374,7 @@ def _dates(phase: Phase, now: datetime) -> Iterator[PhaseDate]:
             yield PhaseDate("announced", phase.created_at, words)
 
 
-def _note(session: Session, row: BoardRow, reasons: tuple[str, ...]) -> BoardNote:
+def _note(session: Session, row: BoardRow, what_changed: tuple[str, ...]) -> BoardNote:
     board, protocol = parsed_board(row), find_protocol(session, row.protocol_digest)
     digits = Digits.of(protocol.publication)
     said = headline(board, challenge_of(board), len(protocol.tasks), digits)
@@ -386,5 +386,5 @@ def _note(session: Session, row: BoardRow, reasons: tuple[str, ...]) -> BoardNot
         board.published_at,
         " ".join(said.findings),
         f"{moves[0].upper()}{moves[1:]}." if moves else "",
-        reasons,
+        what_changed,
     )

@@ -80,7 +80,7 @@ def change_words(run: RunView | PublicRun) -> str:
     if run.from_protocol != run.to_protocol:
         changes.append(f"protocol {run.from_protocol.version} to {run.to_protocol.version}")
     if run.from_split != run.to_split:
-        changes.append(f"a new revision of {run.to_split.name}")
+        changes.append(f"another revision of {run.to_split.name}")
     return " and ".join(changes)
 
 

@@ -123,6 +123,7 @@ def organizer_page(
     frame = {
         "section": section,
         "sections": _sections(browser.principal),
+        "is_of_site": browser.principal.is_organizer,
         "organizer": browser.principal.person_name or browser.principal.token_name,
         "form_token": browser.form_token,
         "done": DONE.get(request.query_params.get("done", "")),

@@ -62,7 +62,7 @@ def diff_protocol(
 ) -> None:
     """Say in plain words what a document would change, and what would be repeated."""
     _meant_protocol(file)
-    toml = given_bytes(file).data.decode("utf-8-sig")
+    toml = given_bytes(file).text()
     with open_organizer(server) as organizer:
         found = organizer.rescoring.check_protocol(toml, phase)
     changes = [f"- {change['sentence']} ({change['stage']})" for change in found["changes"]]
@@ -351,7 +351,7 @@ def add_protocol(
 ) -> None:
     """Add a protocol document; it is immutable from then on."""
     given_protocol(str(file))
-    toml = given_bytes(file).data.decode("utf-8-sig")
+    toml = given_bytes(file).text()
     with open_organizer(server) as organizer:
         known = {one["digest"] for one in organizer.protocols()}
         added = organizer.add_protocol(toml)

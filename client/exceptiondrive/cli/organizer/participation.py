@@ -110,7 +110,7 @@ def import_teams(
     json: options.Json = False,
 ) -> None:
     """Make many teams, each with a token that is shown this once; all of them, or none."""
-    text = options.given(file).data.decode("utf-8-sig")
+    text = options.given(file).text()
     with open_organizer(server) as organizer:
         made = organizer.import_teams(text)
     teams = made["teams"]
@@ -234,7 +234,7 @@ def send_message(
     json: options.Json = False,
 ) -> None:
     """Write to one, some or all teams: inbox, e-mail and webhooks."""
-    words = options.given(text).data.decode("utf-8-sig")
+    words = options.given(text).text()
     with open_organizer(server) as organizer:
         sent = organizer.send_message(title, words, to or (), phase, is_preview=preview)
     columns = ("team", "name", "n_emails", "n_webhooks")

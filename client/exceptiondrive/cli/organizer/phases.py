@@ -199,7 +199,7 @@ def import_reported(
     json: options.Json = False,
 ) -> None:
     """Put the rows of another board beside a phase, unranked: all of them, or none."""
-    text = options.given(file).data.decode("utf-8-sig", "replace")
+    text = options.given(file).text()
     with open_organizer(server) as organizer:
         made = organizer.import_reported(phase_id, text, title, cite)
     show_result(made, json, f"{len(made['rows'])} rows imported as {made['id']}; they rank nowhere")
@@ -325,7 +325,7 @@ def _value(field: FormField, given: Any) -> Any:
     if given == "none" and field.may_be_none:
         return None
     if field.kind == "lines" and given.startswith("@") and "{" not in given:  # BibTeX: `@misc{`
-        return given_bytes(given[1:]).data.decode("utf-8-sig")
+        return given_bytes(given[1:]).text()
     if field.kind == "whole":
         if not (given.isdecimal() and field.lowest <= int(given) <= field.highest):
             raise InvalidArgumentError(
