@@ -261,7 +261,7 @@ class BoardNote:
     findings: str
     news: str
     what_changed: tuple[str, ...] = ()
-    """What an update of protocol or split changed, and the organizers' reason."""
+    """What an update of protocol or split changed; its reason stays with the organizers."""
 
 
 @dataclass(frozen=True)
