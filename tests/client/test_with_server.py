@@ -9,6 +9,7 @@ import json
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -546,3 +547,26 @@ def test_who_interrupts_the_waiting_reads_that_the_submission_goes_on(
     assert code == 130
     said = f"It is safe and will be scored; look with: exceptiondrive status {ids[0]}"
     assert said in shown.decode()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no other process is interrupted there")
+def test_who_interrupts_the_sending_reads_that_nothing_counts_twice(
+    running: "Running", planning_file: MakeFile
+) -> None:
+    submit = ("submit", str(planning_file()), "--phase", "dev", "--method", "Planner")
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        silent.settimeout(60)
+        address = f"http://127.0.0.1:{silent.getsockname()[1]}"
+        mine = {"EXCEPTIONDRIVE_SERVER": address, "EXCEPTIONDRIVE_TOKEN": running.token}
+        process = subprocess.Popen(
+            [sys.executable, "-c", HEEDS_INTERRUPTS, *submit],
+            stderr=subprocess.PIPE,
+            env={**os.environ, **mine},
+        )
+        connection, _ = silent.accept()
+        with connection:
+            connection.recv(1)
+            process.send_signal(signal.SIGINT)
+            _, said = process.communicate()
+    assert process.returncode == 130
+    assert b"Sent again, the same bytes count once." in said

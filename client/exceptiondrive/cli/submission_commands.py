@@ -43,6 +43,10 @@ if TYPE_CHECKING:
 
 INTERRUPTED = 130
 """The exit code of what Ctrl-C ended, as shells have it."""
+UNANSWERED = (
+    "Interrupted before the server has answered: `exceptiondrive submissions` lists the file if it "
+    "arrived. Sent again, the same bytes count once."
+)
 
 
 def submit(
@@ -111,19 +115,23 @@ def submit(
 
     phase, given = default_phase(phase), options.given(file, context)
     with open_client(server) as client:
-        with TransferBar("uploading", given.name) as bar:
-            submission = client.submit(
-                given,
-                phase=phase,
-                method=method,
-                description=description,
-                paper=paper,
-                code=code,
-                facts=told,
-                without_reminder=without_reminder,
-                on_progress=bar,
-                before_upload=consent,
-            )
+        try:
+            with TransferBar("uploading", given.name) as bar:
+                submission = client.submit(
+                    given,
+                    phase=phase,
+                    method=method,
+                    description=description,
+                    paper=paper,
+                    code=code,
+                    facts=told,
+                    without_reminder=without_reminder,
+                    on_progress=bar,
+                    before_upload=consent,
+                )
+        except KeyboardInterrupt:
+            say(UNANSWERED)
+            raise typer.Exit(INTERRUPTED) from None
         if wait:
             _wait(submission, timeout)
         if json:
