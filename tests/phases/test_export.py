@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 import tests.support
 from tests.canary.values import CANARY_M
+from tests.phases.browsing import visitor
 from tests.phases.test_parts import CAREFUL, PRIVATE_ONLY, PUBLIC_ONLY, reveal, revisions
 
 from exceptiondrive_server.submissions.download import PIECE_BYTES, written_down
@@ -128,6 +129,11 @@ def test_what_is_written_down_is_taken_one_by_one_and_comes_back_whole() -> None
 def test_a_phase_without_a_board_has_no_export(life: "Life") -> None:
     life.make_phase()
     assert life.get(EXPORT, "organizer").status_code == 404
+    page = visitor(life, "organizer")
+    assert "/export" not in page.get("/organize/phases/test").text
+    life.submit("alpha", CAREFUL)
+    life.work()
+    assert "/organize/phases/test/export" in page.get("/organize/phases/test").text
 
 
 def test_entries_are_records_of_every_eval_ever(ended: "Life") -> None:

@@ -368,7 +368,7 @@ def _phase(
 ) -> Response:
     with services.database.read() as session:
         phase = find_phase(session, phase_id)
-        kept = _texts(phase)
+        kept, has_board = _texts(phase), phase.current_board_id is not None
         seen = phase_view(session, phase, max_upload_bytes=services.settings.max_upload_bytes)
         now, seen_at = phase_now(session, phase), database_now(session)
         lines = history(session, phase_id, limit=HISTORY)
@@ -382,6 +382,7 @@ def _phase(
         kept,
         phase=seen,
         made_of=(),
+        has_board=has_board,
         now=now,
         seen_at=seen_at,
         steps=[
