@@ -420,6 +420,26 @@ def test_after_a_rollback_pages_say_what_stands(life: "Life") -> None:
     assert "Another revision of parted" in life.get(f"/rescoring/{run}").text
 
 
+def test_after_a_rollback_the_late_view_is_there_again_and_takes_no_more(life: "Life") -> None:
+    life.make_phase(closes_at=life.ahead(60), policy={"late_entries": "own_view"})
+    life.submit("alpha", PUBLIC_ONLY)
+    life.work()
+    life.move(closes_at=life.now())
+    late = life.submit("gamma", CAREFUL)
+    life.work()
+    path = "/api/v1/leaderboard?phase=test&view=late"
+    before = life.json(path)
+    run = reveal(life)
+    life.apply(run)
+    assert life.get(path).status_code == 404
+    life.done(f"/rescoring/{run}/rollback", {"reason": "a mistake"})
+    life.work()
+    after = life.json(path)
+    assert late in [entry["submission_id"] for entry in after["entries"]]
+    assert (after["part"], after["entries"]) == ("public", before["entries"])
+    assert life.upload("gamma", PUBLIC_ONLY, "Once more").status_code == 403
+
+
 def test_nobody_picks_after_the_reveal(life: "Life") -> None:
     """Not by withdrawing, nor by publishing; and the private score of no other entry is shown."""
     policy = {"entries_shown": "chosen", "entries_private": True, "late_entries": "own_view"}
