@@ -96,7 +96,8 @@ def test_sorting_filtering_and_hiding_columns_work_without_script(visit: Visit) 
     page.goto(visit.address)
     page.click("details.more summary")
     page.uncheck("input[name=show][value=cts_x]")
-    page.click(".pop button[type=submit]")
+    with page.expect_navigation():
+        page.click(".pop button[type=submit]")
     assert "hide=cts_x" in page.url
     assert page.locator("#board-rows th.cts_x, #board-rows td.cts_x").count() == 0
 
@@ -116,10 +117,12 @@ def test_everything_can_be_read_without_script(visit: Visit) -> None:
 def test_from_an_entry_to_each_of_its_drawings_without_script(visit: Visit) -> None:
     page = visit.open("/entries/s0000000kq", java_script_enabled=False)
     assert page.locator(".sheet svg.draw").count() == 12
-    page.click(".sheet li a >> nth=0")
+    with page.expect_navigation():  # counted is on a whole page
+        page.click(".sheet li a >> nth=0")
     seen = {page.inner_text("h1")}
     while page.locator("a[rel=next]").count():
-        page.click("a[rel=next]")
+        with page.expect_navigation():
+            page.click("a[rel=next]")
         seen.add(page.url)
     assert len(seen) == 12
     page.click(".crumbs a")

@@ -143,7 +143,8 @@ def test_without_script_everything_stands_still_at_the_end(visit: Any) -> None:
         scene.locator(".mo-read b").first.inner_text().startswith(f"{SCENE.clearances_m[-1]:.2f} m")
     )
     page.select_option("select[name=with] >> nth=1", "")
-    page.click(".mo-form button")
+    with page.expect_navigation():
+        page.click(".mo-form button")
     assert page.locator(".mo").first.locator(".mo-run").count() == 2
     board = visit("/?phase=sample", java_script_enabled=False)
     still = board.locator(".mo-still img")
