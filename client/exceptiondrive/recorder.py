@@ -140,7 +140,7 @@ class Journal:
 
     def close(self) -> None:
         """Stop recording and keep the journal, to go on later."""
-        with self._told():
+        with self._os_errors_told():
             self._stream.close()
 
     def _record(self, prediction: Dict[str, Any]) -> None:
@@ -165,12 +165,12 @@ class Journal:
             raise RecorderError(
                 f"the recording of {self.path} is closed; open another at the same path to go on"
             )
-        with self._told():
+        with self._os_errors_told():
             self._stream.write(json.dumps(value, allow_nan=False) + "\n")
             self._stream.flush()
 
     @contextlib.contextmanager
-    def _told(self) -> Iterator[None]:
+    def _os_errors_told(self) -> Iterator[None]:
         """Say of a full disk that what was recorded is not lost."""
         try:
             yield

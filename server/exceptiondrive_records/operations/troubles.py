@@ -152,8 +152,8 @@ def _mail(session: Session) -> Iterator[Trouble]:
         yield Trouble(
             "mail_not_sent",
             "mail",
-            f"No mail goes out: {counted(n_mails, 'message')} to "
-            f"{counted(n_addresses, 'address', 'addresses')} came to nothing, none was sent since. "
+            f"Mail may not go out: {counted(n_mails, 'message')} to "
+            f"{counted(n_addresses, 'address', 'addresses')} came to nothing, and none was sent since. "
             "The log of exceptiondrive-server reconcile says why. Teams find all in their notices.",
             "set right what the log says at 'not delivered'; docs/rescoring.md has the settings of "
             "mail. What still waits is then sent by itself",
