@@ -24,9 +24,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import chain, compress, starmap
 from operator import neg, sub
+from typing import TypeVar
 
 from exceptiondrive_schemas.check.answers import TrajectoryPair
-from exceptiondrive_schemas.check.tracks import Column, PairTracks, Tracks, Whole
+from exceptiondrive_schemas.check.tracks import Column, PairTracks, Steps, Tracks, Whole
 from exceptiondrive_schemas.check.transformations import (
     EXCHANGE,
     MIRROR,
@@ -322,7 +323,10 @@ def _whole_or_part(
     )
 
 
-def _some(samples: Sequence[Compared]) -> Sequence[Compared]:
+_One = TypeVar("_One")
+
+
+def _some(samples: Sequence[_One]) -> Sequence[_One]:
     return samples[:: math.ceil(len(samples) / MAX_COMPARED)]
 
 
@@ -536,15 +540,19 @@ def _edited_mend(sources: Tracks, edited: Tracks, plausibility: PlausibilitySect
 
     Told by the first waypoint: no braking and no swerve moves it far.
     """
-    own, at = edited.steps[0], sources.steps[0]
-    is_moving = [length_m > plausibility.stationary_below_m for length_m in at.length_m]
+    at_edit, at_source = edited.steps[0], sources.steps[0]
+    is_moving = [length_m > plausibility.stationary_below_m for length_m in at_source.length_m]
     if sum(is_moving) < MIN_COMPARED:
         return None
-    scale_m = statistics.median(compress(at.length_m, is_moving))
+    own, at = (
+        Steps(*(_some(list(compress(column, is_moving))) for column in step))
+        for step in (at_edit, at_source)
+    )
+    scale_m = statistics.median(at.length_m)
 
     def off(x_m: Iterable[float], y_m: Iterable[float]) -> float:
         gaps_m = map(math.hypot, map(sub, x_m, at.x_m), map(sub, y_m, at.y_m))
-        return statistics.median(compress(gaps_m, is_moving)) / scale_m
+        return statistics.median(gaps_m) / scale_m
 
     error = off(own.x_m, own.y_m)
     if error > FITS:
@@ -556,7 +564,7 @@ def _edited_mend(sources: Tracks, edited: Tracks, plausibility: PlausibilitySect
                 convert_option=None,
                 by_hand="write both with x forward and y left",
             )
-    found = _of_others(own.length_m, at.length_m)
+    found = _of_others(at_edit.length_m, at_source.length_m)
     if found is None:
         return None
     return Mend(
