@@ -10,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from tests.chaos.run import Run
+from tests.chaos.topology import MAX_ATTEMPTS
 
 from exceptiondrive_records.work.tables import WorkState
 from exceptiondrive_schemas.api.submission import SubmissionStatus
@@ -45,19 +46,32 @@ def _fill_up(ballast: Path) -> None:
 
 
 def store_gone(run: Run) -> str:
-    """The folder of uploads is away, as an unmounted volume."""
+    """The folder of uploads is away, as an unmounted volume, for longer than all attempts of a job."""
     aside, used = run.topology.folder / "uploads-aside", run.used_today("beta")
+    log = run.topology.worker.log
+    n_before = log.read_text().count(_READ_IN_VAIN)
+    run.topology.freeze_between_writes()
+    accepted = run.upload()
     _take_away(run.topology.uploads, aside)
+    run.topology.worker.thaw()
     told = [run.clients.submit(run.clients.new_file(), "beta", patient=False) for _ in range(3)]
     ready = run.topology.readiness()
+    run.topology.wait_until(
+        lambda: log.read_text().count(_READ_IN_VAIN) > n_before + MAX_ATTEMPTS, "reads in vain"
+    )
     _put_back(run.topology.uploads, aside)
     assert run.used_today("beta") == used, "it cost quota"
     run.clients.stream(4)
     run.settle()
+    run.require_scored([accepted])
+    assert run.job_of(accepted).attempts == 1, "an outage used attempts"
     assert all(call.status == 503 and call.retry_after for call in told), told
     assert not ready.get("is_ready"), "ready without a store"
     run.require_no_rows(told)
-    return "3 of 3 told 503 with Retry-After, not ready, no row, no quota used"
+    return "3 of 3 told 503 with Retry-After, not ready, no row, no quota used; what was accepted waited"
+
+
+_READ_IN_VAIN = '"code": "store_unavailable", "error"'
 
 
 def _take_away(folder: Path, aside: Path) -> None:

@@ -64,6 +64,7 @@ def test_a_file_larger_than_the_reader_allows_is_not_read(store: FileStore) -> N
     "digest", ["sha256:" + "0" * 64, "sha256:../../etc/passwd", "", DIGEST[7:]]
 )
 def test_what_is_not_there_is_not_found(store: FileStore, digest: str) -> None:
+    store.put_stream([b"another"], limit_bytes=100)
     with pytest.raises(NotFound):
         store.read(digest, limit_bytes=10)
 
@@ -77,6 +78,10 @@ def test_a_folder_that_is_away_is_an_outage_and_its_files_are_not_missing(tmp_pa
         with pytest.raises(StoreError, match="does not answer"):
             ask(digest)
     assert not store.takes_files()
+    folder.mkdir()  # as where nothing is mounted
+    with pytest.raises(StoreError, match="does not answer"):
+        store.read(digest, limit_bytes=100)
+    assert store.takes_files(), "a new server's folder is empty, too"
     (tmp_path / "away").rename(folder)
     assert store.read(digest, limit_bytes=100) == b"bytes"
 

@@ -1,7 +1,10 @@
 """The file store on S3: a real HTTP server that speaks it, reached as any other would be."""
 
+import contextlib
 import hashlib
 import os
+import socket
+import threading
 import urllib.request
 from collections.abc import Iterator
 from contextlib import closing
@@ -98,3 +101,27 @@ def test_what_is_not_there_is_not_found_and_what_is_too_large_is_not_read(store:
 def test_a_bucket_that_is_not_there_is_an_outage(server: Any) -> None:
     with pytest.raises(StoreError):
         FileStore("s3://no-such-bucket/prefix").put_stream([b"hello"], limit_bytes=99)
+
+
+def test_a_store_that_nobody_reaches_is_told_after_few_attempts(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    n_calls = 0
+
+    def hang_up(listener: socket.socket) -> None:
+        nonlocal n_calls
+        with contextlib.suppress(OSError):  # the listener is closed at the end
+            while True:
+                listener.accept()[0].close()
+                n_calls += 1
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://127.0.0.1:{listener.getsockname()[1]}")
+        monkeypatch.setenv("AWS_ALLOW_HTTP", "true")
+        monkeypatch.setenv("AWS_ACCESS_KEY_ID", "key")
+        monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret")
+        threading.Thread(target=hang_up, args=[listener], daemon=True).start()
+        with pytest.raises(StoreError):
+            FileStore("s3://uploads/prefix").holds("sha256:" + "0" * 64)
+        assert 1 <= n_calls <= 4
+        assert not FileStore("s3://uploads/prefix").takes_files()

@@ -1,11 +1,10 @@
 """Sheets are recomputed from the uploads, and every bit must come again."""
 
-import shutil
 from collections.abc import Callable
 from typing import Any
 
 import pytest
-from sqlalchemy import select
+from sqlalchemy import select, update
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
@@ -63,9 +62,23 @@ def test_the_private_store_is_not_looked_at(stage: Stage) -> None:
 
 
 def test_an_upload_that_is_gone_is_a_failure_and_no_agreement(stage: Stage) -> None:
-    shutil.rmtree(stage.settings.private_dir.parent / "uploads")
+    for path in (stage.settings.private_dir.parent / "uploads").glob("*/*"):
+        path.unlink()
     found = verified(stage)
     assert (found.n_equal, found.n_failed) == (0, 3)
+
+
+def test_while_the_store_is_away_a_verification_waits(stage: Stage) -> None:
+    uploads = stage.settings.private_dir.parent / "uploads"
+    away = uploads.rename(uploads.with_name("elsewhere"))
+    found = verified(stage)
+    assert (found.n_sheets, found.n_equal, found.n_failed) == (3, 0, 0)
+    away.rename(uploads)
+    with stage.owner.write() as session:
+        session.execute(update(Recheck).values(available_at=database_now(session)))
+    stage.verify_all()
+    with stage.database.read() as session:
+        assert verification_view(session, found.id).n_equal == 3
 
 
 def test_a_file_accepted_under_older_bounds_verifies_under_tighter_ones(

@@ -10,6 +10,7 @@ from sqlalchemy import func, select, text
 from tests.support.work import claim_this
 from tests.support.worker import score_submission
 
+from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_records.work.jobs import new_job
@@ -26,6 +27,7 @@ from exceptiondrive_worker.splits.private_store import Shelf
 
 World = Any
 MakeFile = Callable[..., bytes]
+WAITING = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED)
 
 
 @pytest.fixture
@@ -243,6 +245,76 @@ def test_a_lost_upload_is_retried(phase: World, tiny: Split, planning_file: Make
     score_submission(phase.context, job_id)
     assert phase.job(job_id).state is WorkState.QUEUED
     assert phase.job(job_id).attempts == 1
+
+
+@pytest.fixture
+def at_once(make_world: Callable[..., World], tiny: Split, sqlite_url: str) -> World:
+    """A world in which what is tried again is due at once."""
+    world = make_world(sqlite_url, retry_backoff_s=1e-6)
+    world.add_phase(tiny)
+    return world
+
+
+def uploads_of(world: World) -> Path:
+    return Path(f"{world.settings.private_dir.parent}/uploads")
+
+
+def test_while_the_store_is_away_jobs_wait_and_use_no_attempt(
+    at_once: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    sent = [at_once.submit(planning_file(tiny, speed), f"method {speed}") for speed in (1.0, 2.0)]
+    uploads = uploads_of(at_once)
+    away = uploads.rename(uploads.with_name("elsewhere"))
+    for _ in range(2 * at_once.settings.max_attempts):
+        assert not score_next(at_once.context, Lane.LIVE), "nothing else comes further now"
+    for submission_id, job_id in sent:
+        assert at_once.submission(submission_id).status in WAITING
+        assert at_once.job(job_id).state is WorkState.QUEUED
+        assert at_once.job(job_id).attempts == 0
+    assert at_once.job(sent[0][1]).note == "store_unavailable"
+    with at_once.database.read() as session:
+        actions = set(session.scalars(select(AuditLine.action)))
+    assert "scoring to be retried" not in actions, "an outage of a night would fill the log"
+    away.rename(uploads)
+    while score_next(at_once.context, Lane.LIVE):
+        pass
+    assert {at_once.submission(each).status for each, _ in sent} == {SubmissionStatus.SCORED}
+
+
+def test_while_the_records_have_no_room_jobs_wait_and_use_no_attempt(
+    at_once: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    def limit(n_pages: int) -> None:  # of the one connection that this thread writes with
+        with at_once.context.database.write() as session:
+            session.execute(text(f"PRAGMA max_page_count = {n_pages}"))
+
+    sent = [at_once.submit(planning_file(tiny, 1 + n / 10), f"method {n}") for n in range(12)]
+    limit(1)  # no more than there are
+    for _ in range(12 + 2 * at_once.settings.max_attempts):
+        score_next(at_once.context, Lane.LIVE)
+    left = [ids for ids in sent if at_once.submission(ids[0]).status in WAITING]
+    assert left
+    for _, job_id in left:
+        assert at_once.job(job_id).attempts == 0
+    assert {at_once.job(job_id).note for _, job_id in left} == {None, "records_unavailable"}
+    limit(1_000_000)
+    while score_next(at_once.context, Lane.LIVE):
+        pass
+    assert {at_once.submission(each).status for each, _ in sent} == {SubmissionStatus.SCORED}
+
+
+def test_a_file_that_the_store_does_not_give_is_given_up(
+    at_once: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    submission_id, _ = at_once.submit(planning_file(tiny))
+    (path,) = (path for path in uploads_of(at_once).rglob("*") if path.is_file())
+    path.unlink()
+    path.symlink_to(path)  # nobody can open it, not even root
+    for _ in range(at_once.settings.max_attempts):
+        assert score_next(at_once.context, Lane.LIVE)
+    submission = at_once.submission(submission_id)
+    assert submission.status is SubmissionStatus.FAILED
+    assert submission.failure_code == "upload_unreadable"
 
 
 def test_rescoring_under_another_protocol_reads_no_upload(

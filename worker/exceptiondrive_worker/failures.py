@@ -13,9 +13,12 @@ from pathlib import Path
 
 import structlog
 from billiard.exceptions import SoftTimeLimitExceeded
+from sqlalchemy.exc import InterfaceError, OperationalError
+from sqlalchemy.exc import TimeoutError as PoolTimeout
 
+from exceptiondrive_records.db.database import is_forbidden
 from exceptiondrive_records.db.errors import NotFound, StoreError
-from exceptiondrive_records.submissions.file_store import FileDamaged
+from exceptiondrive_records.submissions.file_store import FileDamaged, FileUnreadable
 from exceptiondrive_worker.splits.faults import SplitRefusedError
 from exceptiondrive_worker.splits.floors import FloorHeldError, SplitDayFullError
 
@@ -30,7 +33,9 @@ class FailureCode(StrEnum):
     OUT_OF_MEMORY = "out_of_memory"
     UPLOAD_DAMAGED = "upload_damaged"
     UPLOAD_MISSING = "upload_missing"
+    UPLOAD_UNREADABLE = "upload_unreadable"
     STORE_UNAVAILABLE = "store_unavailable"
+    RECORDS_UNAVAILABLE = "records_unavailable"
     SPLIT_REFUSED = "split_refused"
     SPLIT_FLOOR = "split_floor"
     SPLIT_DAY_FULL = "split_day_full"
@@ -38,15 +43,26 @@ class FailureCode(StrEnum):
 
 @dataclass(frozen=True)
 class Failure:
-    """A code, a sentence for the team, and whether another attempt may help."""
+    """A code, a sentence for the team, and whether another attempt may help.
+
+    Attributes:
+        code: Stable.
+        message: Fit for the team.
+        may_retry: Whether another attempt may help.
+        is_outage: Whether what every job needs was away: that was no attempt at this one.
+    """
 
     code: FailureCode
     message: str
     may_retry: bool
+    is_outage: bool = False
 
 
 INTERNAL = Failure(
     FailureCode.INTERNAL, "Scoring failed on our side; the organizers can see it.", may_retry=True
+)
+_RECORDS_AWAY = Failure(
+    FailureCode.RECORDS_UNAVAILABLE, "The records did not answer.", may_retry=True, is_outage=True
 )
 _FAILURES: tuple[tuple[type[BaseException], Failure], ...] = (
     (
@@ -66,9 +82,18 @@ _FAILURES: tuple[tuple[type[BaseException], Failure], ...] = (
         ),
     ),
     (
+        FileUnreadable,
+        Failure(
+            FailureCode.UPLOAD_UNREADABLE, "The stored upload could not be read.", may_retry=True
+        ),
+    ),
+    (
         StoreError,
         Failure(
-            FailureCode.STORE_UNAVAILABLE, "The store of uploads did not answer.", may_retry=True
+            FailureCode.STORE_UNAVAILABLE,
+            "The store of uploads did not answer.",
+            may_retry=True,
+            is_outage=True,
         ),
     ),
     (
@@ -108,6 +133,8 @@ _FAILURES: tuple[tuple[type[BaseException], Failure], ...] = (
 
 def failure_of(error: BaseException) -> Failure:
     """Return what an error means for the submission."""
+    if isinstance(error, OperationalError | InterfaceError | PoolTimeout):
+        return INTERNAL if is_forbidden(error) else _RECORDS_AWAY
     return next((failure for kind, failure in _FAILURES if isinstance(error, kind)), INTERNAL)
 
 
@@ -117,18 +144,34 @@ def places(error: BaseException) -> list[str]:
     return [f"{Path(frame.filename).name}:{frame.lineno} {frame.name}" for frame in frames]
 
 
+@dataclass
+class Ending:
+    """What became of a job.
+
+    Attributes:
+        is_outage: Whether what every job needs is away: another one would come no further.
+    """
+
+    is_outage: bool = False
+
+
 @contextmanager
-def job_boundary(job: str, on_failure: Callable[[Failure], None]) -> Iterator[None]:
+def job_boundary(job: str, on_failure: Callable[[Failure], None]) -> Iterator[Ending]:
     """Let no error out of a job: log its kind and place, and hand its meaning on.
 
     Args:
         job: Ids of the job, for the log.
         on_failure: Records the failure.
+
+    Yields:
+        What became of the job, once it is over.
     """
+    ending = Ending()
     try:
-        yield
+        yield ending
     except Exception as error:  # noqa: BLE001 - the one job boundary
         failure = failure_of(error)
+        ending.is_outage = failure.is_outage
         _log.error(
             "job failed",
             job=job,

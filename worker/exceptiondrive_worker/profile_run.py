@@ -35,15 +35,17 @@ _log = structlog.get_logger("exceptiondrive.worker")
 
 
 def describe_next(context: WorkerContext) -> bool:
-    """Describe the scored file that waits longest; whether there was one."""
+    """Describe the scored file that waits longest; whether there was one, and may be more."""
     with context.database.claim() as session:
         settings = context.settings
         item = claim_profile(session, settings.lease_s, settings.max_attempts)
     if item is None:
         return False
-    with job_boundary(item.subject, lambda failure: _record_failure(context, item, failure)):
+    with job_boundary(
+        item.subject, lambda failure: _record_failure(context, item, failure)
+    ) as ending:
         _describe(context, item)
-    return True
+    return not ending.is_outage
 
 
 def _describe(context: WorkerContext, item: Profile) -> None:
@@ -62,10 +64,11 @@ def _describe(context: WorkerContext, item: Profile) -> None:
 
 
 def _record_failure(context: WorkerContext, item: Profile, failure: Failure) -> None:
-    settings, code = context.settings, failure.code.value
+    settings, code, counts = context.settings, failure.code.value, not failure.is_outage
     with context.database.write() as session:
-        if failure.may_retry and item.attempts < settings.max_attempts:
-            try_later(session, item, settings.retry_backoff_s * 2 ** (item.attempts - 1), note=code)
+        if failure.may_retry and not (counts and item.attempts >= settings.max_attempts):
+            wait_s = settings.retry_backoff_s * 2 ** (item.attempts - 1)
+            try_later(session, item, wait_s, counts=counts, note=code)
         else:
             finish_profile(session, item, None, note=code)
 

@@ -65,10 +65,10 @@ _log = structlog.get_logger("exceptiondrive.worker")
 
 
 def score_next(context: WorkerContext, lane: Lane, *which: ColumnElement[bool]) -> bool:
-    """Score the job of a lane that comes next in fair order; whether there was one.
+    """Score the job of a lane that comes next in fair order; whether there was one, and may be more.
 
     While no file holds the registered split revision of a job, or its protocol was altered, it is
-    not claimed, and others come first.
+    not claimed, and others come first. While the store or the records are away, all of them wait.
 
     Args:
         context: Of this process.
@@ -88,9 +88,9 @@ def score_next(context: WorkerContext, lane: Lane, *which: ColumnElement[bool]) 
         job = claim_job(session, lane, settings.lease_s, settings.max_attempts, *which)
     if job is None:
         return False
-    with job_boundary(job.id, lambda failure: _record_failure(context, job, failure)):
+    with job_boundary(job.id, lambda failure: _record_failure(context, job, failure)) as ending:
         _score(context, job)
-    return True
+    return not ending.is_outage
 
 
 def _wanted(session: Session, lane: Lane, *which: ColumnElement[bool]) -> dict[ScoringKey, str]:
@@ -214,6 +214,7 @@ def _record_failure(context: WorkerContext, job: Job, failure: Failure) -> None:
             failure.code.value,
             failure.message,
             retry=failure.may_retry,
+            counts=not failure.is_outage,
             max_attempts=context.settings.max_attempts,
             backoff_s=context.settings.retry_backoff_s,
         )

@@ -13,6 +13,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.verification import claim_recheck, finish_recheck
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_records.work.lease import try_later
 from exceptiondrive_records.work.tables import Recheck
 from exceptiondrive_schemas.api.rescoring import VerifyState
 from exceptiondrive_schemas.challenges import CHALLENGES
@@ -27,14 +28,14 @@ _log = structlog.get_logger("exceptiondrive.worker")
 
 
 def verify_next(context: WorkerContext) -> bool:
-    """Recompute the sheet that comes next; whether there was one."""
+    """Recompute the sheet that comes next; whether there was one, and may be more."""
     with context.database.write() as session:
         item = claim_recheck(session, context.settings.lease_s)
     if item is None:
         return False
-    with job_boundary(item.id, lambda failure: _record_failure(context, item, failure)):
+    with job_boundary(item.id, lambda failure: _record_failure(context, item, failure)) as ending:
         _verify(context, item)
-    return True
+    return not ending.is_outage
 
 
 def _verify(context: WorkerContext, item: Recheck) -> None:
@@ -93,4 +94,9 @@ def _record(
 
 
 def _record_failure(context: WorkerContext, item: Recheck, failure: Failure) -> None:
-    _record(context, item, VerifyState.FAILED, None, failure.message)
+    if failure.is_outage:
+        wait_s, code = context.settings.retry_backoff_s, failure.code.value
+        with context.database.write() as session:
+            try_later(session, item, wait_s, counts=False, note=code)
+    else:
+        _record(context, item, VerifyState.FAILED, None, failure.message)

@@ -60,7 +60,7 @@ _CURES = {
     "out_of_memory": "Give the workers more memory; then resume the run.",
     "upload_damaged": _STORE,
     "upload_missing": _STORE,
-    "store_unavailable": _STORE,
+    "upload_unreadable": _STORE,
     _REJECTED: "The files cannot be read under what is to come, and trying again does not help: "
     "cancel the run.",
 }

@@ -13,10 +13,10 @@ import stat
 import tempfile
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 from urllib.parse import unquote, urlsplit
 
 import obstore
@@ -28,12 +28,17 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.db.errors import NotFound, StoreError, UploadTooLarge
 from exceptiondrive_schemas.base import bytes_digest
 
+if TYPE_CHECKING:
+    from obstore.store import RetryConfig
+
 _DIGEST = re.compile(r"sha256:([0-9a-f]{64})")
 _NAME = re.compile(r"[0-9a-f]{2}/([0-9a-f]{64})")
 LEAST_FREE_BYTES = 64 << 20
 LOW_ON_ROOM_BYTES = 1 << 30
 """With less room than this operators are told; with less than 64 MiB uploads are refused."""
 _IN_MEMORY_BYTES = 1 << 20
+_RETRIES: "RetryConfig" = {"max_retries": 3, "retry_timeout": timedelta(seconds=10)}
+"""Of a store over the network: who asks has to hear soon that it is away, and asks again later."""
 
 
 class FileDamaged(StoreError):  # noqa: N818
@@ -41,6 +46,13 @@ class FileDamaged(StoreError):  # noqa: N818
 
     def __init__(self, digest: str) -> None:
         super().__init__(f"The stored file {digest} is damaged.")
+
+
+class FileUnreadable(StoreError):  # noqa: N818
+    """The store answers, but does not give this file."""
+
+    def __init__(self, digest: str) -> None:
+        super().__init__(f"The stored file {digest} cannot be read.")
 
 
 @dataclass(frozen=True)
@@ -59,7 +71,9 @@ class FileStore:
     def __init__(self, url: str) -> None:
         self._folder = Path(unquote(urlsplit(url).path)) if url.startswith("file:") else None
         self._store: ObjectStore = (
-            LocalStore(self._folder, mkdir=True) if self._folder is not None else from_url(url)
+            LocalStore(self._folder, mkdir=True)
+            if self._folder is not None
+            else from_url(url, retry_config=_RETRIES)
         )
 
     def writer(self, *, limit_bytes: int) -> "FileWriter":
@@ -85,6 +99,7 @@ class FileStore:
             NotFound: No such file.
             UploadTooLarge: It is larger than `limit_bytes`.
             FileDamaged: The bytes on the store have changed.
+            FileUnreadable: The store answers, but does not give it.
             StoreError: The store did not answer.
         """
         try:
@@ -93,9 +108,11 @@ class FileStore:
                 raise UploadTooLarge(limit_bytes)
             data = bytes(found.bytes())
         except FileNotFoundError:
-            self._require_folder()
+            self._require_folder(has_files=True)
             raise NotFound("file", digest) from None
         except (BaseError, OSError) as error:
+            if self._answers():
+                raise FileUnreadable(digest) from error
             raise StoreError("The file store does not answer; try again later.") from error
         if bytes_digest(data) != digest:
             raise FileDamaged(digest)
@@ -118,14 +135,19 @@ class FileStore:
 
     def takes_files(self) -> bool:
         """Whether the store answers and, where it is a folder, can be written and has room."""
-        try:
-            self.holds("sha256:" + "0" * 64)
-        except StoreError:
+        if not self._answers():
             return False
         if self._folder is None:
             return True
         has_room = (self.free_bytes() or 0) >= LEAST_FREE_BYTES
         return has_room and os.access(self._folder, os.W_OK | os.X_OK)
+
+    def _answers(self) -> bool:
+        try:
+            self.holds("sha256:" + "0" * 64)
+        except StoreError:
+            return False
+        return True
 
     def free_bytes(self) -> int | None:
         """Room for more files; None where the store is no folder, or does not answer."""
@@ -177,9 +199,14 @@ class FileStore:
         except (BaseError, OSError) as error:
             raise StoreError("The file store does not answer; try again later.") from error
 
-    def _require_folder(self) -> None:
-        """No file is missing where the whole folder is away: it may come back with all of them."""
-        if self._folder is not None and not self._folder.is_dir():
+    def _require_folder(self, *, has_files: bool = False) -> None:
+        """No file is missing where the whole folder is away: it may come back with all of them.
+
+        So may what was kept in a folder that is empty, as one is on which nothing is mounted.
+        """
+        if self._folder is None:
+            return
+        if not self._folder.is_dir() or (has_files and not any(self._folder.iterdir())):
             raise StoreError("The file store does not answer; try again later.")
 
     def _put(self, digest: str, spooled: tempfile.SpooledTemporaryFile[bytes]) -> None:

@@ -183,6 +183,7 @@ def finish_failed(
     message: str,
     *,
     retry: bool,
+    counts: bool = True,
     max_attempts: int = 4,
     backoff_s: float = 2.0,
 ) -> Finish:
@@ -194,16 +195,19 @@ def finish_failed(
         code: Stable and fit for publication.
         message: One sentence fit for the team: never a traceback, path or geometry.
         retry: Whether another attempt may help.
+        counts: Whether this was an attempt at all: while what scoring needs is away, jobs wait.
         max_attempts: How many there may be.
         backoff_s: Wait before the second attempt; doubles each time.
     """
     detail = {"code": code, "attempt": job.attempts}
-    if retry and job.attempts < max_attempts:
-        if not try_later(session, job, backoff_s * 2 ** (job.attempts - 1), note=code):
+    if retry and not (counts and job.attempts >= max_attempts):
+        wait_s = backoff_s * 2 ** (job.attempts - 1)
+        if not try_later(session, job, wait_s, counts=counts, note=code):
             return Finish.LEASE_LOST
         if job.is_first:
             _set_status(session, job.submission_id, SubmissionStatus.QUEUED)
-        audit(session, _ACTOR, "scoring to be retried", job.submission_id, detail)
+        if counts:
+            audit(session, _ACTOR, "scoring to be retried", job.submission_id, detail)
         return Finish.RETRY_LATER
     if not finish(session, job, WorkState.DEAD if retry else WorkState.FAILED, note=code):
         return Finish.LEASE_LOST

@@ -244,9 +244,28 @@ def finish_last(session: Session, item: WorkItem, pause_after: Callable[[float],
     return True
 
 
-def try_later(session: Session, item: WorkItem, wait_s: float, *, note: str | None = None) -> bool:
-    """Give an item back, to be tried again after a while; whether the lease was still held."""
-    return _leave(session, item, _LEAVE, rests_s=wait_s, state=WorkState.QUEUED, note=note)
+def try_later(
+    session: Session,
+    item: WorkItem,
+    wait_s: float,
+    *,
+    counts: bool = True,
+    note: str | None = None,
+) -> bool:
+    """Give an item back, to be tried again after a while.
+
+    Args:
+        session: Of a write transaction.
+        item: As it was claimed.
+        wait_s: How long it rests.
+        counts: Whether this was one of its attempts.
+        note: Why it came to nothing.
+
+    Returns:
+        Whether the lease was still held; otherwise nothing was changed but the audit log.
+    """
+    given = {"state": WorkState.QUEUED, "attempts": item.attempts - (not counts), "note": note}
+    return _leave(session, item, _LEAVE, rests_s=wait_s, **given)
 
 
 def _leave(session: Session, item: WorkItem, how: Update, **given: object) -> bool:
