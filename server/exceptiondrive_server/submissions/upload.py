@@ -65,7 +65,7 @@ _NO_RESULTS: dict[str, Any] = {
     "unranked_because": None,
     "replaced_by": None,
 }
-_ASKED_OF_READERS = ("What is asked names scores: a token with the scope read:own is told it.",)
+_ASKED_OF_READERS = ("What is asked may name scores: a token with the scope read:own is told it.",)
 
 
 class UploadFields(BaseModel):
