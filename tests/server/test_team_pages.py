@@ -376,6 +376,21 @@ def test_what_is_asked_first_waits_for_the_word_of_its_team(
     assert f'<a href="{counted}">another one</a> is in its' in alpha.get("/my").text
 
 
+def test_what_is_asked_tells_a_token_that_may_only_submit_no_score(
+    api: "Api", alpha: "TeamBrowser"
+) -> None:
+    asked_id = alpha.submit("a", asks_first="true").headers["location"].rpartition("/")[2]
+    asked = 'It replaces 8b7jazz0gvrkppag (HCC 33.56, rank 1) of "Kestrel".'
+    reject(api, asked_id, REPORT.model_copy(update={"faults": (), "to_confirm": (asked,)}))
+    given = {"name": "ci", "scopes": ["submit"]}
+    api.tokens["ci"] = api.post("/tokens", "alpha", json=given).json()["token"]
+    told = {who: api.submit("a", who, asks_first="true").json() for who in ("alpha", "ci")}
+    assert [each["id"] for each in told.values()] == [asked_id] * 2
+    assert told["alpha"]["report"]["to_confirm"] == [asked]
+    (question,) = told["ci"]["report"]["to_confirm"]
+    assert question.endswith("a token with the scope read:own is told it.")
+
+
 def test_what_was_not_confirmed_in_time_says_that_its_file_is_deleted(
     api: "Api", alpha: "TeamBrowser"
 ) -> None:

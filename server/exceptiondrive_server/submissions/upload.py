@@ -65,6 +65,7 @@ _NO_RESULTS: dict[str, Any] = {
     "unranked_because": None,
     "replaced_by": None,
 }
+_ASKED_OF_READERS = ("What is asked may name scores: a token with the scope read:own is told it.",)
 
 
 class UploadFields(BaseModel):
@@ -307,8 +308,14 @@ def decide(
 
 def told_to(principal: Principal, seen: SubmissionView) -> SubmissionView:
     """Return what who submits is told: without `read:own` neither scores nor ranks."""
-    may_read = Scope.READ_OWN in principal.scopes
-    return seen if may_read else seen.model_copy(update=_NO_RESULTS)
+    if Scope.READ_OWN in principal.scopes:
+        return seen
+    report = seen.report
+    if (
+        report is not None and report.to_confirm
+    ):  # which names the entry that is replaced, with its score
+        report = report.model_copy(update={"to_confirm": _ASKED_OF_READERS})
+    return seen.model_copy(update={**_NO_RESULTS, "report": report})
 
 
 def _accept(
