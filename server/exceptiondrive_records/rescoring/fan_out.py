@@ -13,9 +13,9 @@ from exceptiondrive_records.phases.scoring_keys import ScoringKey, new_key, old_
 from exceptiondrive_records.rescoring.pairs import (
     count_pairs,
     fresh_board,
+    left_out,
     missing_pairs,
     open_jobs,
-    waiting_elsewhere,
     want_fresh_board,
 )
 from exceptiondrive_records.rescoring.tables import RescoringRun
@@ -79,12 +79,12 @@ def _insert_missing(session: Session, run: RescoringRun, key: ScoringKey) -> int
     return _make_jobs(session, missing_pairs(run.phase_id, key, room), key)
 
 
-def score_waiting_under(session: Session, phase_id: str, key: ScoringKey) -> int:
-    """Make jobs under what a phase shows for submissions that wait under another key alone.
+def score_left_out(session: Session, phase_id: str, key: ScoringKey) -> int:
+    """Make jobs under what a phase shows for submissions that were, or will be, scored under another alone.
 
-    No run will do it any more once it is closed: they would be scored, and stand on no board.
+    No run will do it any more once it is closed: they would stand on no board.
     """
-    return _make_jobs(session, waiting_elsewhere(phase_id, key), key)
+    return _make_jobs(session, left_out(phase_id, key), key)
 
 
 def _make_jobs(session: Session, query: Select[Submission], key: ScoringKey) -> int:

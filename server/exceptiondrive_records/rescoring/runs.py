@@ -28,7 +28,7 @@ from exceptiondrive_records.rescoring.fan_out import (
     cancel_jobs,
     hold_jobs,
     release_jobs,
-    score_waiting_under,
+    score_left_out,
 )
 from exceptiondrive_records.rescoring.pairs import (
     count_pairs,
@@ -222,7 +222,7 @@ def close_run(session: Session, run_id: str, *, reason: str, actor: str) -> Resc
     """End an applied run for good: fresh submissions are scored under the new protocol alone."""
     run = move_run(session, run_id, RunAction.CLOSE, reason, actor)
     cancel_jobs(session, run, old_key(run))
-    score_waiting_under(session, run.phase_id, new_key(run))
+    score_left_out(session, run.phase_id, new_key(run))
     return run
 
 
