@@ -5,8 +5,9 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from sqlalchemy import select
+from sqlalchemy import delete, select
 
+from exceptiondrive_records.boards.boards import current_board, entry_ids
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.rescoring.runs import start_verification
@@ -16,8 +17,10 @@ from exceptiondrive_records.rescoring.verification import (
     finish_recheck,
     verification_view,
 )
+from exceptiondrive_records.submissions.tables import SimilarityRow
 from exceptiondrive_records.work.tables import Recheck
 from exceptiondrive_schemas.api.rescoring import RunAction, RunKind, VerificationView, VerifyState
+from exceptiondrive_worker.splits.private_store import Shelf
 
 Stage = Any
 
@@ -76,6 +79,29 @@ def test_a_file_accepted_under_older_bounds_verifies_under_tighter_ones(
     run_id = stage.ready(make_protocol("1.1", "max_step_m = 30.0", "max_step_m = 5.0"))
     stage.apply(run_id)
     assert verified(stage).n_equal == 4
+
+
+def test_a_board_of_files_accepted_under_older_bounds_is_built_where_nothing_of_them_is_kept(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    rushing = stage.submit(20.0, "rushing")
+    stage.work()
+    run_id = stage.ready(make_protocol("1.1", "max_step_m = 30.0", "max_step_m = 5.0"))
+    stage.apply(run_id)
+    for shelf in Shelf:  # as for a worker on another machine
+        for file in (stage.settings.private_dir / shelf).iterdir():
+            file.unlink()
+    with stage.owner.write() as session:
+        session.execute(delete(SimilarityRow))
+    fresh = stage.submit(2.5, "fresh")
+    stage.work()
+    with stage.database.read() as session:
+        row = current_board(session, "dev")
+        assert row is not None
+        assert {rushing, fresh} <= entry_ids(session, row.id)
+        compared = set(session.scalars(select(SimilarityRow.submission_id)))
+    assert {rushing, fresh} <= compared
+    assert len(list((stage.settings.private_dir / Shelf.FINGERPRINTS).iterdir())) == 5
 
 
 def test_a_verification_is_a_run_that_can_only_be_cancelled(
