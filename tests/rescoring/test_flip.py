@@ -112,7 +112,7 @@ def test_the_jobs_of_a_run_wait_in_the_lane_behind_the_live_one(
     run_id = stage.draft(protocol="1.1")
     stage.step("start", run_id)
     fresh = stage.submit(3.0, "fresh")
-    tend_runs(stage.database)
+    tend_runs(stage.database, 4)
     with stage.database.read() as session:
         waiting = list(session.scalars(select(Job).where(Job.state == WorkState.QUEUED)))
     lanes = {(job.submission_id, job.is_first): job.lane for job in waiting}

@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -12,14 +13,15 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.rescoring.runs import start_verification
 from exceptiondrive_records.rescoring.verification import (
-    MAX_ATTEMPTS,
     claim_recheck,
     finish_recheck,
     verification_view,
 )
 from exceptiondrive_records.submissions.tables import SimilarityRow
+from exceptiondrive_records.work.dispatch import kinds_due
 from exceptiondrive_records.work.tables import Recheck
 from exceptiondrive_schemas.api.rescoring import RunAction, RunKind, VerificationView, VerifyState
+from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_worker.splits.private_store import Shelf
 
 Stage = Any
@@ -130,14 +132,19 @@ def test_a_verification_is_a_run_that_can_only_be_cancelled(
     assert found.finished_at is not None
 
 
-def test_a_sheet_that_no_attempt_answers_is_named(stage: Stage) -> None:
+@pytest.mark.parametrize("max_attempts", [2, 6])
+def test_a_sheet_that_no_attempt_answers_is_named(stage: Stage, max_attempts: int) -> None:
+    few = stage.settings.model_copy(update={"max_attempts": max_attempts})
+    stage.settings, stage.context = few, replace(stage.context, settings=few)
     with stage.database.write() as session:
         run_id = start_verification(
             session, "dev", sample=1, reason="to be sure", actor="organizer"
         ).id
-    for _ in range(MAX_ATTEMPTS):
+    for _ in range(max_attempts):
+        with stage.database.read() as session:
+            assert kinds_due(session, Lane.RESCORE, max_attempts) == {Recheck}
         with stage.context.database.write() as session:
-            assert claim_recheck(session, 30) is not None
+            assert claim_recheck(session, 30, max_attempts) is not None
         with stage.owner.write() as session:
             session.scalars(select(Recheck)).one().lease_until = database_now(session)
     stage.verify_all()
@@ -151,10 +158,10 @@ def test_who_lost_the_lease_records_nothing(stage: Stage) -> None:
     with stage.database.write() as session:
         start_verification(session, "dev", sample=1, reason="to be sure", actor="organizer")
     with stage.context.database.write() as session:
-        late = claim_recheck(session, 30)
+        late = claim_recheck(session, 30, 4)
     assert late is not None
     with stage.owner.write() as session:
         session.scalars(select(Recheck)).one().lease_until = database_now(session)
     with stage.context.database.write() as session:
-        assert claim_recheck(session, 30) is not None
+        assert claim_recheck(session, 30, 4) is not None
         assert not finish_recheck(session, late, VerifyState.EQUAL, late.expected_digest)

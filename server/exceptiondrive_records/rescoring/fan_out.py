@@ -32,8 +32,13 @@ _ACTOR = "reconciler"
 _TENDED = (RunState.SCORING, RunState.PAUSED, RunState.READY, RunState.APPLIED)
 
 
-def tend_runs(database: Database) -> int:
-    """Bring every open run one step further; return how many jobs were made."""
+def tend_runs(database: Database, max_attempts: int) -> int:
+    """Bring every open run one step further; return how many jobs were made.
+
+    Args:
+        database: The records.
+        max_attempts: Beyond this a sheet that is verified is given up.
+    """
     with database.read() as session:
         query = select(func.count()).where(RescoringRun.state.in_(_TENDED))
         if not session.scalar(query):
@@ -41,12 +46,12 @@ def tend_runs(database: Database) -> int:
     with database.write() as session:
         states = RescoringRun.state.in_(_TENDED)
         runs = session.scalars(select(RescoringRun).where(states).with_for_update())
-        return sum(_tend(session, run) for run in runs)
+        return sum(_tend(session, run, max_attempts) for run in runs)
 
 
-def _tend(session: Session, run: RescoringRun) -> int:
+def _tend(session: Session, run: RescoringRun, max_attempts: int) -> int:
     if run.kind is RunKind.VERIFICATION:
-        end_verification(session, run)
+        end_verification(session, run, max_attempts)
         return 0
     if run.state is RunState.PAUSED:
         hold_jobs(session, run)
