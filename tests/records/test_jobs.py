@@ -11,7 +11,7 @@ from tests.support.work import claim_this
 from exceptiondrive_records.audit.log import count_audit_lines, verify_audit
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.scoring_keys import ScoringKey
-from exceptiondrive_records.rescoring.pairs import count_pairs, missing_pairs, left_out
+from exceptiondrive_records.rescoring.pairs import count_pairs, left_out, missing_pairs
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.jobs import Finish
