@@ -91,6 +91,12 @@ class UploadFields(BaseModel):
         ),
     ] = False
 
+    @field_validator("description", mode="before")
+    @classmethod
+    def _one_character_a_line(cls, description: object) -> object:
+        """Count line ends as browsers do, which send two characters for each."""
+        return description.replace("\r\n", "\n") if isinstance(description, str) else description
+
     @field_validator("facts")
     @classmethod
     def _are_facts(cls, facts: str) -> str:
