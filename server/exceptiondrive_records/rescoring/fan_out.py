@@ -3,7 +3,7 @@
 Everything is decided anew from what is recorded, so that any crash is made good by the next pass.
 """
 
-from sqlalchemy import Select, func, select, update
+from sqlalchemy import Select, delete, func, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
@@ -84,12 +84,12 @@ def _insert_missing(session: Session, run: RescoringRun, key: ScoringKey) -> int
     return _make_jobs(session, missing_pairs(run.phase_id, key, room), key)
 
 
-def score_left_out(session: Session, phase_id: str, key: ScoringKey) -> int:
+def score_left_out(session: Session, phase_id: str, key: ScoringKey) -> None:
     """Make jobs under what a phase shows for submissions that were, or will be, scored under another alone.
 
     No run will do it any more once it is closed: they would stand on no board.
     """
-    return _make_jobs(session, left_out(phase_id, key), key)
+    _make_jobs(session, left_out(phase_id, key), key)
 
 
 def _make_jobs(session: Session, query: Select[Submission], key: ScoringKey) -> int:
@@ -115,12 +115,10 @@ def release_jobs(session: Session, run: RescoringRun) -> None:
     _move_jobs(session, run, WAITING_STATES, WorkState.QUEUED)
 
 
-def cancel_jobs(session: Session, run: RescoringRun, key: ScoringKey) -> int:
+def cancel_jobs(session: Session, run: RescoringRun, key: ScoringKey) -> None:
     """Take back the jobs of a key that nobody has begun; they can be made again."""
-    waiting = list(session.scalars(select(Job).where(Job.id.in_(_waiting(run, key)))))
-    for job in waiting:
-        session.delete(job)
-    return len(waiting)
+    waiting = delete(Job).where(Job.id.in_(_waiting(run, key)))
+    session.execute(waiting.execution_options(synchronize_session=False))
 
 
 def _move_jobs(

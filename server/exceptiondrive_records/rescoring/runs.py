@@ -289,8 +289,8 @@ def require_action(session: Session, run: RescoringRun, action: RunAction) -> Ru
     )
 
 
-def retry_failed(session: Session, run: RescoringRun, key: ScoringKey) -> int:
-    """Queue the jobs of failed pairs again, with all their attempts; return how many."""
+def retry_failed(session: Session, run: RescoringRun, key: ScoringKey) -> None:
+    """Queue the jobs of failed pairs again, with all their attempts."""
     failed = [submission.id for submission in session.scalars(failed_pairs(run.phase_id, key))]
     now = database_now(session)
     session.execute(
@@ -308,7 +308,6 @@ def retry_failed(session: Session, run: RescoringRun, key: ScoringKey) -> int:
         )
         .execution_options(synchronize_session=False)
     )
-    return len(failed)
 
 
 def has_failed_pairs(session: Session, run: RescoringRun) -> bool:
