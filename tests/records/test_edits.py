@@ -143,9 +143,7 @@ def test_a_day_has_a_limit_of_edits(world: World, monkeypatch: pytest.MonkeyPatc
     edit(world, one, description="two")
 
 
-def test_a_new_name_of_many_runs_is_one_edit(
-    world: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_new_name_of_many_runs_is_one_edit(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(edits, "MAX_EDITS_A_DAY", 2)
     one, _, _ = [scored(world, name, "Planer") for name in "abc"]
     edit(world, one, method="Planner")

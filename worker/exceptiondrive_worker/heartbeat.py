@@ -69,7 +69,10 @@ class Heartbeat:
                         missing_splits=missing,
                         ttl_s=self._ttl_s,
                     )
-            except (SQLAlchemyError, OSError) as error:  # a folder of splits on a network may be away
+            except (
+                SQLAlchemyError,
+                OSError,
+            ) as error:  # a folder of splits on a network may be away
                 _log.warning("heartbeat not recorded", error=type(error).__name__)
             if self._stopped.wait(self._every_s):
                 return
