@@ -132,7 +132,7 @@ class Life:
     def work(self) -> None:
         """Do what reconciler and workers do until nothing is left."""
         while True:
-            tend_runs(self.database)
+            tend_runs(self.database, 4)
             while try_next_split(self.context):
                 pass
             jobs = due_jobs(self.database)

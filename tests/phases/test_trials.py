@@ -168,7 +168,7 @@ def test_two_trials_at_once_take_no_more_than_is_left(scored: "Life") -> None:
     items = []
     for _ in range(2):
         with scored.database.write() as session:
-            items.append(claim_trial(session, 60.0))
+            items.append(claim_trial(session, 60.0, 4))
     with ThreadPoolExecutor(2) as pool:
         passed = list(pool.map(is_let_pass, [item for item in items if item is not None]))
     assert sorted(passed) == [False, True]

@@ -143,6 +143,15 @@ def test_a_day_has_a_limit_of_edits(world: World, monkeypatch: pytest.MonkeyPatc
     edit(world, one, description="two")
 
 
+def test_a_new_name_of_many_runs_is_one_edit(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(edits, "MAX_EDITS_A_DAY", 2)
+    one, _, _ = [scored(world, name, "Planer") for name in "abc"]
+    edit(world, one, method="Planner")
+    edit(world, one, description="one")
+    with pytest.raises(Conflict, match="2 edits in 24 hours"):
+        edit(world, one, description="two")
+
+
 def test_the_history_cannot_be_altered(world: World) -> None:
     one = scored(world, "a", "Planner")
     edit(world, one, description="one")

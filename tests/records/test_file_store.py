@@ -1,6 +1,7 @@
 """Files by content: written once, verified when read."""
 
 import hashlib
+import os
 import stat
 from functools import partial
 from pathlib import Path
@@ -36,6 +37,17 @@ def test_a_stored_file_comes_back_under_its_digest(store: FileStore) -> None:
 def test_storing_the_same_bytes_again_changes_nothing(store: FileStore) -> None:
     first = store.put_stream(chunks(), limit_bytes=20_000)
     assert store.put_stream(chunks(size=7), limit_bytes=20_000) == first
+
+
+def test_bytes_that_are_there_are_synced_by_whoever_sends_them_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store, path = local(tmp_path)
+    store.put_stream(chunks(), limit_bytes=20_000)
+    synced = []
+    monkeypatch.setattr(os, "fsync", lambda file: synced.append(os.fstat(file).st_ino))
+    store.put_stream(chunks(), limit_bytes=20_000)
+    assert synced == [path.stat().st_ino, path.parent.stat().st_ino]
 
 
 @pytest.mark.parametrize("mode", [0o2770, 0o750, 0o700])

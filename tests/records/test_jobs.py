@@ -11,7 +11,7 @@ from tests.support.work import claim_this
 from exceptiondrive_records.audit.log import count_audit_lines, verify_audit
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.scoring_keys import ScoringKey
-from exceptiondrive_records.rescoring.pairs import count_pairs, missing_pairs, waiting_elsewhere
+from exceptiondrive_records.rescoring.pairs import count_pairs, left_out, missing_pairs
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.jobs import Finish
@@ -227,7 +227,7 @@ def test_a_file_that_is_looked_at_has_no_job_by_that(world: World) -> None:
         profile.split_revision = key.split_revision
     with world.database.read() as session:
         for each in (key, again):
-            waiting = session.scalars(waiting_elsewhere(world.phase_id, each)).all()
+            waiting = session.scalars(left_out(world.phase_id, each)).all()
             assert [one.id for one in waiting] == [accepted.submission.id], each
     world.score(accepted.job_id)
     with world.database.read() as session:

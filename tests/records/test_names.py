@@ -6,7 +6,12 @@ import pytest
 from tests.records.world import World
 
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
-from exceptiondrive_records.db.identifiers import checked_name, checked_team, skeleton
+from exceptiondrive_records.db.identifiers import (
+    checked_name,
+    checked_reason,
+    checked_team,
+    skeleton,
+)
 from exceptiondrive_records.participation.changes import change_team
 from exceptiondrive_records.teams.teams import create_team
 
@@ -26,6 +31,14 @@ ALIKE = (
     "«Alpha»",
     "Alpha—",
 )
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"], ids=ascii)
+def test_a_line_ends_with_one_character(end: str) -> None:
+    lines = end.join(["a word"] * 143)
+    assert checked_reason(lines) == "\n".join(["a word"] * 143)
+    with pytest.raises(InvalidRecord, match="longer than 1000 characters"):
+        checked_reason(lines + "x")
 
 
 @pytest.mark.parametrize("name", BLANK, ids=ascii)

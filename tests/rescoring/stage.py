@@ -80,7 +80,7 @@ class Stage:
         """Do what reconciler and workers do until nothing is left, or `most` jobs were run."""
         n_done = 0
         while n_done < most:
-            tend_runs(self.reconciler)
+            tend_runs(self.reconciler, self.settings.max_attempts)
             jobs = due_jobs(self.database)[: most - n_done]
             for job_id in jobs:
                 score_submission(self.context, job_id)
@@ -142,7 +142,7 @@ class Stage:
         """Do what workers and reconciler do with a verification."""
         while verify_next(self.context):
             pass
-        tend_runs(self.reconciler)
+        tend_runs(self.reconciler, self.settings.max_attempts)
 
 
 @contextmanager

@@ -103,7 +103,7 @@ def test_each_refusal_says_the_state_and_what_is_possible(
     )
     stage.step("start", run_id)
     stage.work(most=3)
-    tend_runs(stage.reconciler)
+    tend_runs(stage.reconciler, 4)
     build_wanted_boards(stage.context)
     stage.step("pause", run_id)
     assert stage.view(run_id).blockers == ("The run is paused: resume it.",)

@@ -10,6 +10,7 @@ from unittest.mock import Mock
 import pytest
 from sqlalchemy import delete, func, select
 from tests.support.work import claim_this
+from tests.support.worker import score_submission
 
 from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.boards.tables import BoardFlip
@@ -111,7 +112,7 @@ def test_the_jobs_of_a_run_wait_in_the_lane_behind_the_live_one(
     run_id = stage.draft(protocol="1.1")
     stage.step("start", run_id)
     fresh = stage.submit(3.0, "fresh")
-    tend_runs(stage.database)
+    tend_runs(stage.database, 4)
     with stage.database.read() as session:
         waiting = list(session.scalars(select(Job).where(Job.state == WorkState.QUEUED)))
     lanes = {(job.submission_id, job.is_first): job.lane for job in waiting}
@@ -188,6 +189,21 @@ def test_what_is_scored_while_an_update_is_applied_and_closed_stands_on_the_boar
     stage.step("close", run_id)
     with stage.context.database.write() as session:
         jobs.finish_failed(session, claim, "internal", "We failed.", retry=True, backoff_s=0)
+    stage.work()
+    assert slow in stage.board()
+
+
+def test_what_is_scored_between_the_apply_and_the_close_stands_on_the_board(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    slow = stage.submit(2.5, "Slow")
+    claim = _claimed(stage, slow)
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    stage.apply(run_id)
+    with stage.owner.write() as session:
+        session.get_one(Job, claim.id).state = WorkState.QUEUED
+    score_submission(stage.context, claim.id)  # under the protocol that the phase has left
+    stage.step("close", run_id)  # before the reconciler has come by
     stage.work()
     assert slow in stage.board()
 

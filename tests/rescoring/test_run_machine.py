@@ -86,10 +86,10 @@ class Updates(RuleBasedStateMachine):
         elif what in ("retry", "withdraw"):
             self.something_happens_to_a_submission(what, which)
         elif what == "tend":
-            tend_runs(self.stage.database)
+            tend_runs(self.stage.database, MAX_ATTEMPTS)
         elif what == "tend twice at once":
             with ThreadPoolExecutor(2) as pool:
-                list(pool.map(tend_runs, [self.stage.database] * 2))
+                list(pool.map(tend_runs, [self.stage.database] * 2, [MAX_ATTEMPTS] * 2))
         elif what == "build":
             build_wanted_boards(self.stage.context)
         elif what == "an hour passes":

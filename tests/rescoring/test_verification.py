@@ -1,22 +1,27 @@
 """Sheets are recomputed from the uploads, and every bit must come again."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
-from sqlalchemy import select, update
+from sqlalchemy import delete, select, update
 
+from exceptiondrive_records.boards.boards import current_board, entry_ids
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.rescoring.runs import start_verification
 from exceptiondrive_records.rescoring.verification import (
-    MAX_ATTEMPTS,
     claim_recheck,
     finish_recheck,
     verification_view,
 )
+from exceptiondrive_records.submissions.tables import SimilarityRow
+from exceptiondrive_records.work.dispatch import kinds_due
 from exceptiondrive_records.work.tables import Recheck
 from exceptiondrive_schemas.api.rescoring import RunAction, RunKind, VerificationView, VerifyState
+from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_worker.splits.private_store import Shelf
 
 Stage = Any
 
@@ -91,6 +96,29 @@ def test_a_file_accepted_under_older_bounds_verifies_under_tighter_ones(
     assert verified(stage).n_equal == 4
 
 
+def test_a_board_of_files_accepted_under_older_bounds_is_built_where_nothing_of_them_is_kept(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    rushing = stage.submit(20.0, "rushing")
+    stage.work()
+    run_id = stage.ready(make_protocol("1.1", "max_step_m = 30.0", "max_step_m = 5.0"))
+    stage.apply(run_id)
+    for shelf in Shelf:  # as for a worker on another machine
+        for file in (stage.settings.private_dir / shelf).iterdir():
+            file.unlink()
+    with stage.owner.write() as session:
+        session.execute(delete(SimilarityRow))
+    fresh = stage.submit(2.5, "fresh")
+    stage.work()
+    with stage.database.read() as session:
+        row = current_board(session, "dev")
+        assert row is not None
+        assert {rushing, fresh} <= entry_ids(session, row.id)
+        compared = set(session.scalars(select(SimilarityRow.submission_id)))
+    assert {rushing, fresh} <= compared
+    assert len(list((stage.settings.private_dir / Shelf.FINGERPRINTS).iterdir())) == 5
+
+
 def test_a_verification_is_a_run_that_can_only_be_cancelled(
     stage: Stage, make_protocol: Callable[..., str]
 ) -> None:
@@ -117,14 +145,19 @@ def test_a_verification_is_a_run_that_can_only_be_cancelled(
     assert found.finished_at is not None
 
 
-def test_a_sheet_that_no_attempt_answers_is_named(stage: Stage) -> None:
+@pytest.mark.parametrize("max_attempts", [2, 6])
+def test_a_sheet_that_no_attempt_answers_is_named(stage: Stage, max_attempts: int) -> None:
+    few = stage.settings.model_copy(update={"max_attempts": max_attempts})
+    stage.settings, stage.context = few, replace(stage.context, settings=few)
     with stage.database.write() as session:
         run_id = start_verification(
             session, "dev", sample=1, reason="to be sure", actor="organizer"
         ).id
-    for _ in range(MAX_ATTEMPTS):
+    for _ in range(max_attempts):
+        with stage.database.read() as session:
+            assert kinds_due(session, Lane.RESCORE, max_attempts) == {Recheck}
         with stage.context.database.write() as session:
-            assert claim_recheck(session, 30) is not None
+            assert claim_recheck(session, 30, max_attempts) is not None
         with stage.owner.write() as session:
             session.scalars(select(Recheck)).one().lease_until = database_now(session)
     stage.verify_all()
@@ -138,10 +171,10 @@ def test_who_lost_the_lease_records_nothing(stage: Stage) -> None:
     with stage.database.write() as session:
         start_verification(session, "dev", sample=1, reason="to be sure", actor="organizer")
     with stage.context.database.write() as session:
-        late = claim_recheck(session, 30)
+        late = claim_recheck(session, 30, 4)
     assert late is not None
     with stage.owner.write() as session:
         session.scalars(select(Recheck)).one().lease_until = database_now(session)
     with stage.context.database.write() as session:
-        assert claim_recheck(session, 30) is not None
+        assert claim_recheck(session, 30, 4) is not None
         assert not finish_recheck(session, late, VerifyState.EQUAL, late.expected_digest)

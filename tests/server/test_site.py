@@ -178,6 +178,13 @@ def test_the_status_tells_how_the_days_went(api: "Api", browser: "TeamBrowser") 
     assert "15 minutes" in browser.get("/status").text
 
 
+def test_what_came_weeks_ago_and_is_tried_again_today_is_no_day_of_this_week(api: "Api") -> None:
+    api.score(api.submit("old").json()["id"])
+    with api.database.write() as session:
+        session.query(Job).one().created_at -= timedelta(days=20)
+    assert api.get("/status").json()["days"] == []
+
+
 def test_the_status_names_no_team_no_submission_and_no_hidden_phase(
     api: "Api", browser: "TeamBrowser"
 ) -> None:

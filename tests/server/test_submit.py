@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Any
 import httpx
 import pytest
 from sqlalchemy import func, select, update
+from starlette.datastructures import FormData
 from tests.support.documents import digest_of
 from tests.support.work import claim_this
 
 from exceptiondrive_records.accounts.tables import Token
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_records.operations.dump import file_digests
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.tables import Submission
@@ -23,6 +25,7 @@ from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_server.submissions import upload
+from exceptiondrive_server.web.forms import REASON, read
 
 if TYPE_CHECKING:
     from tests.support.application import Api
@@ -66,6 +69,22 @@ def test_an_upload_is_accepted_kept_and_shown(api_on_both: "Api") -> None:
     assert response.headers["cache-control"] == "no-store"
     stored = api_on_both.services.files.read(view.file_digest, limit_bytes=100)
     assert stored == b'{"any": "bytes"}'
+
+
+def test_a_text_is_as_long_as_browsers_count_it(api: "Api", as_problem: Problem) -> None:
+    text = "One line.\r\n" * 200 + "x"  # as a text area of 2,000 characters sends it
+    longest = text.removesuffix("\r\nx")
+    taken = api.submit("a", description=longest).json()["description"]
+    assert taken == longest.replace("\r\n", "\n")
+    as_problem(api.submit("b", description=text), 400, "bad_request")
+
+
+def test_a_reason_is_as_long_as_browsers_count_it() -> None:
+    lines = "\r\n".join(["a word"] * 143)  # 1,000 characters in a browser
+    plain = lines.replace("\r\n", "\n")
+    assert read([REASON], FormData([("reason", lines)])) == {"reason": plain}
+    with pytest.raises(InvalidRecord, match="Reason"):
+        read([REASON], FormData([("reason", f"{lines}x")]))
 
 
 def test_the_answer_tells_what_is_left_of_the_quota(api: "Api") -> None:

@@ -1,4 +1,5 @@
-from collections.abc import Callable
+import errno
+from collections.abc import Callable, Iterable, Iterator
 from datetime import timedelta
 from typing import Any
 
@@ -52,3 +53,20 @@ def test_the_age_of_the_youngest_heartbeat_is_told(
     heartbeat.stop()
     assert age_s is not None
     assert 0 <= age_s < 15
+
+
+def test_a_folder_of_splits_that_is_away_for_a_moment_ends_no_heartbeat(
+    database: Database, wait_until: Callable[..., Any]
+) -> None:
+    answers: Iterator[list[str] | OSError] = iter([OSError(errno.ESTALE, "stale")])
+
+    def missing(_: Iterable[str]) -> list[str]:
+        answer = next(answers, [])
+        if isinstance(answer, OSError):
+            raise answer
+        return answer
+
+    heartbeat = Heartbeat(database, (Lane.LIVE,), every_s=0.05, ttl_s=15, missing=missing)
+    heartbeat.start()
+    wait_until(lambda: slots(database, Lane.LIVE) == 1, "a sign of life")
+    heartbeat.stop()

@@ -69,7 +69,7 @@ class Heartbeat:
                         missing_splits=missing,
                         ttl_s=self._ttl_s,
                     )
-            except SQLAlchemyError as error:
+            except (SQLAlchemyError, OSError) as error:  # a folder of splits may be away
                 _log.warning("heartbeat not recorded", error=type(error).__name__)
             if self._stopped.wait(self._every_s):
                 return

@@ -5,16 +5,18 @@ a score goes into them.
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import structlog
 from numpy.typing import NDArray
 
+from exceptiondrive_records.phases.scoring_keys import all_accepted_under
 from exceptiondrive_records.submissions.similarity import ScoredFile, keep_alike, scored_files
 from exceptiondrive_records.work.fair_share import is_live_job_waiting
 from exceptiondrive_schemas.api.similarity import AlikeSubmission
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.challenge import SCORING
 from exceptiondrive_scoring.similarity import (
@@ -56,11 +58,12 @@ def compare_submissions(context: WorkerContext, phase_id: str, like: Target) -> 
         return 0
     with context.database.read() as session:
         files = scored_files(session, phase_id)
+        accepted = all_accepted_under(session, phase_id)
     fresh = [file for file in files if not file.is_compared][:COMPARED_AT_ONCE]
     if not fresh or _live_job_waits(context):
         return 0
     until = time.monotonic() + PART_OF_LIMIT * context.settings.soft_time_limit_s
-    comparing = _Comparing(context, like, rule)
+    comparing = _Comparing(context, like, rule, accepted)
     compared = _Crowd()
     for file in files:
         if file.is_compared:
@@ -109,9 +112,15 @@ class _Candidate:
 class _Comparing:
     """Comparisons within one phase."""
 
-    def __init__(self, context: WorkerContext, like: Target, rule: AlikeRule) -> None:
+    def __init__(
+        self,
+        context: WorkerContext,
+        like: Target,
+        rule: AlikeRule,
+        accepted: Mapping[str, ProtocolDocument],
+    ) -> None:
         self._context, self._like = context, like
-        self._rule = rule
+        self._rule, self._accepted = rule, accepted
         # withheld, so nobody knows which samples are fingerprinted
         self._seed = content_key("fingerprint", like.split.regions_digest)
 
@@ -185,7 +194,8 @@ class _Comparing:
         ]
 
     def _ways(self, file: ScoredFile) -> FloatArray | None:
-        target = replace(self._like, file_digest=file.file_digest)
+        read_under = self._accepted[file.submission_id]
+        target = replace(self._like, file_digest=file.file_digest, read_under=read_under)
         try:
             return self._rule.ways(self._context.stages.answers(target))
         except RejectedUpload:

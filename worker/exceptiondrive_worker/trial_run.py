@@ -22,8 +22,9 @@ from exceptiondrive_worker.splits.floors_held import held_floors_are_told, hold_
 
 def try_next_split(context: WorkerContext) -> bool:
     """Try the split that comes next; whether there was one."""
+    settings = context.settings
     with context.database.write() as session:
-        item = claim_trial(session, context.settings.lease_s)
+        item = claim_trial(session, settings.lease_s, settings.max_attempts)
     if item is None:
         return False
 

@@ -29,8 +29,9 @@ _log = structlog.get_logger("exceptiondrive.worker")
 
 def verify_next(context: WorkerContext) -> bool:
     """Recompute the sheet that comes next; whether there was one, and may be more."""
+    settings = context.settings
     with context.database.write() as session:
-        item = claim_recheck(session, context.settings.lease_s)
+        item = claim_recheck(session, settings.lease_s, settings.max_attempts)
     if item is None:
         return False
     with job_boundary(item.id, lambda failure: _record_failure(context, item, failure)) as ending:

@@ -20,12 +20,14 @@ from exceptiondrive_records.phases.policy import (
     pseudonym_of_team,
     score_kept_back_since,
 )
+from exceptiondrive_records.phases.scoring_keys import all_accepted_under
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_schemas.api.phase_settings import BoardView
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.method_facts import Links
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 
 _NEVER = datetime(1, 1, 1, tzinfo=UTC)
@@ -44,6 +46,7 @@ class LinkedRecord:
     sheet: ScoreSheet
     """Without tasks, further rows and curve."""
     measurement_key: str
+    accepted_under: ProtocolDocument
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,8 @@ class EntryRecord:
     sheet: ScoreSheet
     """Without tasks, further rows and curve: `whole_sheets` reads them of those that need them."""
     measurement_key: str
+    accepted_under: ProtocolDocument
+    """Whose bounds its file passed."""
     linked: LinkedRecord | None = None
     is_late: bool = False
 
@@ -118,8 +123,9 @@ def entries_for_board(
     linked = [public.get(each.submission.linked_to or "") for each in due]
     told = [*due, *(each for each in linked if each is not None)]
     sheets = _sheets(session, [each.submission.id for each in told], *key)
+    accepted = all_accepted_under(session, phase.id)
     return [
-        _entry(phase, each, counterpart, sheets)
+        _entry(phase, each, counterpart, sheets, accepted)
         for each, counterpart in zip(due, linked, strict=True)
     ]
 
@@ -362,6 +368,7 @@ def _entry(
     scored: _Scored,
     counterpart: _Scored | None,
     sheets: Mapping[str, ScoreSheet],
+    accepted: Mapping[str, ProtocolDocument],
 ) -> EntryRecord:
     submission, team = scored.submission, scored.team
     is_masked = is_anonymous(phase) and not team.is_reference
@@ -377,18 +384,25 @@ def _entry(
         file_digest=submission.file_digest,
         sheet=sheets[submission.id],
         measurement_key=scored.measurement_key,
-        linked=None if counterpart is None else _linked(phase, counterpart, sheets),
+        accepted_under=accepted[submission.id],
+        linked=None if counterpart is None else _linked(phase, counterpart, sheets, accepted),
         is_late=is_late(phase, submission),
     )
 
 
-def _linked(phase: Phase, scored: _Scored, sheets: Mapping[str, ScoreSheet]) -> LinkedRecord:
+def _linked(
+    phase: Phase,
+    scored: _Scored,
+    sheets: Mapping[str, ScoreSheet],
+    accepted: Mapping[str, ProtocolDocument],
+) -> LinkedRecord:
     return LinkedRecord(
         submission_id=scored.submission.id,
         method=_method(phase, scored),
         file_digest=scored.submission.file_digest,
         sheet=sheets[scored.submission.id],
         measurement_key=scored.measurement_key,
+        accepted_under=accepted[scored.submission.id],
     )
 
 

@@ -68,18 +68,18 @@ def checked_text(
 ) -> str:
     """Return `text` in Unicode form NFC, without surrounding blanks, if it can be shown safely.
 
-    Control, zero-width and direction characters are refused: they make two names look alike.
+    A line ends with one character, as browsers count when they keep to a length; they send two. Control, zero-width and direction characters are refused: they make two names look alike.
 
     Raises:
         InvalidRecord: Empty, too long, or with characters that cannot be shown.
     """
     text = unicodedata.normalize("NFC", text).strip()
+    if may_have_lines:
+        text = text.replace("\r\n", "\n")
     if not text and not may_be_empty:
         raise InvalidRecord(f"The {kind} must not be empty.")
     if len(text) > max_length:
         raise InvalidRecord(f"The {kind} is longer than {max_length} characters.")
-    if may_have_lines:
-        text = text.replace("\r\n", "\n")
     if any(not (c.isprintable() or (may_have_lines and c == "\n")) for c in text):
         raise InvalidRecord(f"The {kind} holds characters that cannot be shown.")
     return text

@@ -46,7 +46,7 @@ def reconcile_once(database: Database, dispatcher: Dispatcher, settings: Records
         dead_jobs = give_up_exhausted(session, settings.max_attempts)
         give_up_profiles(session, settings.max_attempts)
     tend_phases(database)
-    rescoring_jobs = tend_runs(database)
+    rescoring_jobs = tend_runs(database, settings.max_attempts)
     woken_for = wake_lanes(database, dispatcher, settings)
     if woken_for:
         with database.write() as session:

@@ -77,9 +77,9 @@ def _last_board(session: Session) -> LastBoard | None:
 
 def _days(session: Session, now: datetime) -> tuple[ScoringDay, ...]:
     since = now - timedelta(days=DAYS_TOLD)
-    done = (
+    done = (  # what was tried again by hand may have come long before
         select(Job.created_at, Job.leased_at)
-        .where(Job.kind == "score", Job.finished_at >= since, Job.lane == Lane.LIVE)
+        .where(Job.finished_at >= since, Job.created_at >= since, Job.lane == Lane.LIVE)
         .order_by(Job.finished_at.desc())
         .limit(_AT_MOST)
     )

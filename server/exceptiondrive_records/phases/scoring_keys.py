@@ -10,7 +10,7 @@ from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.tables import RescoringRun
-from exceptiondrive_records.submissions.tables import ScoreSheetRow
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_schemas.api.rescoring import RunKind, RunState
 from exceptiondrive_schemas.protocol import ProtocolDocument
 
@@ -90,6 +90,19 @@ def list_runs(
 
 
 # Under which protocol an upload was accepted: what was accepted once is read the same for ever.
+
+
+def all_accepted_under(session: Session, phase_id: str) -> dict[str, ProtocolDocument]:
+    """Return the protocol of the first sheet of each submission to a phase that has one."""
+    query = (  # newest first: of each submission the last row stays
+        select(ScoreSheetRow.submission_id, ScoreSheetRow.protocol_digest)
+        .join(Submission, Submission.id == ScoreSheetRow.submission_id)
+        .where(Submission.phase_id == phase_id)
+        .order_by(ScoreSheetRow.created_at.desc(), ScoreSheetRow.protocol_digest.desc())
+    )
+    first = {submission_id: digest for submission_id, digest in session.execute(query)}
+    protocols = {digest: find_protocol(session, digest) for digest in set(first.values())}
+    return {submission_id: protocols[digest] for submission_id, digest in first.items()}
 
 
 def accepted_under(session: Session, submission_id: str) -> ProtocolDocument | None:

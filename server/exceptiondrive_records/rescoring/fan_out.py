@@ -3,7 +3,7 @@
 Everything is decided anew from what is recorded, so that any crash is made good by the next pass.
 """
 
-from sqlalchemy import Select, func, select, update
+from sqlalchemy import Select, delete, func, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
@@ -13,9 +13,9 @@ from exceptiondrive_records.phases.scoring_keys import ScoringKey, new_key, old_
 from exceptiondrive_records.rescoring.pairs import (
     count_pairs,
     fresh_board,
+    left_out,
     missing_pairs,
     open_jobs,
-    waiting_elsewhere,
     want_fresh_board,
 )
 from exceptiondrive_records.rescoring.tables import RescoringRun
@@ -32,8 +32,13 @@ _ACTOR = "reconciler"
 _TENDED = (RunState.SCORING, RunState.PAUSED, RunState.READY, RunState.APPLIED)
 
 
-def tend_runs(database: Database) -> int:
-    """Bring every open run one step further; return how many jobs were made."""
+def tend_runs(database: Database, max_attempts: int) -> int:
+    """Bring every open run one step further; return how many jobs were made.
+
+    Args:
+        database: The records.
+        max_attempts: Beyond this a sheet that is verified is given up.
+    """
     with database.read() as session:
         query = select(func.count()).where(RescoringRun.state.in_(_TENDED))
         if not session.scalar(query):
@@ -41,12 +46,12 @@ def tend_runs(database: Database) -> int:
     with database.write() as session:
         states = RescoringRun.state.in_(_TENDED)
         runs = session.scalars(select(RescoringRun).where(states).with_for_update())
-        return sum(_tend(session, run) for run in runs)
+        return sum(_tend(session, run, max_attempts) for run in runs)
 
 
-def _tend(session: Session, run: RescoringRun) -> int:
+def _tend(session: Session, run: RescoringRun, max_attempts: int) -> int:
     if run.kind is RunKind.VERIFICATION:
-        end_verification(session, run)
+        end_verification(session, run, max_attempts)
         return 0
     if run.state is RunState.PAUSED:
         hold_jobs(session, run)
@@ -79,12 +84,12 @@ def _insert_missing(session: Session, run: RescoringRun, key: ScoringKey) -> int
     return _make_jobs(session, missing_pairs(run.phase_id, key, room), key)
 
 
-def score_waiting_under(session: Session, phase_id: str, key: ScoringKey) -> int:
-    """Make jobs under what a phase shows for submissions that wait under another key alone.
+def score_left_out(session: Session, phase_id: str, key: ScoringKey) -> None:
+    """Make jobs under what a phase shows for submissions that were, or will be, scored under another alone.
 
-    No run will do it any more once it is closed: they would be scored, and stand on no board.
+    No run will do it any more once it is closed: they would stand on no board.
     """
-    return _make_jobs(session, waiting_elsewhere(phase_id, key), key)
+    _make_jobs(session, left_out(phase_id, key), key)
 
 
 def _make_jobs(session: Session, query: Select[Submission], key: ScoringKey) -> int:
@@ -110,12 +115,10 @@ def release_jobs(session: Session, run: RescoringRun) -> None:
     _move_jobs(session, run, WAITING_STATES, WorkState.QUEUED)
 
 
-def cancel_jobs(session: Session, run: RescoringRun, key: ScoringKey) -> int:
+def cancel_jobs(session: Session, run: RescoringRun, key: ScoringKey) -> None:
     """Take back the jobs of a key that nobody has begun; they can be made again."""
-    waiting = list(session.scalars(select(Job).where(Job.id.in_(_waiting(run, key)))))
-    for job in waiting:
-        session.delete(job)
-    return len(waiting)
+    waiting = delete(Job).where(Job.id.in_(_waiting(run, key)))
+    session.execute(waiting.execution_options(synchronize_session=False))
 
 
 def _move_jobs(

@@ -64,12 +64,15 @@ def missing_pairs(phase_id: str, key: ScoringKey, limit: int) -> Select[Submissi
     )
 
 
-def waiting_elsewhere(phase_id: str, key: ScoringKey) -> Select[Submission]:
-    """Select submissions that wait for their first score, and have no job under this key."""
+def left_out(phase_id: str, key: ScoringKey) -> Select[Submission]:
+    """Select submissions that are scored or wait for it, and have neither sheet nor job under this key."""
     return (
         select(Submission)
-        .where(Submission.phase_id == phase_id, Submission.status.in_(WAITING))
-        .where(not_(_jobs_of(key).exists()))
+        .where(
+            Submission.phase_id == phase_id,
+            Submission.status.in_((*WAITING, SubmissionStatus.SCORED)),
+        )
+        .where(not_(_has_sheet(key)), not_(_jobs_of(key).exists()))
         .order_by(Submission.received_at, Submission.id)
     )
 

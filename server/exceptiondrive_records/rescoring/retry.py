@@ -11,7 +11,7 @@ from exceptiondrive_records.phases.policy import has_revealed
 from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.phases.scoring_keys import key_of_phase
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.rescoring.fan_out import score_waiting_under
+from exceptiondrive_records.rescoring.fan_out import score_left_out
 from exceptiondrive_records.submissions.submissions import (
     find_submission,
     lock_jobs,
@@ -64,7 +64,7 @@ def retry_submission(
     submission.status = SubmissionStatus.RECEIVED
     submission.status_at = now
     submission.failure_code = submission.failure_message = None
-    score_waiting_under(session, phase.id, key_of_phase(phase))
+    score_left_out(session, phase.id, key_of_phase(phase))
     detail = {} if reason is None else {"reason": checked_reason(reason)}
     audit(session, actor, "scoring retried by hand", submission_id, detail)
     return submission

@@ -28,7 +28,7 @@ from exceptiondrive_records.rescoring.fan_out import (
     cancel_jobs,
     hold_jobs,
     release_jobs,
-    score_waiting_under,
+    score_left_out,
 )
 from exceptiondrive_records.rescoring.pairs import (
     count_pairs,
@@ -222,7 +222,7 @@ def close_run(session: Session, run_id: str, *, reason: str, actor: str) -> Resc
     """End an applied run for good: fresh submissions are scored under the new protocol alone."""
     run = move_run(session, run_id, RunAction.CLOSE, reason, actor)
     cancel_jobs(session, run, old_key(run))
-    score_waiting_under(session, run.phase_id, new_key(run))
+    score_left_out(session, run.phase_id, new_key(run))
     return run
 
 
@@ -289,8 +289,8 @@ def require_action(session: Session, run: RescoringRun, action: RunAction) -> Ru
     )
 
 
-def retry_failed(session: Session, run: RescoringRun, key: ScoringKey) -> int:
-    """Queue the jobs of failed pairs again, with all their attempts; return how many."""
+def retry_failed(session: Session, run: RescoringRun, key: ScoringKey) -> None:
+    """Queue the jobs of failed pairs again, with all their attempts."""
     failed = [submission.id for submission in session.scalars(failed_pairs(run.phase_id, key))]
     now = database_now(session)
     session.execute(
@@ -308,7 +308,6 @@ def retry_failed(session: Session, run: RescoringRun, key: ScoringKey) -> int:
         )
         .execution_options(synchronize_session=False)
     )
-    return len(failed)
 
 
 def has_failed_pairs(session: Session, run: RescoringRun) -> bool:

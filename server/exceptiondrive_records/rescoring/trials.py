@@ -15,7 +15,6 @@ from exceptiondrive_schemas.api.rescoring import SplitTrial
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.split import SplitRef
 
-MAX_ATTEMPTS = 4
 _LOCKED_REVISIONS = (
     select(SplitRow.revision)
     .where(SplitRow.name == bindparam("split"))
@@ -32,9 +31,9 @@ def ask_for_trial(session: Session, run: RescoringRun) -> None:
     session.add(new_item(Trial, run.id, run.created_at, lane=Lane.RESCORE, run_id=run.id))
 
 
-def claim_trial(session: Session, lease_s: float) -> Trial | None:
+def claim_trial(session: Session, lease_s: float, max_attempts: int) -> Trial | None:
     """Lease the split that is to be tried next; None: nothing is free."""
-    return claim_oldest(session, Trial, lease_s, MAX_ATTEMPTS)
+    return claim_oldest(session, Trial, lease_s, max_attempts)
 
 
 def lock_protocols(session: Session, split_name: str) -> None:

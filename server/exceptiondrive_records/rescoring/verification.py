@@ -29,7 +29,6 @@ from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
 
-MAX_ATTEMPTS = 4
 _UNANSWERED = "recomputing did not finish in any of its attempts"
 
 
@@ -80,9 +79,9 @@ def ask_for_rechecks(
     return len(sheets)
 
 
-def claim_recheck(session: Session, lease_s: float) -> Recheck | None:
+def claim_recheck(session: Session, lease_s: float, max_attempts: int) -> Recheck | None:
     """Lease the sheet that is to be recomputed next; None: nothing is free."""
-    return claim_oldest(session, Recheck, lease_s, MAX_ATTEMPTS)
+    return claim_oldest(session, Recheck, lease_s, max_attempts)
 
 
 def finish_recheck(
@@ -112,11 +111,11 @@ def cancel_rechecks(session: Session, run: RescoringRun) -> None:
     )
 
 
-def end_verification(session: Session, run: RescoringRun) -> None:
+def end_verification(session: Session, run: RescoringRun, max_attempts: int) -> None:
     """Give up what no attempt has answered; close the run once every sheet has come to an end."""
     now = database_now(session)
     lost = select(Recheck).where(
-        Recheck.run_id == run.id, Recheck.attempts >= MAX_ATTEMPTS, is_free(Recheck, now)
+        Recheck.run_id == run.id, Recheck.attempts >= max_attempts, is_free(Recheck, now)
     )
     for item in session.scalars(lost.with_for_update(skip_locked=True)):
         item.state, item.note, item.finished_at = WorkState.DEAD, _UNANSWERED, now

@@ -140,9 +140,8 @@ def _require_free_name(
 
 
 def _require_edits_left(session: Session, team_id: int, now: datetime) -> None:
-    query = (
-        select(func.count())
-        .select_from(SubmissionEdit)
+    query = (  # a new name is a row of each run of the method, at one time
+        select(func.count(SubmissionEdit.edited_at.distinct()))
         .join(Submission, Submission.id == SubmissionEdit.submission_id)
         .where(Submission.team_id == team_id, SubmissionEdit.edited_at > now - timedelta(days=1))
     )

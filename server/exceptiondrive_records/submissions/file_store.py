@@ -216,9 +216,9 @@ class FileStore:
             self._make_subfolder(key)
             try:
                 obstore.put(self._store, key, spooled.read(), mode="create")
-                self._sync(key)
             except AlreadyExistsError:
                 self._heal(key, digest, spooled)
+            self._sync(key)  # whoever put it there may not have come so far
         except (BaseError, OSError) as error:
             raise StoreError("The file store does not take files now; try again later.") from error
 
@@ -234,7 +234,6 @@ class FileStore:
                 return
         spooled.seek(0)
         obstore.put(self._store, key, spooled.read(), mode="overwrite")
-        self._sync(key)
 
     def _make_subfolder(self, key: str) -> None:
         """Make the folder of a file, open to the same users as the whole store."""

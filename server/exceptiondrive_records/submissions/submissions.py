@@ -289,8 +289,9 @@ def accept(
 def confirm(session: Session, submission_id: str) -> Submission:
     """Let what a team was asked about count: a new submission of the same file and words.
 
-    Confirming twice is once. The deadline is judged by the first byte of the file. The file is kept
-    for an hour longer than may be confirmed, so that no confirmation under way loses it.
+    Confirming twice is once. The deadline is judged by the first byte of the file, for as long as
+    `LONGEST_UPLOAD` after it; later, by now. The file is kept for an hour longer than may be confirmed,
+    so that no confirmation under way loses it.
 
     Raises:
         NotFound: No such submission.

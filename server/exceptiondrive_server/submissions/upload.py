@@ -92,6 +92,12 @@ class UploadFields(BaseModel):
         ),
     ] = False
 
+    @field_validator("description", mode="before")
+    @classmethod
+    def _one_character_a_line(cls, description: object) -> object:
+        """Count line ends as browsers do, which send two characters for each."""
+        return description.replace("\r\n", "\n") if isinstance(description, str) else description
+
     @field_validator("facts")
     @classmethod
     def _are_facts(cls, facts: str) -> str:
@@ -311,9 +317,7 @@ def told_to(principal: Principal, seen: SubmissionView) -> SubmissionView:
     if Scope.READ_OWN in principal.scopes:
         return seen
     report = seen.report
-    if (
-        report is not None and report.to_confirm
-    ):  # which names the entry that is replaced, with its score
+    if report is not None and report.to_confirm:  # names the replaced entry with its score
         report = report.model_copy(update={"to_confirm": _ASKED_OF_READERS})
     return seen.model_copy(update={**_NO_RESULTS, "report": report})
 

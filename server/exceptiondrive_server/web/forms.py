@@ -188,6 +188,7 @@ def _value(field: FormField, text: str) -> Any:
         if field.is_required:
             raise ValueError("must not be empty")
         return "" if field.kind in ("text", "lines") else None
+    text = text.replace("\r\n", "\n")  # browsers send two characters for the one that they count
     if len(text) > field.max_length:
         raise ValueError(f"is longer than {field.max_length} characters")
     return _READERS[field.kind](field, text)
@@ -225,7 +226,7 @@ def _choice(field: FormField, text: str) -> str:
 
 _READERS: Mapping[Kind, Callable[[FormField, str], Any]] = {
     "text": lambda field, text: text,
-    "lines": lambda field, text: text.replace("\r\n", "\n"),
+    "lines": lambda field, text: text,
     "whole": _whole,
     "number": _number,
     "moment": _moment,

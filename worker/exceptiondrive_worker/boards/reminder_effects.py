@@ -60,7 +60,7 @@ def _effect(
     linked: LinkedRecord,
     rounding: Rounding,
 ) -> ReminderEffect:
-    other = replace(target, file_digest=linked.file_digest)
+    other = replace(target, file_digest=linked.file_digest, read_under=linked.accepted_under)
     key = content_key(
         "effect",
         stages.scene_sums_key(target, record.measurement_key),

@@ -161,7 +161,10 @@ def _board(
         ):
             hold_floors(session, floors, ref, protocol)
     like = Target("", challenge, split, protocol)
-    targets = [replace(like, file_digest=record.file_digest) for record in records]
+    targets = [
+        replace(like, file_digest=record.file_digest, read_under=record.accepted_under)
+        for record in records
+    ]
     standings = list(zip(targets, records, strict=True))
     references = scored_references(context, challenge, split, protocol)
     rounding = Rounding(challenge, protocol.publication, is_public=is_public)
