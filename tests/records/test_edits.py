@@ -1,5 +1,7 @@
 """What a team says of a submission changes at any time, with a history; what stands does not."""
 
+from datetime import timedelta
+
 import pytest
 from sqlalchemy import select, text
 from sqlalchemy.exc import DatabaseError
@@ -14,11 +16,12 @@ from exceptiondrive_records.submissions import edits
 from exceptiondrive_records.submissions.edits import (
     edit_submission,
     edits_of,
+    edits_of_phase,
     facts_of_entries,
-    newest_edit_at,
 )
 from exceptiondrive_records.submissions.submissions import accept, find_submission
-from exceptiondrive_schemas.method_facts import MethodFacts, SubmissionChange
+from exceptiondrive_records.submissions.tables import SubmissionEdit
+from exceptiondrive_schemas.method_facts import EditChanges, MethodFacts, SubmissionChange
 
 VLA = MethodFacts(type="vla", sensors=("lidar", "front_camera"), parameters_millions=7000)
 
@@ -86,7 +89,28 @@ def test_what_changes_nothing_leaves_no_trace(world: World) -> None:
     with world.database.read() as session:
         assert edits_of(session, one) == ()
         assert find_submission(session, one).edited_at is None
-        assert newest_edit_at(session, world.phase_id) is None
+        assert edits_of_phase(session, world.phase_id) == (None, 0)
+
+
+def test_an_edit_that_began_before_another_and_came_after_it_is_seen(world: World) -> None:
+    one, two = scored(world, "a", "Planner"), scored(world, "b", "Other")
+    edit(world, one, facts=VLA)
+    with world.database.read() as session:
+        before = edits_of_phase(session, world.phase_id)
+    assert before.newest_at is not None
+    with world.database.write() as session:  # as a transaction that took its time and waited
+        session.add(
+            SubmissionEdit(
+                submission_id=two,
+                edited_at=before.newest_at - timedelta(seconds=1),
+                actor="team:2",
+                changes=EditChanges(changed={"facts.map": (None, "hd")}),
+            )
+        )
+    with world.database.read() as session:
+        after = edits_of_phase(session, world.phase_id)
+    assert after.newest_at == before.newest_at
+    assert after != before
 
 
 def test_a_name_is_the_methods_so_that_what_stands_stays(world: World) -> None:

@@ -7,7 +7,12 @@ from typing import Any
 import pytest
 
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.errors import Conflict, PhaseClosed, QuotaExceeded
+from exceptiondrive_records.db.errors import (
+    Conflict,
+    PhaseClosed,
+    QuotaExceeded,
+    RejectedCapExceeded,
+)
 from exceptiondrive_records.entries.selection import choose
 from exceptiondrive_records.operations.garbage import sweep_orphans
 from exceptiondrive_records.operations.invariants import damaged_uploads, violations
@@ -86,6 +91,18 @@ def test_what_would_not_be_ranked_costs_nothing_until_it_is_confirmed(
             restore_submission(session, asked_id, actor="organizer", reason="a mistake")
     with on_both.database.read() as session:
         assert violations(session) == []
+
+
+def test_the_last_file_that_may_be_wrong_today_can_be_asked_about_and_confirmed(
+    make_world: Callable[..., World], sqlite_url: str, tiny: Split, planning_file: MakeFile
+) -> None:
+    world = make_world(sqlite_url)
+    world.add_phase(tiny, rejected_per_day=1)
+    asked_id = world.score(planning_file(tiny, changes=GAPS), asks_first=True)
+    assert quota(world, asked_id).left_of_rejected == 0
+    with pytest.raises(RejectedCapExceeded):
+        world.submit(planning_file(tiny), "another")
+    assert seen(world, confirmed(world, asked_id)).status is SubmissionStatus.SCORED
 
 
 def test_a_file_without_a_question_goes_straight_on(

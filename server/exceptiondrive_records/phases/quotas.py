@@ -76,8 +76,12 @@ def _used_and_granted() -> Select[Any]:
     return select(used, *granted).outerjoin_from(used, Allowance, is_own)
 
 
-def require_quota(quota: Quota) -> None:
+def require_quota(quota: Quota, *, is_sound: bool) -> None:
     """Refuse one submission more than allowed; who accepts one has read the quota under the team's lock.
+
+    Args:
+        quota: Of the team.
+        is_sound: Whether its file was found to be: it will not be rejected.
 
     Raises:
         QuotaExceeded: The day's or the total quota is used up.
@@ -89,9 +93,10 @@ def require_quota(quota: Quota) -> None:
         raise QuotaExceeded(quota.total, resets_at=None)
     if quota.used_today >= quota.per_day:
         raise QuotaExceeded(quota.per_day, resets_at=quota.resets_at)
-    if quota.left_of_rejected == 0:
-        raise RejectedCapExceeded(quota.rejected_per_day, resets_at=quota.resets_at)
-    require_room_if_all_are_wrong(quota)
+    if not is_sound:
+        if quota.left_of_rejected == 0:
+            raise RejectedCapExceeded(quota.rejected_per_day, resets_at=quota.resets_at)
+        require_room_if_all_are_wrong(quota)
     if quota.concurrent is not None and quota.left_of_waiting == 0:
         raise ConcurrentQuotaExceeded(quota.concurrent)
 

@@ -5,7 +5,7 @@ No board is altered: a new one says the new name, and facts are joined to a boar
 
 from collections.abc import Iterable
 from datetime import datetime, timedelta
-from typing import Any
+from typing import Any, NamedTuple
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
@@ -191,9 +191,20 @@ def facts_of_entries(
     }
 
 
-def newest_edit_at(session: Session, phase_id: str) -> datetime | None:
-    """Return when a team last edited a submission of a phase: a kept page is as new as this."""
-    query = select(func.max(Submission.edited_at)).where(
-        Submission.phase_id == phase_id, Submission.edited_at.is_not(None)
+class EditsOfPhase(NamedTuple):
+    """All edits of the submissions of a phase: any further one makes another of these."""
+
+    newest_at: datetime | None
+    n: int
+    """Who edits at the same time as another, and comes second, may be the earlier one."""
+
+
+def edits_of_phase(session: Session, phase_id: str) -> EditsOfPhase:
+    """Return what a kept page is as new as."""
+    query = (
+        select(func.max(SubmissionEdit.edited_at), func.count())
+        .join(Submission, Submission.id == SubmissionEdit.submission_id)
+        .where(Submission.phase_id == phase_id)
     )
-    return session.scalar(query)
+    newest_at, n = session.execute(query).one()
+    return EditsOfPhase(newest_at, n)

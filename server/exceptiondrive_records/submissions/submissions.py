@@ -363,7 +363,7 @@ def require_acceptable(
     require_terms(session, team.id, phase)
     quota = quota_of(session, team.id, phase)
     _require_open(session, phase, quota.closes_at, arrival(session, phase, arrived_at, now))
-    require_quota(quota)
+    require_quota(quota, is_sound=first is not None)  # its team was asked of what was read
     require_counterpart(session, team.id, phase, linked_to)
     return first, quota.closes_at
 

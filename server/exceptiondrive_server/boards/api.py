@@ -17,7 +17,7 @@ from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_records.protocols.protocols import find_protocol
-from exceptiondrive_records.submissions.edits import newest_edit_at
+from exceptiondrive_records.submissions.edits import edits_of_phase
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.method_facts import PhaseFacts
@@ -169,7 +169,7 @@ def get_facts(services: ServicesOf, query: AskedBoard) -> PhaseFacts:
         return PhaseFacts(
             phase=board.phase,
             board=board.board,
-            changed_at=newest_edit_at(session, board.phase),
+            changed_at=edits_of_phase(session, board.phase).newest_at,
             entries=dict(facts_on(session, board)),
         )
 

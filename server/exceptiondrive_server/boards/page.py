@@ -13,6 +13,7 @@ from urllib.parse import urlencode
 from markupsafe import Markup
 
 from exceptiondrive_records.db.memory import Memory
+from exceptiondrive_records.submissions.edits import EditsOfPhase
 from exceptiondrive_schemas.api.participation import DisqualificationNote
 from exceptiondrive_schemas.api.phase_settings import PhaseNow, Visibility
 from exceptiondrive_schemas.board import Board
@@ -278,7 +279,7 @@ class BoardPage:
     now, or its late view; `before` is the board that was shown before it.
 
     Two are equal if their pages are: what is large and compared by a field of its own (`told_as`,
-    `facts_at`) is left out of that, and of the outline.
+    `edits`) is left out of that, and of the outline.
     """
 
     query: BoardQuery
@@ -301,8 +302,8 @@ class BoardPage:
     """What teams tell of their methods now; not of the board, whose bytes never change."""
     told_as: str = ""
     """What stands for the board: two of one name are told alike."""
-    facts_at: datetime | None = None
-    """When a team of the phase changed its facts last."""
+    edits: EditsOfPhase | None = None
+    """Those of the facts, among others."""
     disqualified: tuple[DisqualificationNote, ...] = ()
     """What readers are told of who stands on no board any more."""
     has_reported: bool = False

@@ -40,7 +40,7 @@ from exceptiondrive_records.rescoring.views import update_words
 from exceptiondrive_records.splits.drawings import protocol_drawing
 from exceptiondrive_records.splits.splits import whole_split
 from exceptiondrive_records.splits.tables import SplitRow
-from exceptiondrive_records.submissions.edits import facts_of_entries, newest_edit_at
+from exceptiondrive_records.submissions.edits import edits_of_phase, facts_of_entries
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES
@@ -95,7 +95,7 @@ def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False
         before=_board_before(session, row) if row else None,
         facts=facts_on(session, board) if board else NO_FACTS,
         told_as=row.told if row else "",
-        facts_at=newest_edit_at(session, phase.id),
+        edits=edits_of_phase(session, phase.id),
         disqualified=disqualification_notes(session, phase),
     )
 
@@ -106,7 +106,7 @@ def facts_on(session: Session, board: Board) -> FactsOfBoard:
     The same object until a team edits something in the phase.
     """
     phase = session.get_one(Phase, board.phase)
-    what = "facts", newest_edit_at(session, phase.id), is_anonymous(phase)
+    what = "facts", edits_of_phase(session, phase.id), is_anonymous(phase)
     ids = (entry.submission_id for entry in board.entries)
     return of_board(board, what, lambda: facts_of_entries(session, phase.id, ids))
 
