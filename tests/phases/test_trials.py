@@ -1,6 +1,7 @@
 """Before a run begins, a worker tries the split under what is to come, and says why it does not fit."""
 
 from concurrent.futures import ThreadPoolExecutor
+from datetime import timedelta
 from threading import Barrier
 from typing import TYPE_CHECKING, Any
 
@@ -11,11 +12,15 @@ from tests.phases.browsing import visitor
 from tests.support.documents import region_ahead, split_document
 from tests.support.floors import write_floors
 
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.settings import RecordsSettings
+from exceptiondrive_records.operations.reconciler import reconcile_once
 from exceptiondrive_records.phases.scoring_keys import find_run
 from exceptiondrive_records.protocols.protocols import add_protocol, find_protocol
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.trials import claim_trial, count_trial, tried_protocols
-from exceptiondrive_records.work.tables import Trial
+from exceptiondrive_records.work.dispatch import Dispatcher
+from exceptiondrive_records.work.tables import Trial, WorkState
 from exceptiondrive_schemas.protocol import packaged_protocol_toml, parse_protocol
 from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_worker.splits.admin import publish_split_file
@@ -93,6 +98,20 @@ def test_a_split_that_fits_is_said_to_fit(scored: "Life") -> None:
     assert seen(scored, run)["state"] == "ready"
     for shown in (text, organizer.get(f"{page}/preview").text):
         assert "<b>Test</b>" in shown, "the phase is called by its title"
+
+
+def test_a_split_that_ends_its_worker_each_time_is_said_not_to_have_been_tried(
+    scored: "Life",
+) -> None:
+    run = draft(scored, "1.2", footprint_width_m=1.9)
+    with scored.database.write() as session:
+        past = database_now(session) - timedelta(hours=1)
+        session.execute(update(Trial).values(state=WorkState.LEASED, lease_until=past, attempts=4))
+    nobody = Dispatcher("redis://127.0.0.1:1/0")
+    reconcile_once(scored.database, nobody, RecordsSettings(max_attempts=4))
+    assert seen(scored, run)["trial"]["state"] == "failed"
+    text = visitor(scored, "organizer").get(f"/organize/rescoring/{run['id']}").text
+    assert "could not be tried: trying it did not finish in any of its attempts" in text
 
 
 def test_a_run_that_was_begun_at_once_fails_with_a_reason_for_all_sheets(scored: "Life") -> None:

@@ -10,8 +10,8 @@ from sqlalchemy import select, update
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.views import view
-from exceptiondrive_records.work.lease import new_item
-from exceptiondrive_records.work.profiles import ask_for_profile, give_up_profiles
+from exceptiondrive_records.work.lease import give_up, new_item
+from exceptiondrive_records.work.profiles import ask_for_profile
 from exceptiondrive_records.work.tables import Job, Profile, WorkState
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.jobs import Lane
@@ -147,6 +147,6 @@ def test_a_file_that_ends_its_worker_each_time_is_given_up(
     assert not describe_next(phase.context)
     assert awaits_profile(phase, submission_id)
     with phase.database.write() as session:
-        give_up_profiles(session, phase.settings.max_attempts)
+        give_up(session, Profile, phase.settings.max_attempts)
     assert profile_of(phase, submission_id).state is WorkState.DEAD
     assert not awaits_profile(phase, submission_id)

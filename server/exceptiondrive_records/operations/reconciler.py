@@ -22,8 +22,8 @@ from exceptiondrive_records.notifications.events import LOOK_EVERY_S, tell_teams
 from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.work.dispatch import Dispatcher, mark_queued, wake_lanes
 from exceptiondrive_records.work.jobs import give_up_exhausted
-from exceptiondrive_records.work.lease import give_up_lead, take_lead
-from exceptiondrive_records.work.profiles import give_up_profiles
+from exceptiondrive_records.work.lease import give_up, give_up_lead, take_lead
+from exceptiondrive_records.work.tables import Profile, Trial
 
 _log = structlog.get_logger("exceptiondrive.reconciler")
 
@@ -44,7 +44,8 @@ def reconcile_once(database: Database, dispatcher: Dispatcher, settings: Records
     """Make one pass."""
     with database.write() as session:
         dead_jobs = give_up_exhausted(session, settings.max_attempts)
-        give_up_profiles(session, settings.max_attempts)
+        for kind in (Profile, Trial):
+            give_up(session, kind, settings.max_attempts)
     tend_phases(database)
     rescoring_jobs = tend_runs(database, settings.max_attempts)
     woken_for = wake_lanes(database, dispatcher, settings)

@@ -10,8 +10,8 @@ from exceptiondrive_records.db.last import do_last
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.work.lease import claim_oldest, finish, new_item
-from exceptiondrive_records.work.tables import Trial
-from exceptiondrive_schemas.api.rescoring import SplitTrial
+from exceptiondrive_records.work.tables import Trial, WorkState
+from exceptiondrive_schemas.api.rescoring import SplitTrial, TrialFinding
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.split import SplitRef
 
@@ -23,6 +23,10 @@ _LOCKED_REVISIONS = (
 )
 _TRIED = select(Trial.protocol_digest, Trial.trial).where(
     Trial.split_name == bindparam("split"), Trial.protocol_digest.is_not(None)
+)
+
+_UNANSWERED = SplitTrial(
+    state="failed", found=(TrialFinding(what="trying it did not finish in any of its attempts"),)
 )
 
 
@@ -71,7 +75,10 @@ def finish_trial(session: Session, item: Trial, trial: SplitTrial) -> bool:
 def trial_of(session: Session, run_id: str) -> SplitTrial | None:
     """Return what a worker said of the split of a run; None: it is not asked of this kind of run."""
     item = session.scalars(select(Trial).where(Trial.run_id == run_id)).first()
-    return None if item is None else item.trial or SplitTrial()
+    if item is None:
+        return None
+    is_over = item.state is WorkState.DEAD
+    return item.trial or (_UNANSWERED if is_over else SplitTrial())
 
 
 def tried_protocols(session: Session, split_name: str) -> set[str]:

@@ -29,6 +29,7 @@ from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import (
     NOW,
     Moment,
+    database_now,
     seconds_from_now,
     seconds_since,
 )
@@ -266,6 +267,17 @@ def try_later(
     """
     given = {"state": WorkState.QUEUED, "attempts": item.attempts - (not counts), "note": note}
     return _leave(session, item, _LEAVE, rests_s=wait_s, **given)
+
+
+def give_up(session: Session, kind: type[WorkItem], max_attempts: int) -> None:
+    """Leave alone what ended whoever did it in each attempt."""
+    now = database_now(session)
+    session.execute(
+        update(kind)
+        .where(kind.attempts >= max_attempts, is_free(kind, now))
+        .values(state=WorkState.DEAD, fence=kind.fence + 1, lease_until=None, finished_at=now)
+        .execution_options(synchronize_session=False)
+    )
 
 
 def _leave(session: Session, item: WorkItem, how: Update, **given: object) -> bool:

@@ -5,9 +5,8 @@ from collections.abc import Iterable
 from sqlalchemy import bindparam, select, update
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.work.lease import ask_once, claim_oldest, finish, is_free
+from exceptiondrive_records.work.lease import ask_once, claim_oldest, finish
 from exceptiondrive_records.work.tables import OPEN_STATES, Job, Profile, WorkState
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.faults import CheckReport
@@ -65,17 +64,6 @@ def finish_profile(
             .execution_options(synchronize_session=False)
         )
     return True
-
-
-def give_up_profiles(session: Session, max_attempts: int) -> None:
-    """Leave files alone whose profile ended its worker each time."""
-    now = database_now(session)
-    session.execute(
-        update(Profile)
-        .where(Profile.attempts >= max_attempts, is_free(Profile, now))
-        .values(state=WorkState.DEAD, fence=Profile.fence + 1, lease_until=None, finished_at=now)
-        .execution_options(synchronize_session=False)
-    )
 
 
 def profiles_coming(session: Session, submission_ids: Iterable[str]) -> set[str]:
