@@ -87,7 +87,7 @@ wheelhouse:  ## download every hashed wheel of LOCKS="bootstrap dev" (or client)
 	for lock in $(LOCKS); do \
 	  $(VENV)-wheelhouse/bin/python -m pip download --quiet --disable-pip-version-check --no-deps --require-hashes \
 	    -r requirements/$$lock.txt -d wheelhouse || exit 1; done
-	$(VENV)-wheelhouse/bin/python -m pip wheel --quiet --disable-pip-version-check --no-deps -w wheelhouse . $(if $(filter dev,$(LOCKS)),./server ./worker)
+	$(VENV)-wheelhouse/bin/python -m pip wheel --quiet --disable-pip-version-check --no-deps -w wheelhouse . $(if $(filter-out client,$(LOCKS)),./server ./worker)
 	rm -r $(VENV)-wheelhouse
 	@du -sh wheelhouse; ls wheelhouse | wc -l
 

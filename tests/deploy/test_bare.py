@@ -260,3 +260,19 @@ def test_systemd_finds_every_service_confined(folder: Path, units: list[Path]) -
         assert analyze(folder, *words, name).returncode == 0, name
     (folder / "systemd/exceptiondrive-.service.d/confined.conf").unlink()
     assert analyze(folder, "security", "--offline=true", "--threshold=60", services[0]).returncode
+
+
+@pytest.mark.parametrize(
+    ("locks", "built"),
+    [("client", ["."]), ("server worker", [".", "./server", "./worker"])],
+)
+def test_a_wheelhouse_holds_what_its_locks_are_for(locks: str, built: list[str]) -> None:
+    done = subprocess.run(
+        ["make", "--dry-run", "wheelhouse", f"LOCKS={locks}"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    (line,) = [line for line in done.stdout.splitlines() if " pip wheel " in line]
+    assert line.partition("-w wheelhouse ")[2].split() == built
