@@ -262,6 +262,22 @@ def test_systemd_finds_every_service_confined(folder: Path, units: list[Path]) -
     assert analyze(folder, "security", "--offline=true", "--threshold=60", services[0]).returncode
 
 
+def test_every_user_of_a_unit_gets_an_account(folder: Path, tmp_path: Path) -> None:
+    """systemd itself reads the file; without an account a unit ends with 217/USER before it begins."""
+    if shutil.which("systemd-sysusers") is None:
+        pytest.skip("no systemd-sysusers")
+    root = tmp_path / "root"
+    (root / "etc/sysusers.d").mkdir(parents=True)
+    shutil.copy(folder / "sysusers.conf", root / "etc/sysusers.d/exceptiondrive.conf")
+    subprocess.run(["systemd-sysusers", f"--root={root}"], check=True, capture_output=True)
+    rows = [line.split(":") for line in (root / "etc/passwd").read_text().splitlines()]
+    accounts = {row[2]: row[3] for row in rows if row[0].startswith("exceptiondrive")}
+    units = [read_unit(path) for path in (folder / "systemd").glob("*.service")]
+    assert {user for found in units for user in found["User"]} == accounts.keys()
+    (confined,) = (folder / "systemd").glob("*.d/confined.conf")
+    assert set(accounts.values()) == set(read_unit(confined)["Group"])
+
+
 @pytest.mark.parametrize(
     ("locks", "built"),
     [("client", ["."]), ("server worker", [".", "./server", "./worker"])],

@@ -1,7 +1,7 @@
 """Carries out docs/operating-bare.md, block by block as written, in a network of its own; as root.
 
-Only places and the host name are others, the programs are those of this environment, and `systemctl` is
-tests/operating/units.py. Every step that fails ends it.
+Only places and the host name are others, the programs are those of this environment, and `systemctl` and
+`systemd-sysusers` are tests/operating/units.py. Every step that fails ends it.
 """
 
 import os
@@ -37,11 +37,12 @@ class Walk:
         for version in ("1", "2"):
             (self.programs / version).symlink_to(sys.prefix)
         (self.programs / "current").symlink_to("1")
-        systemctl = folder / "bin/systemctl"
-        systemctl.write_text(
-            f'#!/bin/sh\ncd {ROOT} && exec {sys.executable} -m tests.operating.units "$@"\n'
-        )
-        systemctl.chmod(0o755)
+        for name, verb in (("systemctl", ""), ("systemd-sysusers", " make-accounts")):
+            program = folder / "bin" / name
+            program.write_text(
+                f'#!/bin/sh\ncd {ROOT} && exec {sys.executable} -m tests.operating.units{verb} "$@"\n'
+            )
+            program.chmod(0o755)
         self.environment = {
             **{k: v for k, v in os.environ.items() if not k.startswith("EXCEPTIONDRIVE_")},
             "PATH": f"{folder / 'bin'}:{binaries()}:{os.environ['PATH']}:/usr/sbin",
@@ -59,6 +60,7 @@ class Walk:
             "/srv/exceptiondrive": str(self.home),
             "/opt/exceptiondrive": str(self.programs),
             "/etc/systemd/system/": f"{self.units}/",
+            "/etc/sysusers.d/": f"{self.state}/",
             "board.example.org": "127.0.0.1",
             "su postgres -c psql": f"psql -v ON_ERROR_STOP=1 -h {self.folder} -U postgres",
             "BACKUP.tar": f"{self.home}/backups/*.tar",
@@ -140,7 +142,7 @@ def carry_out(walk: Walk) -> None:
     """Install, use, look at the walls, upgrade, roll back, back up, restore."""
     install = "/opt/exceptiondrive/current/bin/exceptiondrive-server init"
     walk.block(install)
-    walk.block("su postgres -c psql")
+    walk.block("install -D -m 0644 /srv/exceptiondrive/sysusers.conf")
     split = write_sample_split(walk.home / "splits")
     printed = walk.block("chown -R 10002:10001").splitlines()
     (token,) = [line for line in printed if " " not in line]

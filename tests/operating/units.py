@@ -71,8 +71,16 @@ class Systemd:
             list, {k: [v.replace("%i", of_instance) for v in vs] for k, vs in found.items()}
         )
 
+    def make_accounts(self) -> None:
+        """What `systemd-sysusers` reads of a file, in the folder of the state."""
+        lines = (self._state / "exceptiondrive.conf").read_text().splitlines()
+        ids = [line.split()[2].partition(":")[0] for line in lines if line.startswith("u ")]
+        (self._state / "accounts").write_text(" ".join(ids))
+
     def _spawn(self, name: str, unit: Unit) -> None:
         (user,) = unit["User"]
+        if user not in (self._state / "accounts").read_text().split():
+            sys.exit(f"{name}: status=217/USER, nobody has the number {user}")
         own = self._state / f"tmp-{user}"  # systemd would give it a /tmp of its own
         own.mkdir(exist_ok=True)
         os.chown(own, int(user), int(GROUP))
@@ -123,6 +131,8 @@ class Systemd:
 def main(verb: str, *words: str) -> None:
     """Do what `systemctl VERB WORDS` would do."""
     systemd = Systemd(Path(os.environ["WALK_UNITS"]), Path(os.environ["WALK_STATE"]))
+    if verb == "make-accounts":
+        systemd.make_accounts()
     names = [word if "." in word else f"{word}.service" for word in words if word[0] != "-"]
     does = {"enable": ["start"], "restart": ["stop", "start"], "daemon-reload": []}
     for step in does.get(verb, [verb]):

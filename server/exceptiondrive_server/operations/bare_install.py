@@ -28,6 +28,8 @@ GROUP = SERVER_USER
 WORKER_USER, PROXY_USER, OWNER_USER, BROKER_USER = 10002, 10003, 10004, 10005
 DATABASE_AT, BROKER_AT = "127.0.0.1", "127.0.0.1:6380"
 _HTTP2_SINCE = (1, 25, 1)
+_BESIDE = {"as.sh": "as", "sysusers.conf": "sysusers.conf"}
+"""What is no unit, and where it stands."""
 _FOLDERS = {
     # name: (user, mode); workers read uploads through the group
     "etc": (0, 0o755),
@@ -91,7 +93,7 @@ class BareServer:
             path = self.folder / f"etc/{service}.env"
             self._put(f"etc/{service}.env", _merged(values, path), user, 0o600)
         for name, text in _templates():
-            place = "as" if name == "as.sh" else f"systemd/{name}"
+            place = _BESIDE.get(name, f"systemd/{name}")
             filled = Template(text).substitute(programs, folder=self.folder, programs=self.programs)
             self._put(place, filled, 0, 0o755 if name == "as.sh" else 0o644)
         self._put("etc/nginx.conf", self._nginx(_find_nginx()), 0, 0o644)

@@ -205,7 +205,7 @@ def init(
     say(f"{folder} holds folders, secrets/, settings in etc/ and units in systemd/")
     if made:
         say(f"secrets that were made: {', '.join(path.name for path in made)}")
-    say("next: the database, the units and the splits, as in docs/operating-bare.md")
+    say("next: accounts, database, units and splits, as in docs/operating-bare.md")
 
 
 @contextmanager
