@@ -225,6 +225,18 @@ def test_the_frame_is_judged_alike(x_m: float) -> None:
     assert assert_one_verdict(turned(x_m, 1.0), PLANNING) == (x_m >= 1.0)
 
 
+@pytest.mark.parametrize("metres_on", [0.0, 0.001, 0.02, 0.3, 2.0])
+@pytest.mark.parametrize("first_m", [0.5, 5.0, 20.0])
+def test_trajectories_that_do_not_begin_at_the_car_are_judged_alike(
+    first_m: float, metres_on: float
+) -> None:
+    document = planning_file()
+    for prediction in document["predictions"]:
+        prediction["source"] = [[first_m + metres_on * t / 5, 0.0] for t in range(6)]
+    is_of_the_car = first_m < 1 or metres_on > 0.01
+    assert assert_one_verdict(json.dumps(document).encode(), PLANNING) == is_of_the_car
+
+
 PIECES = (
     rb'" \ { } [ ] , : null NaN 1e999 - 0 9 . e true "A" A "edited" "sample_id" '
     b'"source":null, "strategy":"A", "reminder":{}, \\u0041 \x00 \x7f \xc3\xa9 \xff'
