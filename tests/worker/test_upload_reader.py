@@ -213,6 +213,16 @@ def test_a_fault_is_found_by_both_readers(old: bytes, new: bytes, code: FaultCod
     assert code in {group.code for group in report.faults}
 
 
+@pytest.mark.parametrize("challenge", CHALLENGES.values(), ids=tuple(CHALLENGES))
+def test_a_prediction_that_is_too_long_for_its_blanks_gets_one_verdict(
+    challenge: Challenge,
+) -> None:
+    text = json.dumps(FILES[challenge.id]()).encode()
+    assert not assert_one_verdict(
+        text.replace(b'"s-07",', b'"s-07",' + b" " * 2_000_000), challenge
+    )
+
+
 def turned(x_m: float, y_m: float) -> bytes:
     document = planning_file()
     for prediction in document["predictions"]:
