@@ -19,6 +19,7 @@ import math
 import sys
 import zipfile
 import zlib
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -224,6 +225,22 @@ def points_of(
     return None if is_missing else points
 
 
+def with_unique_keys(path: Path) -> Callable[[list[tuple[str, Any]]], dict[str, Any]]:
+    """Return what makes the objects of a JSON file, and refuses a key that stands in one twice.
+
+    Python keeps the last of them and says nothing: a sample would be lost.
+    """
+
+    def made(members: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(members)
+        if len(found) < len(members):
+            ((key, _),) = Counter(key for key, _ in members).most_common(1)
+            raise fault(path, f"{key} occurs twice in one object.")
+        return found
+
+    return made
+
+
 def fault(path: Path, sentence: str) -> InvalidArgumentError:
     """Return the error of a file that cannot be read."""
     return InvalidArgumentError("unreadable_file", f"{path.name}: {sentence}")
@@ -409,7 +426,7 @@ def _is_run(values: Collection[Any]) -> bool:
 
 def _documents(path: Path, text: str) -> Iterator[Any]:
     """Yield the JSON documents of a text, with or without line ends between them."""
-    decoder, at = json.JSONDecoder(), 0
+    decoder, at = json.JSONDecoder(object_pairs_hook=with_unique_keys(path)), 0
     while at < len(text):
         if text[at].isspace():
             at += 1

@@ -23,6 +23,7 @@ from exceptiondrive.pair_files import (
     read_arrays,
     read_bytes,
     read_text,
+    with_unique_keys,
 )
 from exceptiondrive_schemas.check.transformations import summed
 
@@ -88,7 +89,7 @@ def _run(
 
 def _document(path: Path) -> Any:
     try:
-        return json.loads(read_text(path))
+        return json.loads(read_text(path), object_pairs_hook=with_unique_keys(path))
     except (ValueError, RecursionError) as error:
         raise fault(path, f"is not JSON: {error}.") from None
 

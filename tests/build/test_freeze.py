@@ -359,6 +359,18 @@ def test_controls_are_marked_and_counted_apart(shop: Path) -> None:
     assert (result.exit_code, "are controls in workshop.toml" in result.output) == (2, True)
 
 
+def test_a_control_that_is_withdrawn_keeps_nothing_from_being_frozen(shop: Path) -> None:
+    ids = [sample.sample_id for sample in split_of(frozen(shop, "1")).samples]
+    set_freeze(shop, "controls = []", f'controls = ["{ids[0]}"]')
+    previous = shop / "frozen" / "2" / "split.json.gz"
+    frozen(shop, "2")
+    assert withdraw(shop, ids[:1]).exit_code == 0
+    assert run("lint", "--workshop", shop).exit_code == 0
+    assert ids[0] not in [it.sample_id for it in split_of(frozen(shop, "whole")).samples]
+    later = split_of(frozen(shop, "3", "--previous", previous, "--words", "One is withdrawn."))
+    assert [it.sample_id for it in later.samples if it.withdrawn] == ids[:1]
+
+
 # What goes wrong.
 
 

@@ -199,6 +199,18 @@ def test_the_report_notes_what_the_printed_family_shares_fit(papers: Report) -> 
     )
 
 
+def test_where_every_total_fits_no_other_is_told(shop: Path) -> None:
+    settings = shop / "workshop.toml"
+    shares = "printed_family_shares = { sudden_emergence = 100.0 }"
+    settings.write_text(f"{shares}\n{settings.read_text()}")
+    for stage in ("screen", "edit", "review"):
+        run_report(shop, stage)
+    with Workshop(shop) as workshop:
+        (note,) = report(workshop).notes
+    assert note.endswith("source and edited pairs in all.")
+    assert "no whole numbers" not in note
+
+
 def test_families_and_tasks_add_up(papers: Report) -> None:
     for parts in (papers.families, papers.tasks):
         assert sum(cell.candidates for cell in parts) == 17_850

@@ -10,6 +10,7 @@ from tests.build.shop import make_shop
 from exceptiondrive_build.agreement import outcome
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.records import Author, Kind, Record
+from exceptiondrive_build.report import report
 from exceptiondrive_build.review_page import desk as desk_module
 from exceptiondrive_build.review_page.cards import card
 from exceptiondrive_build.review_page.desk import Desk, TakenError
@@ -206,6 +207,19 @@ def test_a_reader_who_differs_is_not_told_and_a_third_decides(desk: Desk) -> Non
     found = outcome(desk.standing("verify", card_), desk.workshop.settings.verify)
     assert (found.state, found.people) == ("verified", ("ada", "grace", "lin"))
     assert found.corners == moved(region(desk, card_), 1.0)
+
+
+def test_a_reading_taken_back_is_open_for_desk_and_report_alike(desk: Desk) -> None:
+    (card_,) = desk.claim("verify", ADA, 1)
+    desk.decide("verify", card_, ADA, accepted(desk, card_))
+    take(desk, GRACE, card_)
+    desk.decide("verify", card_, GRACE, accepted(desk, card_, 3.0))
+    take(desk, LIN, card_)
+    desk.decide("verify", card_, LIN, accepted(desk, card_, blind=False))
+    assert desk.undo("verify", ADA) is not None
+    left = sum(desk.seats("verify", each) for each in desk.cards("verify"))
+    (_, verified) = report(desk.workshop).people
+    assert verified.open == left == 41
 
 
 def test_two_who_never_agree_leave_every_card_in_a_clear_state(desk: Desk) -> None:

@@ -314,6 +314,8 @@ def test_an_edited_picture_that_cannot_be_used_is_asked_for_again_then_recorded(
     stand_in.fault = lambda seen: picture(data)
     done = report(shop, "edit", "--limit", "1")
     assert (done["failed"], done["recorded_without_answer"]) == ({reason: 1}, 1)
+    edit, review = (report(shop, stage, "--dry-run") for stage in ("edit", "review"))
+    assert review["not_ready"] == edit["candidates"], "one of them never comes to the review"
 
 
 @pytest.mark.parametrize(

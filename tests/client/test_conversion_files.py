@@ -77,6 +77,19 @@ def test_shards_become_one(tmp_path: Path) -> None:
         read_pairs([first, first])
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"s1": {"source": [], "edited": null}, "s1": {"source": null, "edited": null}}',
+        '{"sample_id": "s1", "source": [], "edited": null, "s1": 0, "s1": 1}',
+        '{"schema": "exceptiondrive.planning/1", "split": "x", "s1": 0, "s1": 1, "predictions": []}',
+    ],
+)
+def test_a_key_that_stands_twice_loses_no_answer(tmp_path: Path, text: str) -> None:
+    with pytest.raises(InvalidArgumentError, match="s1 occurs twice in one object"):
+        read_pairs([written(tmp_path, "a.json", text)])
+
+
 def test_csv_is_read_in_any_order_of_rows(tmp_path: Path) -> None:
     rows = [f"s1,source,{step},{x},{y}" for step, (x, y) in enumerate(SIX, start=1)]
     text = "sample_id,trajectory,step,x_m,y_m\n" + "\n".join(reversed(rows)) + "\n"

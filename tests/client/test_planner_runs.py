@@ -264,3 +264,10 @@ def test_a_file_that_is_nested_too_deeply_is_no_json(tmp_path: Path) -> None:
 def test_an_unknown_planner_is_told_which_are_known() -> None:
     with pytest.raises(InvalidArgumentError, match="one of trajectories, uniad"):
         planner_form("unidad")
+
+
+def test_a_token_that_stands_twice_in_a_run_is_refused(tmp_path: Path) -> None:
+    run = tmp_path / "run.json"
+    run.write_text(f'{{"{TOKEN}": {json.dumps(known())}, "{TOKEN}": null}}', encoding="utf-8")
+    with pytest.raises(InvalidArgumentError, match=f"{TOKEN} occurs twice"):
+        read_runs(planner_form("trajectories"), [run], [run], None)

@@ -39,6 +39,12 @@ def difference(old: str, new: str, n_sheets: int = 1240) -> Difference:
             "footprint width 1.85 -> 1.95 m",
             Stage.MEASURE,
         ),
+        (
+            "flag_blind",
+            "first_step_from_mps = 3.0\nflag_blind",
+            "first step from 2.0 -> 3.0 m/s",
+            Stage.GRADE,
+        ),
         ("min_coverage = 0.99", "min_coverage = 0.9", "min coverage 0.99 -> 0.9", Stage.RANK),
         (
             "D = 3, C = 4",

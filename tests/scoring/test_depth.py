@@ -32,6 +32,7 @@ def region(low_x: float, high_x: float, low_y: float, high_y: float) -> np.ndarr
         (region(-5, 9, HALF_WIDTH_M - 0.2, 5), 0.2),
         (region(FRONT_M + 0.1, FRONT_M + 5, -5, 5), 0.0),
         (region(FRONT_M - 0.3, FRONT_M + 5, HALF_WIDTH_M - 0.1, 5), 0.1),
+        (np.array([[[FRONT_M - 0.3, 0], [FRONT_M - 0.3, 0], [9.0, -1], [9.0, 1]]]), 0.3),
     ],
 )
 def test_depth_is_the_shortest_way_out(corners: np.ndarray, depth_m: float) -> None:

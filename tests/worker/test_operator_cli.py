@@ -18,7 +18,8 @@ from exceptiondrive_schemas.datasheet import Datasheet
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker import operator_cli
-from exceptiondrive_worker.splits.store import read_split
+from exceptiondrive_worker.splits.admin import current_split
+from exceptiondrive_worker.splits.store import SplitStore, read_split
 
 MakeSplit = Callable[..., Split]
 
@@ -434,6 +435,29 @@ def test_an_earlier_revision_that_is_held_is_nothing_new(
     assert (code, err) == (0, "")
     assert read_split(later).revision in out, "the current one is told"
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+@pytest.mark.parametrize("removed", [None, 1, 2], ids=["none removed", "first", "second"])
+def test_every_revision_stays_whether_its_file_was_gzipped_or_not(
+    operate: Operate, tmp_path: Path, make_split: MakeSplit, removed: int | None
+) -> None:
+    (tmp_path / "private").mkdir()
+    folder, added = tmp_path / "splits" / "tiny", []
+    for number, task in enumerate(("SE1", "LB1", "SR1", "IC1", "RS1")):
+        split = make_split({"a": {"task": task}})
+        text = split.model_dump_json(by_alias=True, exclude_none=True).encode()
+        is_gzipped = number == 1
+        source = tmp_path / "private" / f"new.json{'.gz' * is_gzipped}"
+        source.write_bytes(gzip.compress(text) if is_gzipped else text)
+        assert operate("add-split", str(source), "--words", "Another task.")[0] == 0
+        assert current_split(SplitStore(folder.parent), "tiny")[0].revision == split.revision
+        added.append(split.revision)
+        if number == 3 and removed is not None:
+            (gone,) = folder.glob(f"split-{removed}.json*")
+            added.remove(read_split(gone).revision)
+            gone.unlink()
+    held = [read_split(path).revision for path in folder.glob("split*.json*")]
+    assert sorted(held) == sorted(added)
 
 
 def test_drives_are_added_to_a_split_and_to_its_registered_revision(

@@ -213,6 +213,16 @@ def test_a_fault_is_found_by_both_readers(old: bytes, new: bytes, code: FaultCod
     assert code in {group.code for group in report.faults}
 
 
+@pytest.mark.parametrize("challenge", CHALLENGES.values(), ids=tuple(CHALLENGES))
+def test_a_prediction_that_is_too_long_for_its_blanks_gets_one_verdict(
+    challenge: Challenge,
+) -> None:
+    text = json.dumps(FILES[challenge.id]()).encode()
+    assert not assert_one_verdict(
+        text.replace(b'"s-07",', b'"s-07",' + b" " * 2_000_000), challenge
+    )
+
+
 def turned(x_m: float, y_m: float) -> bytes:
     document = planning_file()
     for prediction in document["predictions"]:
@@ -223,6 +233,18 @@ def turned(x_m: float, y_m: float) -> bytes:
 @pytest.mark.parametrize("x_m", [1.0, 1 - 1e-9, 1 + 1e-9, 0.5, -1.0, 0.0])
 def test_the_frame_is_judged_alike(x_m: float) -> None:
     assert assert_one_verdict(turned(x_m, 1.0), PLANNING) == (x_m >= 1.0)
+
+
+@pytest.mark.parametrize("metres_on", [0.0, 0.001, 0.02, 0.3, 2.0])
+@pytest.mark.parametrize("first_m", [0.5, 5.0, 20.0])
+def test_trajectories_that_do_not_begin_at_the_car_are_judged_alike(
+    first_m: float, metres_on: float
+) -> None:
+    document = planning_file()
+    for prediction in document["predictions"]:
+        prediction["source"] = [[first_m + metres_on * t / 5, 0.0] for t in range(6)]
+    is_of_the_car = first_m < 1 or metres_on > 0.01
+    assert assert_one_verdict(json.dumps(document).encode(), PLANNING) == is_of_the_car
 
 
 PIECES = (

@@ -10,7 +10,7 @@ from statistics import fmean
 from exceptiondrive_build.asking import Answer, Question, Stage, open_candidates, read_answers
 from exceptiondrive_build.candidates import Candidate
 from exceptiondrive_build.records import Kind
-from exceptiondrive_build.values import Edited, Screened
+from exceptiondrive_build.values import Screened
 from exceptiondrive_schemas.base import Document
 
 CHARACTERS_PER_TOKEN = 4
@@ -95,9 +95,7 @@ def _comes_later(kind: Kind, candidate: Candidate) -> bool:
         return False
     if kind is Kind.EDIT:
         return candidate.screened is None
-    return candidate.screened is None or (
-        candidate.is_suitable and not isinstance(candidate.edited, Edited)
-    )
+    return candidate.screened is None or (candidate.is_suitable and candidate.edited is None)
 
 
 def _cost(

@@ -11,7 +11,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from exceptiondrive_build.agreement import N_BLIND, agreement, outcome, readings
+from exceptiondrive_build.agreement import N_BLIND, agreement, blind_pair, outcome
 from exceptiondrive_build.asking import Stage, read_answers
 from exceptiondrive_build.candidates import Candidate, walk
 from exceptiondrive_build.chat import ReviewStage, ScreenStage
@@ -244,7 +244,7 @@ def _readings_left(candidate: Candidate, workshop: Workshop) -> int:
     state = outcome(candidate.verifications, workshop.settings.verify).state
     if state == "third":
         return 1
-    return max(N_BLIND - len(readings(candidate.verifications)), 0) if state == "open" else 0
+    return N_BLIND - len(blind_pair(candidate.verifications)) if state == "open" else 0
 
 
 def _notes(printed: Mapping[str, float], funnel: Sequence[Line]) -> tuple[str, ...]:
@@ -253,9 +253,10 @@ def _notes(printed: Mapping[str, float], funnel: Sequence[Line]) -> tuple[str, .
         return ()
     totals = {line.n: line.title for line in funnel if line.id in _TOTALS and line.n}
     fits = [n for n in totals if shares_fit(printed.values(), n)]
-    told = [f"the {n:,} {totals[n]}" for n in totals if n not in fits]
     which = " or ".join(f"the {n:,} {totals[n]}" for n in fits) or "none of these totals"
-    return (f"The printed family shares fit {which}; no whole numbers of {', '.join(told)}.",)
+    others = ", ".join(f"the {n:,} {totals[n]}" for n in totals if n not in fits)
+    rest = f"; no whole numbers of {others}" if others else ""
+    return (f"The printed family shares fit {which}{rest}.",)
 
 
 _TOTALS = ("accepted", "auxiliary", "pairs")

@@ -49,10 +49,14 @@ def _turned(vectors: FloatArray) -> FloatArray:
 
 
 def _way_out_m(corners: FloatArray, region: FloatArray, axis: FloatArray) -> FloatArray:
-    """Return the shorter way out along an axis, (T + 1, N); below 0 where the two are apart."""
-    unit = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
+    """Return the shorter way out along an axis, (T + 1, N); below 0 where the two are apart.
+
+    Between two corners that are one there is no axis, and so no way out: it is infinite.
+    """
+    length = np.linalg.norm(axis, axis=-1, keepdims=True)
+    unit = axis / np.where(length == 0, 1.0, length)
     ours, theirs = (corners * unit).sum(axis=-1), (region * unit).sum(axis=-1)
     way_out: FloatArray = np.minimum(
         ours.max(axis=0) - theirs.min(axis=0), theirs.max(axis=0) - ours.min(axis=0)
     )
-    return way_out
+    return np.where(length[..., 0] == 0, np.inf, way_out)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exceptiondrive_schemas.check.fast_decode import rows_of
+from exceptiondrive_schemas.check.frame import FAR_M
 from exceptiondrive_schemas.check.planning_columns import Side, planning_columns
 from exceptiondrive_schemas.protocol import GeometrySection, PlausibilitySection, ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
@@ -15,6 +16,8 @@ from exceptiondrive_scoring.aliases import FloatArray
 
 ANGLE_MARGIN_DEG = 1e-6
 """Directions this close to the limit of the frame check are left to the precise checker."""
+MOVES_ON_M = 1.0
+"""More than a single point repeated, or degrees of latitude and longitude, spread from first to last."""
 
 
 def read_planning(
@@ -36,7 +39,7 @@ def read_planning(
     edited = _column(columns.edited, at, protocol.geometry)
     if source is None or edited is None:
         return None
-    if not is_surely_in_frame(source[:, -1], protocol.plausibility):
+    if not is_surely_in_frame(source, protocol.plausibility):
         return None
     return {"source": source, "edited": edited}
 
@@ -64,20 +67,27 @@ def _is_within_bounds(points_m: FloatArray, geometry: GeometrySection) -> bool:
     return bool(longest_m2 <= geometry.max_step_m**2)
 
 
-def is_surely_in_frame(ends_m: FloatArray, rules: PlausibilitySection) -> bool:
+def is_surely_in_frame(source_m: FloatArray, rules: PlausibilitySection) -> bool:
     """Whether the frame check of docs/protocol.md section 5 certainly passes.
 
-    More than half of the moving trajectories within the cone around +x, and so is their median.
+    More than half of the moving trajectories end within the cone around +x, and so does their
+    median; more than half of all begin near the car and go on from there, and so do the medians.
 
     Args:
-        ends_m: (N, 2) last source waypoints, NaN where missing.
+        source_m: (N, T, 2) source waypoints, NaN where missing.
         rules: Thresholds.
     """
-    x_m, y_m = ends_m[:, 0], ends_m[:, 1]
+    (first_x, first_y), (x_m, y_m) = source_m[:, 0].T, source_m[:, -1].T
     moves = x_m * x_m + y_m * y_m > rules.frame_check_min_motion_m**2
     n_moving = np.count_nonzero(moves)
     if n_moving < rules.frame_check_min_samples:
         return True
     limit_rad = math.radians(rules.frame_check_max_angle_deg - ANGLE_MARGIN_DEG)
     is_ahead = np.abs(y_m) * math.cos(limit_rad) < x_m * math.sin(limit_rad)
-    return bool(np.count_nonzero(moves & is_ahead) * 2 > n_moving)
+    begins_near = np.hypot(first_x, first_y) < FAR_M / 2
+    goes_on = np.hypot(x_m - first_x, y_m - first_y) > MOVES_ON_M
+    n_given = np.count_nonzero(~np.isnan(x_m))
+    return bool(
+        np.count_nonzero(moves & is_ahead) * 2 > n_moving
+        and np.count_nonzero(begins_near & goes_on) * 2 > n_given
+    )

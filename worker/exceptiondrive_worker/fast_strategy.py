@@ -10,6 +10,7 @@ from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.check import StrategyAnswer
 from exceptiondrive_schemas.check.fast_decode import (
     ROOT_TEXTS,
+    are_short,
     decode,
     n_texts,
     prediction_type,
@@ -70,6 +71,8 @@ def read_strategy(
     if rows is None:
         return None
     if n_texts(text) != ROOT_TEXTS + sum(map(_n_texts_of, submission.predictions)):
+        return None
+    if not are_short(text):
         return None
     hazard_types = frozenset({None, UNSET, *(task.id for task in protocol.tasks)})
     if not all(_is_surely_sound(each.reminder, hazard_types) for each in submission.predictions):

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 import msgspec
 
+from exceptiondrive_schemas.check.json_stream import MAX_VALUE_CHARACTERS
 from exceptiondrive_schemas.split import Manifest
 
 QUOTES_PER_TEXT = 2
@@ -38,6 +39,20 @@ def submission_decoder(prediction: type[Any]) -> msgspec.json.Decoder[Any]:
         forbid_unknown_fields=True,
     )
     return msgspec.json.Decoder(submission, strict=True)
+
+
+WHOLE_PREDICTIONS = submission_decoder(msgspec.Raw)
+
+
+def are_short(text: bytes) -> bool:
+    """Whether no prediction is longer than the precise checker takes, blanks included.
+
+    Args:
+        text: A whole file that could be decoded.
+    """
+    return len(text) <= MAX_VALUE_CHARACTERS or all(
+        len(each) <= MAX_VALUE_CHARACTERS for each in WHOLE_PREDICTIONS.decode(text).predictions
+    )
 
 
 def decode(text: bytes, decoder: msgspec.json.Decoder[Any], file_schema: str) -> DecodedFile | None:

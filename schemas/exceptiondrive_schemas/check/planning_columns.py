@@ -14,6 +14,7 @@ import msgspec
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check.fast_decode import (
     ROOT_TEXTS,
+    are_short,
     decode,
     n_texts,
     prediction_type,
@@ -34,7 +35,6 @@ DECODER = submission_decoder(
         [("sample_id", str), ("source", msgspec.Raw), ("edited", msgspec.Raw)],
     )
 )
-WHOLE_PREDICTIONS = submission_decoder(msgspec.Raw)
 
 
 class Side(NamedTuple):
@@ -95,10 +95,8 @@ def _are_short(
     parts = (sample_ids, sources, edits)
     longest = len(BARE_PREDICTION) + sum(max(map(len, part), default=0) for part in parts)
     n_bare = len(BARE_PREDICTION) * len(sample_ids) + sum(sum(map(len, part)) for part in parts)
-    if longest + len(text) - n_bare <= MAX_VALUE_CHARACTERS:  # blanks, were they all in one
-        return True
-    predictions = WHOLE_PREDICTIONS.decode(text).predictions
-    return all(len(bytes(each)) <= MAX_VALUE_CHARACTERS for each in predictions)
+    blanks_in_one = longest + len(text) - n_bare  # were they all in one
+    return blanks_in_one <= MAX_VALUE_CHARACTERS or are_short(text)
 
 
 def _side(texts: Sequence[msgspec.Raw], n_waypoints: int) -> Side | None:

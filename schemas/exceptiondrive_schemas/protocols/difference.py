@@ -57,7 +57,14 @@ _NAMES = {
 }
 """Where the words of a name are not the name's own."""
 _STRATEGY_SETS = ("acceptable", "under_warning")
-_UNITS = {"_m": "m", "_s": "s", "_deg": "degrees", "_mps2": "m/s²", "_m2": "m²"}
+_UNITS = {
+    "_m": "m",
+    "_s": "s",
+    "_deg": "degrees",
+    "_mps": "m/s",
+    "_mps2": "m/s²",
+    "_m2": "m²",
+}
 
 
 class Change(Document):

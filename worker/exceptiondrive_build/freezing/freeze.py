@@ -112,7 +112,7 @@ def _split(
     if previous is not None and previous.name != settings.name:
         raise BuildError(f"The previous revision is of {previous.name!r}, not {settings.name!r}.")
     _refuse_some(
-        [key for key in settings.freeze.controls if key not in wanted],
+        [key for key in settings.freeze.controls if key not in wanted and key not in withdrawn],
         "are controls in workshop.toml, and not verified",
         "Take them out of [freeze] controls, or verify them.",
     )

@@ -3,6 +3,7 @@
 import gzip
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from shutil import copyfile
 from tempfile import TemporaryDirectory
@@ -143,8 +144,9 @@ def add_split_file(
         if held:
             _require_same_samples(read_split(held[0]), split)
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        for path in (*held[:1], *folder.glob("datasheet.json")):
-            path.rename(path.with_name(path.name.replace(".", f"-{len(held)}.", 1)))
+        number = next(n for n in count(len(held)) if not any(folder.glob(f"*-{n}.*")))
+        for path in (*folder.glob("split.json*"), *folder.glob("datasheet.json")):
+            path.rename(path.with_name(path.name.replace(".", f"-{number}.", 1)))
         held = same = [folder / f"split.json{'.gz' if _is_gzipped(source) else ''}"]
         _copy(source, held[0])
     if has_sheet and datasheet_beside(source) != datasheet_beside(same[0]):

@@ -201,7 +201,8 @@ class SplitStore:
             for folder in sorted(self.folder.glob("*/"))
             for path in (*folder.glob("split*.json"), *folder.glob("split*.json.gz"))
         ]
-        return sorted(found, key=lambda path: (path.parent.name, len(path.name), path.name))
+        stem = {path: path.name.removesuffix(".gz") for path in found}
+        return sorted(found, key=lambda path: (path.parent.name, len(stem[path]), path.name))
 
     def current_file(self, name: str) -> Path:
         """Return the current file of a split.
