@@ -29,6 +29,7 @@ from exceptiondrive_records.participation.tables import Allowance
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.teams.teams import register_team
 from exceptiondrive_records.work.jobs import finish_failed, finish_rejected
+from exceptiondrive_records.work.lease import claim, try_later
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.api.phase_settings import PhasePolicy
 from exceptiondrive_schemas.api.rescoring import NotificationView
@@ -214,6 +215,18 @@ def test_what_failed_or_was_refused_is_told_once_to_who_wishes_that(
     assert told["Planner could not be scored"] == ("We could not score it.",)
     assert told["Planner was rejected"] == ("1 fault in the file.",)
     assert {who for who, notice in mails(api) if notice.kind == "failed"} == {"alpha@example.org"}
+
+
+def test_a_message_that_is_being_sent_has_not_failed_yet(api: "Api") -> None:
+    """Whoever adds an address is told from this that its mail could not be sent."""
+    add(api)
+    with api.database.write() as session:
+        assert claim(session, Delivery, select(Delivery.id), 60) is not None
+    last = api.get("/contacts", "alpha").json()[0]["last_message"]
+    assert last == {"state": "waiting", "attempts": 0, "sent_at": None}
+    with api.database.write() as session:
+        try_later(session, session.scalars(select(Delivery)).one(), 60, note="no server")
+    assert api.get("/contacts", "alpha").json()[0]["last_message"]["attempts"] == 1
 
 
 def test_a_lost_rank_is_told_once_an_hour(
