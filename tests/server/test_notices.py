@@ -246,6 +246,14 @@ def test_a_lost_rank_is_told_once_an_hour(
         "overtaken",
         ("Planner: rank 1 before, 2 now.",),
     )
+    with api.database.write() as session:
+        told = session.scalars(select(Notification).where(Notification.kind == "overtaken")).one()
+        told.subject = "dev/2026-01-01T00"
+    assert tell_teams(api.database) == 0, "a new hour has begun, and nothing else happened"
+    again = make_entry("Planner", submission_id=one, rank=3)
+    api.publish(make_entry("Other", submission_id=other, rank=1), again)
+    assert tell_teams(api.database) == 1
+    assert mails(api)[-1][1].what_changed == ("Planner: rank 2 before, 3 now.",)
 
 
 def test_only_what_is_wished_is_told(api: "Api", browse: Browse) -> None:
