@@ -22,6 +22,7 @@ from exceptiondrive_records.db.errors import (
     PhaseClosed,
     QuotaExceeded,
 )
+from exceptiondrive_records.news.questions import answer_question, ask_question
 from exceptiondrive_records.notifications.contacts import add_contact, list_contacts
 from exceptiondrive_records.notifications.inbox import list_notifications
 from exceptiondrive_records.notifications.tables import Channel, Delivery
@@ -232,6 +233,39 @@ def test_two_teams_become_one_with_entries_people_and_addresses(world: World) ->
         tokens = session.scalars(select(Token).where(Token.team_id == beta))
         assert all(token.revoked_at is not None for token in tokens)
         assert find_team(session, "beta").name == "Beta"
+
+
+def test_two_teams_that_become_one_are_told_once_at_an_address_that_both_had(
+    world: World,
+) -> None:
+    beta = another(world)
+    both, unconfirmed = "https://example.com/x", "a@example.org"
+    with world.database.write() as session:
+        for team_id in (world.team_id, beta):
+            add_contact(session, team_id, Channel.WEBHOOK, both, actor=WHO)
+            add_contact(session, team_id, Channel.EMAIL, unconfirmed, actor=WHO)
+        (_, theirs) = list_contacts(session, beta)
+        theirs.confirmed_at = database_now(session)
+        confirmed_id = theirs.id
+    with world.database.write() as session:
+        merge_teams(session, "beta", "alpha", **WHY)
+    with world.database.read() as session:
+        kept = list_contacts(session, world.team_id)
+        assert sorted(one.address for one in kept) == [unconfirmed, both]
+        assert confirmed_id in {one.id for one in kept}, "the one that said yes stays"
+        (reached,) = recipients(session)
+        assert (reached.n_emails, reached.n_webhooks) == (1, 1)
+
+
+def test_what_a_team_asked_is_answered_to_the_team_that_it_became_part_of(world: World) -> None:
+    beta = another(world)
+    with world.database.write() as session:
+        asked = ask_question(session, beta, "dev", "May we use maps?", actor=WHO).id
+    with world.database.write() as session:
+        merge_teams(session, "beta", "alpha", **WHY)
+    with world.database.write() as session:
+        answer_question(session, asked, "Yes.", plain="Yes.", to_all=False, actor=WHO)
+    assert told(world)[0] == "A question, answered"
 
 
 def test_an_upload_in_the_air_makes_no_entry_of_a_team_that_is_none_any_more(
