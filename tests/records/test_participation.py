@@ -186,6 +186,21 @@ def test_a_later_deadline_holds_for_one_team_and_for_what_came_before_it(world: 
         set_allowance(session, "alpha", "dev", closes_at=earlier, **WHY)
 
 
+def test_a_deadline_that_is_moved_by_seconds_holds_for_what_came_before_it(world: World) -> None:
+    submission_id = scored(world, "one")
+    close(world)
+    with world.database.write() as session:
+        minute = (database_now(session) + timedelta(hours=1)).replace(second=0, microsecond=0)
+    for seconds in (10, 50, 50):
+        until = minute + timedelta(seconds=seconds)
+        with world.database.write() as session:
+            set_allowance(session, "alpha", "dev", closes_at=until, **WHY)
+        with world.database.read() as session:
+            assert find_submission(session, submission_id).granted_until == until
+    assert last_action(world) == "allowance changed"
+    assert len(told(world)) == 2, "what is granted already is told once"
+
+
 def test_a_team_has_its_own_quota(world: World) -> None:
     with world.database.write() as session:
         set_allowance(session, "alpha", "dev", quota_total=1, **WHY)
