@@ -250,6 +250,19 @@ def test_two_teams_become_one_with_entries_people_and_addresses(world: World) ->
         assert find_team(session, "beta").name == "Beta"
 
 
+def test_an_address_that_is_sent_twice_at_once_is_added_once(world: World) -> None:
+    def attempt(_: int) -> bool:
+        try:
+            with world.database.write() as session:
+                add_contact(session, world.team_id, Channel.EMAIL, "a@example.org", actor=WHO)
+        except Conflict:
+            return False
+        return True
+
+    with ThreadPoolExecutor(4) as pool:
+        assert sorted(pool.map(attempt, range(4))) == [False, False, False, True]
+
+
 def test_two_teams_that_become_one_are_told_once_at_an_address_that_both_had(
     world: World,
 ) -> None:
