@@ -18,6 +18,7 @@ from exceptiondrive_records.db.errors import NotAllowed
 from exceptiondrive_records.notifications.channels import NoticeSettings, message_of
 from exceptiondrive_records.notifications.contacts import add_contact, contact_link
 from exceptiondrive_records.notifications.events import tell_teams
+from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.notifications.tables import (
     Channel,
     ContactPoint,
@@ -27,7 +28,7 @@ from exceptiondrive_records.notifications.tables import (
 from exceptiondrive_records.participation.allowances import set_allowance
 from exceptiondrive_records.participation.tables import Allowance
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.teams.teams import register_team
+from exceptiondrive_records.teams.teams import find_team, register_team
 from exceptiondrive_records.work.jobs import finish_failed, finish_rejected
 from exceptiondrive_records.work.lease import claim, try_later
 from exceptiondrive_records.work.tables import Job
@@ -370,6 +371,21 @@ def test_another_teams_address_is_not_found(api: "Api", as_problem: Problem) -> 
     )
     wrong = api.request("PATCH", f"/contacts/{contact['id']}", "alpha", json={"wishes": ["all"]})
     as_problem(wrong, 400, "bad_request")
+
+
+def test_all_messages_are_marked_as_read_however_many_there_are(
+    api: "Api", browse: Browse
+) -> None:
+    with api.database.write() as session:
+        for slug, count in (("alpha", 120), ("beta", 1)):
+            for number in range(count):
+                tell_team(session, find_team(session, slug), "message", f"Note {number}", ())
+    browser = browse(api)
+    browser.sign_in("alpha")
+    assert browser.post("/my/notices/read", {}, page="/my/notices").status_code == 303
+    assert api.get("/notifications?unread=true", "alpha").json() == []
+    assert "Mark all as read" not in browser.get("/my/notices").text
+    assert len(api.get("/notifications?unread=true", "beta").json()) == 1
 
 
 def test_the_page_shows_inbox_and_addresses(api: "Api", browse: Browse) -> None:
