@@ -10,6 +10,7 @@ from sqlalchemy import select
 from tests.records.test_edits import close, standing
 from tests.records.world import World
 
+from exceptiondrive_records.accounts.people import invite
 from exceptiondrive_records.accounts.tables import Token
 from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
 from exceptiondrive_records.audit.tables import AuditLine
@@ -307,6 +308,19 @@ def test_an_upload_in_the_air_makes_no_entry_of_a_team_that_is_none_any_more(
     for team_id in (beta, gamma):
         with pytest.raises(NotAllowed, match="meanwhile"):
             world.submit("held", team_id=team_id)
+
+
+def test_nobody_is_let_in_to_a_team_that_is_none_any_more(world: World) -> None:
+    """A token would be shown that may not submit, and a link that joins nothing."""
+    beta, gamma = another(world), another(world, "gamma")
+    with world.database.write() as session:
+        merge_teams(session, "beta", "alpha", **WHY)
+        forget_team(session, "gamma", **WHY)
+    for team_id in (beta, gamma):
+        with pytest.raises(Conflict, match="nobody acts"), world.database.write() as session:
+            issue_token(session, team_id, "laptop", actor=WHO)
+        with pytest.raises(Conflict, match="nobody acts"), world.database.write() as session:
+            invite(session, team_id, "an organizer", actor=WHO)
 
 
 def test_teams_with_the_same_bytes_or_a_disqualification_are_not_merged(world: World) -> None:
