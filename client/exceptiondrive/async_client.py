@@ -58,7 +58,7 @@ class AsyncClient:
 
     def __init__(self, server: str | None = None, token: str | None = None, **more: Any) -> None:
         self.client = Client(server, token, **more)
-        self._threads = ThreadPoolExecutor(MAX_THREADS, "exceptiondrive")
+        self._threads: ThreadPoolExecutor | None = ThreadPoolExecutor(MAX_THREADS, "exceptiondrive")
 
     def __repr__(self) -> str:
         return f"<AsyncClient of {self.client.server}>"
@@ -71,7 +71,9 @@ class AsyncClient:
 
     async def close(self) -> None:
         """Close the connections, once what is under way has ended."""
-        await asyncio.to_thread(self._threads.shutdown)
+        threads, self._threads = self._threads, None  # what comes later hears that it is closed
+        if threads is not None:
+            await asyncio.to_thread(threads.shutdown)
         self.client.close()
 
     async def run(

@@ -46,8 +46,12 @@ def find_server(server: str | None = None) -> str:
 
 def normal_server(server: str) -> str:
     """Return an address in its one form: scheme and host in small letters, no slash at the end."""
-    parts = urlsplit(server.strip())
-    if parts.scheme.lower() not in ("http", "https") or not parts.hostname or parts.username:
+    try:
+        parts = urlsplit(server.strip())
+        is_address = bool(parts.hostname) and not parts.username and parts.port != 0
+    except ValueError:  # of a port or an IPv6 address that is none
+        is_address = False
+    if not is_address or parts.scheme.lower() not in ("http", "https"):
         raise InvalidArgumentError(
             "wrong_server",
             f"{server!r} is not the address of a server.",

@@ -60,9 +60,18 @@ def download_file(file: DataFile, folder: Path, on_progress: Progress | None = N
         on_progress: Called with bytes that are there and bytes in all.
 
     Raises:
-        InvalidArgumentError: What came is not what the list says, or the place leads elsewhere.
+        InvalidArgumentError: What came is not what the list says, or it cannot be written there.
         NetworkError: The connection broke off again and again; the next call goes on from there.
     """
+    try:
+        return _download(file, folder, on_progress)
+    except OSError as error:
+        raise InvalidArgumentError(
+            "unwritable_file", f"{folder / file.name} cannot be written: {error.strerror}."
+        ) from None
+
+
+def _download(file: DataFile, folder: Path, on_progress: Progress | None) -> Path:
     path = _place_of(file, folder)
     if path.exists():
         if _is_whole(path, file):

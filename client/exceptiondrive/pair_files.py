@@ -516,7 +516,10 @@ def _row(path: Path, where: str, row: dict[str, Any]) -> tuple[int, tuple[float,
     heading = row.get("heading_rad")
     try:
         numbers = (row["x_m"], row["y_m"], *(() if heading in (None, "") else (heading,)))
-        return int(row["step"]), tuple(map(_csv_number, numbers))
+        step = int(row["step"])
+        if isinstance(row["step"], float) and step != row["step"]:
+            raise ValueError
+        return step, tuple(map(_csv_number, numbers))
     except (KeyError, TypeError, ValueError, OverflowError):
         raise fault(path, f"{where}: step must be a whole number, x_m and y_m numbers.") from None
 

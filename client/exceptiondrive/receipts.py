@@ -130,18 +130,24 @@ def remember_keys(found: ReceiptKeys) -> Path:
     """Remember public keys of a server on this machine; what is known already stays as it is.
 
     Raises:
-        InvalidArgumentError: A key does not fit its id, or the file of known keys is none.
+        InvalidArgumentError: A key does not fit its id, or the file of known keys is none or cannot be
+            written.
     """
     require_true_ids(found, found.server or "The server")
     path = keys_path()
     held = {(key.key_id, key.server): key for key in remembered_keys()}
     for key in found.keys:
         held.setdefault((key.key_id, found.server), _known(key, found.server))
-    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
     kept = KnownKeys(keys=tuple(held.values()))
-    part.write_text(kept.model_dump_json(by_alias=True), encoding="utf-8")
-    part.replace(path)
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    try:
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        part.write_text(kept.model_dump_json(by_alias=True), encoding="utf-8")
+        part.replace(path)
+    except OSError as error:
+        raise InvalidArgumentError(
+            "unwritable_file", f"{path} cannot be written: {error.strerror}."
+        ) from None
     return path
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from exceptiondrive import AsyncClient, AsyncSubmission, Client, NotFoundError, Submission
-from exceptiondrive.errors import InvalidFileError, WaitTimeoutError
+from exceptiondrive.errors import InvalidArgumentError, InvalidFileError, WaitTimeoutError
 
 if TYPE_CHECKING:
     from tests.client.servers import CannedServer, Running
@@ -55,6 +55,9 @@ async def test_requests_run_side_by_side_and_errors_are_those_of_the_client(
         submission = await client.submit(planning_file(), phase="dev", method="M")
         with pytest.raises(WaitTimeoutError):
             await submission.wait(timeout_s=0)
+    await client.close()
+    with pytest.raises(InvalidArgumentError, match="This client was closed"):
+        await client.phases()
 
 
 async def test_an_outage_is_waited_out_without_a_word(

@@ -296,9 +296,10 @@ def test_parquet_of_another_form_is_refused(tmp_path: Path) -> None:
     path = parquet(tmp_path / "b.parquet", row | {"sample_id": [["s1"]]})
     with pytest.raises(InvalidArgumentError, match="row 1: sample_id must be a text"):
         read_pairs([path])
-    path = parquet(tmp_path / "c.parquet", row | {"step": [math.inf]})
-    with pytest.raises(InvalidArgumentError, match="row 1: step must be a whole number"):
-        read_pairs([path])
+    for step in (math.inf, 1.5):
+        path = parquet(tmp_path / "c.parquet", row | {"step": [step]})
+        with pytest.raises(InvalidArgumentError, match="row 1: step must be a whole number"):
+            read_pairs([path])
     no_text = pa.array([b"\xff"]).view(pa.string())
     path = parquet(tmp_path / "d.parquet", row | {"sample_id": no_text})
     with pytest.raises(InvalidArgumentError, match="cannot be read as Parquet"):

@@ -112,7 +112,13 @@ def test_an_address_has_one_form(given: str, normal: str) -> None:
     assert normal_server(given) == normal
 
 
-@pytest.mark.parametrize("given", ["board.example.org", "ftp://x", "http://", "https://u:p@x"])
+@pytest.mark.parametrize(
+    "given",
+    [
+        *("board.example.org", "ftp://x", "http://", "https://u:p@x"),
+        *("http://x:port", "http://x:65536", "http://x:0", "http://[::1"),
+    ],
+)
 def test_what_is_no_address_is_refused(given: str) -> None:
     with pytest.raises(InvalidArgumentError, match="is not the address of a server"):
         normal_server(given)

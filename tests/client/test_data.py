@@ -179,6 +179,15 @@ def test_another_file_in_the_way_is_left_alone(server: DataServer, tmp_path: Pat
     assert (tmp_path / "a.bin").read_text() == "mine"
 
 
+def test_a_place_where_nothing_can_be_written_is_told_in_words(
+    server: DataServer, tmp_path: Path
+) -> None:
+    file = file_of(server, "sub/a.bin")
+    (tmp_path / "taken").write_text("a file")
+    with pytest.raises(InvalidArgumentError, match=r"taken/sub/a\.bin cannot be written: Not a dir"):
+        download_file(file, tmp_path / "taken")
+
+
 @pytest.mark.parametrize("name", HOSTILE_NAMES)
 def test_a_list_that_names_a_place_elsewhere_is_refused(server: DataServer, name: str) -> None:
     with pytest.raises(InvalidArgumentError, match="not a list of files"):

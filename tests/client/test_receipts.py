@@ -66,6 +66,15 @@ def test_keys_that_cannot_be_written_are_refused_in_words(
         assert (done.exit_code, f"{output} cannot be written" in done.stderr) == (2, True)
 
 
+def test_a_folder_where_no_keys_can_be_remembered_is_told_in_words(
+    running: "Running", tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("no folder")
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "file"))
+    with Client(running.url) as client, pytest.raises(InvalidArgumentError, match="cannot be written"):
+        remember_keys(client.receipt_keys())
+
+
 FIELDS: dict[str, Any] = {
     "submission_id": "another",
     "file_digest": "sha256:" + "0" * 64,

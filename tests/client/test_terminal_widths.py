@@ -199,6 +199,31 @@ def shown() -> dict[str, list[RenderableType]]:
     }
 
 
+@pytest.mark.parametrize(
+    ("opens_in", "closes_in", "is_open", "words"),
+    [
+        (1, 40, False, "opens "),
+        (1, None, False, "opens "),
+        (-1, 40, True, "until "),
+        (None, None, True, "open"),
+        (-40, -1, False, "closed 2"),
+        (-40, 1, False, "closed"),
+        (-40, None, False, "closed"),
+    ],
+)
+def test_a_phase_that_is_ahead_is_told_by_its_opening(
+    opens_in: int | None, closes_in: int | None, is_open: bool, words: str
+) -> None:
+    """One that is archived takes no files before its deadline."""
+    opens_at, closes_at = (
+        None if days is None else datetime.now(UTC) + timedelta(days=days)
+        for days in (opens_in, closes_in)
+    )
+    dates = {"opens_at": opens_at, "closes_at": closes_at, "is_open": is_open}
+    told = phases_table((phase("dev", **dates),)).rows[0][0][-2].plain
+    assert told.startswith(words) if words.endswith((" ", "2")) else told == words
+
+
 def text_of(parts: list[RenderableType], width: int) -> str:
     console = Console(width=width, color_system=None, highlight=False, markup=False, emoji=False)
     with console.capture() as captured:

@@ -13,6 +13,7 @@ from tests.chaos.story import Lived
 from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.migrations import migrate
 from exceptiondrive_records.operations.dump import dump_rows, dumped_tables
 from exceptiondrive_records.operations.invariants import damaged_uploads, violations
 from exceptiondrive_records.submissions.file_store import FileStore
@@ -181,6 +182,22 @@ def test_a_backup_cut_short_restores_nothing(lived: Lived, sqlite_path: Path) ->
         restore_backup(path, f"sqlite:///{sqlite_path}", files)
     with Database(f"sqlite:///{sqlite_path}").read() as session:
         assert session.query(Submission).count() == 0
+
+
+def test_a_backup_without_uploads_that_ends_between_two_tables_restores_nothing(
+    empty_database_url: str, sqlite_path: Path, tmp_path: Path
+) -> None:
+    """It lacks no file, and its last member is whole."""
+    whole, files = tmp_path / "backup.tar", FileStore((tmp_path / "uploads").as_uri())
+    migrate(empty_database_url)
+    database = Database(empty_database_url)
+    write_backup(database, files, whole)
+    database.dispose()
+    with tarfile.open(whole) as archive:
+        ends_at = archive.getmembers()[3].offset
+    whole.write_bytes(whole.read_bytes()[:ends_at])
+    with pytest.raises(BackupError, match="is not a whole backup"):
+        restore_backup(whole, f"sqlite:///{sqlite_path}", files)
 
 
 def test_a_changed_row_in_the_backup_is_found(lived: Lived, sqlite_path: Path) -> None:

@@ -10,6 +10,7 @@ from sqlalchemy import select
 from tests.records.test_edits import close, standing
 from tests.records.world import World
 
+from exceptiondrive_records.accounts.people import invite
 from exceptiondrive_records.accounts.tables import Token
 from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
 from exceptiondrive_records.audit.tables import AuditLine
@@ -22,6 +23,7 @@ from exceptiondrive_records.db.errors import (
     PhaseClosed,
     QuotaExceeded,
 )
+from exceptiondrive_records.news.questions import answer_question, ask_question
 from exceptiondrive_records.notifications.contacts import add_contact, list_contacts
 from exceptiondrive_records.notifications.inbox import list_notifications
 from exceptiondrive_records.notifications.tables import Channel, Delivery
@@ -185,6 +187,21 @@ def test_a_later_deadline_holds_for_one_team_and_for_what_came_before_it(world: 
         set_allowance(session, "alpha", "dev", closes_at=earlier, **WHY)
 
 
+def test_a_deadline_that_is_moved_by_seconds_holds_for_what_came_before_it(world: World) -> None:
+    submission_id = scored(world, "one")
+    close(world)
+    with world.database.write() as session:
+        minute = (database_now(session) + timedelta(hours=1)).replace(second=0, microsecond=0)
+    for seconds in (10, 50, 50):
+        until = minute + timedelta(seconds=seconds)
+        with world.database.write() as session:
+            set_allowance(session, "alpha", "dev", closes_at=until, **WHY)
+        with world.database.read() as session:
+            assert find_submission(session, submission_id).granted_until == until
+    assert last_action(world) == "allowance changed"
+    assert len(told(world)) == 2, "what is granted already is told once"
+
+
 def test_a_team_has_its_own_quota(world: World) -> None:
     with world.database.write() as session:
         set_allowance(session, "alpha", "dev", quota_total=1, **WHY)
@@ -234,6 +251,52 @@ def test_two_teams_become_one_with_entries_people_and_addresses(world: World) ->
         assert find_team(session, "beta").name == "Beta"
 
 
+def test_an_address_that_is_sent_twice_at_once_is_added_once(world: World) -> None:
+    def attempt(_: int) -> bool:
+        try:
+            with world.database.write() as session:
+                add_contact(session, world.team_id, Channel.EMAIL, "a@example.org", actor=WHO)
+        except Conflict:
+            return False
+        return True
+
+    with ThreadPoolExecutor(4) as pool:
+        assert sorted(pool.map(attempt, range(4))) == [False, False, False, True]
+
+
+def test_two_teams_that_become_one_are_told_once_at_an_address_that_both_had(
+    world: World,
+) -> None:
+    beta = another(world)
+    both, unconfirmed = "https://example.com/x", "a@example.org"
+    with world.database.write() as session:
+        for team_id in (world.team_id, beta):
+            add_contact(session, team_id, Channel.WEBHOOK, both, actor=WHO)
+            add_contact(session, team_id, Channel.EMAIL, unconfirmed, actor=WHO)
+        (_, theirs) = list_contacts(session, beta)
+        theirs.confirmed_at = database_now(session)
+        confirmed_id = theirs.id
+    with world.database.write() as session:
+        merge_teams(session, "beta", "alpha", **WHY)
+    with world.database.read() as session:
+        kept = list_contacts(session, world.team_id)
+        assert sorted(one.address for one in kept) == [unconfirmed, both]
+        assert confirmed_id in {one.id for one in kept}, "the one that said yes stays"
+        (reached,) = recipients(session)
+        assert (reached.n_emails, reached.n_webhooks) == (1, 1)
+
+
+def test_what_a_team_asked_is_answered_to_the_team_that_it_became_part_of(world: World) -> None:
+    beta = another(world)
+    with world.database.write() as session:
+        asked = ask_question(session, beta, "dev", "May we use maps?", actor=WHO).id
+    with world.database.write() as session:
+        merge_teams(session, "beta", "alpha", **WHY)
+    with world.database.write() as session:
+        answer_question(session, asked, "Yes.", plain="Yes.", to_all=False, actor=WHO)
+    assert told(world)[0] == "A question, answered"
+
+
 def test_an_upload_in_the_air_makes_no_entry_of_a_team_that_is_none_any_more(
     world: World,
 ) -> None:
@@ -245,6 +308,19 @@ def test_an_upload_in_the_air_makes_no_entry_of_a_team_that_is_none_any_more(
     for team_id in (beta, gamma):
         with pytest.raises(NotAllowed, match="meanwhile"):
             world.submit("held", team_id=team_id)
+
+
+def test_nobody_is_let_in_to_a_team_that_is_none_any_more(world: World) -> None:
+    """A token would be shown that may not submit, and a link that joins nothing."""
+    beta, gamma = another(world), another(world, "gamma")
+    with world.database.write() as session:
+        merge_teams(session, "beta", "alpha", **WHY)
+        forget_team(session, "gamma", **WHY)
+    for team_id in (beta, gamma):
+        with pytest.raises(Conflict, match="nobody acts"), world.database.write() as session:
+            issue_token(session, team_id, "laptop", actor=WHO)
+        with pytest.raises(Conflict, match="nobody acts"), world.database.write() as session:
+            invite(session, team_id, "an organizer", actor=WHO)
 
 
 def test_teams_with_the_same_bytes_or_a_disqualification_are_not_merged(world: World) -> None:

@@ -18,6 +18,7 @@ from exceptiondrive_records.db.errors import NotAllowed
 from exceptiondrive_records.notifications.channels import NoticeSettings, message_of
 from exceptiondrive_records.notifications.contacts import add_contact, contact_link
 from exceptiondrive_records.notifications.events import tell_teams
+from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.notifications.tables import (
     Channel,
     ContactPoint,
@@ -27,8 +28,9 @@ from exceptiondrive_records.notifications.tables import (
 from exceptiondrive_records.participation.allowances import set_allowance
 from exceptiondrive_records.participation.tables import Allowance
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.teams.teams import register_team
+from exceptiondrive_records.teams.teams import find_team, register_team
 from exceptiondrive_records.work.jobs import finish_failed, finish_rejected
+from exceptiondrive_records.work.lease import claim, try_later
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.api.phase_settings import PhasePolicy
 from exceptiondrive_schemas.api.rescoring import NotificationView
@@ -216,6 +218,18 @@ def test_what_failed_or_was_refused_is_told_once_to_who_wishes_that(
     assert {who for who, notice in mails(api) if notice.kind == "failed"} == {"alpha@example.org"}
 
 
+def test_a_message_that_is_being_sent_has_not_failed_yet(api: "Api") -> None:
+    """Whoever adds an address is told from this that its mail could not be sent."""
+    add(api)
+    with api.database.write() as session:
+        assert claim(session, Delivery, select(Delivery.id), 60) is not None
+    last = api.get("/contacts", "alpha").json()[0]["last_message"]
+    assert last == {"state": "waiting", "attempts": 0, "sent_at": None}
+    with api.database.write() as session:
+        try_later(session, session.scalars(select(Delivery)).one(), 60, note="no server")
+    assert api.get("/contacts", "alpha").json()[0]["last_message"]["attempts"] == 1
+
+
 def test_a_lost_rank_is_told_once_an_hour(
     api_on_both: "Api", browse: Browse, make_entry: Callable[..., Any]
 ) -> None:
@@ -233,6 +247,14 @@ def test_a_lost_rank_is_told_once_an_hour(
         "overtaken",
         ("Planner: rank 1 before, 2 now.",),
     )
+    with api.database.write() as session:
+        told = session.scalars(select(Notification).where(Notification.kind == "overtaken")).one()
+        told.subject = "dev/2026-01-01T00"
+    assert tell_teams(api.database) == 0, "a new hour has begun, and nothing else happened"
+    again = make_entry("Planner", submission_id=one, rank=3)
+    api.publish(make_entry("Other", submission_id=other, rank=1), again)
+    assert tell_teams(api.database) == 1
+    assert mails(api)[-1][1].what_changed == ("Planner: rank 2 before, 3 now.",)
 
 
 def test_only_what_is_wished_is_told(api: "Api", browse: Browse) -> None:
@@ -349,6 +371,21 @@ def test_another_teams_address_is_not_found(api: "Api", as_problem: Problem) -> 
     )
     wrong = api.request("PATCH", f"/contacts/{contact['id']}", "alpha", json={"wishes": ["all"]})
     as_problem(wrong, 400, "bad_request")
+
+
+def test_all_messages_are_marked_as_read_however_many_there_are(
+    api: "Api", browse: Browse
+) -> None:
+    with api.database.write() as session:
+        for slug, count in (("alpha", 120), ("beta", 1)):
+            for number in range(count):
+                tell_team(session, find_team(session, slug), "message", f"Note {number}", ())
+    browser = browse(api)
+    browser.sign_in("alpha")
+    assert browser.post("/my/notices/read", {}, page="/my/notices").status_code == 303
+    assert api.get("/notifications?unread=true", "alpha").json() == []
+    assert "Mark all as read" not in browser.get("/my/notices").text
+    assert len(api.get("/notifications?unread=true", "beta").json()) == 1
 
 
 def test_the_page_shows_inbox_and_addresses(api: "Api", browse: Browse) -> None:

@@ -1,6 +1,7 @@
 """Commands about boards and phases: what everyone may see, and the terms to be accepted."""
 
 from collections.abc import Iterator
+from datetime import datetime
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -17,6 +18,7 @@ from exceptiondrive.words import challenge_of
 from exceptiondrive_schemas.api.submission import PhaseView
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.printable import printable
+from exceptiondrive_schemas.python310 import UTC
 from exceptiondrive_schemas.score_sheet import metric_text
 
 if TYPE_CHECKING:
@@ -201,11 +203,12 @@ def _left(view: PhaseView) -> str:
 
 
 def _window(view: PhaseView) -> str:
-    if not view.is_open and view.opens_at is not None and view.closes_at is None:
-        return f"opens {utc_text(view.opens_at)}"
-    if view.closes_at is None:
-        return "open" if view.is_open else "closed"
-    return f"{'until' if view.is_open else 'closed'} {utc_text(view.closes_at)}"
+    opens, closes, now = view.opens_at, view.closes_at, datetime.now(UTC)
+    if view.is_open:
+        return "open" if closes is None else f"until {utc_text(closes)}"
+    if opens is not None and opens > now:
+        return f"opens {utc_text(opens)}"
+    return "closed" if closes is None or closes > now else f"closed {utc_text(closes)}"
 
 
 def register(app: typer.Typer) -> None:

@@ -208,8 +208,11 @@ def invite(
     """Make an invitation; what its link ends with is returned here and never again.
 
     Raises:
-        Conflict: The team has enough open invitations, or made enough of them today.
+        Conflict: The team has enough open invitations, or made enough of them today; or it was
+            forgotten, or became part of another one.
     """
+    team = session.get_one(Team, team_id)
+    team.require_there()
     if len(open_invitations(session, team_id)) >= MAX_OPEN_INVITATIONS:
         raise Conflict(f"{MAX_OPEN_INVITATIONS} invitations are open; withdraw one first.")
     now = database_now(session)
@@ -227,8 +230,7 @@ def invite(
         expires_at=now + INVITATION_LIFETIME,
     )
     session.add(invitation)
-    slug = session.get_one(Team, team_id).slug
-    audit(session, actor, "invitation made", slug, {"invitation": invitation_id})
+    audit(session, actor, "invitation made", team.slug, {"invitation": invitation_id})
     return f"{invitation_id}.{secret}", invitation
 
 

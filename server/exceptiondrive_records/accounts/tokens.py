@@ -134,7 +134,10 @@ def issue_token(
     Raises:
         InvalidRecord: No scope, or an unknown one; the name cannot be used; it would be expired.
         NotFound: It is confined to a phase that is not there.
+        Conflict: The team was forgotten, or became part of another one.
     """
+    if team_id is not None:
+        session.get_one(Team, team_id).require_there()
     name = checked_text("token name", name, max_length=80)
     unknown = sorted(set(scopes) - set(Scope))
     known = ", ".join(Scope if team_id is None else TEAM_SCOPES)

@@ -65,7 +65,7 @@ def add_contact(
         Conflict: The team has it already, has enough, or added enough today; or whoever reads there
             said no, or was asked often enough today.
     """
-    require_approved(session.get_one(Team, team_id))
+    require_approved(session.get_one(Team, team_id, with_for_update={"key_share": True}))
     if channel is Channel.WEBHOOK:
         _require_webhook(address, may_be_private)
     elif _EMAIL.fullmatch(address) is None:

@@ -150,12 +150,23 @@ def _sentences(session: Session, seen: SubmissionView) -> Iterator[str]:
 
 
 def _passed(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
-    """Entries with a worse rank than on a board of the last hour, under the same protocol and split."""
+    """Entries with a worse rank than on a board of the last hour, under the same protocol and split.
+
+    Of that hour only what came after the last such message: what it told is not told again.
+    """
     hour = now.strftime("%Y-%m-%dT%H")
     query = select(Phase).where(Phase.current_board_id.is_not(None), Phase.visibility == "shown")
     for phase in session.scalars(query):
         shown = entries_on(session, phase.current_board_id)
-        before = _best_ranks(session, phase, ids_of_team(session, team_id, phase.id), now)
+        told_at = session.scalar(
+            select(func.max(Notification.created_at)).where(
+                Notification.team_id == team_id,
+                Notification.kind == "overtaken",
+                Notification.subject.startswith(f"{phase.id}/", autoescape=True),
+            )
+        )
+        since = max(now - _PASSED_WITHIN, told_at or now - _PASSED_WITHIN)
+        before = _best_ranks(session, phase, ids_of_team(session, team_id, phase.id), since)
         lines = [
             f"{entry.method}: rank {best} before, {entry.rank} now."
             for submission_id, best in before
@@ -168,10 +179,9 @@ def _passed(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
 
 
 def _best_ranks(
-    session: Session, phase: Phase, submission_ids: frozenset[str], now: datetime
+    session: Session, phase: Phase, submission_ids: frozenset[str], since: datetime
 ) -> list[tuple[str, int]]:
-    """The best rank of each submission on the boards that the phase showed in the last hour."""
-    since = now - _PASSED_WITHIN
+    """The best rank of each submission on the boards that the phase showed since then."""
     stood = board_at(session, phase.id, since)
     query = (
         select(BoardEntryRow.submission_id, func.min(BoardEntryRow.rank))

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from sqlalchemy import select
+from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
@@ -243,6 +243,15 @@ def mark_read(session: Session, team_id: int, notification_id: str) -> Notificat
         raise NotFound("notification", notification_id)
     row.read_at = row.read_at or database_now(session)
     return _view(row)
+
+
+def mark_all_read(session: Session, team_id: int) -> None:
+    """Note that a team has read whatever stands in its inbox."""
+    session.execute(
+        update(Notification)
+        .where(Notification.team_id == team_id, Notification.read_at.is_(None))
+        .values(read_at=database_now(session))
+    )
 
 
 def _view(row: Notification) -> NotificationView:

@@ -56,8 +56,10 @@ def set_allowance(
             raise InvalidRecord("A team's own deadline must lie after that of the phase.")
     if closes_at is not None and is_revealed(session, phase):
         raise Conflict("What was kept back is revealed: nothing more can be in time.")
-    before = _words(row)
     wants = {"closes_at": closes_at, "quota_per_day": quota_per_day, "quota_total": quota_total}
+    if wants == {name: getattr(row, name, None) for name in wants}:
+        return row
+    before = _words(row)
     if all(value is None for value in wants.values()):
         if row is not None:
             session.delete(row)
@@ -66,8 +68,6 @@ def set_allowance(
         given = {**wants, "reason": checked_reason(reason), "granted_at": database_now(session)}
         row = session.merge(Allowance(team_id=team.id, phase_id=phase.id, **given))
     after = _words(row)
-    if before == after:
-        return row
     session.execute(
         update(Submission)
         .where(Submission.team_id == team.id, Submission.phase_id == phase.id)

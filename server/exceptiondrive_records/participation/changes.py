@@ -1,5 +1,7 @@
 """What organizers change of a team: its name and affiliation, or that two teams are one."""
 
+from itertools import product
+
 from sqlalchemy import delete, select, update
 from sqlalchemy.orm import Session
 
@@ -13,6 +15,8 @@ from exceptiondrive_records.db.identifiers import (
     checked_text,
     skeleton,
 )
+from exceptiondrive_records.news.tables import Question
+from exceptiondrive_records.notifications.contacts import list_contacts
 from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.notifications.tables import ContactPoint
 from exceptiondrive_records.participation.disqualification import want_boards_of_team
@@ -80,9 +84,9 @@ def checked_affiliation(text: str) -> str:
 def merge_teams(
     session: Session, slug: str, into: str, *, reason: str, actor: str
 ) -> tuple[Team, int]:
-    """Make one team of two: submissions, people and addresses of the first become the other's.
+    """Make one team of two: submissions, people, addresses and questions of the first become the other's.
 
-    The first keeps its id, without a token and without people: what was logged of it stays readable.
+    An address that both were told at is told once. The first keeps its id, without a token and without people: what was logged of it stays readable.
     Both quotas are counted together. This cannot be taken back.
 
     Returns:
@@ -164,11 +168,16 @@ def _move(session: Session, team: Team, target: Team) -> int:
     for submission in session.scalars(select(Submission).where(Submission.team_id == team.id)):
         submission.team_id = target.id
         n_moved += 1
-    for table in (Job, Disqualification, ContactPoint):
+    now = database_now(session)
+    for mine, other in product(list_contacts(session, team.id), list_contacts(session, target.id)):
+        if mine.address == other.address:
+            unheard = other if other.confirmed_at is None else mine
+            unheard.removed_at = now
+    session.flush()
+    for table in (Job, Disqualification, ContactPoint, Question):
         session.execute(update(table).where(table.team_id == team.id).values(team_id=target.id))
     members = select(Membership.person_id).where(Membership.team_id == target.id)
     there = set(session.scalars(members))
-    now = database_now(session)
     for person_id in session.scalars(
         select(Membership.person_id).where(Membership.team_id == team.id)
     ).all():

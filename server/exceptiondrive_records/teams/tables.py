@@ -7,6 +7,7 @@ from sqlalchemy import CheckConstraint, ForeignKey
 from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
+from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.db.identifiers import skeleton
 
 
@@ -45,6 +46,16 @@ class Team(Base):
     def is_gone(self) -> bool:
         """Whether it was forgotten or became part of another team: nobody acts or reads for it."""
         return self.forgotten_at is not None or self.merged_into_id is not None
+
+    def require_there(self) -> None:
+        """Refuse what would let somebody act for a team that is gone.
+
+        Raises:
+            Conflict: It is gone.
+        """
+        if self.is_gone:
+            gone = "was forgotten" if self.forgotten_at is not None else "is part of another one"
+            raise Conflict(f"The team {self.slug} {gone}: nobody acts for it any more.")
 
 
 class SiteSetting(Base):

@@ -16,6 +16,7 @@ from exceptiondrive_records.notifications.contacts import (
 )
 from exceptiondrive_records.notifications.inbox import list_notifications, mark_read
 from exceptiondrive_records.notifications.tables import Channel, ContactPoint, DeliveryState
+from exceptiondrive_records.work.tables import WorkState
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.api.rescoring import WISHES, NotificationView, Wish
 from exceptiondrive_server.web.auth import Reader, ServicesOf, Submitter, team_of
@@ -53,6 +54,7 @@ class LastMessage(BaseModel):
 
     state: DeliveryState
     attempts: int
+    """Those that have ended: one under way has failed nowhere yet."""
     sent_at: datetime | None
 
 
@@ -150,7 +152,8 @@ def _with_last_message(session: Session, contact: ContactPoint) -> ContactView:
     if found is None:
         return _view(contact)
     sent_at = found.finished_at if found.outcome is DeliveryState.SENT else None
-    last = LastMessage(state=found.outcome, attempts=found.attempts, sent_at=sent_at)
+    n_ended = found.attempts - (found.state is WorkState.LEASED)
+    last = LastMessage(state=found.outcome, attempts=n_ended, sent_at=sent_at)
     return _view(contact).model_copy(update={"last_message": last})
 
 

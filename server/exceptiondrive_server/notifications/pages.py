@@ -18,7 +18,7 @@ from exceptiondrive_records.notifications.contacts import (
     set_wishes,
     unsubscribe_contact,
 )
-from exceptiondrive_records.notifications.inbox import list_notifications, mark_read
+from exceptiondrive_records.notifications.inbox import list_notifications, mark_all_read
 from exceptiondrive_records.notifications.tables import Channel
 from exceptiondrive_schemas.api.rescoring import WISHES, NotificationView, Standing, Wish
 from exceptiondrive_schemas.api.standing_words import standing_words
@@ -53,10 +53,8 @@ def show_notices(request: Request, services: ServicesOf, browser: Browser) -> Re
 def post_read(services: ServicesOf, browser: Browser, form: PostedForm) -> Response:
     """Mark every message as read."""
     require_scope(browser, Scope.READ_OWN)
-    team_id = team_of(browser.principal)
     with services.database.write() as session:
-        for notice in list_notifications(session, team_id, only_unread=True):
-            mark_read(session, team_id, notice.id)
+        mark_all_read(session, team_of(browser.principal))
     return RedirectResponse(HERE, status_code=303)
 
 
@@ -188,7 +186,7 @@ def _page(
         status=200 if refusal is None else PROBLEMS[problem_of(refusal).code].status,
         who=browser.principal,
         notices=notices,
-        n_unread=sum(notice.read_at is None for notice in notices),
+        has_unread=any(notice.read_at is None for notice in notices),
         contacts=contacts,
         wishes=WISHES,
         can_change=Scope.SUBMIT in browser.principal.scopes,

@@ -102,7 +102,7 @@ def restore_backup(path: Path, database_url: str, files: FileStore) -> BackupHea
             f"{error} No row was restored. This user needs room, and the right to write, where "
             "EXCEPTIONDRIVE_FILE_STORE_URL says."
         ) from None
-    except tarfile.TarError as error:
+    except (tarfile.TarError, KeyError) as error:  # the latter where a table is missing
         raise BackupError(f"{path} is not a whole backup: {error}") from None
     except OSError as error:
         raise BackupError(f"{path} cannot be restored: {error.strerror or error}") from None
