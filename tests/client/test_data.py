@@ -184,7 +184,9 @@ def test_a_place_where_nothing_can_be_written_is_told_in_words(
 ) -> None:
     file = file_of(server, "sub/a.bin")
     (tmp_path / "taken").write_text("a file")
-    with pytest.raises(InvalidArgumentError, match=r"taken/sub/a\.bin cannot be written: Not a dir"):
+    with pytest.raises(
+        InvalidArgumentError, match=r"taken/sub/a\.bin cannot be written: Not a dir"
+    ):
         download_file(file, tmp_path / "taken")
 
 

@@ -71,7 +71,10 @@ def test_a_folder_where_no_keys_can_be_remembered_is_told_in_words(
 ) -> None:
     (tmp_path / "file").write_text("no folder")
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "file"))
-    with Client(running.url) as client, pytest.raises(InvalidArgumentError, match="cannot be written"):
+    with (
+        Client(running.url) as client,
+        pytest.raises(InvalidArgumentError, match="cannot be written"),
+    ):
         remember_keys(client.receipt_keys())
 
 

@@ -373,9 +373,7 @@ def test_another_teams_address_is_not_found(api: "Api", as_problem: Problem) -> 
     as_problem(wrong, 400, "bad_request")
 
 
-def test_all_messages_are_marked_as_read_however_many_there_are(
-    api: "Api", browse: Browse
-) -> None:
+def test_all_messages_are_marked_as_read_however_many_there_are(api: "Api", browse: Browse) -> None:
     with api.database.write() as session:
         for slug, count in (("alpha", 120), ("beta", 1)):
             for number in range(count):

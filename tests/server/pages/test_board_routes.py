@@ -231,7 +231,10 @@ async def test_static_files_named_by_content_are_kept_for_ever(lively_site: Any)
     answer = await lively_site.get(asset[1])
     assert "immutable" in answer.headers["cache-control"]
     assert (await lively_site.get("/static/site.css")).headers["cache-control"] == "no-cache"
-    for name in ("site.css", "board.js"):  # of a page of another version, which another process gave
+    for name in (
+        "site.css",
+        "board.js",
+    ):  # of a page of another version, which another process gave
         other = await lively_site.get(f"/static/{name}?v=0123456789")
         assert (other.status_code, other.headers["cache-control"]) == (200, "no-cache")
 
