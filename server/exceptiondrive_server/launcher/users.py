@@ -35,7 +35,7 @@ def own_user_of_server(data: Path) -> tuple[int | None, str]:
         data: The data folder; what the server writes in it becomes its own, all else stays root's.
 
     Returns:
-        The user, or None where it cannot be had; and a sentence for who started this.
+        The user, or None where it cannot be had, and then all is root's; and a sentence for who started this.
     """
     if os.geteuid() != 0:
         return None, _ONE_USER.format(
@@ -45,17 +45,41 @@ def own_user_of_server(data: Path) -> tuple[int | None, str]:
     try:
         os.chown(data, 0, SERVER_USER)
         data.chmod(_SHARED_FOLDER)
+        why = _why_not(data)
+        if why is not None:
+            data.chmod(0o700)
         for path in own:
-            _give(path)
+            _give(path, SERVER_USER if why is None else 0)
     except OSError as error:
         raise LaunchError(f"cannot share {data} with the server's user: {error.strerror}") from None
-    why = _why_not(data)
     if why is not None:
-        return None, _ONE_USER.format(why=f"Another user cannot run it from here ({why}).")
+        return None, _ONE_USER.format(why=why)
     return SERVER_USER, f"the server runs as user {SERVER_USER}, who cannot read withheld regions"
 
 
 def _why_not(data: Path) -> str | None:
+    """Return why server and worker cannot be two users who share the data, if there is a reason."""
+    if not _may_open_of_other(data):
+        return "This system keeps root from the server's files in a shared folder (fs.protected_regular)."
+    unreachable = _unreachable(data)
+    return unreachable and f"Another user cannot run it from here ({unreachable})."
+
+
+def _may_open_of_other(data: Path) -> bool:
+    """Whether root may write a file of the server as SQLite opens it: to be made if it is not there."""
+    path = data / f".of-the-server-{os.getpid()}"
+    path.touch()
+    try:
+        os.chown(path, SERVER_USER, SERVER_USER)
+        os.close(os.open(path, os.O_RDWR | os.O_CREAT))
+    except PermissionError:
+        return False
+    finally:
+        path.unlink()
+    return True
+
+
+def _unreachable(data: Path) -> str | None:
     """Return what the server's user cannot reach of Python, our code and the data, if anything."""
     try:
         subprocess.run(
@@ -74,8 +98,8 @@ def _why_not(data: Path) -> str | None:
     return None
 
 
-def _give(path: Path) -> None:
-    """Let the server own a file, or a folder with all in it, but nothing that a link points to."""
-    os.lchown(path, SERVER_USER, SERVER_USER)
+def _give(path: Path, user: int) -> None:
+    """Let a user own a file, or a folder with all in it, but nothing that a link points to."""
+    os.lchown(path, user, user)
     for inner in path.rglob("*") if path.is_dir() else ():
-        os.lchown(inner, SERVER_USER, SERVER_USER)
+        os.lchown(inner, user, user)
