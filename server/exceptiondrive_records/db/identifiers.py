@@ -68,7 +68,8 @@ def checked_text(
 ) -> str:
     """Return `text` in Unicode form NFC, without surrounding blanks, if it can be shown safely.
 
-    A line ends with one character, as browsers count when they keep to a length; they send two. Control, zero-width and direction characters are refused: they make two names look alike.
+    A line ends with one character, as browsers count it that send two. Control, zero-width and
+    direction characters are refused: they make two names look alike.
 
     Raises:
         InvalidRecord: Empty, too long, or with characters that cannot be shown.

@@ -86,8 +86,8 @@ def merge_teams(
 ) -> tuple[Team, int]:
     """Make one team of two: submissions, people, addresses and questions of the first become the other's.
 
-    An address that both were told at is told once. The first keeps its id, without a token and without people: what was logged of it stays readable.
-    Both quotas are counted together. This cannot be taken back.
+    An address of both is told once. The first keeps its id, without a token and without people: what
+    was logged of it stays readable. Both quotas are counted together. This cannot be taken back.
 
     Returns:
         The team that is left, and how many submissions it was given.

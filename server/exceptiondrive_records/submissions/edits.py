@@ -196,7 +196,7 @@ class EditsOfPhase(NamedTuple):
 
     newest_at: datetime | None
     n: int
-    """Who edits at the same time as another, and comes second, may be the earlier one."""
+    """Of two that are made at once, the one that is seen later may bear the earlier time."""
 
 
 def edits_of_phase(session: Session, phase_id: str) -> EditsOfPhase:

@@ -59,14 +59,14 @@ def own_user_of_server(data: Path) -> tuple[int | None, str]:
 
 def _why_not(data: Path) -> str | None:
     """Return why server and worker cannot be two users who share the data, if there is a reason."""
-    if not _may_open_of_other(data):
+    if not _may_root_write_servers_file(data):
         return "This system keeps root from the server's files in a shared folder (fs.protected_regular)."
     unreachable = _unreachable(data)
     return unreachable and f"Another user cannot run it from here ({unreachable})."
 
 
-def _may_open_of_other(data: Path) -> bool:
-    """Whether root may write a file of the server as SQLite opens it: to be made if it is not there."""
+def _may_root_write_servers_file(data: Path) -> bool:
+    """Try it as SQLite opens a file: to be made if it is not there."""
     path = data / f".of-the-server-{os.getpid()}"
     path.touch()
     try:
