@@ -42,13 +42,13 @@ from exceptiondrive_records.splits.splits import whole_split
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.edits import edits_of_phase, facts_of_entries
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
-from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.drawing import ProtocolDrawing, pictured_digest
 from exceptiondrive_schemas.method_facts import NO_FACTS, FactsOfBoard
 from exceptiondrive_schemas.protocol import NEWEST, ProtocolDocument, packaged_protocol
 from exceptiondrive_server.boards.charts import Curves, best_entries
-from exceptiondrive_server.boards.entry_facts import challenge_of, entry_key
+from exceptiondrive_server.boards.entry_facts import challenge_of
 from exceptiondrive_server.boards.exports import BoardNote, History, PhaseDate
 from exceptiondrive_server.boards.families import MAX_SHEETS, Tasks, hardest_tasks
 from exceptiondrive_server.boards.headline import BoardBefore, headline, moves_on
@@ -131,15 +131,15 @@ class ToldBySheets(NamedTuple):
 def _told_by_sheets(
     session: Session, phase: Phase, board: Board, chosen: tuple[str, ...]
 ) -> ToldBySheets:
-    best = best_entries(board, chosen)
-    what = "sheets", *(entry_key(entry) for entry in best)
-    return of_board(board, what, lambda: _read_sheets(session, phase, board, best))
+    what = "sheets", chosen
+    return of_board(board, what, lambda: _read_sheets(session, phase, board, chosen))
 
 
 def _read_sheets(
-    session: Session, phase: Phase, board: Board, best: Sequence[BoardEntry]
+    session: Session, phase: Phase, board: Board, chosen: tuple[str, ...]
 ) -> ToldBySheets:
     """Clearance curves of the first, and the tasks of many more, as far as their sheets tell them."""
+    best = best_entries(board, chosen)
     ranked = [e.submission_id for e in board.entries if e.rank is not None][:MAX_SHEETS]
     rows = session.scalars(
         select(ScoreSheetRow).where(
