@@ -81,6 +81,30 @@ def test_every_setting_that_is_named_is_there(document: str) -> None:
     assert set(re.findall(r"EXCEPTIONDRIVE_[A-Z_]+[A-Z]", document)) <= known
 
 
+def test_the_table_of_settings_has_each_with_its_default() -> None:
+    sections = (ROOT / "docs/operating.md").read_text("utf-8").split("\n## ")
+    (table,) = (section for section in sections if section.startswith("Settings\n"))
+    told = {
+        name: words.strip("`")
+        for names, defaults in re.findall(r"^\| (`.+?`) \| (.+?) \|", table, re.MULTILINE)
+        for name, words in zip(re.findall(r"\w+", names), defaults.split(", "), strict=True)
+    }
+    kinds = (NoticeSettings, ServerSettings, WorkerSettings)
+    fields = {name.upper(): field for kind in kinds for name, field in kind.model_fields.items()}
+    assert fields.keys() - told.keys() == {
+        name for name in fields if name.startswith(("SMTP_", "OIDC_"))
+    } | {"MAIL_FROM", "WEBHOOKS_MAY_BE_PRIVATE"}
+    defaults = {name: in_words(fields[name].default) for name in told}
+    assert told == {**defaults, "FILE_STORE_URL": told["FILE_STORE_URL"]}
+
+
+def in_words(default: object) -> str:
+    """A default as the table says it: bytes in larger units, nothing as none."""
+    if isinstance(default, int) and default >= 2**20:
+        return f"{default >> 30} GiB" if default >= 2**30 else f"{default >> 20} MiB"
+    return f"{default:g}" if isinstance(default, int | float) else str(default or "none")
+
+
 def test_every_metric_that_is_named_is_there(migrated_sqlite: Path) -> None:
     from exceptiondrive_records.db.database import Database
 
