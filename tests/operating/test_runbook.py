@@ -9,9 +9,11 @@ import typer
 
 from exceptiondrive_records.db.roles import Role
 from exceptiondrive_records.notifications.channels import NoticeSettings
+from exceptiondrive_records.work.jobs import EXHAUSTED_CODE
 from exceptiondrive_server.operations.cli import app as server_app
 from exceptiondrive_server.web.metrics import RecordsCollector, RequestMetrics
 from exceptiondrive_server.web.settings import ServerSettings
+from exceptiondrive_worker.failures import FailureCode
 from exceptiondrive_worker.operator_cli import app as worker_app
 from exceptiondrive_worker.settings import WorkerSettings
 
@@ -103,6 +105,11 @@ def in_words(default: object) -> str:
     if isinstance(default, int) and default >= 2**20:
         return f"{default >> 30} GiB" if default >= 2**30 else f"{default >> 20} MiB"
     return f"{default:g}" if isinstance(default, int | float) else str(default or "none")
+
+
+def test_every_code_of_a_failure_is_told() -> None:
+    text = (ROOT / "docs/operating.md").read_text("utf-8")
+    assert [code for code in (*FailureCode, EXHAUSTED_CODE) if f"`{code}`" not in text] == []
 
 
 def test_every_metric_that_is_named_is_there(migrated_sqlite: Path) -> None:
