@@ -324,7 +324,7 @@ class Client(Connection):
         return self._get(ProtocolDocument, f"/protocols/{quoted(version)}")
 
     def split(self, name: str, *, on_progress: Progress | None = None) -> Split:
-        """Return a development split with its hazard regions; hidden splits are not found.
+        """Return a development split with its hazard regions; withheld splits are not found.
 
         Args:
             name: Of the split.

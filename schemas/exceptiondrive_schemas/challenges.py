@@ -81,7 +81,7 @@ class ChallengeWords(Document):
     """What a sample is, under the number of samples."""
     headline: HeadlineWords
     withheld: str
-    """What of a hidden split nobody outside knows, in a sentence."""
+    """What of a withheld split nobody outside knows, in a sentence."""
     chart: ChartWords
     outcome: tuple[OutcomePart, ...]
     """Shares of samples that sum to one, in the order of the bar. A row without all of them, as of a

@@ -1,4 +1,4 @@
-"""Names and payloads of queue jobs. A payload is ids and nothing else."""
+"""What the broker carries: one task, whose payload is the name of a lane and nothing else."""
 
 from exceptiondrive_schemas.python310 import StrEnum
 

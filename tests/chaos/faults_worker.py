@@ -9,7 +9,7 @@ from tests.chaos.run import Hit, Run
 from tests.chaos.saboteur import VISIBILITY_S, VISIBILITY_TIMEOUT
 from tests.chaos.topology import LEASE_S, MAX_ATTEMPTS, PATIENT
 
-from exceptiondrive_records.operations.dashboard import dashboard
+from exceptiondrive_records.operations.overview import overview
 from exceptiondrive_records.work.tables import WorkState
 
 _DRAINS_WITHIN_S = 10.0
@@ -143,7 +143,7 @@ def poison(run: Run) -> str:
     others = [call for call in run.calls_since(start_s) if call.file_digest != poisoned.file_digest]
     cost = sum(call.team == "alpha" and call.is_accepted for call in others)
     with run.topology.database.read() as session:
-        told = {row.id for row in dashboard(session).failed}
+        told = {row.id for row in overview(session).failed}
     assert run.failure_of(poisoned) == "attempts_exhausted"
     assert run.job_of(poisoned).state is WorkState.DEAD
     assert run.job_of(poisoned).attempts == MAX_ATTEMPTS

@@ -9,9 +9,11 @@ import typer
 
 from exceptiondrive_records.db.roles import Role
 from exceptiondrive_records.notifications.channels import NoticeSettings
+from exceptiondrive_records.work.jobs import EXHAUSTED_CODE
 from exceptiondrive_server.operations.cli import app as server_app
 from exceptiondrive_server.web.metrics import RecordsCollector, RequestMetrics
 from exceptiondrive_server.web.settings import ServerSettings
+from exceptiondrive_worker.failures import FailureCode
 from exceptiondrive_worker.operator_cli import app as worker_app
 from exceptiondrive_worker.settings import WorkerSettings
 
@@ -79,6 +81,35 @@ def test_every_setting_that_is_named_is_there(document: str) -> None:
     fields = {name for kind in kinds for name in kind.model_fields}
     known = {f"EXCEPTIONDRIVE_{name.upper()}" for name in fields} | NOT_SETTINGS
     assert set(re.findall(r"EXCEPTIONDRIVE_[A-Z_]+[A-Z]", document)) <= known
+
+
+def test_the_table_of_settings_has_each_with_its_default() -> None:
+    sections = (ROOT / "docs/operating.md").read_text("utf-8").split("\n## ")
+    (table,) = (section for section in sections if section.startswith("Settings\n"))
+    told = {
+        name: words.strip("`")
+        for names, defaults in re.findall(r"^\| (`.+?`) \| (.+?) \|", table, re.MULTILINE)
+        for name, words in zip(re.findall(r"\w+", names), defaults.split(", "), strict=True)
+    }
+    kinds = (NoticeSettings, ServerSettings, WorkerSettings)
+    fields = {name.upper(): field for kind in kinds for name, field in kind.model_fields.items()}
+    assert fields.keys() - told.keys() == {
+        name for name in fields if name.startswith(("SMTP_", "OIDC_"))
+    } | {"MAIL_FROM", "WEBHOOKS_MAY_BE_PRIVATE"}
+    defaults = {name: in_words(fields[name].default) for name in told}
+    assert told == {**defaults, "FILE_STORE_URL": told["FILE_STORE_URL"]}
+
+
+def in_words(default: object) -> str:
+    """A default as the table says it: bytes in larger units, nothing as none."""
+    if isinstance(default, int) and default >= 2**20:
+        return f"{default >> 30} GiB" if default >= 2**30 else f"{default >> 20} MiB"
+    return f"{default:g}" if isinstance(default, int | float) else str(default or "none")
+
+
+def test_every_code_of_a_failure_is_told() -> None:
+    text = (ROOT / "docs/operating.md").read_text("utf-8")
+    assert [code for code in (*FailureCode, EXHAUSTED_CODE) if f"`{code}`" not in text] == []
 
 
 def test_every_metric_that_is_named_is_there(migrated_sqlite: Path) -> None:

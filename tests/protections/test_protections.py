@@ -2,6 +2,7 @@
 
 import importlib
 import operator
+import re
 from pathlib import Path
 
 import pytest
@@ -43,7 +44,20 @@ def test_what_a_protection_replaces_is_there(target: str) -> None:
     operator.attrgetter(path)(importlib.import_module(module))
 
 
-def test_the_documentation_names_every_protection() -> None:
+def test_the_documentation_has_a_row_for_every_protection_with_its_test() -> None:
     pages = (ROOT / "docs" / name for name in ("trust.md", "rescoring.md"))
-    text = "".join(page.read_text(encoding="utf-8") for page in pages)
-    assert [each.name for each in PROTECTIONS if f"`{each.name}`" not in text] == []
+    rows = {
+        name: test
+        for page in pages
+        for name, test in re.findall(
+            r"^\| `([\w-]+)` \| [^|]+ \| ([^|]+) \|", page.read_text(encoding="utf-8"), re.MULTILINE
+        )
+    }
+    names = [each.test.rpartition("::")[2].removeprefix("test_") for each in PROTECTIONS]
+    assert rows.keys() == {each.name for each in PROTECTIONS}
+    missing = [
+        each.name
+        for each, name in zip(PROTECTIONS, names, strict=True)
+        if name not in rows[each.name] and rows[each.name] != "the same"
+    ]
+    assert missing == []

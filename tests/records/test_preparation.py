@@ -4,6 +4,7 @@ from importlib import resources
 
 from sqlalchemy import func, select
 
+from exceptiondrive_records.audit.log import audit_page
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.operations.setup import prepare
 from exceptiondrive_records.protocols.tables import ProtocolRow
@@ -19,4 +20,6 @@ def test_preparing_adds_every_protocol_that_ships_and_twice_changes_nothing(
     database = Database(empty_database_url)
     with database.read() as session:
         assert session.scalar(select(func.count()).select_from(ProtocolRow)) == len(shipped)
+        assert audit_page(session)
+        assert audit_page(session, by_people=True) == [], "nobody did it"
     database.dispose()

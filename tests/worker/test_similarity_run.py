@@ -10,7 +10,7 @@ import pytest
 from sqlalchemy import select
 from tests.support.worker import build_board_of, score_submission
 
-from exceptiondrive_records.operations.dashboard import dashboard
+from exceptiondrive_records.operations.overview import overview
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.similarity import similarity_report
 from exceptiondrive_records.submissions.submissions import withdraw
@@ -138,7 +138,7 @@ def test_a_team_that_changes_one_sample_30_times_is_found_and_audited(crowd: Wor
     assert (probing.fewest_changed, probing.most_changed) == (1, 1)
     assert found.pairs == ()
     with crowd.database.read() as session:
-        alarms = dashboard(session).probing
+        alarms = overview(session).probing
     assert [alarm.detail["submissions_at_least"] for alarm in alarms] == [20, 10, 5]
     assert {(alarm.subject, *alarm.detail["teams"]) for alarm in alarms} == {("dev", "Alpha")}
     assert "share most of their samples" in alarms[0].detail["seen"]
@@ -155,7 +155,7 @@ def test_probes_that_are_withdrawn_as_soon_as_they_are_scored_are_seen(crowd: Wo
     (probing,) = found.probing
     assert (probing.teams, probing.n_submissions) == (("Alpha",), 7)
     with crowd.database.read() as session:
-        assert dashboard(session).probing
+        assert overview(session).probing
 
 
 def probes(number: int, base: int = 1, scale: float = 1.0) -> bytes:

@@ -22,7 +22,7 @@ from tests.support.worker import build_board_of, score_submission
 from exceptiondrive_records.audit.log import SPLIT_FLOOR_HELD, audit_page
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.operations.dashboard import dashboard
+from exceptiondrive_records.operations.overview import overview
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.protocols.tables import ProtocolRow
@@ -57,6 +57,7 @@ from exceptiondrive_worker.stages import Target
 
 World = Any
 FloatArray = NDArray[np.float64]
+LEAKAGE = Path(__file__).parents[2] / "docs" / "leakage.md"
 SAMPLE = Path(__file__).parents[2] / "hidden_splits" / "sample" / "split.json.gz"
 NO_FLOORS = """
 min_samples_per_cell = 1
@@ -251,7 +252,7 @@ def test_the_same_protocol_reads_nothing_where_the_advised_floors_hold(
     assert set(reader.statuses) == {SubmissionStatus.FAILED}
     with world.database.read() as session:
         assert session.scalar(select(func.count()).select_from(ScoreSheetRow)) == 0
-        (line,) = dashboard(session).floors_held
+        (line,) = overview(session).floors_held
     ((subject, detail),) = held(world)
     assert (subject, detail["phase"], detail["protocol"]) == ("sample", "made", version)
     asked = " ".join(detail["asked"])
@@ -348,6 +349,19 @@ def test_each_field_of_a_protocol_is_held_by_a_floor_or_needs_none() -> None:
         "clearance_curve_until",
         "min_samples_per_cell",
     }
+
+
+def test_the_table_of_floors_says_what_is_advised_and_what_the_sample_has() -> None:
+    section = re.split(r"^###? ", LEAKAGE.read_text("utf-8"), flags=re.MULTILINE)
+    (text,) = (each for each in section if each.startswith("Floors that only workers read"))
+    rows = re.findall(r"^\| (`\w+`.*?) \| (.*?) \| (.*?) \|", text, re.MULTILINE)
+    named = [re.findall(r"\w+", fields) for fields, *_ in rows]
+    assert {name for names in named for name in names} == set(SplitFloors.model_fields)
+    for column, held in enumerate((SplitFloors(), read_floors(SAMPLE.parent)), 1):
+        for row, names in zip(rows, named, strict=True):
+            values = np.asarray([getattr(held, name) for name in names if name != "organizers"])
+            if values.dtype.kind in "if":
+                assert re.findall(r"[\d.]+", row[column]) == [f"{n:g}" for n in values.flat], row
 
 
 def test_a_curve_that_floors_show_has_no_more_points_than_they_say() -> None:

@@ -184,7 +184,7 @@ def _hardly_moves(
 
 
 def _same_answer(m: Measurements, section: PlausibilitySection) -> Iterator[Flag]:
-    """One path in nearly all edited scenes, by its length, its end ahead and its first step.
+    """One path in nearly all edited scenes, by the distance of its end, its end ahead and its first step.
 
     A file that stands or creeps has flags of its own.
     """

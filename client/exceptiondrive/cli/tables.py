@@ -275,7 +275,7 @@ def quota_table(quotas: Mapping[str, Quota]) -> FittedTable:
         Column("phase", "id"),
         "left today",
         Column("left in all", left_out=2),
-        Column("may be refused today", left_out=3),
+        Column("may be rejected today", left_out=3),
         Column("may wait at once", left_out=4),
         Column("resets at", "id"),
     )

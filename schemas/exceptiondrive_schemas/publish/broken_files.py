@@ -125,7 +125,7 @@ HEAD = f"""# What can be wrong with a submission file
 `exceptiondrive check FILE` and the server run the same checker and say the same. It reads the whole
 file in one pass and reports every fault: a code, the place as a JSON path, the sample id, what was
 expected, what was found, and often what probably went wrong. The first examples of each code are
-listed (at most {MAX_EXAMPLES}), and the total is always told. A refused file costs no quota.
+listed (at most {MAX_EXAMPLES}), and the total is always told. A rejected file costs no quota.
 
 Codes are stable: scripts may rely on them. Each one stands here with the report of a file that is
 broken in just this way.

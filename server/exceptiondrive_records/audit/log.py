@@ -177,7 +177,7 @@ def _follows(line: AuditLine, number: int, head: str) -> bool:
     return line.id == number + 1 and line.previous_hash == head
 
 
-_MACHINES = ("worker", "reconciler", "server")
+_MACHINES = ("installation", "worker", "reconciler", "server")
 
 
 def audit_page(

@@ -1,4 +1,4 @@
-"""The outbox: what waits to be sent, each message claimed by one sender and tried for hours."""
+"""The outbox: what waits to be sent, each message claimed by one sender and tried for an hour."""
 
 import threading
 from datetime import timedelta

@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.operations.dashboard import SLOW_S, lane_queue
+from exceptiondrive_records.operations.overview import SLOW_S, lane_queue
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import recent_scoring_s

@@ -8,7 +8,7 @@ from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.errors import RecordsError
-from exceptiondrive_records.operations.dashboard import SLOW_S, Dashboard, dashboard
+from exceptiondrive_records.operations.overview import SLOW_S, Overview, overview
 from exceptiondrive_records.operations.site import set_site_links, site_links
 from exceptiondrive_records.phases.phases import list_phases, titles_of_phases
 from exceptiondrive_records.rescoring.views import run_view
@@ -50,7 +50,7 @@ Task = tuple[str, str, str, str]
 def show_overview(request: Request, services: ServicesOf, browser: OrganizerBrowser) -> Response:
     """Show what waits for an organizer, the queue, and the workers."""
     with services.database.read() as session:
-        found = dashboard(session)
+        found = overview(session)
         runs = [run_line(run_view(session, run)) for run in found.open_runs]
         teams = list_teams(session)
         team_names = {team.id: team.name for team in teams}
@@ -137,7 +137,7 @@ def _first_steps(session: Session) -> Iterator[Task]:
 
 
 def _tasks(
-    found: Dashboard, runs: Sequence[RunLine], titles: Mapping[str, str], free_bytes: int | None
+    found: Overview, runs: Sequence[RunLine], titles: Mapping[str, str], free_bytes: int | None
 ) -> Iterator[Task]:
     """Yield what to do, worst first."""
     if free_bytes is not None and free_bytes < LOW_ON_ROOM_BYTES:

@@ -1,4 +1,4 @@
-"""Development splits: the whole file, regions included. Hidden splits are not found here."""
+"""Development splits: the whole file, regions included. Withheld splits are not found here."""
 
 from typing import Annotated
 

@@ -11,7 +11,7 @@ from exceptiondrive_schemas.published import example_text
 
 TAGS = {
     "phases": "Dated stages of a challenge, and what a file for them must hold.",
-    "splits": "Development splits; hidden splits are never here.",
+    "splits": "Development splits; withheld splits are never here.",
     "submissions": "Upload, follow, withdraw. Another team's submission is not found.",
     "boards": "Ranked boards and their entries, each at a permanent address.",
     "receipts": "Signed proof of what was scored, to be checked offline.",

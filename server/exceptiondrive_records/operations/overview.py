@@ -51,7 +51,7 @@ class WorkerSign:
 
 
 @dataclass(frozen=True)
-class Dashboard:
+class Overview:
     """Everything that may need an organizer."""
 
     pending: tuple[Team, ...]
@@ -73,7 +73,7 @@ class Dashboard:
     """Questions of teams that wait for an answer."""
 
 
-def dashboard(session: Session) -> Dashboard:
+def overview(session: Session) -> Overview:
     """Return what waits for an organizer now."""
     pending = select(Team).where(Team.pending_since.is_not(None)).order_by(Team.pending_since)
     failed = select(Submission).where(Submission.status == SubmissionStatus.FAILED)
@@ -83,7 +83,7 @@ def dashboard(session: Session) -> Dashboard:
     )
     since = database_now(session) - _A_DAY
     received = select(func.count()).where(Submission.received_at >= since)
-    return Dashboard(
+    return Overview(
         pending=tuple(session.scalars(pending)),
         failed=tuple(session.scalars(newest)),
         n_failed=session.scalar(select(func.count()).select_from(failed.subquery())) or 0,
