@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import httpx
 import pytest
+from typer.testing import CliRunner
 
 import exceptiondrive.client
 from exceptiondrive import (
@@ -27,6 +28,7 @@ from exceptiondrive import (
     WaitTimeoutError,
 )
 from exceptiondrive.checking import manifest_of
+from exceptiondrive.cli import app
 from exceptiondrive.client import TeamTokens
 from exceptiondrive.inputs import given_split
 from exceptiondrive.organizer import Organizer
@@ -80,6 +82,19 @@ def phase_dev(canned_server: "CannedServer", split_file: Path) -> "CannedServer"
         "GET /phases/dev/manifest", 200, manifest.model_dump(mode="json", by_alias=True)
     )
     return canned_server
+
+
+def test_an_upload_that_went_well_is_0_though_the_quota_cannot_be_asked_for_afterwards(
+    phase_dev: "CannedServer", planning_file: Callable[..., Path]
+) -> None:
+    phase_dev.problem("GET /phases/dev", 500, "internal")
+    phase_dev.answer("GET /submissions", 200, {"submissions": [{**VIEW, "method": "Other"}]})
+    phase_dev.answer("POST /submissions", 202, VIEW)
+    said = ("--phase", "dev", "--method", "Planner", "--server", phase_dev.url)
+    done = CliRunner().invoke(app, ["submit", str(planning_file()), *said])
+    assert phase_dev.requests[-1][:2] == ("GET", "/api/v1/phases/dev")
+    assert (done.exit_code, "error" in done.stderr) == (0, False)
+    assert "abc" in done.stdout
 
 
 def test_the_token_travels_as_a_bearer(canned_server: "CannedServer") -> None:
