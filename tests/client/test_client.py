@@ -167,6 +167,19 @@ def test_wrong_fields_are_named(canned_server: "CannedServer") -> None:
     assert caught.value.document()["fields"] == {"method": "too long"}
 
 
+def test_a_quota_of_one_is_told_as_one(
+    canned_server: "CannedServer", split_file: Path, planning_file: Callable[..., Path]
+) -> None:
+    manifest = manifest_of(given_split(split_file), packaged_protocol())
+    quota = {"per_day": 1, "used_today": 1, "remaining_today": 0, "total": None, "used_total": 1}
+    quota |= {"resets_at": "2026-11-22T00:00:00Z", "rejected_per_day": 9, "rejected_today": 0}
+    canned_server.answer("GET /phases/dev", 200, {**PHASE, "quota": quota})
+    canned_server.answer("GET /phases/dev/manifest", 200, manifest.model_dump(by_alias=True))
+    canned_server.answer("GET /submissions", 200, {"submissions": []})
+    with Client(canned_server.url) as client, pytest.raises(QuotaError, match="its 1 submission "):
+        client.submit(planning_file(), phase="dev", method="Planner")
+
+
 def test_a_spent_quota_says_when_it_resets(canned_server: "CannedServer") -> None:
     canned_server.problem("GET /me", 429, "quota_exceeded", retry_after_s=3600)
     with Client(canned_server.url) as client, pytest.raises(QuotaError) as caught:

@@ -289,7 +289,7 @@ def test_the_quota_is_3_and_says_when_it_resets(
     unranked = [{"sample_id": f"s{n}", "source": straight, "edited": None} for n in range(4)]
     told = submit(running, planning_file(predictions=unranked))
     assert told.exit_code == 3, "nobody is asked about what could not be sent anyway"
-    assert "has used all" in told.stderr
+    assert "has used its" in told.stderr
     assert "--allow-unranked" not in told.stderr
     path = planning_file(predictions=predictions)
     with running.client() as client, pytest.raises(QuotaError):
