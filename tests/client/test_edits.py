@@ -115,6 +115,8 @@ def test_a_file_of_facts_that_cannot_be_read_is_named(tmp_path: Path) -> None:
 
 def test_notices_and_contacts_have_their_commands(working: "Running") -> None:
     assert ok(run(working, "notices")) == "no notices\n"
+    for command in ("news", "questions"):
+        assert ok(run(working, command, "--phase", "dev")) == f"no {command}\n"
     assert "inbox alone" in ok(run(working, "contacts", "list"))
     told = ("--tell", "scored", "--tell", "failed", "--json")
     made = json.loads(ok(run(working, "contacts", "add", "a@example.org", *told)))
