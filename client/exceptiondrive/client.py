@@ -411,7 +411,8 @@ class Client(Connection):
         rule = RUN_RULES.get(said, phase.policy.run_rule)
         if phase.policy.run_choice == "team":
             rule += " To say otherwise: exceptiondrive choose."
-        return Outlook(report, replaces, rule, first)
+        takes = phase.is_open or (phase.now is not None and phase.now.takes_late_entries)
+        return Outlook(report, replaces, rule, first, is_closed=not takes)
 
     def submit(
         self,
