@@ -81,8 +81,9 @@ def to_dataframe(
             "Tables are made of a board, a score sheet, a check report, a report of similar "
             "submissions, submissions, and what evaluate_samples gives.",
         )
-    rows = [_submission_row(view) for view in views]
-    return _typed(pd.DataFrame(rows, columns=None if rows else list(_OF_EACH_SUBMISSION)))
+    if not views:
+        return _typed(pd.DataFrame(columns=list(_OF_EACH_SUBMISSION)))
+    return _typed(pd.DataFrame([_submission_row(view) for view in views]))
 
 
 def _typed(table: "pd.DataFrame") -> "pd.DataFrame":

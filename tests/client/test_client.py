@@ -171,7 +171,13 @@ def test_a_quota_of_one_is_told_as_one(
     canned_server: "CannedServer", split_file: Path, planning_file: Callable[..., Path]
 ) -> None:
     manifest = manifest_of(given_split(split_file), packaged_protocol())
-    quota = {"per_day": 1, "used_today": 1, "remaining_today": 0, "total": None, "used_total": 1}
+    quota: dict[str, Any] = {
+        "per_day": 1,
+        "used_today": 1,
+        "remaining_today": 0,
+        "total": None,
+        "used_total": 1,
+    }
     quota |= {"resets_at": "2026-11-22T00:00:00Z", "rejected_per_day": 9, "rejected_today": 0}
     canned_server.answer("GET /phases/dev", 200, {**PHASE, "quota": quota})
     canned_server.answer("GET /phases/dev/manifest", 200, manifest.model_dump(by_alias=True))
