@@ -51,6 +51,7 @@ from exceptiondrive_schemas.api.submission import (
 from exceptiondrive_schemas.base import Document, bytes_digest
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.method_facts import SubmissionEditView
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.split import Manifest, Split
 
@@ -224,10 +225,10 @@ def _require_quota(quota: Quota) -> None:
     """Refuse what the server would, before anything is asked of who submits."""
     if quota.remaining_today > 0:
         return
-    if quota.is_bound_in_all:
-        sentence = f"Your team has used all {quota.total} submissions of this phase."
+    if quota.total is not None and quota.is_bound_in_all:
+        sentence = f"Your team has used its {counted(quota.total, 'submission')} of this phase."
         raise QuotaError("quota_exceeded", sentence, None)
-    sentence = f"Your team has used all {quota.per_day} submissions of today."
+    sentence = f"Your team has used its {counted(quota.per_day, 'submission')} of today."
     raise QuotaError("quota_exceeded", sentence, quota.resets_at)
 
 
@@ -410,7 +411,8 @@ class Client(Connection):
         rule = RUN_RULES.get(said, phase.policy.run_rule)
         if phase.policy.run_choice == "team":
             rule += " To say otherwise: exceptiondrive choose."
-        return Outlook(report, replaces, rule, first)
+        takes = phase.is_open or (phase.now is not None and phase.now.takes_late_entries)
+        return Outlook(report, replaces, rule, first, is_closed=not takes)
 
     def submit(
         self,

@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 
 Row = dict[str, Any]
 AGGREGATES = ("macro_family", "micro")
+_OF_EACH_SUBMISSION = (
+    *("id", "phase", "challenge", "method", "status"),
+    *("rank", "received_at", "is_late"),
+)
 _ENDS_OF_TIMES = ("submitted_at", "received_at")
 """What the names of columns of times end with."""
 
@@ -38,7 +42,7 @@ def to_dataframe(
         document: A board: one row an entry, in the board's order. A score sheet, of `evaluate_file`
             or of a submission: rows `all`, `family` and `task` by id, as a two-level index.
             A check report: one row a kind of fault. A report of similar submissions: one row a pair of teams' submissions. Submissions, one or
-            many: one row each, with the totals of those that are scored. What `evaluate_samples` gives: one row a sample.
+            many or none: one row each, with the totals of those that are scored. What `evaluate_samples` gives: one row a sample.
         families: For a board: one row an entry and family instead.
 
     Raises:
@@ -77,6 +81,8 @@ def to_dataframe(
             "Tables are made of a board, a score sheet, a check report, a report of similar "
             "submissions, submissions, and what evaluate_samples gives.",
         )
+    if not views:
+        return _typed(pd.DataFrame(columns=list(_OF_EACH_SUBMISSION)))
     return _typed(pd.DataFrame([_submission_row(view) for view in views]))
 
 
@@ -132,9 +138,8 @@ def _named(name: str, submission: SubmissionOfTeam) -> Row:
 
 
 def _submission_row(view: SubmissionView) -> Row:
-    row: Row = {"id": view.id, "phase": view.phase, "challenge": view.challenge}
-    row |= {"method": view.method, "status": view.status.value, "rank": view.rank}
-    row |= {"received_at": view.received_at, "is_late": view.is_late}
+    row: Row = {name: getattr(view, name) for name in _OF_EACH_SUBMISSION}
+    row["status"] = view.status.value
     if view.sheet is not None:
         for key in AGGREGATES:
             row |= {f"{name}_{key}": number for name, number in getattr(view.sheet, key).items()}

@@ -71,6 +71,11 @@ def extra_missing(sentence: str, extra: str, otherwise: str = "") -> InvalidArgu
     return InvalidArgumentError("extra_missing", sentence, advice)
 
 
+def reason_of(error: Exception) -> str:
+    """Return why JSON cannot be read or written, where Python would speak of its own recursion too."""
+    return "nested too deeply" if isinstance(error, RecursionError) else str(error)
+
+
 IT_IS_SAFE = "It is safe and will be scored; look with: exceptiondrive status {}"
 """What is said of a submission that is no longer waited for."""
 SUBMIT_AGAIN = "Correct the faults in the list and submit again; nothing was counted."

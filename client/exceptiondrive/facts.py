@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.errors import InvalidArgumentError, reason_of
 from exceptiondrive_schemas.api.form_fields import FormField, fields_of
 from exceptiondrive_schemas.method_facts import MethodFacts
 
@@ -32,7 +32,7 @@ def facts_of(given: Facts) -> MethodFacts:
         return _valid(json.loads(Path(given).read_text(encoding="utf-8")))
     except (OSError, TypeError, ValueError, RecursionError) as error:
         raise InvalidArgumentError(
-            "wrong_facts", f"{given}: this is no JSON file of facts ({error})."
+            "wrong_facts", f"{given}: this is no JSON file of facts ({reason_of(error)})."
         ) from None
 
 

@@ -14,7 +14,7 @@ from typing import Any, BinaryIO, NamedTuple, Protocol, TypeVar, cast
 
 from pydantic import ValidationError
 
-from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.errors import InvalidArgumentError, reason_of
 from exceptiondrive_schemas.base import Document, faults_in
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY
 from exceptiondrive_schemas.check.inflate import UnreadableFileError, inflate
@@ -217,7 +217,7 @@ def _model(kind: type[Model], given: object, noun: str, advice: str) -> Model:
             return kind.read(data)
         return kind.model_validate_json(data)
     except (UnreadableFileError, TypeError, RecursionError) as error:
-        reason = str(error)
+        reason = reason_of(error)
     except ValidationError as error:
         reason = faults_in(error)[0]
     code = f"wrong_{noun.replace(' ', '_')}"

@@ -22,6 +22,7 @@ class Outlook:
         first: The team's submission of the same bytes, which stands; None where there is none.
         disqualified_at: Since when the team, or these very bytes of it, are disqualified: then the
             upload will be refused; None: they are not.
+        is_closed: Whether the phase takes nothing now, early or late: the upload will be refused.
     """
 
     report: CheckReport
@@ -29,6 +30,7 @@ class Outlook:
     rule: str = ""
     first: "SubmissionView | None" = None
     disqualified_at: datetime | None = None
+    is_closed: bool = False
 
     @property
     def is_known(self) -> bool:
@@ -38,7 +40,7 @@ class Outlook:
     @property
     def to_confirm(self) -> Mapping[str, str]:
         """What nobody may be surprised by, in a sentence; by the argument of `submit` that says yes."""
-        if self.is_known:
+        if self.is_known or self.is_closed:
             return {}
         from exceptiondrive_schemas.api.own_entries import to_confirm
 

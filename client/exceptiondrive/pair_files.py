@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from exceptiondrive.conversion import RawPair, Waypoints
-from exceptiondrive.errors import InvalidArgumentError, extra_missing
+from exceptiondrive.errors import InvalidArgumentError, extra_missing, reason_of
 from exceptiondrive.inputs import STDIN
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check.checker import CSV_COLUMNS, FROM_YAML, is_yaml
@@ -436,7 +436,7 @@ def _documents(path: Path, text: str) -> Iterator[Any]:
         except (ValueError, RecursionError) as error:
             at = getattr(error, "pos", at)
             number = text.count("\n", 0, at) + 1
-            raise fault(path, f"line {number} is not JSON: {error}.") from None
+            raise fault(path, f"line {number} is not JSON: {reason_of(error)}.") from None
         yield value
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from exceptiondrive.conversion import RawPair, Waypoints
-from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.errors import InvalidArgumentError, reason_of
 from exceptiondrive.pair_files import (
     NPZ_MAGIC,
     OnForm,
@@ -91,7 +91,7 @@ def _document(path: Path) -> Any:
     try:
         return json.loads(read_text(path), object_pairs_hook=with_unique_keys(path))
     except (ValueError, RecursionError) as error:
-        raise fault(path, f"is not JSON: {error}.") from None
+        raise fault(path, f"is not JSON: {reason_of(error)}.") from None
 
 
 def _object(path: Path) -> dict[str, Any]:

@@ -70,6 +70,8 @@ class Journal:
         """
         if not isinstance(path, (str, os.PathLike)):
             raise RecorderError(f"the submission file is named by a path, not by {path!r}")
+        if not isinstance(split, str):
+            raise RecorderError(f"a split is named by its name in the manifest, not by {split!r}")
         self.path = os.fspath(path)
         self.split = split
         self.journal_path = self.path + ".journal"
@@ -165,8 +167,12 @@ class Journal:
             raise RecorderError(
                 f"the recording of {self.path} is closed; open another at the same path to go on"
             )
+        try:
+            line = json.dumps(value, allow_nan=False) + "\n"
+        except (TypeError, ValueError) as error:
+            raise RecorderError(f"{value['sample_id']}: JSON cannot hold what was given: {error}")
         with self._os_errors_told():
-            self._stream.write(json.dumps(value, allow_nan=False) + "\n")
+            self._stream.write(line)
             self._stream.flush()
 
     @contextlib.contextmanager
@@ -249,7 +255,7 @@ class StrategyRecorder(Journal):
             reminder: Any of the keys in `REMINDER_KEYS`.
 
         Raises:
-            RecorderError: Unknown strategy or unknown reminder key.
+            RecorderError: Unknown strategy or reminder key, or a value that JSON cannot hold.
         """
         is_known = isinstance(strategy, str) and strategy in STRATEGIES
         if strategy is not None and not is_known:
@@ -259,13 +265,15 @@ class StrategyRecorder(Journal):
             )
         prediction: Dict[str, Any] = {"sample_id": sample_id, "strategy": strategy}
         if reminder is not None:
-            unknown = sorted(set(reminder) - set(REMINDER_KEYS))
+            if not isinstance(reminder, dict):
+                raise RecorderError(f"{sample_id}: reminder must be a dict or None, not {reminder!r}")
+            unknown = sorted(str(key) for key in set(reminder) - set(REMINDER_KEYS))
             if unknown:
                 raise RecorderError(
                     f"{sample_id}: unknown reminder key {', '.join(unknown)}; "
                     f"known are {', '.join(REMINDER_KEYS)}"
                 )
-            prediction["reminder"] = dict(reminder)
+            prediction["reminder"] = {key: _plain(value) for key, value in reminder.items()}
         self._record(prediction)
 
 

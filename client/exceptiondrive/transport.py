@@ -271,13 +271,20 @@ class Transport:
                     "Run: exceptiondrive login (or set EXCEPTIONDRIVE_TOKEN).",
                 )
             headers["authorization"] = f"Bearer {token}"
-        self._http = httpx.Client(
-            base_url=f"{server}/api/v1",
-            headers=headers,
-            timeout=httpx.Timeout(timeout_s),
-            verify=True if server.startswith("https:") else trusts_nobody(),
-            event_hooks={"response": [_bound]},
-        )
+        try:
+            self._http = httpx.Client(
+                base_url=f"{server}/api/v1",
+                headers=headers,
+                timeout=httpx.Timeout(timeout_s),
+                verify=True if server.startswith("https:") else trusts_nobody(),
+                event_hooks={"response": [_bound]},
+            )
+        except (ImportError, OSError, ValueError, httpx.InvalidURL) as error:
+            raise InvalidArgumentError(
+                "wrong_environment",
+                f"What the environment says of the network cannot be used: {error}.",
+                "Look at HTTP_PROXY, HTTPS_PROXY, ALL_PROXY, SSL_CERT_FILE and SSL_CERT_DIR.",
+            ) from None
 
     def close(self) -> None:
         """Close the connections."""

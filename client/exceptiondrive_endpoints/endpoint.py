@@ -18,6 +18,7 @@ from pydantic import BaseModel, BeforeValidator, ValidationError
 
 from exceptiondrive_endpoints.answers import Schema
 from exceptiondrive_endpoints.errors import (
+    EndpointError,
     EndpointRefusesError,
     EndpointUnknownError,
     NoAnswerError,
@@ -260,14 +261,20 @@ class Endpoint:
         self._dialect = Dialect()
         self._untaken: tuple[str, ...] = ()
         self.n_requests = 0
+        hooks = {"request": [self._before_request]}
+        try:
+            http = openai.DefaultAsyncHttpxClient(follow_redirects=False, event_hooks=hooks)
+        except (ImportError, OSError, ValueError) as error:
+            raise EndpointError(
+                f"What the environment says of the network cannot be used: {error}.",
+                "Look at HTTP_PROXY, HTTPS_PROXY, ALL_PROXY, SSL_CERT_FILE and SSL_CERT_DIR.",
+            ) from None
         self._client = openai.AsyncOpenAI(
             base_url=settings.base_url,
             api_key=settings.key or "none",
             timeout=settings.timeout_s,
             max_retries=settings.max_retries,
-            http_client=openai.DefaultAsyncHttpxClient(
-                follow_redirects=False, event_hooks={"request": [self._before_request]}
-            ),
+            http_client=http,
         )
 
     async def __aenter__(self) -> Self:

@@ -37,6 +37,16 @@ def test_429_with_retry_after_is_waited_for_and_asked_again(
     assert (report["done"], report["requests"], len(endpoint.seen)) == (1, 3, 3)
 
 
+def test_a_proxy_that_cannot_be_used_ends_the_run_in_words(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.add_samples(1)
+    monkeypatch.setenv("ALL_PROXY", "socks5://127.0.0.1:9")
+    result = bench.run("decide")
+    assert result.exit_code == 2
+    assert "Look at HTTP_PROXY, HTTPS_PROXY, ALL_PROXY" in result.stderr
+
+
 @pytest.mark.parametrize("status", [500, 503])
 def test_a_server_error_is_asked_again(bench: Bench, endpoint: "ChatEndpoint", status: int) -> None:
     bench.add_samples(1)

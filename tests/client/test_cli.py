@@ -67,6 +67,24 @@ def test_an_address_with_a_path_too_many_is_named_where_nothing_is_found(
     assert "Asked was" not in run("phases", "--server", canned_server.url).stderr
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("ALL_PROXY", "socks5://127.0.0.1:9"),
+        ("HTTPS_PROXY", "ftp://127.0.0.1:9"),
+        ("SSL_CERT_FILE", "nowhere.pem"),
+    ],
+)
+def test_a_proxy_or_certificates_that_cannot_be_used_are_named(
+    monkeypatch: pytest.MonkeyPatch, name: str, value: str
+) -> None:
+    monkeypatch.setenv(name, value)
+    done = run("whoami", "--server", "https://127.0.0.1:9")
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert name in done.stderr
+    assert "output" not in done.stderr
+
+
 def test_done_is_0(canned_server: "CannedServer") -> None:
     canned_server.answer("GET /me", 200, ME)
     done = run("whoami", "--server", canned_server.url)

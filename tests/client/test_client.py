@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import httpx
 import pytest
+from typer.testing import CliRunner
 
 import exceptiondrive.client
 from exceptiondrive import (
@@ -27,6 +28,7 @@ from exceptiondrive import (
     WaitTimeoutError,
 )
 from exceptiondrive.checking import manifest_of
+from exceptiondrive.cli import app
 from exceptiondrive.client import TeamTokens
 from exceptiondrive.inputs import given_split
 from exceptiondrive.organizer import Organizer
@@ -80,6 +82,19 @@ def phase_dev(canned_server: "CannedServer", split_file: Path) -> "CannedServer"
         "GET /phases/dev/manifest", 200, manifest.model_dump(mode="json", by_alias=True)
     )
     return canned_server
+
+
+def test_an_upload_that_went_well_is_0_though_the_quota_cannot_be_asked_for_afterwards(
+    phase_dev: "CannedServer", planning_file: Callable[..., Path]
+) -> None:
+    phase_dev.problem("GET /phases/dev", 500, "internal")
+    phase_dev.answer("GET /submissions", 200, {"submissions": [{**VIEW, "method": "Other"}]})
+    phase_dev.answer("POST /submissions", 202, VIEW)
+    said = ("--phase", "dev", "--method", "Planner", "--server", phase_dev.url)
+    done = CliRunner().invoke(app, ["submit", str(planning_file()), *said])
+    assert phase_dev.requests[-1][:2] == ("GET", "/api/v1/phases/dev")
+    assert (done.exit_code, "error" in done.stderr) == (0, False)
+    assert "abc" in done.stdout
 
 
 def test_the_token_travels_as_a_bearer(canned_server: "CannedServer") -> None:
@@ -150,6 +165,25 @@ def test_wrong_fields_are_named(canned_server: "CannedServer") -> None:
         client.me()
     assert "method: too long" in caught.value.sentence
     assert caught.value.document()["fields"] == {"method": "too long"}
+
+
+def test_a_quota_of_one_is_told_as_one(
+    canned_server: "CannedServer", split_file: Path, planning_file: Callable[..., Path]
+) -> None:
+    manifest = manifest_of(given_split(split_file), packaged_protocol())
+    quota: dict[str, Any] = {
+        "per_day": 1,
+        "used_today": 1,
+        "remaining_today": 0,
+        "total": None,
+        "used_total": 1,
+    }
+    quota |= {"resets_at": "2026-11-22T00:00:00Z", "rejected_per_day": 9, "rejected_today": 0}
+    canned_server.answer("GET /phases/dev", 200, {**PHASE, "quota": quota})
+    canned_server.answer("GET /phases/dev/manifest", 200, manifest.model_dump(by_alias=True))
+    canned_server.answer("GET /submissions", 200, {"submissions": []})
+    with Client(canned_server.url) as client, pytest.raises(QuotaError, match="its 1 submission "):
+        client.submit(planning_file(), phase="dev", method="Planner")
 
 
 def test_a_spent_quota_says_when_it_resets(canned_server: "CannedServer") -> None:

@@ -351,6 +351,7 @@ HEADER = "sample_id,trajectory,step,x_m,y_m\n"
         (HEADER + "s1,source,1,0,0\ns1,source,1,0,0\n", "step 1 occurs twice"),
         (HEADER + "s1,source,1,0,0\ns1,source,3,0,0\n", "without a gap"),
         ('{"sample_id": "s1"}\nrubbish\n', "line 2 is not JSON"),
+        ("[" * 100_000, "line 1 is not JSON: nested too deeply"),
         ('{"source": null}', "needs a sample_id"),
         ('{"s1": [[1, 0]]}', "needs a sample_id"),
         ('{"s1": [[1, 0]], "s2": null, "s3": [[1, 0]]}', "is one run of a planner"),

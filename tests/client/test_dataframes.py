@@ -107,8 +107,13 @@ def test_a_check_report_is_a_row_a_kind_of_fault_with_the_same_columns_where_the
     assert list(sound.columns) == list(faulty.columns)
 
 
-def test_no_submissions_are_an_empty_table() -> None:
-    assert to_dataframe([]).empty
+def test_no_submissions_are_an_empty_table_with_the_columns_of_each(
+    submission: SubmissionView,
+) -> None:
+    none, unscored = to_dataframe([]), to_dataframe(submission.model_copy(update={"sheet": None}))
+    assert len(none) == 0
+    assert list(none.columns) == list(unscored.columns)
+    assert isinstance(none["received_at"].dtype, pd.DatetimeTZDtype)
 
 
 def test_without_pandas_the_error_says_what_to_install() -> None:

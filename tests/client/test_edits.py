@@ -106,14 +106,17 @@ def test_a_file_of_facts_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     file = tmp_path / "facts.json"
     for text in ("{", "[1]", '{"type": 3}', "[" * 100_000):
         file.write_text(text)
-        with pytest.raises(InvalidArgumentError):
+        with pytest.raises(InvalidArgumentError) as caught:
             facts_of(file)
+    assert "nested too deeply" in caught.value.sentence
     with pytest.raises(InvalidArgumentError):
         facts_of(tmp_path / "nowhere.json")
 
 
 def test_notices_and_contacts_have_their_commands(working: "Running") -> None:
     assert ok(run(working, "notices")) == "no notices\n"
+    for command in ("news", "questions"):
+        assert ok(run(working, command, "--phase", "dev")) == f"no {command}\n"
     assert "inbox alone" in ok(run(working, "contacts", "list"))
     told = ("--tell", "scored", "--tell", "failed", "--json")
     made = json.loads(ok(run(working, "contacts", "add", "a@example.org", *told)))

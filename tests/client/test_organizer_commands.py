@@ -222,7 +222,7 @@ def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path:
         for deed in (merge, ("teams", "forget", "alef", *why)):
             asked = organize(running, *deed)
             assert (asked.exit_code, "alef" in asked.stderr, "for good?" in asked.stderr) == (
-                1,
+                130,
                 True,
                 True,
             )

@@ -257,7 +257,7 @@ def test_a_file_of_another_form_is_refused(
 def test_a_file_that_is_nested_too_deeply_is_no_json(tmp_path: Path) -> None:
     path = as_json(tmp_path, None)
     path.write_text("[" * 100_000)
-    with pytest.raises(InvalidArgumentError, match="is not JSON"):
+    with pytest.raises(InvalidArgumentError, match="is not JSON: nested too deeply"):
         read_runs(FORMS["vad"], [path], [], None)
 
 

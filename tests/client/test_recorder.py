@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -219,6 +220,19 @@ def test_strategies_are_recorded_with_their_reminder(tmp_path: Path) -> None:
             {"sample_id": "s2", "strategy": None},
         ],
     }
+
+
+def test_a_reminder_that_json_cannot_hold_is_refused_by_its_sample(tmp_path: Path) -> None:
+    wrong: Any
+    with StrategyRecorder(tmp_path / "a.json", split="sample") as recorder:
+        for wrong in (math.nan, ["high"], {"evidence": math.nan}, {"evidence": {"van"}}, {1: 2}):
+            with pytest.raises(RecorderError, match="s1: "):
+                recorder.add("s1", strategy="C", reminder=wrong)
+        recorder.add("s1", strategy="C", reminder={"hazard_present": np.bool_(True)})
+    document = json.loads((tmp_path / "a.json").read_text())
+    assert document["predictions"][0]["reminder"] == {"hazard_present": True}
+    with pytest.raises(RecorderError, match="a split is named by"):
+        Recorder(tmp_path / "b.json", split=math.nan)  # type: ignore[arg-type]
 
 
 def test_a_full_disk_loses_no_sample_that_was_recorded(tmp_path: Path) -> None:

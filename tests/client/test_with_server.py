@@ -14,6 +14,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
+from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -143,6 +144,30 @@ def test_the_sdk_replaces_an_entry_only_where_that_is_meant(
         assert retried.id == sent.id, "nor are those that are still waiting"
         with pytest.raises(InvalidArgumentError, match="no name"):
             client.submit(second, phase="dev", method=" ")
+
+
+@pytest.mark.parametrize("late", ["refused", "own_view"])
+def test_check_says_that_a_closed_phase_refuses_unless_it_takes_late_entries(
+    running: "Running", planning_file: MakeFile, late: str
+) -> None:
+    from tests.support.records import add_phase
+
+    from exceptiondrive_records.db.clock import database_now
+    from exceptiondrive_records.phases.phases import find_phase
+
+    with running.context.database.write() as session:
+        closes_at = database_now(session) + timedelta(days=1)
+        add_phase(
+            session, "ended", split="tiny", closes_at=closes_at, policy={"late_entries": late}
+        )
+        find_phase(session, "ended").closes_at = database_now(session)
+    told = run(running, "check", "--phase", "ended", str(planning_file())).stdout
+    assert ("will be refused: the phase takes none now" in told) is (late == "refused")
+    assert ("will be ranked" in told) is (late == "own_view")
+    unanswered = [{"sample_id": f"s{n}", "source": None, "edited": None} for n in range(4)]
+    file = str(planning_file(predictions=unanswered))
+    sent = run(running, "submit", file, "--phase", "ended", "--method", "Planner")
+    assert sent.exit_code == (4 if late == "refused" else 2), "asked only where it could be sent"
 
 
 def test_check_says_what_an_upload_will_do(working: "Running", planning_file: MakeFile) -> None:
@@ -289,7 +314,7 @@ def test_the_quota_is_3_and_says_when_it_resets(
     unranked = [{"sample_id": f"s{n}", "source": straight, "edited": None} for n in range(4)]
     told = submit(running, planning_file(predictions=unranked))
     assert told.exit_code == 3, "nobody is asked about what could not be sent anyway"
-    assert "has used all" in told.stderr
+    assert "has used its" in told.stderr
     assert "--allow-unranked" not in told.stderr
     path = planning_file(predictions=predictions)
     with running.client() as client, pytest.raises(QuotaError):

@@ -7,6 +7,7 @@ import pytest
 from sqlalchemy import update
 
 from exceptiondrive_records.audit.log import count_audit_lines
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound, PhaseClosed
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.retry import retry_submission
@@ -76,6 +77,21 @@ def test_the_same_bytes_under_another_name_are_refused_and_change_nothing(world:
     with world.database.read() as session:
         assert [row.method for row in session.query(Submission)] == ["method"]
         assert session.query(Job).count() == 1
+
+
+def test_a_rejected_file_again_under_another_name_leads_to_its_faults(world: World) -> None:
+    first = world.submit("file")
+    rejected = update(Submission).values(status=SubmissionStatus.REJECTED)
+    with world.database.write() as session:
+        session.execute(rejected)
+    again = world.submit("file", method="other name")
+    assert (again.submission.id, again.is_duplicate) == (first.submission.id, True)
+    with world.database.write() as session:
+        until = database_now(session) + timedelta(hours=1)
+        session.execute(rejected.values(confirm_until=until))
+    same = {"file_digest": first.submission.file_digest, "asks_first": True}
+    with pytest.raises(Conflict, match="exceptiondrive edit"):
+        accept_with(world, method="other name", **same)
 
 
 def test_the_same_bytes_of_another_team_are_another_submission(world: World) -> None:

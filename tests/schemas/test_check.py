@@ -51,6 +51,13 @@ def test_a_sound_planning_file_gives_its_trajectories(
     assert is_missing == [False] * 12 + [True] * 12 + [False] * 12
 
 
+def test_a_step_too_tiny_to_be_squared_is_no_way(
+    planning: dict[str, Any], faults: Callable[[Any], dict[FaultCode, FaultGroup]]
+) -> None:
+    planning["predictions"][0]["source"][0] = [1e-200, 0.0]
+    assert faults(planning) == {}
+
+
 @pytest.mark.parametrize(
     ("n_seen", "unranked", "noted", "refused"),
     [(0, (), True, False), (1, (), False, False), (0, ("blind_to_the_edit",), False, True)],

@@ -195,7 +195,7 @@ def test_a_spent_quota_is_a_page_with_the_time_to_wait(api: "Api", alpha: "TeamB
     answer = alpha.send("/submit", form, accept="text/html", files={"file": ("f", b"x")})
     assert answer.status_code == 429
     assert int(answer.headers["retry-after"]) > 0
-    assert "Your team has used all 5 submissions of today" in answer.text
+    assert "Your team has used its 5 submissions of today" in answer.text
     problem = alpha.send("/submit", form, files={"file": ("f", b"x")}).json()
     assert problem["code"] == "quota_exceeded"
 

@@ -141,6 +141,8 @@ class Commands(Group):
 
             report_error(error, ctx)
             ctx.exit(error.exit_code)
+        except typer.Abort:  # Ctrl-C at a question ends as it does anywhere else
+            raise KeyboardInterrupt from None
 
 
 class _LazyCommands(Commands):

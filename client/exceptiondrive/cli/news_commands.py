@@ -32,7 +32,8 @@ def questions(
     """Show what the team asked about a phase, and the answers."""
     with open_client(server) as client:
         found = client.questions(default_phase(phase))
-    show_result(found, json, records_table(found, ("text", "answer", "answered_at")))
+    table = records_table(found, ("text", "answer", "answered_at"))
+    show_result(found, json, table if found else "no questions")
 
 
 def news(
@@ -41,7 +42,8 @@ def news(
     """Show the news of a phase, newest first."""
     with open_client(server) as client:
         found = client.news(default_phase(phase))
-    show_result(found, json, records_table(found, ("published_at", "title", "text")))
+    table = records_table(found, ("published_at", "title", "text"))
+    show_result(found, json, table if found else "no news")
 
 
 def list_news(server: options.Server = None, json: options.Json = False) -> None:

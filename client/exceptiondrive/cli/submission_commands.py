@@ -1,5 +1,6 @@
 """Commands about the team's submissions: submit, status, submissions, quota, withdraw."""
 
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -30,7 +31,7 @@ from exceptiondrive.cli.tables import (
     submissions_left,
     submissions_view,
 )
-from exceptiondrive.errors import IT_IS_SAFE, InvalidArgumentError
+from exceptiondrive.errors import IT_IS_SAFE, ExceptionDriveError, InvalidArgumentError
 from exceptiondrive.facts import facts_of_pairs
 from exceptiondrive.outlook import Outlook
 from exceptiondrive.settings import default_phase
@@ -138,8 +139,9 @@ def submit(
             show_document(submission.view)
             return
         show(*submission_view(submission.view, submission.page_url, with_file=False))
-        left = client.phase(phase).quota
-        show(*(() if left is None else (submissions_left(left),)))
+        with suppress(ExceptionDriveError):  # the upload was good, whatever comes of this question
+            left = client.phase(phase).quota
+            show(*(() if left is None else (submissions_left(left),)))
 
 
 def _wait(submission: "Submission", timeout: float | None) -> None:

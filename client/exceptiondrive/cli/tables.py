@@ -93,6 +93,9 @@ def outlook_view(outlook: Outlook) -> Iterator[RenderableType]:
         first = f"{outlook.first.id} ({outlook.first.method})"
         yield f"these bytes were submitted before, as {first}: that submission stands, no quota is spent"
         return
+    if outlook.is_closed:
+        yield "outlook: it will be refused: the phase takes none now; see `exceptiondrive phases`"
+        return
     if outlook.report.unranked_because is None:
         yield f"outlook: it will be ranked, {AS_FAR}"
     if outlook.replaces is not None:

@@ -131,7 +131,8 @@ def _progress(source: Tracks, edited: Tracks, n_both: int, least_m: float) -> It
             continue
         gone_m, nearest_m, reached_m = 0.0, math.inf, 0.0
         for step_x, step_y, length in steps:
-            share = (x * step_x + y * step_y) / length**2 if length else 0.0
+            square = length * length  # 0 of the tiniest steps, too
+            share = (x * step_x + y * step_y) / square if square else 0.0
             share = 0.0 if share < 0.0 else min(share, 1.0)
             gap_m = math.hypot(x - share * step_x, y - share * step_y)
             if gap_m < nearest_m:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from exceptiondrive_schemas.api.problems import ProblemCode
+from exceptiondrive_schemas.printable import counted
 
 
 class RecordsError(Exception):
@@ -77,10 +78,10 @@ class QuotaExceeded(RecordsError):
         self.limit = limit
         self.resets_at = resets_at
         if resets_at is None:
-            text = f"Your team has used all {limit} submissions of this phase."
+            text = f"Your team has used its {counted(limit, 'submission')} of this phase."
         else:
             text = (
-                f"Your team has used all {limit} submissions of today; "
+                f"Your team has used its {counted(limit, 'submission')} of today; "
                 f"the next day begins at {resets_at:%Y-%m-%d %H:%M} UTC."
             )
         super().__init__(text)

@@ -251,7 +251,10 @@ def accept(
         first.status_at = first.withdrawn_at = now
         session.flush()  # two living submissions of the same bytes cannot be
     elif first is not None:
-        require_same_words(first, told)
+        if (
+            first.status is not SubmissionStatus.REJECTED or first.is_asked
+        ):  # else: its faults again
+            require_same_words(first, told)
         is_same_upload = idempotency_key is not None and first.idempotency_key == idempotency_key
         return Accepted(first, is_duplicate=not is_same_upload, job_id=None)
     told["facts"] = told["facts"] or _last_facts(session, team_id, phase.id, told["method"])
