@@ -251,9 +251,7 @@ def accept(
         first.status_at = first.withdrawn_at = now
         session.flush()  # two living submissions of the same bytes cannot be
     elif first is not None:
-        if (
-            first.status is not SubmissionStatus.REJECTED or first.is_asked
-        ):  # else: its faults again
+        if first.is_asked or first.status is not SubmissionStatus.REJECTED:
             require_same_words(first, told)
         is_same_upload = idempotency_key is not None and first.idempotency_key == idempotency_key
         return Accepted(first, is_duplicate=not is_same_upload, job_id=None)
