@@ -212,6 +212,11 @@ def test_a_team_has_its_own_quota(world: World) -> None:
         set_allowance(session, "alpha", "dev", **WHY)
     world.submit("two")
     assert told(world) == ["What your team may submit to Development is changed"] * 2
+    with world.database.read() as session:
+        back, granted = list_notifications(session, world.team_id)
+    because = f"Reason: {WHY['reason']}"
+    assert granted.what_changed == (because, "Your submissions in all are 1.")
+    assert back.what_changed == (because, "It is the same for all teams again.")
 
 
 def test_a_team_is_renamed_and_no_two_look_alike(world: World) -> None:

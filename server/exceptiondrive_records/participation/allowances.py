@@ -76,7 +76,8 @@ def set_allowance(
     want_boards(session, phase)
     detail = {"phase": phase.id, "reason": checked_reason(reason), "was": before, "is": after}
     audit(session, actor, "allowance changed", team.slug, detail)
-    sentences = tuple(f"Your {line}." for line in after) or ("It is the same for all teams again.",)
+    words = [f"Your {line}." for line in after] or ["It is the same for all teams again."]
+    sentences = (f"Reason: {reason.strip()}", *words)
     title = f"What your team may submit to {phase.title} is changed"
     tell_team(session, team, "allowance", title, sentences, phase=phase.id)
     return row
