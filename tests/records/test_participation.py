@@ -3,6 +3,7 @@
 import re
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
+from functools import partial
 from typing import Any
 
 import pytest
@@ -326,6 +327,20 @@ def test_nobody_is_let_in_to_a_team_that_is_none_any_more(world: World) -> None:
             issue_token(session, team_id, "laptop", actor=WHO)
         with pytest.raises(Conflict, match="nobody acts"), world.database.write() as session:
             invite(session, team_id, "an organizer", actor=WHO)
+
+
+def test_no_deed_of_a_season_is_done_to_a_team_that_is_none_any_more(world: World) -> None:
+    """It would be told as done, and change no board."""
+    another(world)
+    with world.database.write() as session:
+        merge_teams(session, "beta", "alpha", **WHY)
+    for deed, words in (
+        (partial(change_team, name="Gone"), "nobody acts"),
+        (partial(set_allowance, phase_id="dev", quota_total=1), "nobody acts"),
+        (disqualify_team, "part of the team alpha, with all that it sent"),
+    ):
+        with pytest.raises(Conflict, match=words), world.database.write() as session:
+            deed(session, "beta", **WHY)
 
 
 def test_teams_with_the_same_bytes_or_a_disqualification_are_not_merged(world: World) -> None:

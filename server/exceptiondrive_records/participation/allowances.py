@@ -42,10 +42,11 @@ def set_allowance(
     Raises:
         NotFound: No such team or phase.
         InvalidRecord: The deadline is no later one, or the reason cannot be kept.
-        Conflict: The rest of the split, or a hidden freeze, is revealed already.
+        Conflict: The rest of the split, or a hidden freeze, is revealed already; the team is gone.
     """
     phase = lock_phase(session, phase_id)
     team = lock_team(session, find_team(session, slug).id)
+    team.require_there()
     row = allowance_of(session, team.id, phase.id)
     if closes_at is not None and own_deadline(phase, closes_at) is None:
         if row is not None and closes_at == row.closes_at:

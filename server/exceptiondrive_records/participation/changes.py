@@ -48,9 +48,10 @@ def change_team(
     Raises:
         NotFound: No such team.
         InvalidRecord: A text cannot be used.
-        Conflict: Another team has the name, or one that looks like it.
+        Conflict: Another team has the name, or one that looks like it; or this one is gone.
     """
     team = lock_team(session, find_team(session, slug).id)
+    team.require_there()
     before = {"name": team.name, "affiliation": team.affiliation}
     if name is not None:
         team.name = checked_team(slug, name)
