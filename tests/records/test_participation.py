@@ -252,6 +252,8 @@ def test_two_teams_become_one_with_entries_people_and_addresses(world: World) ->
         assert [one.address for one in list_contacts(session, world.team_id)] == [
             "https://example.com/x"
         ]
+        notice = list_notifications(session, world.team_id)[0].what_changed[0]
+        assert notice.startswith("Its 1 submission, people and addresses are")
         tokens = session.scalars(select(Token).where(Token.team_id == beta))
         assert all(token.revoked_at is not None for token in tokens)
         assert find_team(session, "beta").name == "Beta"

@@ -28,6 +28,7 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team, require_free_name
 from exceptiondrive_records.work.tables import Job
+from exceptiondrive_schemas.printable import counted
 
 MAX_AFFILIATION = 200
 
@@ -117,7 +118,9 @@ def merge_teams(
     audit(session, actor, "team merged", target.slug, {**detail, "from": team.slug})
     for phase_id in sorted(phases):
         want_boards_of_team(session, target.id, phase_id)
-    told = (f"Its {n_moved} submissions, people and addresses are your team's from now on.",)
+    told = (
+        f"Its {counted(n_moved, 'submission')}, people and addresses are your team's from now on.",
+    )
     title = f"The team {team.name} is part of your team"
     tell_team(session, target, "team_changed", title, told)
     return target, n_moved
