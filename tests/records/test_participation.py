@@ -419,6 +419,20 @@ def test_many_teams_are_made_or_none(world: World) -> None:
             import_teams(session, table, actor=WHO)
 
 
+def test_no_phase_asks_for_terms_that_it_has_not(world: World) -> None:
+    """Every team would submit unasked, and the organizer believe that all agreed."""
+    asked: Any = {"policy": {"terms_required": True}}
+    for change in (asked, asked | {"page": {"terms": " \n"}}):
+        with pytest.raises(InvalidRecord, match="needs terms"), world.database.write() as session:
+            update_phase(session, "dev", PhaseChange.model_validate(change), actor=WHO)
+    with world.database.write() as session:
+        kept = PhaseChange.model_validate(asked | {"page": {"terms": "Be fair."}})
+        update_phase(session, "dev", kept, actor=WHO)
+    emptied = PhaseChange.model_validate({"page": {"terms": ""}})
+    with pytest.raises(InvalidRecord, match="needs terms"), world.database.write() as session:
+        update_phase(session, "dev", emptied, actor=WHO)
+
+
 def test_terms_are_accepted_by_version_before_a_file_is_taken(world: World) -> None:
     change = {"page": {"terms": "Be *fair*."}, "policy": {"terms_required": True}}
     with world.database.write() as session:
