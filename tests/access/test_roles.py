@@ -251,6 +251,17 @@ def test_links_of_a_page_lead_to_no_refusal(
         assert refused == set(), page
 
 
+@pytest.mark.parametrize("link", ["/my", "/organize"])
+def test_the_head_of_a_page_leads_a_role_for_one_phase_to_that_phase(
+    site: "Api", browse: Callable[..., "TeamBrowser"], link: str
+) -> None:
+    browser = browse(site)
+    browser.sign_in("reader of dev")
+    assert f'href="{link}"' in browser.get("/organize/phases/dev").text
+    led = browser.get(link)
+    assert (led.status_code, led.headers["location"]) == (303, "/organize/phases/dev")
+
+
 def test_a_role_for_one_phase_publishes_its_news_by_page(
     site: "Api", browse: Callable[..., "TeamBrowser"]
 ) -> None:

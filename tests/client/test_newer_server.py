@@ -280,6 +280,13 @@ def test_of_a_challenge_that_came_later_programs_get_everything(
         assert (told.exit_code, "no challenge 'gaps' here" in told.stderr) == (5, True), told.stderr
         done = run(canned_server.url, "t", [*words, "--json"])
         assert json.loads(done.stdout)["challenge"] == "gaps", done.stderr
+    of_planning = ended.model_copy(
+        update={"challenge": ChallengeId("planning"), "n_samples": 1_000}
+    )
+    canned_server.answers["GET /phases/dev/report"].clear()
+    canned_server.answer("GET /phases/dev/report", 200, of_planning.model_dump(mode="json"))
+    done = run(canned_server.url, "t", ["report", "dev"])
+    assert "1,000 samples; 1 team, 0 ranked, 1 without a rank" in done.stdout, done.stderr
 
 
 def phase_of(board: Board) -> dict[str, Any]:

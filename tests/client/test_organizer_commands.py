@@ -256,7 +256,8 @@ def test_a_table_in_an_encoding_of_old_makes_no_team(running: "Running", tmp_pat
     refused = organize(running, "teams", "import", table)
     assert (refused.exit_code, "save it as UTF-8" in refused.stderr) == (2, True)
     table.write_text("id\tname\ndalet\tDalet, third\n", encoding="utf-8-sig")
-    assert organize(running, "teams", "import", table).exit_code == 0
+    made = organize(running, "teams", "import", table)
+    assert (made.exit_code, "1 team made" in made.stderr) == (0, True)
 
 
 def test_what_is_done_with_a_submission_from_the_command_line(
@@ -336,6 +337,8 @@ def test_a_board_of_elsewhere_is_imported_listed_and_withdrawn(
     assert "Far" in organize(running, "phases", "reported", "dev").stdout
     again = organize(running, *phases)
     assert (again.exit_code, "already" in again.stderr) == (4, True)
+    file.write_text(f"method;hcc;split;split_revision;protocol\nNear;0.3;far;{revision};1.0\n")
+    assert organize(running, *phases).stdout.startswith("1 row imported as ")
     file.write_text(f"method;hcc;split;split_revision;protocol\nFar;20;far;{revision};1.0\n")
     bad = organize(running, *phases)
     assert (bad.exit_code, "Line 2: hcc is 20" in bad.stderr) == (2, True)

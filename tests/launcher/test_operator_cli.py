@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 from fastapi import FastAPI
 
-from exceptiondrive_records.accounts.tokens import verify_token
+from exceptiondrive_records.accounts.tokens import list_tokens, verify_token
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_server.operations import cli as operator_cli
 from exceptiondrive_server.web.settings import ServerSettings
@@ -57,6 +57,33 @@ def test_a_lost_token_is_found_and_revoked(
     with database.read() as session:
         assert verify_token(session, token) is None
     database.dispose()
+
+
+def test_tokens_are_listed_with_their_phases_and_whether_they_live(
+    data: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("Ann", "Bob"):
+        assert command(monkeypatch, "create-organizer", name, "--data", str(data)) == 0
+    database = Database(f"sqlite:///{data}/records.sqlite3")
+    with database.write() as session:
+        confined, over = sorted(list_tokens(session), key=lambda token: token.name)
+        confined.phases = ["dev", "final"]
+        over.expires_at = over.created_at
+    database.dispose()
+    capsys.readouterr()
+    assert command(monkeypatch, "list-tokens", "--data", str(data)) == 0
+    lines = [line.split("\t") for line in capsys.readouterr().out.splitlines()]
+    scopes = "organizer,read:own,submit"
+    told = {name: rest for _, name, *rest in lines}
+    assert told == {"Ann": [f"{scopes}:dev:final", "live"], "Bob": [scopes, "expired"]}
+
+
+def test_no_token_lives_longer_than_dates_reach(
+    data: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ("create-organizer", "Ann", "--days", "99999999999", "--data", str(data))
+    assert command(monkeypatch, *arguments) == 2
+    assert "--days" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

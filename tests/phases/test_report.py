@@ -70,6 +70,8 @@ def test_a_report_comes_with_the_end_and_tells_what_the_boards_tell(life: "Life"
     for winner in report["winners"]:
         assert f"{winner['metrics']['hcc'] * 100:.2f}" in words
     assert 'href="/phases/test/report"' in life.get("/phases/test").text
+    heading = "Ranks before and after the reveal"  # what came between may be a rescoring, too
+    assert f">{heading}</h2>" in life.get(PAGE).text
 
 
 def test_a_freeze_and_a_team_with_a_later_deadline_keep_the_report_back(life: "Life") -> None:

@@ -118,6 +118,10 @@ def test_a_phase_on_a_split_without_recorded_drives_says_so_to_both_sides(
     for address in ("/phases/driven", "/submit?phase=driven"):
         assert "no recorded drives" not in life.client.get(address).text
     organizer = visitor(life, "organizer")
+    life.make_phase("beside", split="plain", policy={"live_part": "whole"})
+    beside = html.unescape(organizer.get("/organize/phases/beside").text)
+    assert "(beside) holds no" in beside
+    assert "(plain) holds no" not in beside, "a phase may have the name of the split of another"
     page = html.unescape(organizer.get("/organize/phases/plain").text)
     assert "exceptiondrive-worker add-drives" in page
     assert "no_recorded_drive" in organizer.get("/organize/phases").text

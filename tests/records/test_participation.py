@@ -3,6 +3,7 @@
 import re
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
+from functools import partial
 from typing import Any
 
 import pytest
@@ -212,6 +213,11 @@ def test_a_team_has_its_own_quota(world: World) -> None:
         set_allowance(session, "alpha", "dev", **WHY)
     world.submit("two")
     assert told(world) == ["What your team may submit to Development is changed"] * 2
+    with world.database.read() as session:
+        back, granted = list_notifications(session, world.team_id)
+    because = f"Reason: {WHY['reason']}"
+    assert granted.what_changed == (because, "Your submissions in all are 1.")
+    assert back.what_changed == (because, "It is the same for all teams again.")
 
 
 def test_a_team_is_renamed_and_no_two_look_alike(world: World) -> None:
@@ -246,6 +252,8 @@ def test_two_teams_become_one_with_entries_people_and_addresses(world: World) ->
         assert [one.address for one in list_contacts(session, world.team_id)] == [
             "https://example.com/x"
         ]
+        notice = list_notifications(session, world.team_id)[0].what_changed[0]
+        assert notice.startswith("Its 1 submission, people and addresses are")
         tokens = session.scalars(select(Token).where(Token.team_id == beta))
         assert all(token.revoked_at is not None for token in tokens)
         assert find_team(session, "beta").name == "Beta"
@@ -323,6 +331,20 @@ def test_nobody_is_let_in_to_a_team_that_is_none_any_more(world: World) -> None:
             invite(session, team_id, "an organizer", actor=WHO)
 
 
+def test_no_deed_of_a_season_is_done_to_a_team_that_is_none_any_more(world: World) -> None:
+    """It would be told as done, and change no board."""
+    another(world)
+    with world.database.write() as session:
+        merge_teams(session, "beta", "alpha", **WHY)
+    for deed, words in (
+        (partial(change_team, name="Gone"), "nobody acts"),
+        (partial(set_allowance, phase_id="dev", quota_total=1), "nobody acts"),
+        (disqualify_team, "part of the team alpha, with all that it sent"),
+    ):
+        with pytest.raises(Conflict, match=words), world.database.write() as session:
+            deed(session, "beta", **WHY)
+
+
 def test_teams_with_the_same_bytes_or_a_disqualification_are_not_merged(world: World) -> None:
     beta = another(world)
     first = world.submit("one").submission.id
@@ -395,6 +417,20 @@ def test_many_teams_are_made_or_none(world: World) -> None:
     ):
         with pytest.raises(InvalidRecord), world.database.write() as session:
             import_teams(session, table, actor=WHO)
+
+
+def test_no_phase_asks_for_terms_that_it_has_not(world: World) -> None:
+    """Every team would submit unasked, and the organizer believe that all agreed."""
+    asked: Any = {"policy": {"terms_required": True}}
+    for change in (asked, asked | {"page": {"terms": " \n"}}):
+        with pytest.raises(InvalidRecord, match="needs terms"), world.database.write() as session:
+            update_phase(session, "dev", PhaseChange.model_validate(change), actor=WHO)
+    with world.database.write() as session:
+        kept = PhaseChange.model_validate(asked | {"page": {"terms": "Be fair."}})
+        update_phase(session, "dev", kept, actor=WHO)
+    emptied = PhaseChange.model_validate({"page": {"terms": ""}})
+    with pytest.raises(InvalidRecord, match="needs terms"), world.database.write() as session:
+        update_phase(session, "dev", emptied, actor=WHO)
 
 
 def test_terms_are_accepted_by_version_before_a_file_is_taken(world: World) -> None:

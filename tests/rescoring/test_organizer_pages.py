@@ -102,6 +102,7 @@ def test_an_update_goes_from_document_to_rollback_over_the_pages(
     before = stage.board()
     preview = organizer.get(f"{here}/preview").text
     assert "What readers would see change" in preview
+    assert f"rescore apply {run_id} --preview sha256:" in preview
     csv = organizer.get(f"{here}/preview.csv")
     assert len(csv.text.splitlines()) == 4
     assert "attachment" in csv.headers["content-disposition"]
@@ -125,9 +126,18 @@ def test_an_update_goes_from_document_to_rollback_over_the_pages(
     assert re.search(r"HCC [\d.]+ %[^;]* before; rank \d", told), (
         "the numbers that its team was told"
     )
-    assert "What a rollback would change" in organizer.get(f"{here}/preview").text
+    preview = organizer.get(f"{here}/preview").text
+    assert "What a rollback would change" in preview
+    assert (f"rescore rollback {run_id} --reason" in preview, "rescore apply" in preview) == (
+        True,
+        False,
+    )
     rolled = organizer.step(run_id, "rollback")
     assert (rolled.status_code, stage.board() == before) == (303, True)
+    preview = organizer.get(f"{here}/preview").text
+    assert not re.search("rescore (apply|rollback)", preview), (
+        "what would be refused is not advised"
+    )
     with stage.database.read() as session:
         query = select(AuditLine).where(AuditLine.subject == run_id).order_by(AuditLine.id)
         lines = [

@@ -17,7 +17,7 @@ from exceptiondrive.settings import default_phase, find_setting
 from exceptiondrive.words import challenge_of
 from exceptiondrive_schemas.api.submission import PhaseView
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_schemas.printable import printable
+from exceptiondrive_schemas.printable import counted, printable
 from exceptiondrive_schemas.python310 import UTC
 from exceptiondrive_schemas.score_sheet import metric_text
 
@@ -147,7 +147,8 @@ def _report_view(found: "PhaseReport") -> Iterator[str | FittedTable]:
     columns = challenge_of(found.challenge).columns
     yield (
         f"{found.title}: closed {utc_text(found.closed_at)}, board {found.board}, protocol "
-        f"{found.protocol.version}, {found.n_samples:,} samples; {found.n_teams:,} teams, "
+        f"{found.protocol.version}, {counted(found.n_samples, 'sample')}; "
+        f"{counted(found.n_teams, 'team')}, "
         f"{found.n_ranked:,} ranked, {found.n_listed:,} without a rank"
     )
     winners = FittedTable.of(

@@ -56,6 +56,15 @@ def troubles(session: Session) -> tuple[Trouble, ...]:
     )
 
 
+def troubles_of(session: Session, phase: Phase) -> tuple[Trouble, ...]:
+    """Return those of a phase and of its split. Another phase may have the name of the split."""
+    of_phases = (*_boards(session), *_phases(session))
+    return (
+        *(one for one in _splits(session) if one.subject == phase.split_name),
+        *(one for one in of_phases if one.subject == phase.id),
+    )
+
+
 def _lanes(session: Session) -> Iterator[Trouble]:
     idle = [lane for lane in Lane if live_workers(session, lane).workers == 0]
     if idle == list(Lane):

@@ -42,10 +42,11 @@ def set_allowance(
     Raises:
         NotFound: No such team or phase.
         InvalidRecord: The deadline is no later one, or the reason cannot be kept.
-        Conflict: The rest of the split, or a hidden freeze, is revealed already.
+        Conflict: The rest of the split, or a hidden freeze, is revealed already; the team is gone.
     """
     phase = lock_phase(session, phase_id)
     team = lock_team(session, find_team(session, slug).id)
+    team.require_there()
     row = allowance_of(session, team.id, phase.id)
     if closes_at is not None and own_deadline(phase, closes_at) is None:
         if row is not None and closes_at == row.closes_at:
@@ -76,7 +77,8 @@ def set_allowance(
     want_boards(session, phase)
     detail = {"phase": phase.id, "reason": checked_reason(reason), "was": before, "is": after}
     audit(session, actor, "allowance changed", team.slug, detail)
-    sentences = tuple(f"Your {line}." for line in after) or ("It is the same for all teams again.",)
+    words = [f"Your {line}." for line in after] or ["It is the same for all teams again."]
+    sentences = (f"Reason: {reason.strip()}", *words)
     title = f"What your team may submit to {phase.title} is changed"
     tell_team(session, team, "allowance", title, sentences, phase=phase.id)
     return row

@@ -28,6 +28,7 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team, require_free_name
 from exceptiondrive_records.work.tables import Job
+from exceptiondrive_schemas.printable import counted
 
 MAX_AFFILIATION = 200
 
@@ -48,9 +49,10 @@ def change_team(
     Raises:
         NotFound: No such team.
         InvalidRecord: A text cannot be used.
-        Conflict: Another team has the name, or one that looks like it.
+        Conflict: Another team has the name, or one that looks like it; or this one is gone.
     """
     team = lock_team(session, find_team(session, slug).id)
+    team.require_there()
     before = {"name": team.name, "affiliation": team.affiliation}
     if name is not None:
         team.name = checked_team(slug, name)
@@ -116,7 +118,9 @@ def merge_teams(
     audit(session, actor, "team merged", target.slug, {**detail, "from": team.slug})
     for phase_id in sorted(phases):
         want_boards_of_team(session, target.id, phase_id)
-    told = (f"Its {n_moved} submissions, people and addresses are your team's from now on.",)
+    told = (
+        f"Its {counted(n_moved, 'submission')}, people and addresses are your team's from now on.",
+    )
     title = f"The team {team.name} is part of your team"
     tell_team(session, target, "team_changed", title, told)
     return target, n_moved

@@ -38,11 +38,16 @@ def disqualify_team(
     Raises:
         NotFound: No such team or phase.
         InvalidRecord: A text cannot be kept.
-        Conflict: It is disqualified there already, or waits for approval.
+        Conflict: It is disqualified there already, waits for approval, or is part of another one.
     """
     team = lock_team(session, find_team(session, slug).id)
     if team.pending_since is not None:
         raise Conflict("The team waits for approval: refuse its registration instead.")
+    if team.merged_into_id is not None:
+        into = session.get_one(Team, team.merged_into_id).slug
+        raise Conflict(
+            f"It is part of the team {into}, with all that it sent: disqualify that one, or an entry."
+        )
     if phase_id is not None:
         find_phase(session, phase_id)
     row = Disqualification(team_id=team.id, phase_id=phase_id)

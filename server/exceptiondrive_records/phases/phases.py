@@ -52,6 +52,8 @@ def check_phase(phase: Phase, *, is_freeze_new: bool = True) -> None:
             "freezes_at must lie before closes_at: a board that freezes after the deadline hides "
             "nothing. After the deadline use the action freeze."
         )
+    if phase.policy.terms_required and not phase.page.terms:
+        faults.append("terms_required needs terms: without them every team submits unasked.")
     if faults:
         raise InvalidRecord(" ".join(faults))
 

@@ -15,6 +15,7 @@ import typer
 from exceptiondrive_records.accounts import tokens
 from exceptiondrive_records.accounts.people import list_people, set_organizer
 from exceptiondrive_records.accounts.roles import OrganizerRole
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.settings import RecordsSettings, load_settings
 from exceptiondrive_records.operations.setup import DATA_HELP, opened
 from exceptiondrive_records.teams.teams import switch_self_registration
@@ -48,7 +49,8 @@ records_app = typer.Typer()
 def create_organizer(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Who the organizer is.")],
     days: Annotated[
-        int | None, typer.Option(min=1, help="Days until the token expires; default never.")
+        int | None,
+        typer.Option(min=1, max=36_500, help="Days until the token expires; default never."),
     ] = None,
     role: RoleOption = OrganizerRole.OWNER,
     phase: PhasesOption = None,
@@ -72,11 +74,14 @@ def create_organizer(
 
 @records_app.command("list-tokens")
 def list_tokens(data: DataOption = None) -> None:
-    """List all tokens, those of organizers too: id, name, scopes, state."""
+    """List all tokens, those of organizers too: id, name, scopes and phases, state."""
     with opened(load_settings(RecordsSettings, data)) as database, database.read() as session:
+        now = database_now(session)
         for row in tokens.list_tokens(session):
-            state = "revoked" if row.revoked_at else "live"
-            typer.echo("\t".join((row.id, row.name, ",".join(row.scopes), state)))
+            over = "revoked" if row.revoked_at else "expired"
+            state = "live" if tokens.is_live(row, now) else over
+            scopes = ":".join((",".join(row.scopes), *row.phases))
+            typer.echo(f"{row.id}\t{row.name}\t{scopes}\t{state}")
 
 
 @records_app.command("revoke-token")

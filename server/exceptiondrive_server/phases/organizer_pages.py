@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.boards.boards import BOARD_LINES
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound, RecordsError
-from exceptiondrive_records.operations.troubles import troubles
+from exceptiondrive_records.operations.troubles import troubles_of
 from exceptiondrive_records.phases.changes import (
     delete_phase,
     feature_phase,
@@ -373,7 +373,7 @@ def _phase(
         now, seen_at = phase_now(session, phase), database_now(session)
         lines = history(session, phase_id, limit=HISTORY)
         is_used = bool(counts_by_phase(session).get(phase_id) or list_runs(session, phase_id))
-        found = [one for one in troubles(session) if one.subject in (phase_id, phase.split_name)]
+        found = troubles_of(session, phase)
     return _page(
         request,
         browser,

@@ -62,6 +62,7 @@ from exceptiondrive_server.web.auth import ServicesOf, own_team, team_of
 from exceptiondrive_server.web.browser_session import (
     Browser,
     MaybeSignedIn,
+    PhaseNeeded,
     PostedForm,
     SignedIn,
     require_form_token,
@@ -234,6 +235,8 @@ def show_my_submissions(
     """List the team's submissions, newest first, and what is left of its quotas."""
     require_scope(browser, Scope.READ_OWN)
     who = browser.principal
+    if who.phases:
+        raise PhaseNeeded(min(who.phases))
     with services.database.read() as session:
         found = list_submissions(session, team_id=own_team(who), after=after, limit=SHOWN + 1)
         seen = views(session, found[:SHOWN])

@@ -64,7 +64,7 @@ class SignInNeeded(Exception):  # noqa: N818 - named for what it asks
 
 
 class PhaseNeeded(Exception):  # noqa: N818 - named for what it asks
-    """An organizer of a phase alone asked for the overview of the site; they are led to theirs."""
+    """An organizer of a phase alone asked for what is of the whole site; they are led to theirs."""
 
     def __init__(self, phase_id: str) -> None:
         self.phase_id = phase_id

@@ -114,7 +114,7 @@ def import_teams(
     with open_organizer(server) as organizer:
         made = organizer.import_teams(text)
     teams = made["teams"]
-    say(f"{len(teams)} teams made; their tokens, shown this once:")
+    say(f"{counted(len(teams), 'team')} made, with tokens that are shown this once:")
     show_result(made, json, *(f"{team['id']},{team['token']}" for team in teams))
 
 

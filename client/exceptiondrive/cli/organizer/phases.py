@@ -22,6 +22,7 @@ from exceptiondrive_schemas.api.form_fields import FormField, document_of, field
 from exceptiondrive_schemas.api.phase_settings import PhaseChange, PhaseSettings
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.printable import counted
 
 PhaseArgument = Annotated[
     str, typer.Argument(metavar="ID", autocompletion=completion.phases, help="Id of the phase.")
@@ -202,7 +203,9 @@ def import_reported(
     text = options.given(file).text()
     with open_organizer(server) as organizer:
         made = organizer.import_reported(phase_id, text, title, cite)
-    show_result(made, json, f"{len(made['rows'])} rows imported as {made['id']}; they rank nowhere")
+    show_result(
+        made, json, f"{counted(len(made['rows']), 'row')} imported as {made['id']}, ranked nowhere"
+    )
 
 
 def withdraw_reported(
