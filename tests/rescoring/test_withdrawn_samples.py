@@ -28,8 +28,10 @@ from exceptiondrive_records.notifications.inbox import list_notifications
 from exceptiondrive_records.rescoring import runs
 from exceptiondrive_records.rescoring.views import board_history, public_run
 from exceptiondrive_records.splits.shown import shown_revision
+from exceptiondrive_records.splits.splits import publish_split
 from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.teams.teams import create_team, find_team
+from exceptiondrive_schemas.base import bytes_digest
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.protocol import packaged_protocol, parse_protocol
@@ -96,6 +98,21 @@ def test_old_files_answer_what_is_withdrawn_and_no_sheet_counts_it(stage: Stage)
     assert fresh in stage.board(), "a file that answers all four is still what is asked for"
     stage.rollback(run_id)
     assert json.loads(stage.board())["n_samples"] == 4
+
+
+def test_a_run_tells_that_a_later_revision_of_a_public_split_is_withheld_until_it_is_published(
+    stage: Stage,
+) -> None:
+    first, later = split_document(), revised(split_document())
+    run_id = stage.draft(split_revision=put_revision(stage, later))
+    told = "the regions of the new revision are withheld; those of the earlier one are public"
+    assert told not in stage.view(run_id).difference.sentences
+    for split, sentences in ((first, [told]), (later, [])):
+        with stage.context.database.write() as session:
+            publish_split(session, "tiny", split.revision, bytes_digest(b"its file"), "ops")
+        assert [one for one in stage.view(run_id).difference.sentences if "public" in one] == (
+            sentences
+        )
 
 
 def test_a_run_over_two_revisions_tells_what_each_of_them_changed(stage: Stage) -> None:

@@ -251,7 +251,11 @@ def _revision_changes(
 ) -> tuple[Change_of_differences, ...]:
     n_counted = before.n_samples, after.n_samples
     steps = split_steps(session, before, after)
-    return split_changes(before.manifest, after.manifest, n_counted, steps)
+    changes = split_changes(before.manifest, after.manifest, n_counted, steps)
+    if before.public_file_digest is None or after.public_file_digest is not None:
+        return changes
+    sentence = "the regions of the new revision are withheld; those of the earlier one are public"
+    return (*changes, Change_of_differences(sentence=sentence, stage=Stage.MEASURE))
 
 
 def _part_change(before: SplitRow, after: SplitRow) -> tuple[Change_of_differences, ...]:
