@@ -106,7 +106,9 @@ def create(
         named = {"split_revision": split_revision, "protocol": protocol}
         wanted |= {key: value for key, value in named.items() if value is not None}
         phase = organizer.create_phase(wanted)
-    notes = (f"note: {words}" for words in phase.get("not_checked", ()))
+    notes = [f"its teams are told: {words}" for words in phase.get("not_checked", ())]
+    if not phase["is_open"]:
+        notes.append("it takes no files now: look at its dates and visibility")
     limits = f"protocol {phase['protocol']}, quota {phase['quota_per_day']} a day"
     if phase.get("quota_total") is not None:
         limits += f", {phase['quota_total']} in all"
