@@ -13,6 +13,7 @@ from datetime import datetime, timedelta
 from functools import partial
 from typing import Any, NoReturn, TypeVar, cast
 from urllib.parse import quote, urlsplit
+from urllib.request import getproxies, proxy_bypass
 
 import httpx
 from pydantic import TypeAdapter, ValidationError
@@ -239,6 +240,15 @@ def trusts_nobody() -> ssl.SSLContext:
     return ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
 
 
+def _through_proxy(server: str) -> str:
+    """Name the proxy of the environment that stands between, without its password."""
+    parts, proxies = urlsplit(server), getproxies()
+    proxy = urlsplit(proxies.get(parts.scheme) or proxies.get("all") or "")
+    if proxy.hostname is None or proxy_bypass(parts.netloc):
+        return ""
+    return f" through the proxy {proxy.netloc.rpartition('@')[2]}"
+
+
 class Transport:
     """Sends requests to one server.
 
@@ -375,7 +385,8 @@ class Transport:
         except httpx.TransportError as error:
             raise NetworkError(
                 "unreachable",
-                f"{self.server} cannot be reached: {str(error) or type(error).__name__}.",
+                f"{self.server} cannot be reached{_through_proxy(self.server)}: "
+                f"{str(error) or type(error).__name__}.",
                 "Check the address (--server) and the network, then run the command again.",
             ) from None
         except (TypeError, ValueError, httpx.InvalidURL) as error:

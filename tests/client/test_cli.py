@@ -85,6 +85,18 @@ def test_a_proxy_or_certificates_that_cannot_be_used_are_named(
     assert "output" not in done.stderr
 
 
+@pytest.mark.parametrize(("spared", "is_named"), [("", True), ("127.0.0.1", False)])
+def test_a_proxy_that_does_not_answer_is_named_without_its_password(
+    monkeypatch: pytest.MonkeyPatch, spared: str, is_named: bool
+) -> None:
+    monkeypatch.setenv("http_proxy", "http://me:hush@127.0.0.1:9")
+    monkeypatch.setenv("no_proxy", spared)
+    done = run("whoami", "--server", "http://127.0.0.1:10")
+    assert done.exit_code == 5
+    assert ("through the proxy 127.0.0.1:9:" in done.stderr) == is_named
+    assert "hush" not in done.stderr
+
+
 def test_done_is_0(canned_server: "CannedServer") -> None:
     canned_server.answer("GET /me", 200, ME)
     done = run("whoami", "--server", canned_server.url)

@@ -87,10 +87,8 @@ def test_a_phase_is_made_on_a_registered_split(running: "Running") -> None:
     assert note.startswith("its teams are told: This split holds no recorded drives")
     assert "takes no files now" not in note
     over = ("phases", "create", "over", "--title", "Over", "--split", "tiny")
-    over = (*over, "--closes-at", "2020-01-01T00:00:00Z")
-    assert organize(running, *over).stdout.endswith(
-        "\nit takes no files now: look at its dates and visibility\n"
-    )
+    made = organize(running, *over, "--closes-at", "2020-01-01T00:00:00Z")
+    assert made.stdout.endswith("\nit takes no files now: look at its dates and visibility\n")
     with Client(running.url) as client:
         assert client.phase("test").quota_per_day == 5
     few = ("phases", "create", "few", "--title", "Few", "--split", "tiny", "--quota-total", "20")
