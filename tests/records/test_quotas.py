@@ -152,7 +152,7 @@ def test_the_total_quota_holds_over_days(make_world: Callable[..., World]) -> No
     with world.database.write() as session:
         session.execute(update(Phase).values(quota_total=1))
         session.execute(update(Submission).values(received_at=Submission.status_at))
-    with pytest.raises(QuotaExceeded, match="all 1 submissions of this phase") as refused:
+    with pytest.raises(QuotaExceeded, match="its 1 submission of this phase") as refused:
         world.submit("two")
     assert refused.value.resets_at is None
 
