@@ -85,6 +85,18 @@ def test_intervals_agree_with_gathering_samples_draw_by_draw(
         np.testing.assert_allclose(nearest, 0, atol=1e-9)
 
 
+def test_a_draw_that_holds_no_sample_of_a_family_averages_the_others(
+    make_split: MakeSplit, protocol: ProtocolDocument
+) -> None:
+    tasks = [*range(21)] + [0] * (N - 21)
+    split = make_split(np.zeros((N, 4, 2)), tasks=tasks, scenes=[i % SCENES for i in range(N)])
+    scores = _scores(1)
+    naive = _naive_draws(scores, split, protocol.ranking)
+    assert np.isnan(naive["families"][..., 0]).any(axis=0).sum() > 1
+    found = _one(scores, split, protocol).primary_draws
+    np.testing.assert_allclose(found, naive["macro"][:, 0], atol=1e-9)
+
+
 def test_the_same_seed_gives_the_same_bits_whoever_else_is_on_the_board(
     split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
