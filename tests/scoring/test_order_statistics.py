@@ -121,8 +121,12 @@ def test_intervals_come_from_draws_of_scenes(
     sums = scene_sums(graded, split, protocol.taxonomy)
     ((_, draws),) = resample([sums], protocol.ranking, METRICS)
     weights = scene_weights(SCENES, protocol.ranking)[:, 7]
-    drawn = np.repeat(graded.values[:, 2], weights[split.scene_index])
-    assert draws.micro[2, 7] == least(drawn, 0.1)
+    drawn = np.repeat(np.arange(N), weights[split.scene_index])
+    values, family = graded.values[drawn, 2], split.family_index[drawn]
+    of_families = [least(values[family == index], 0.1) for index in range(6)]
+    assert draws.micro[2, 7] == least(values, 0.1)
+    assert draws.families[:, 2, 7].tolist() == of_families
+    assert draws.macro_family[2, 7] == pytest.approx(np.mean(of_families))
     (sure,) = bootstrap([sums], TOY, protocol.ranking, "micro")
     value = aggregate(graded, split, protocol.taxonomy).micro
     for m in (1, 2, 3, 4):
