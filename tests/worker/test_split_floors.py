@@ -267,6 +267,7 @@ FINER: list[tuple[str, dict[str, Any], str]] = [
     ("footprint", {"footprint_length_m": 60.0}, "footprint_length_m is 60, it must lie from 4"),
     ("width", {"footprint_width_m": 0.01}, "footprint_width_m is 0.01"),
     ("micrometres", {"d_safe_m": 1e-6}, "d_safe_m is 1e-06, it must lie from 0.25 to 4"),
+    ("centimetres", {"sensitivity_factors": [0.1]}, "d_safe_m is 0.2"),
     ("far", {"d_safe_scale": 10.0}, "d_safe_m is 20"),
     ("centre", {"footprint_centre_ahead_m": -6.0}, "footprint_centre_ahead_m is -6"),
     ("tube", {"collision_tube": '"footprints"'}, 'collision_tube is "footprints"'),
