@@ -452,7 +452,8 @@ def test_only_so_many_submissions_a_day_are_scored_over_all_phases_and_teams(
     ]
     codes = [code_of(world, submission_id) for submission_id in ids]
     assert codes == [None, None, None, *[FailureCode.SPLIT_DAY_FULL.value] * 2]
-    assert "at most 3 a day" in held(world)[0][1]["asked"][0]
+    asked = held(world)[0][1]["asked"][0]
+    assert re.search(r"after 3 of \d.*at most 3 a day", asked), "told before regions are opened"
     with world.database.read() as session:
         now = database_now(session)
         found = [
