@@ -103,9 +103,7 @@ class BoardEntry(Document):
     @property
     def may_lead(self) -> bool:
         """Whether it may be named as the best where it is: ranked, without a flag that bars that."""
-        if self.rank is None or not self.flags:
-            return self.rank is not None
-        return not bars_leading(flag.code for flag in self.flags)
+        return self.rank is not None and not bars_leading(flag.code for flag in self.flags)
 
 
 class BoardLeader(Document):

@@ -1,5 +1,6 @@
-"""Two boards side by side: who is named among those that lose."""
+"""Two boards side by side: what becomes of an entry, and who is named among those that lose."""
 
+import pytest
 from tests.records.test_board_documents import board_of, entry
 
 from exceptiondrive_records.rescoring.comparison import compare_boards
@@ -16,6 +17,28 @@ def test_whoever_loses_a_place_or_of_the_score_is_named_the_worst_first() -> Non
         *(_entry(name, rank, 0.5 + shifts.get(name, 0.0)) for name, rank in stands.items())
     )
     assert compare_boards(old, new).worst_movers == ("failing", "falling", "worse", "late")
+
+
+@pytest.mark.parametrize(
+    ("stood", "stands", "change", "shift"),
+    [
+        ((1, 0.5), (1, 0.5), "none", 0.0),
+        ((1, 0.5), (2, 0.5), "rank_only", 0.0),
+        ((1, 0.5), (1, 0.7), "numbers", 0.2),
+        (None, (1, 0.5), "appears", None),
+        ((1, 0.5), None, "disappears", None),
+    ],
+)
+def test_what_becomes_of_an_entry(
+    stood: tuple[int, float] | None,
+    stands: tuple[int, float] | None,
+    change: str,
+    shift: float | None,
+) -> None:
+    """Who stands on one of the boards alone keeps the metrics, without a difference."""
+    old, new = (board_of(*([_entry("one", *at)] if at else [])) for at in (stood, stands))
+    (found,) = compare_boards(old, new).entries
+    assert (found.change, found.metric_shifts) == (change, {"hcc": shift})
 
 
 def _entry(name: str, rank: int | None, hcc: float) -> BoardEntry:

@@ -10,7 +10,14 @@ from tests.scoring.made import SIX_METRICS
 from exceptiondrive_schemas.protocol import ProtocolDocument, RankingSection
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays
-from exceptiondrive_scoring.bootstrap import GRID, SceneSums, Uncertainty, bootstrap, scene_sums
+from exceptiondrive_scoring.bootstrap import (
+    GRID,
+    SceneSums,
+    Uncertainty,
+    bootstrap,
+    scene_counts,
+    scene_sums,
+)
 from exceptiondrive_scoring.grade import SampleScores
 from exceptiondrive_scoring.rank import long_rank_intervals, rank_intervals
 
@@ -83,6 +90,34 @@ def test_intervals_agree_with_gathering_samples_draw_by_draw(
         ends = np.sort(draws, axis=0)
         nearest = np.abs(ends[None] - np.moveaxis(interval, -1, 0)[:, None]).min(axis=1)
         np.testing.assert_allclose(nearest, 0, atol=1e-9)
+
+
+def test_a_draw_that_holds_no_sample_of_a_family_averages_the_others(
+    make_split: MakeSplit, protocol: ProtocolDocument
+) -> None:
+    tasks = [*range(21)] + [0] * (N - 21)
+    split = make_split(np.zeros((N, 4, 2)), tasks=tasks, scenes=[i % SCENES for i in range(N)])
+    scores = _scores(1)
+    naive = _naive_draws(scores, split, protocol.ranking)
+    assert np.isnan(naive["families"][..., 0]).any(axis=0).sum() > 1
+    found = _one(scores, split, protocol).primary_draws
+    np.testing.assert_allclose(found, naive["macro"][:, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("of_families", "worth"),
+    [
+        pytest.param([range(2), range(2, 9)], 4 / (1 / 2 + 1 / 7), id="of families that have any"),
+        pytest.param([range(6), range(6)], 6.0, id="never more than there are scenes"),
+    ],
+)
+def test_how_many_scenes_the_mean_of_families_is_worth(
+    of_families: list[range], worth: float
+) -> None:
+    counts = np.zeros((9, 6, 1))
+    for family, scenes in enumerate(of_families):
+        counts[list(scenes), family] = 2
+    assert scene_counts(SceneSums(counts, counts)).macro_family[0] == pytest.approx(worth)
 
 
 def test_the_same_seed_gives_the_same_bits_whoever_else_is_on_the_board(

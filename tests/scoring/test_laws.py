@@ -238,21 +238,23 @@ def test_where_the_regions_lie_changes_neither_progress_nor_source_fit(
         np.testing.assert_array_equal(one[name], other[name])
 
 
-@given(speed=st.floats(1, 20), share=st.floats(0, 1), aside=st.floats(-3, 3))
-def test_on_a_straight_source_path_progress_is_the_way_ahead(
-    speed: float, share: float, aside: float, protocol: ProtocolDocument
+@given(speed=st.floats(1, 20), share=st.floats(0, 1), aside=st.floats(-3, 3), turn=st.floats(-3, 3))
+def test_on_a_straight_source_path_progress_is_the_way_along_it(
+    speed: float, share: float, aside: float, turn: float, protocol: ProtocolDocument
 ) -> None:
+    turned = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+
     def progress(end: tuple[float, float]) -> float:
         source = np.arange(1, 7)[:, None] * np.array([speed / 2, 0.0])
         edited = np.linspace(0, 1, 7)[1:, None] * np.array(end)
-        columns = {"source": source[None], "edited": edited[None]}
+        columns = {"source": (source @ turned)[None], "edited": (edited @ turned)[None]}
         pairs = TrajectoryPairs.from_columns(columns)
         return float(progress_of_pairs(pairs, protocol.plausibility)[0])
 
     length_m = 3 * speed
     assert progress((share * length_m, aside)) == pytest.approx(share, abs=1e-9)
-    assert progress((-share * length_m, aside)) == 0.0, "backing"
-    assert progress((0.0, aside)) == 0.0, "sideways"
+    assert progress((-share * length_m, aside)) == pytest.approx(0.0, abs=1e-9), "backing"
+    assert progress((0.0, aside)) == pytest.approx(0.0, abs=1e-9), "sideways"
 
 
 @laws

@@ -118,11 +118,18 @@ def test_intervals_come_from_draws_of_scenes(
     split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
     graded = scores(2)
+    graded.values[(split.family_index == 5) & (split.scene_index != 3), 2] = np.nan
     sums = scene_sums(graded, split, protocol.taxonomy)
     ((_, draws),) = resample([sums], protocol.ranking, METRICS)
-    weights = scene_weights(SCENES, protocol.ranking)[:, 7]
-    drawn = np.repeat(graded.values[:, 2], weights[split.scene_index])
-    assert draws.micro[2, 7] == least(drawn, 0.1)
+    weights = scene_weights(SCENES, protocol.ranking)
+    without_scene_3 = np.flatnonzero(weights[3] == 0)[0]
+    drawn = np.repeat(np.arange(N), weights[split.scene_index, without_scene_3])
+    values, family = graded.values[drawn, 2], split.family_index[drawn]
+    of_families = [least(values[family == index], 0.1) for index in range(6)]
+    assert draws.micro[2, without_scene_3] == least(values, 0.1)
+    np.testing.assert_array_equal(draws.families[:, 2, without_scene_3], of_families)
+    assert np.isnan(of_families[5])
+    assert draws.macro_family[2, without_scene_3] == pytest.approx(np.mean(of_families[:5]))
     (sure,) = bootstrap([sums], TOY, protocol.ranking, "micro")
     value = aggregate(graded, split, protocol.taxonomy).micro
     for m in (1, 2, 3, 4):

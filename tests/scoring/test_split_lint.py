@@ -220,7 +220,9 @@ def box(x_m: float, y_m: float, length_m: float = 2.0, width_m: float = 2.0) -> 
     ("region", "speed_mps", "bend_per_m", "expected"),
     [
         pytest.param(box(20, 0), 8.0, 0.0, set(), id="ahead, in time"),
+        pytest.param(box(10, 0, width_m=40), 8.0, 0.0, set(), id="in time to stop"),
         pytest.param(box(20, 0, width_m=14), 16.0, 0.0, {"unavoidable"}, id="too late to stop"),
+        pytest.param(box(45, 0, width_m=14), 24.0, 0.0, {"unavoidable"}, id="wider than the road"),
         pytest.param(box(20, 0, width_m=2), 12.0, 0.0, set(), id="too late to stop, not to pass"),
         pytest.param(box(20, 6), 8.0, 0.0, {"recorded_path_misses"}, id="beside the path"),
         pytest.param(box(60, 0), 8.0, 0.0, {"out_of_reach"}, id="too far for this speed"),

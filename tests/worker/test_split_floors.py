@@ -267,6 +267,7 @@ FINER: list[tuple[str, dict[str, Any], str]] = [
     ("footprint", {"footprint_length_m": 60.0}, "footprint_length_m is 60, it must lie from 4"),
     ("width", {"footprint_width_m": 0.01}, "footprint_width_m is 0.01"),
     ("micrometres", {"d_safe_m": 1e-6}, "d_safe_m is 1e-06, it must lie from 0.25 to 4"),
+    ("centimetres", {"sensitivity_factors": [0.1]}, "d_safe_m is 0.2"),
     ("far", {"d_safe_scale": 10.0}, "d_safe_m is 20"),
     ("centre", {"footprint_centre_ahead_m": -6.0}, "footprint_centre_ahead_m is -6"),
     ("tube", {"collision_tube": '"footprints"'}, 'collision_tube is "footprints"'),
@@ -451,7 +452,8 @@ def test_only_so_many_submissions_a_day_are_scored_over_all_phases_and_teams(
     ]
     codes = [code_of(world, submission_id) for submission_id in ids]
     assert codes == [None, None, None, *[FailureCode.SPLIT_DAY_FULL.value] * 2]
-    assert "at most 3 a day" in held(world)[0][1]["asked"][0]
+    asked = held(world)[0][1]["asked"][0]
+    assert re.search(r"after 3 of \d.*at most 3 a day", asked), "told before regions are opened"
     with world.database.read() as session:
         now = database_now(session)
         found = [

@@ -11,7 +11,7 @@ themselves. Entries are resampled in blocks, so memory does not grow with them.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import islice
 
@@ -42,7 +42,7 @@ class SceneSums:
         sums: (S, F, M), multiples of `GRID`.
         counts: (S, F, M) number of samples that define the metric.
         values: (N, K) of the K metrics that are no means, which no sum can stand for.
-        scene_index: (N,), empty without such metrics.
+        scene_index: (N,).
         group_index: (N,) family.
     """
 
@@ -75,12 +75,10 @@ def _sums_by(
     for m in range(shape[2]):
         sums[..., m] = np.bincount(cell, filled[:, m], n_cells).reshape(shape[:2])
         counts[..., m] = np.bincount(cell, defined[:, m], n_cells).reshape(shape[:2])
-    entry = SceneSums(np.rint(sums / GRID) * GRID, counts)
     ordered = [m for m, metric in enumerate(scores.metrics) if metric.order_level is not None]
-    if not ordered:
-        return entry
     values = scores.values[:, ordered]
-    return replace(entry, values=values, scene_index=split.scene_index, group_index=group_index)
+    on_grid = np.rint(sums / GRID) * GRID
+    return SceneSums(on_grid, counts, values, split.scene_index, group_index)
 
 
 @dataclass(frozen=True)

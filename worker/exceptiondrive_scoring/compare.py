@@ -81,7 +81,7 @@ def compare(
     paired = _paired(a, b, split, protocol, scene_sums)
     overall = paired.intervals(paired.draws.headline(headline), headline)
     by_family = paired.intervals(paired.draws.families, "families")
-    first = metrics[0]
+    first = metrics[:1]
     return Comparison(
         overall=_differences(
             metrics, paired.values.headline(headline), paired.discordant.micro, overall
@@ -96,7 +96,7 @@ def compare(
             for index, family in enumerate(taxonomy.families)
             if family.id in paired.values.families
         },
-        tasks=_by_task(_alone(a, first), _alone(b, first), split, protocol),
+        tasks=_by_task(a.only(first), b.only(first), split, protocol),
     )
 
 
@@ -181,11 +181,6 @@ def _replaced(values: Breakdown, a: Breakdown, b: Breakdown) -> Breakdown:
         families=rows("families"),
         tasks=rows("tasks"),
     )
-
-
-def _alone(scores: SampleScores, metric: Metric) -> SampleScores:
-    column = scores.metric_keys.index(metric.key)
-    return SampleScores((metric,), scores.values[:, column : column + 1])
 
 
 def _by_task(

@@ -141,7 +141,6 @@ def _waiting(run: RescoringRun, key: ScoringKey) -> Select[str]:
             Job.protocol_digest == key.protocol_digest,
             Job.split_revision == key.split_revision,
             Job.lane == Lane.RESCORE,
-            Job.is_first.is_(False),
             Job.state.in_(WAITING_STATES),
         )
     )
