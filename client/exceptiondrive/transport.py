@@ -292,7 +292,7 @@ class Transport:
         except (ImportError, OSError, ValueError, httpx.InvalidURL) as error:
             raise InvalidArgumentError(
                 "wrong_environment",
-                f"What the environment says of the network cannot be used: {error}.",
+                f"What the environment says of the network cannot be used: {str(error).rstrip('.')}.",
                 "Look at HTTP_PROXY, HTTPS_PROXY, ALL_PROXY, SSL_CERT_FILE and SSL_CERT_DIR.",
             ) from None
 

@@ -266,7 +266,7 @@ class Endpoint:
             http = openai.DefaultAsyncHttpxClient(follow_redirects=False, event_hooks=hooks)
         except (ImportError, OSError, ValueError) as error:
             raise EndpointError(
-                f"What the environment says of the network cannot be used: {error}.",
+                f"What the environment says of the network cannot be used: {str(error).rstrip('.')}.",
                 "Look at HTTP_PROXY, HTTPS_PROXY, ALL_PROXY, SSL_CERT_FILE and SSL_CERT_DIR.",
             ) from None
         self._client = openai.AsyncOpenAI(

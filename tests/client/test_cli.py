@@ -83,6 +83,7 @@ def test_a_proxy_or_certificates_that_cannot_be_used_are_named(
     assert (done.exit_code, done.stdout) == (2, "")
     assert name in done.stderr
     assert "output" not in done.stderr
+    assert ".." not in done.stderr
 
 
 @pytest.mark.parametrize(("spared", "is_named"), [("", True), ("127.0.0.1", False)])
