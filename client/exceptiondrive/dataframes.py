@@ -22,10 +22,8 @@ if TYPE_CHECKING:
 
 Row = dict[str, Any]
 AGGREGATES = ("macro_family", "micro")
-_OF_EACH_SUBMISSION = (
-    *("id", "phase", "challenge", "method", "status"),
-    *("rank", "received_at", "is_late"),
-)
+_OF_ALL = ["id", "phase", "challenge", "method", "status", "rank", "received_at", "is_late"]
+"""Columns of every submission, scored or not."""
 _ENDS_OF_TIMES = ("submitted_at", "received_at")
 """What the names of columns of times end with."""
 
@@ -82,7 +80,7 @@ def to_dataframe(
             "submissions, submissions, and what evaluate_samples gives.",
         )
     if not views:
-        return _typed(pd.DataFrame(columns=list(_OF_EACH_SUBMISSION)))
+        return _typed(pd.DataFrame(columns=_OF_ALL))
     return _typed(pd.DataFrame([_submission_row(view) for view in views]))
 
 
@@ -138,7 +136,7 @@ def _named(name: str, submission: SubmissionOfTeam) -> Row:
 
 
 def _submission_row(view: SubmissionView) -> Row:
-    row: Row = {name: getattr(view, name) for name in _OF_EACH_SUBMISSION}
+    row: Row = {name: getattr(view, name) for name in _OF_ALL}
     row["status"] = view.status.value
     if view.sheet is not None:
         for key in AGGREGATES:

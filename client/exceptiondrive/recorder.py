@@ -170,7 +170,9 @@ class Journal:
         try:
             line = json.dumps(value, allow_nan=False) + "\n"
         except (TypeError, ValueError) as error:
-            raise RecorderError(f"{value['sample_id']}: JSON cannot hold what was given: {error}")
+            raise RecorderError(
+                f"{value['sample_id']}: JSON cannot hold what was given: {error}"
+            ) from None
         with self._os_errors_told():
             self._stream.write(line)
             self._stream.flush()

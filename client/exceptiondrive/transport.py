@@ -243,10 +243,10 @@ def trusts_nobody() -> ssl.SSLContext:
 def _through_proxy(server: str) -> str:
     """Name the proxy of the environment that stands between, without its password."""
     parts, proxies = urlsplit(server), getproxies()
-    proxy = urlsplit(proxies.get(parts.scheme) or proxies.get("all") or "")
-    if proxy.hostname is None or proxy_bypass(parts.netloc):
+    proxy = proxies.get(parts.scheme) or proxies.get("all")
+    if not proxy or proxy_bypass(parts.netloc):
         return ""
-    return f" through the proxy {proxy.netloc.rpartition('@')[2]}"
+    return f" through the proxy {proxy.rpartition('@')[2].rpartition('//')[2].rstrip('/')}"
 
 
 class Transport:

@@ -139,9 +139,10 @@ def submit(
             show_document(submission.view)
             return
         show(*submission_view(submission.view, submission.page_url, with_file=False))
+        left = None
         with suppress(ExceptionDriveError):  # the upload was good, whatever comes of this question
             left = client.phase(phase).quota
-            show(*(() if left is None else (submissions_left(left),)))
+        show(*(() if left is None else (submissions_left(left),)))
 
 
 def _wait(submission: "Submission", timeout: float | None) -> None:

@@ -166,13 +166,16 @@ def show_preview(
         comparison = preview.comparison
         protocol = find_protocol(session, comparison.to_protocol.digest)
         titles = titles_of_phases(session)
+    steps = offered(seen)
+    flips = [step.in_a_terminal(run_id, preview.digest) for step in steps if step.is_flip]
     return organizer_page(
         request,
         browser,
         "rescoring/organizer_preview.html",
         "rescoring",
         line=run_line(seen),
-        steps=offered(seen),
+        steps=steps,
+        commands=(f"exceptiondrive organizer rescore preview {run_id} --csv new.csv", *flips),
         preview=preview,
         phase_title=titles[seen.phase],
         **compared(comparison, protocol, page),

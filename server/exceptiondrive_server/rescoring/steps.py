@@ -121,6 +121,11 @@ class RunStep:
     is_flip: bool = False
     """Moves the pointer to what readers see."""
 
+    def in_a_terminal(self, run_id: str, preview: str) -> str:
+        """Return the command that takes this step of a run, of a flip with the preview that was seen."""
+        seen = f" --preview {preview}" if self.needs_preview and preview else ""
+        return f'exceptiondrive organizer rescore {self.command} {run_id}{seen} --reason "…"'
+
 
 RUN_STEPS: Mapping[str, RunStep] = MappingProxyType(
     {
@@ -240,7 +245,6 @@ def page_of_step(
     """
     here = f"/organize/rescoring/{run.id}"
     preview = preview if step.needs_preview else ""
-    with_preview = f" --preview {preview}" if preview else ""
     is_stale = step.needs_preview and not blockers and preview != run.preview
     return Step(
         section="rescoring",
@@ -251,8 +255,7 @@ def page_of_step(
         back_words="The preview" if step.needs_preview else "The run",
         fields=(REASON,),
         facts=tuple(_facts(run_line(run), phase_title, preview, comparison)),
-        command=f"exceptiondrive organizer rescore {step.command} {run.id}{with_preview} "
-        '--reason "…"',
+        command=step.in_a_terminal(run.id, preview),
         is_grave=step.is_grave,
         hidden=(("preview", preview),) if step.needs_preview else (),
         blockers=(flip.STALE,) if is_stale else blockers,
