@@ -103,7 +103,8 @@ class BoardEntry(Document):
     @property
     def may_lead(self) -> bool:
         """Whether it may be named as the best where it is: ranked, without a flag that bars that."""
-        return self.rank is not None and not bars_leading(flag.code for flag in self.flags)
+        barred = self.flags and bars_leading(flag.code for flag in self.flags)
+        return self.rank is not None and not barred
 
 
 class BoardLeader(Document):
