@@ -34,8 +34,8 @@ LARGE = 20_000
 TARGETS_S = {"--help": 0.15, f"{BENCHMARK_SAMPLES:,}": 0.35, f"{LARGE:,}": 0.8}
 TWO_SIZES = ("check", "evaluate")
 CLEAR_OF_START_M = 6.0
-TIMES_NAIVE = 8
-"""So many times faster than the naive loop at the larger size."""
+TIMES_NAIVE = {f"{BENCHMARK_SAMPLES:,}": 1.85, f"{LARGE:,}": 8}
+"""So many times faster than the naive loop: of the smaller size, what 0.35 s were where the seconds were asked."""
 
 
 def run(protocol: ProtocolDocument) -> None:
@@ -57,23 +57,24 @@ def run(protocol: ProtocolDocument) -> None:
                 naive[size].append(_naive_s(workload, protocol))
             for call, words in calls.items():
                 seconds[call].append(_process_s([client, *words]))
+        faster = {
+            (command, size): ratio(naive[size], taken)
+            for (command, size), taken in seconds.items()
+            if size
+        }
         for size, workload in workloads.items():
-            seconds["submit", size] = _submissions_s(client, workload.split.n_samples)
+            taken, loops = _submissions_s(client, workload, protocol)
+            seconds["submit", size], faster["submit", size] = taken, ratio(loops, taken)
     rows = [
-        (
-            command,
-            size,
-            f"{typical(taken):.2f}",
-            times(ratio(naive[size], taken)) if command in TWO_SIZES else "",
-        )
+        (command, size, f"{typical(taken):.2f}", times(faster[command, size]) if size else "")
         for (command, size), taken in seconds.items()
     ]
     show("Commands, whole processes", ("", "pairs", "CPU s", "x naive"), rows)
     for (command, size), taken in seconds.items():
         what = f"{command}, {size} pairs" if size else command
         at_most(what, typical(taken), TARGETS_S[size or command], "s of CPU")
-        if size == f"{LARGE:,}" and command in TWO_SIZES:
-            at_least(what, ratio(naive[size], taken), TIMES_NAIVE, "x the naive loop")
+        if size:
+            at_least(what, faster[command, size], TIMES_NAIVE[size], "x the naive loop")
     note(f"x naive: the shapely loop of clearances alone, {NAIVE_SAMPLES} samples of it scaled")
 
 
@@ -129,8 +130,11 @@ def split_document(
     return {"schema": "exceptiondrive.split/1", "name": name, "title": title, "samples": samples}
 
 
-def _submissions_s(client: str, n_samples: int) -> list[float]:
-    """CPU seconds of the client alone, from the check to score and rank, for one file after another."""
+def _submissions_s(
+    client: str, workload: Workload, protocol: ProtocolDocument
+) -> tuple[list[float], list[float]]:
+    """CPU seconds of the client alone, from the check to score and rank, file by file; of the loop in turns."""
+    n_samples = workload.split.n_samples
     with tempfile.TemporaryDirectory(prefix="ed-bench-") as name:
         file = Path(name) / "planner.json"
         with running_bench(Path(name), n_samples) as (system, token):
@@ -138,12 +142,13 @@ def _submissions_s(client: str, n_samples: int) -> list[float]:
                 "EXCEPTIONDRIVE_SERVER": system.url,
                 "EXCEPTIONDRIVE_TOKEN": token,
             }
-            seconds = []
+            seconds, naive = [], []
             for number in range(ROUNDS):
+                naive.append(_naive_s(workload, protocol))
                 file.write_bytes(planning_text(number, n_samples))
                 method = ["--method", f"Planner {number}", "--phase", "bench", "--wait"]
                 seconds.append(_process_s([client, "submit", str(file), *method], environment))
-    return seconds
+    return seconds, naive
 
 
 def _naive_s(workload: Workload, protocol: ProtocolDocument) -> float:
