@@ -181,6 +181,13 @@ def test_a_bad_line_is_named_with_its_cure_and_nothing_is_imported(
     assert scored.json("/api/v1/organizer" + PATH, "organizer") == []
 
 
+def test_what_is_wrong_with_many_lines_is_said_once(scored: "Life") -> None:
+    lines = [LINE.replace("Far Planner", f"Planner {n}").replace(REVISION, "") for n in range(9)]
+    said = scored.refused(PATH, sent("\n".join((HEAD, *lines, LINE.replace("3181", "many")))), 400)
+    assert "Line 2, Line 3, Line 4, Line 5, Line 6 and 4 more: It does not tell split_rev" in said
+    assert said.count("It does not tell") == said.count("Line 11: n_samples is 'many'") == 1
+
+
 @pytest.mark.parametrize(
     ("file", "words"),
     [

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, cast, get_args
 
 from pydantic import ValidationError
 
-from exceptiondrive_records.db.csv_table import csv_rows
+from exceptiondrive_records.db.csv_table import Fault, csv_rows, faults_text
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_records.db.identifiers import checked_text
 from exceptiondrive_schemas.board import Board
@@ -34,7 +34,6 @@ _PASSED_OVER = frozenset(
 """Columns of our own export that are no part of a reported row."""
 _DIGEST = re.compile(r"sha256:[0-9a-f]{64}")
 _ID = re.compile(r"[a-z0-9_]{1,64}")
-_SHOWN_FAULTS = 20
 
 
 class _Line(NamedTuple):
@@ -66,24 +65,22 @@ def read_rows(text: str, challenge: Challenge) -> tuple[ImportedRow, ...]:
 
 def _rows(text: str, challenge: Challenge) -> tuple[ImportedRow, ...]:
     rows: list[ImportedRow] = []
-    faults: list[str] = []
+    faults: list[Fault] = []
     seen: dict[tuple[object, ...], str] = {}
     for line in _lines(text.removeprefix("\ufeff"), challenge):
         try:
             row = _row(line.values, challenge)
         except InvalidRecord as refusal:
-            faults.append(f"{line.place}: {refusal}")
+            faults.append(Fault(line.place, str(refusal)))
             continue
         key = row.method, row.team, row.split.revision, row.protocol, row.average
         if key in seen:
-            faults.append(
-                f"{line.place}: The same method as in {seen[key]}; leave one of the two out."
-            )
+            words = f"The same method as in {seen[key]}; leave one of the two out."
+            faults.append(Fault(line.place, words))
         seen[key] = line.place.lower()
         rows.append(row)
     if faults:
-        more = f" And {len(faults) - _SHOWN_FAULTS} more." if len(faults) > _SHOWN_FAULTS else ""
-        raise InvalidRecord(f"Nothing was imported. {' '.join(faults[:_SHOWN_FAULTS])}{more}")
+        raise InvalidRecord(f"Nothing was imported. {faults_text(faults)}")
     return tuple(rows)
 
 

@@ -2,9 +2,13 @@
 
 import csv
 import io
+from collections.abc import Iterable
+from typing import NamedTuple
 
 from exceptiondrive_records.db.errors import InvalidRecord
+from exceptiondrive_schemas.printable import first_of
 
+_SHOWN_FAULTS = 20
 _SEPARATORS = ",;\t"
 """The last is what stands in the clipboard when cells of a spreadsheet are copied."""
 
@@ -44,3 +48,20 @@ def csv_rows(text: str) -> list[tuple[int, list[str]]]:
             f"This is no table as CSV: {error}. Save it as CSV; in quoted text write each quote twice."
         ) from None
     return rows
+
+
+class Fault(NamedTuple):
+    """What is wrong with one row, and where: `Line 3`, or `Row 2` of a JSON file."""
+
+    place: str
+    words: str
+
+
+def faults_text(faults: Iterable[Fault]) -> str:
+    """Say what is wrong, each sentence once, with the places it is true of: `Line 2, Line 5: ...`."""
+    places: dict[str, list[str]] = {}
+    for fault in faults:
+        places.setdefault(fault.words, []).append(fault.place)
+    told = [f"{first_of(where)}: {words}" for words, where in places.items()]
+    left_out = len(told) - _SHOWN_FAULTS
+    return " ".join(told[:_SHOWN_FAULTS]) + (f" And {left_out} more." if left_out > 0 else "")

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
-from exceptiondrive_records.db.csv_table import csv_rows
+from exceptiondrive_records.db.csv_table import Fault, csv_rows, faults_text
 from exceptiondrive_records.db.errors import InvalidRecord, RecordsError
 from exceptiondrive_records.notifications.contacts import add_contact
 from exceptiondrive_records.notifications.tables import Channel
@@ -19,7 +19,6 @@ from exceptiondrive_records.teams.teams import create_team
 COLUMNS = ("id", "name", "affiliation", "email")
 """Of the first line; the last two may be left out."""
 MAX_TEAMS = 500
-_SHOWN_FAULTS = 20
 
 
 class ImportedTeam(NamedTuple):
@@ -54,10 +53,9 @@ def import_teams(session: Session, text: str, *, actor: str) -> list[ImportedTea
             with session.begin_nested():
                 made.append(_make(session, line.values, actor))
         except RecordsError as refusal:
-            faults.append(f"Line {line.number}: {refusal}")
+            faults.append(Fault(f"Line {line.number}", str(refusal)))
     if faults:
-        more = f" And {len(faults) - _SHOWN_FAULTS} more." if len(faults) > _SHOWN_FAULTS else ""
-        raise InvalidRecord(f"No team was made. {' '.join(faults[:_SHOWN_FAULTS])}{more}")
+        raise InvalidRecord(f"No team was made. {faults_text(faults)}")
     return made
 
 
