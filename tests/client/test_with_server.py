@@ -179,6 +179,9 @@ def test_check_says_what_an_upload_will_do(working: "Running", planning_file: Ma
     told = run(working, *checked, str(slower_file(planning_file))).stdout
     assert f"outlook: it replaces {first['id']} (HCC " in told
     assert "newest run stands" in told
+    report = json.loads(run(working, *checked, "--json", str(slower_file(planning_file))).stdout)
+    (asked,) = report["to_confirm"]
+    assert asked.startswith(f"It replaces {first['id']} (HCC ")
     assert "submitted before" in run(working, *checked, str(planning_file())).stdout
     from exceptiondrive_records.participation.disqualification import (
         disqualify_submission,

@@ -74,6 +74,7 @@ def check(
         from exceptiondrive.cli.tables import outlook_view
 
         words = (*words, *outlook_view(outlook))
+        report = report.model_copy(update={"to_confirm": tuple(outlook.to_confirm.values())})
     show_result(report, json, *words)
     has_samples = split is not None or manifest is not None or phase is not None
     is_fit_unknown = report.profile is not None and report.profile.source_l2_m is None
