@@ -120,6 +120,8 @@ class SplitChange(Document):
     """Samples whose region changed."""
     withdrawn: Count
     """Samples that counted before."""
+    restored: Count = 0
+    """Samples that were withdrawn before, and count again."""
 
     @classmethod
     def between(cls, before: Split, after: Split, words: str) -> Self:
@@ -133,6 +135,7 @@ class SplitChange(Document):
             withdrawn=sum(
                 old.withdrawn is None and new.withdrawn is not None for old, new in pairs
             ),
+            restored=sum(old.withdrawn is not None and new.withdrawn is None for old, new in pairs),
         )
 
     @property
@@ -146,10 +149,16 @@ class SplitChange(Document):
         withdrawn = (
             f"{counted(self.withdrawn, 'sample')} withdrawn: files still answer, none counts"
         )
+        restored = (
+            "1 withdrawn sample counts again"
+            if self.restored == 1
+            else f"{self.restored:,} withdrawn samples count again"
+        )
         return (
             self.words,
             *([moved] if self.moved else []),
             *([withdrawn] if self.withdrawn else []),
+            *([restored] if self.restored else []),
         )
 
 

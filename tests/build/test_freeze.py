@@ -260,6 +260,7 @@ def test_a_later_revision_keeps_its_samples_and_says_what_changed(shop: Path) ->
         "words": "Two failed the audit.",
         "moved": 1,
         "withdrawn": 2,
+        "restored": 0,
     }
     assert (sheet.n_samples, sheet.n_withdrawn) == (36, 2)
     assert sheet.withdrawn[0].reason == "On the pavement."
@@ -277,6 +278,20 @@ def test_restored_samples_count_again(shop: Path) -> None:
     assert [sample.sample_id for sample in second.samples if sample.withdrawn] == ids[1:2]
     assert withdraw(shop, ids[:1], "--restore").exit_code == 2, "it is not withdrawn"
     assert withdraw(shop, ["nobody"]).exit_code == 2
+
+
+def test_a_revision_tells_how_many_withdrawn_samples_count_again(shop: Path) -> None:
+    ids = [sample.sample_id for sample in split_of(frozen(shop, "1")).samples]
+    withdraw(shop, ids[:2])
+    first, second = (shop / "frozen" / name / "split.json.gz" for name in ("1", "2"))
+    frozen(shop, "2", "--previous", first, "--words", "Two failed.")
+    withdraw(shop, ids[:1], "--restore")
+    files = frozen(shop, "3", "--previous", second, "--words", "One failed by mistake.")
+    changes = Datasheet.model_validate_json(files["datasheet.json"]).changes
+    assert changes is not None
+    assert (changes.moved, changes.withdrawn, changes.restored) == (0, 0, 1)
+    assert changes.sentences == ("One failed by mistake.", "1 withdrawn sample counts again")
+    assert "0 samples withdrawn, 1 restored." in files["datasheet.md"].decode()
 
 
 @pytest.mark.parametrize(

@@ -93,7 +93,7 @@ def _sections(sheet: Datasheet) -> Iterable[_Section]:
         change = sheet.changes
         counts = (
             f"Since revision {change.previous}: {change.moved:,} regions moved, "
-            f"{change.withdrawn:,} samples withdrawn."
+            f"{change.withdrawn:,} samples withdrawn, {change.restored:,} restored."
         )
         yield _Section("What changed", (change.words, counts))
     if sheet.withdrawn:
