@@ -12,8 +12,10 @@ from tests.support.worker import build_board_of
 from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.splits.splits import publish_split
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_records.work.board_requests import want_board
+from exceptiondrive_schemas.base import bytes_digest
 from exceptiondrive_schemas.board import Board, PairedComparison, PairedDifference
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
@@ -256,3 +258,7 @@ def test_two_entries_of_one_team_are_not_compared_on_a_withheld_split(
         speed = {"a": 1.0, "b": 2.0, "c": 3.0}[method]
         world.score(planning_file(tiny, edited_mps=speed), method=method, team=team)
     assert set(by_method(build(world))) == {("a", "c"), ("b", "c")}
+    with world.database.write() as session:
+        revision = session.get_one(Phase, "dev").split_revision
+        publish_split(session, tiny.name, revision, bytes_digest(b"its file"), "ops")
+    assert set(by_method(build(world))) == {("a", "b"), ("a", "c"), ("b", "c")}

@@ -14,6 +14,7 @@ from tests.support.worker import build_board_of
 from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.submissions import withdraw
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.board import Board, BoardEntry, PairedDifference, ReminderEffect
 from exceptiondrive_schemas.challenges import STRATEGY
@@ -223,6 +224,25 @@ def test_a_second_board_takes_the_effect_from_the_store_and_a_lost_store_comes_t
             path.unlink()
     assert effect_of(build(world), "reminded") == first
     assert len(compared) == 2
+
+
+def test_a_kept_effect_names_the_counterpart_of_today(pair: tuple[World, str, str]) -> None:
+    """The same bytes under another name, or sent again: the numbers are kept, the names are not."""
+    world, plain, reminded = pair
+    first = effect_of(build(world), "reminded")
+    with world.database.write() as session:
+        session.get_one(Submission, plain).method = "renamed"
+    renamed = effect_of(build(world), "reminded")
+    assert (renamed.without, renamed.without_method) == (plain, "renamed")
+    scenes_file = world.files.read(world.submission(plain).file_digest, limit_bytes=10**6)
+    with world.database.write() as session:
+        withdraw(session, plain, actor="test")
+    again = world.score(scenes_file, method="renamed")
+    with world.database.write() as session:
+        session.get_one(Submission, reminded).linked_to = again
+    sent_again = effect_of(build(world), "reminded")
+    assert (sent_again.without, sent_again.without_method) == (again, "renamed")
+    assert sent_again.differences == renamed.differences == first.differences
 
 
 def test_only_rounded_numbers_are_published(pair: tuple[World, str, str]) -> None:
