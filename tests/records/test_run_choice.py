@@ -9,6 +9,7 @@ from exceptiondrive_records.entries.selection import MAX_CHOICES_A_DAY, choose
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.submissions import find_submission, withdraw
 from exceptiondrive_records.submissions.views import view
+from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.jobs import finish_scored
 from exceptiondrive_schemas.api.phase_settings import RunRule
 from exceptiondrive_schemas.score_sheet import Coverage
@@ -61,6 +62,19 @@ def test_a_team_says_newest_best_or_one(world: World) -> None:
     assert set(standing(world)) == {first, other}
     say(world, first, "newest")
     assert set(standing(world)) == {last, other}
+
+
+def test_a_reference_keeps_all_its_methods_where_each_team_has_one_entry(world: World) -> None:
+    first, second = scored(world, "one", "One"), scored(world, "two", "Two")
+    with world.database.write() as session:
+        phase = session.get_one(Phase, world.phase_id)
+        phase.policy = phase.policy.model_copy(update={"entries_shown": "chosen"})
+    assert set(standing(world)) == {second}
+    assert replaced(world, first) == second
+    with world.database.write() as session:
+        session.get_one(Team, world.team_id).is_reference = True
+    assert set(standing(world)) == {first, second}
+    assert replaced(world, first) is None
 
 
 def test_a_team_chooses_so_many_times_a_day(world: World) -> None:

@@ -33,6 +33,8 @@ from exceptiondrive_schemas.protocol import parse_protocol
 
 Stage = Any
 D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 4.5")
+TAKE_LOAD_AWAY = "Give the workers more time, or take load away; then resume the run."
+MORE_MEMORY = "Give the workers more memory; then resume the run."
 WIDER = ("footprint_width_m = 1.85", "footprint_width_m = 1.95")
 
 
@@ -121,6 +123,31 @@ def test_apply_is_refused_while_a_pair_is_failed_or_missing(
     stage.step("resume", run_id)  # tries the failed one again
     stage.work()
     stage.apply(run_id)
+
+
+def test_every_sheet_that_could_not_be_made_is_told_with_its_reason_and_five_by_name(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    for number in range(3):
+        stage.submit(3.0 + number / 4, f"more {number}")
+    stage.work()
+    stage.add_protocol(make_protocol("1.1", *D_SAFE))
+    run_id = stage.draft(protocol="1.1")
+    stage.step("start", run_id)
+    tend_runs(stage.reconciler, 4)
+    failed = []
+    for code in ("time_limit", *["out_of_memory"] * 5):
+        with stage.context.database.write() as session:
+            claim = jobs.claim_job(session, Lane.RESCORE, 120, 4)
+            assert claim is not None
+            jobs.finish_failed(session, claim, code, "We failed.", retry=False)
+        failed.append(claim.submission_id)
+    slow = failed[0]
+    others = ", ".join(one for one in stage.submitted if one != slow)
+    assert set(stage.view(run_id).blockers) == {
+        f"1 sheet could not be made (time_limit): of {slow}. {TAKE_LOAD_AWAY}",
+        f"5 sheets could not be made (out_of_memory): of {others}. {MORE_MEMORY}",
+    }
 
 
 def test_a_preview_is_stale_once_a_submission_has_come(

@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sqlalchemy import select
 from tests.support.worker import build_board_of
 
 from exceptiondrive_records.boards.boards import current_board
+from exceptiondrive_records.participation.disqualification import disqualify_submission
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import Submission
@@ -194,13 +196,25 @@ def test_an_entry_without_a_link_says_nothing_of_an_effect(pair: tuple[World, st
     assert "reminder_effect" not in plain
 
 
-def test_a_withdrawn_counterpart_takes_the_effect_off_the_board(
-    pair: tuple[World, str, str],
+def disqualify(session: Any, submission_id: str, *, actor: str) -> None:
+    disqualify_submission(session, submission_id, reason="not by an agent", actor=actor)
+
+
+def keep_to_its_team(session: Any, submission_id: str, *, actor: str) -> None:
+    phase = session.get_one(Phase, "dev")
+    phase.policy = phase.policy.model_copy(update={"entries_private": True})
+    for each in session.scalars(select(Submission).where(Submission.id != submission_id)):
+        each.published_at = each.received_at
+
+
+@pytest.mark.parametrize("take_off", [withdraw, disqualify, keep_to_its_team])
+def test_a_counterpart_that_may_not_be_shown_takes_the_effect_off_the_board(
+    pair: tuple[World, str, str], take_off: Callable[..., Any]
 ) -> None:
     world, plain, _ = pair
     assert entry_of(build(world), "reminded").reminder_effect is not None
     with world.database.write() as session:
-        withdraw(session, plain, actor="test")
+        take_off(session, plain, actor="test")
     assert entry_of(build(world), "reminded").reminder_effect is None
 
 
