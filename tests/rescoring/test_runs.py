@@ -267,10 +267,11 @@ def test_a_run_never_floods_the_queue(
     stage.step("start", stage.draft(protocol="1.1"))
     made = [tend_runs(stage.reconciler, 4) for _ in range(3)]
     assert made == [2, 0, 0], "no more until one of them is done"
+    monkeypatch.setattr(fan_out, "BATCH", 1)
+    assert tend_runs(stage.reconciler, 4) == 0, "more wait than it lets wait"
+    monkeypatch.setattr(fan_out, "BATCH", 2)
     stage.work(most=1)
     assert tend_runs(stage.reconciler, 4) == 1
-    monkeypatch.setattr(fan_out, "BATCH", 1)
-    assert tend_runs(stage.reconciler, 4) == 0, "more wait than it would let wait"
 
 
 @pytest.mark.parametrize(
@@ -398,6 +399,8 @@ def test_a_split_revision_goes_the_same_way(stage: Stage, make_split: Callable[.
     assert stage.view(run_id).difference.stage.value == "measure"
     stage.step("start", run_id)
     stage.work()
+    assert stage.view(run_id).state.value == "ready"
+    assert stage.board() == before, "nobody sees it before it is applied"
     stage.apply(run_id)
     assert json.loads(stage.board())["split"]["revision"] == new_revision
     stage.rollback(run_id)
