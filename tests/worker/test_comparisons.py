@@ -197,9 +197,9 @@ def _pair(difference: float, interval: tuple[float, float]) -> PairedComparison:
     )
 
 
-def _sheet(example: ScoreSheet, hcc: float) -> ScoreSheet:
+def _sheet(example: ScoreSheet, hcc: float, n_in_cell: int = 20) -> ScoreSheet:
     row = dict.fromkeys(PLANNING.metric_keys, hcc)
-    cell = BreakdownRow.of(20, dict(row))
+    cell = BreakdownRow.of(n_in_cell, dict(row))
     return example.model_copy(
         update={
             "micro": row,
@@ -208,6 +208,23 @@ def _sheet(example: ScoreSheet, hcc: float) -> ScoreSheet:
             "tasks": {"LB1": cell},
         }
     )
+
+
+LEAST = packaged_protocol().publication.min_samples_per_cell
+
+
+@pytest.mark.parametrize(
+    ("of_a", "of_b", "is_told"),
+    [(LEAST, LEAST, True), (LEAST, LEAST - 1, False), (LEAST - 1, LEAST, False)],
+)
+def test_a_cell_is_told_only_where_both_sheets_have_enough_samples_of_it(
+    of_a: int, of_b: int, is_told: bool
+) -> None:
+    example = ScoreSheet.model_validate_json(example_text("score-sheet"))
+    shown = (_sheet(example, 0.5, of_a), _sheet(example, 0.25, of_b))
+    pair = _pair(0.25, (0.1, 0.4))
+    told = published_comparison(pair, PLANNING, packaged_protocol(), shown, PUBLIC)
+    assert (bool(told.families), bool(told.tasks)) == (is_told, is_told)
 
 
 @pytest.mark.parametrize("exact", [0.00335, 0.00345, 0.00349, 0.0031])
