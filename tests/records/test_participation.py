@@ -200,7 +200,7 @@ def test_a_later_deadline_holds_for_one_team_and_for_what_came_before_it(world: 
     ],
 )
 def test_a_later_deadline_opens_no_phase_that_has_not_begun_or_is_not_shown(
-    world: World, visibility: str, opens_in_h: int, own_closes_in_h: int, is_open: bool
+    world: World, visibility: Any, opens_in_h: int, own_closes_in_h: int, is_open: bool
 ) -> None:
     with world.database.write() as session:
         phase, now = find_phase(session, "dev"), database_now(session)
