@@ -10,10 +10,13 @@ from sqlalchemy import select, update
 
 from exceptiondrive_records.accounts.people import (
     MAX_INVITATIONS_A_DAY,
+    MAX_MEMBERS,
     Identity,
     accept_invitation,
+    add_member,
     invite,
     is_member,
+    members_of,
     set_organizer,
     welcome_person,
     withdraw_invitation,
@@ -22,7 +25,7 @@ from exceptiondrive_records.accounts.roles import OrganizerRole
 from exceptiondrive_records.accounts.tables import BrowserSession, Invitation, Person
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.errors import Conflict, NotFound
-from exceptiondrive_records.teams.teams import switch_self_registration
+from exceptiondrive_records.teams.teams import find_team, switch_self_registration
 
 if TYPE_CHECKING:
     from tests.access.people import PersonBrowser, RunningProvider
@@ -145,6 +148,23 @@ def test_a_team_invites_only_so_often_a_day(small_site: "Api") -> None:
             invite(session, team_id, "Ada", actor="test")
         made.created_at -= timedelta(days=1)
         assert invite(session, team_id, "Ada", actor="test")
+
+
+def test_a_team_is_full_of_its_own_members_alone_each_of_whom_joins_once(
+    small_site: "Api",
+) -> None:
+    with small_site.database.write() as session:
+        alpha, beta = (find_team(session, slug) for slug in ("alpha", "beta"))
+        *many, last = (
+            welcome_person(session, Identity("https://provider.test", f"sub-{number}")).id
+            for number in range(MAX_MEMBERS + 1)
+        )
+        for person_id in (*many, many[0]):
+            add_member(session, alpha, person_id, actor="test")
+        add_member(session, beta, last, actor="test")
+        with pytest.raises(Conflict, match="at most 50 members"):
+            add_member(session, alpha, last, actor="test")
+        assert len(members_of(session, alpha.id)) == MAX_MEMBERS
 
 
 def test_an_invitation_is_kept_as_a_digest(small_site: "Api", browse: Browse) -> None:

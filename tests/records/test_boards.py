@@ -179,6 +179,17 @@ def test_what_came_while_a_board_was_built_is_built_next(world: World) -> None:
         assert is_board_wanted(session, "dev", world.protocol_digest)
 
 
+def test_what_was_built_before_is_no_attempt_of_the_next_build(world: World) -> None:
+    """Organizers are told of a board that was begun again and again and not finished."""
+    for name in ("a", "b", "c"):
+        want(world)
+        claim = take(world)
+        assert claim is not None
+        assert claim.attempts == 1
+        with world.database.write() as session:
+            assert boards.publish_board(session, claim, board(world, name)) is not None
+
+
 def test_a_late_builder_publishes_nothing(world: World) -> None:
     late = take(world)
     assert late is not None
@@ -334,7 +345,7 @@ def test_of_many_changes_some_are_named_and_all_are_counted(world: World) -> Non
     assert [each.rank for each in news.entries] == list(range(2, 2 + boards.MAX_NEWS))
 
 
-def test_between_protocols_no_value_is_compared(world: World) -> None:
+def test_between_protocols_and_split_revisions_no_value_is_compared(world: World) -> None:
     publish(world, board(world, "a"))
     with world.database.write() as session:
         phase = session.get_one(Phase, "dev")
@@ -355,6 +366,10 @@ def test_between_protocols_no_value_is_compared(world: World) -> None:
         flip = boards.flip_board(session, phase, other)
         assert flip is not None
         assert flip.news == BoardNews()
+    one, two = board(world, "a"), board(world, "b")
+    later = SplitRef(name=two.split.name, revision=OTHER)
+    assert boards.news_between(one, two) != BoardNews()
+    assert boards.news_between(one, two.model_copy(update={"split": later})) == BoardNews()
 
 
 def test_protocols_are_found_by_the_flips_and_not_by_asking_every_board(world: World) -> None:

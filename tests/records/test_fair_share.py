@@ -19,7 +19,13 @@ from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work import jobs
-from exceptiondrive_records.work.fair_share import fair_order, jobs_ahead, waits
+from exceptiondrive_records.work.fair_share import (
+    fair_order,
+    is_live_job_waiting,
+    is_live_work_open,
+    jobs_ahead,
+    waits,
+)
 from exceptiondrive_records.work.lease import new_item
 from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
@@ -160,12 +166,13 @@ def add_job(
     created_at: datetime,
     leased_at: datetime | None = None,
     state: WorkState | None = None,
-) -> None:
+    lane: Lane = Lane.LIVE,
+) -> Job:
     job = new_item(
         Job,
         str(number),
         created_at,
-        lane=Lane.LIVE,
+        lane=lane,
         submission_id=session.scalars(select(Submission.id)).first(),
         team_id=team_id,
         protocol_digest=session.scalars(select(Phase.protocol_digest)).first(),
@@ -179,6 +186,7 @@ def add_job(
             job.lease_until = database_now(session) + timedelta(hours=1)
     session.add(job)
     session.flush()
+    return job
 
 
 def add_team(world: World, slug: str) -> int:
@@ -273,3 +281,41 @@ def test_what_runs_counts_for_its_team_only_while_its_lease_holds(
         job.state, job.lease_until = state, job.lease_until.replace(year=2020)
     assert method_of(world, take_next(world)) == "quiet0", "it was never served"
     assert take_next(world).id == busy.id, "the oldest of its team"
+
+
+def test_what_is_scored_anew_in_the_background_takes_no_turn_from_its_team(world: World) -> None:
+    (mine,) = flood(world, "mine", 1)
+    flood(world, "other", 1, add_team(world, "beta"))
+    with world.database.write() as session:
+        add_job(session, world.team_id, 1, at(0), database_now(session), lane=Lane.RESCORE)
+    with world.database.read() as session:
+        job = session.get_one(Job, mine.job_id)
+        assert jobs_ahead(session, [job]) == {job.id: 0}
+    assert method_of(world, take_next(world)) == "mine0"
+
+
+@pytest.mark.parametrize(
+    ("lane", "is_taken", "in_s", "waits_now", "is_open"),
+    [
+        (Lane.LIVE, False, -1, True, True),
+        (Lane.LIVE, False, 60, False, False),  # it rests before it is tried again
+        (Lane.LIVE, True, 60, False, True),
+        (Lane.LIVE, True, -1, False, False),  # whoever scored it is gone
+        (Lane.RESCORE, False, -1, False, False),
+        (Lane.RESCORE, True, 60, False, False),
+    ],
+)
+def test_the_background_gives_way_to_live_work_that_somebody_can_do_or_does(
+    world: World, lane: Lane, is_taken: bool, in_s: float, waits_now: bool, is_open: bool
+) -> None:
+    world.submit("of the job", "of the job")
+    with world.database.write() as session:
+        session.execute(delete(Job))
+        job = add_job(session, world.team_id, 1, at(0), at(0) if is_taken else None, lane=lane)
+        time = database_now(session) + timedelta(seconds=in_s)
+        if is_taken:
+            job.lease_until = time
+        else:
+            job.available_at = time
+    with world.database.read() as session:
+        assert (is_live_job_waiting(session), is_live_work_open(session)) == (waits_now, is_open)

@@ -218,6 +218,19 @@ def test_an_item_without_what_its_kind_needs_is_refused(
         session.execute(WorkItem.metadata.tables["work"].insert().values(values))
 
 
+def test_a_submission_with_a_sheet_or_a_job_under_a_key_is_not_left_out(world: World) -> None:
+    accepted = world.submit("file")
+    shown = ScoringKey(world.protocol_digest, must_take(world, accepted.job_id).split_revision)
+    with world.database.read() as session:
+        assert session.scalars(left_out(world.phase_id, shown)).all() == [], "it has a job"
+    expire_lease(world, accepted.job_id)
+    world.score(accepted.job_id)
+    with world.database.write() as session:
+        session.delete(session.get_one(Job, accepted.job_id))
+        session.flush()
+        assert session.scalars(left_out(world.phase_id, shown)).all() == [], "it has a sheet"
+
+
 def test_a_file_that_is_looked_at_has_no_job_by_that(world: World) -> None:
     accepted = world.submit("file")
     key, again = (ScoringKey(world.protocol_digest, revision) for revision in ("r2", "r3"))

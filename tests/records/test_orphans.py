@@ -14,7 +14,7 @@ from sqlalchemy import select
 from exceptiondrive_records.audit.log import count_audit_lines
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.operations import garbage
-from exceptiondrive_records.operations.garbage import run_sweeper, sweep_orphans
+from exceptiondrive_records.operations.garbage import remove_orphan, run_sweeper, sweep_orphans
 from exceptiondrive_records.submissions.file_store import FileStore, is_kept
 from exceptiondrive_records.submissions.submissions import accept
 
@@ -82,6 +82,10 @@ def test_the_same_bytes_sent_again_are_young_again(
     grow_old(folder, digest)
     store(files, b"again")
     assert sweep(world, files) == 0
+    sent_at = files.changed_at(digest)
+    assert sent_at is not None
+    assert not remove_orphan(world.database, files, digest, before=sent_at), "sent since it looked"
+    assert remove_orphan(world.database, files, digest, before=sent_at + HOUR)
 
 
 def test_a_sweep_between_storing_and_recording_loses_nothing(

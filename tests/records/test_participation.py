@@ -38,6 +38,7 @@ from exceptiondrive_records.participation.disqualification import (
 from exceptiondrive_records.participation.forgetting import forget_team
 from exceptiondrive_records.participation.importing import import_teams
 from exceptiondrive_records.participation.messages import recipients, send_message
+from exceptiondrive_records.phases.allowances import is_open_to
 from exceptiondrive_records.phases.changes import update_phase
 from exceptiondrive_records.phases.disqualified import disqualification_notes
 from exceptiondrive_records.phases.phases import find_phase, phase_view
@@ -186,6 +187,28 @@ def test_a_later_deadline_holds_for_one_team_and_for_what_came_before_it(world: 
         earlier = phase.closes_at - timedelta(days=1)
     with pytest.raises(InvalidRecord, match="after that"), world.database.write() as session:
         set_allowance(session, "alpha", "dev", closes_at=earlier, **WHY)
+
+
+@pytest.mark.parametrize(
+    ("visibility", "opens_in_h", "own_closes_in_h", "is_open"),
+    [
+        ("shown", -2, 1, True),
+        ("shown", -2, 0, False),
+        ("shown", 1, 2, False),
+        ("hidden", -2, 1, False),
+        ("archived", -2, 1, False),
+    ],
+)
+def test_a_later_deadline_opens_no_phase_that_has_not_begun_or_is_not_shown(
+    world: World, visibility: Any, opens_in_h: int, own_closes_in_h: int, is_open: bool
+) -> None:
+    with world.database.write() as session:
+        phase, now = find_phase(session, "dev"), database_now(session)
+        phase.visibility = visibility
+        phase.opens_at = now + timedelta(hours=opens_in_h)
+        phase.closes_at = max(now, phase.opens_at) - timedelta(hours=1)
+        own = now + timedelta(hours=own_closes_in_h)
+        assert is_open_to(session, phase, own, now) is is_open
 
 
 def test_a_deadline_that_is_moved_by_seconds_holds_for_what_came_before_it(world: World) -> None:

@@ -16,6 +16,7 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_records.work.heartbeats import beat
 from exceptiondrive_records.work.lease import give_up_lead, take_lead
+from exceptiondrive_records.work.profiles import ask_for_profile, claim_profile, profiles_coming
 from exceptiondrive_records.work.tables import Job, Leader, WorkState
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.jobs import Lane
@@ -105,6 +106,28 @@ def test_a_job_without_attempts_left_is_given_up_and_the_team_is_told(
         assert submission.failure_code == "attempts_exhausted"
         assert session.get(Job, accepted.job_id).state is WorkState.DEAD
         assert count_audit_lines(session, "scoring failed") == 1
+
+
+def test_a_file_that_ends_whoever_looks_at_it_is_looked_at_no_more(
+    world: World, broker: Broker
+) -> None:
+    board_is_built(world)
+    accepted = world.submit("poison")
+    world.score(accepted.job_id)
+    key = accepted.submission.id
+    with world.database.write() as session:
+        ask_for_profile(session, key)
+    dispatcher = Dispatcher(broker.url)
+    for _ in range(SETTINGS.max_attempts):
+        reconcile_once(world.database, dispatcher, SETTINGS)
+        with world.database.write() as session:
+            assert claim_profile(session, 60, SETTINGS.max_attempts) is not None
+            assert profiles_coming(session, [key]) == {key}
+        hours_pass(world)
+    reconcile_once(world.database, dispatcher, SETTINGS)
+    with world.database.write() as session:
+        assert claim_profile(session, 60, SETTINGS.max_attempts) is None
+        assert profiles_coming(session, [key]) == set(), "its team waits for nothing"
 
 
 def test_a_wanted_board_wakes_a_worker_until_it_is_built(world: World, broker: Broker) -> None:

@@ -9,7 +9,12 @@ from exceptiondrive_records.entries.selection import MAX_CHOICES_A_DAY, choose
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.submissions import find_submission, withdraw
 from exceptiondrive_records.submissions.views import view
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.work.jobs import finish_scored
 from exceptiondrive_schemas.api.phase_settings import RunRule
+from exceptiondrive_schemas.score_sheet import Coverage
+
+FULL, ENOUGH, TOO_LITTLE = (Coverage(edited=share, source=1.0) for share in (1.0, 0.99, 0.98))
 
 
 def scored_run(world: World, content: str, hcc: float) -> str:
@@ -59,6 +64,19 @@ def test_a_team_says_newest_best_or_one(world: World) -> None:
     assert set(standing(world)) == {last, other}
 
 
+def test_a_reference_keeps_all_its_methods_where_each_team_has_one_entry(world: World) -> None:
+    first, second = scored(world, "one", "One"), scored(world, "two", "Two")
+    with world.database.write() as session:
+        phase = session.get_one(Phase, world.phase_id)
+        phase.policy = phase.policy.model_copy(update={"entries_shown": "chosen"})
+    assert set(standing(world)) == {second}
+    assert replaced(world, first) == second
+    with world.database.write() as session:
+        session.get_one(Team, world.team_id).is_reference = True
+    assert set(standing(world)) == {first, second}
+    assert replaced(world, first) is None
+
+
 def test_a_team_chooses_so_many_times_a_day(world: World) -> None:
     """Each choice may become a board, and no board is ever removed."""
     allow(world)
@@ -101,3 +119,37 @@ def test_the_same_score_stands_by_its_newest_run(world: World) -> None:
     _, second = runs(world, 0.6, 0.6)
     say(world, second, "best")
     assert list(standing(world)) == [second]
+
+
+@pytest.mark.parametrize(
+    ("worse", "better"),
+    [
+        ((0.5, 0.1, FULL), (0.6, 0.9, FULL)),
+        ((0.5, 0.3, FULL), (0.5, 0.2, FULL)),  # UR decides where HCC is the same: less is better
+        ((0.5, None, FULL), (0.5, 0.9, FULL)),
+        ((0.9, 0.1, TOO_LITTLE), (0.5, 0.9, FULL)),  # it takes no rank
+        ((0.5, 0.1, FULL), (0.6, 0.1, ENOUGH)),
+    ],
+)
+@pytest.mark.parametrize("comes_last", ["worse", "better"])
+def test_the_best_run_is_the_one_that_would_rank_first(
+    world: World,
+    worse: tuple[float, float | None, Coverage],
+    better: tuple[float, float | None, Coverage],
+    comes_last: str,
+) -> None:
+    allow(world)
+    ids = {}
+    for name in ("better", "worse") if comes_last == "worse" else ("worse", "better"):
+        hcc, ur, coverage = worse if name == "worse" else better
+        row = {"hcc": hcc, "ur": ur, "cts": None}
+        aggregates = {"micro": row, "macro_family": row, "coverage": coverage}
+        accepted = world.submit(name, "Planner")
+        job = world.claim(accepted.job_id)
+        with world.database.write() as session:
+            sheet = world.sheet().model_copy(update=aggregates)
+            made = {"exact_digest": "e", "measurement_key": "m", "scorer_version": "1"}
+            finish_scored(session, job, sheet, **made)
+        ids[name] = accepted.submission.id
+    say(world, ids[comes_last], "best")
+    assert list(standing(world)) == [ids["better"]]

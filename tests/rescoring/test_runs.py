@@ -4,6 +4,7 @@ import json
 import re
 import threading
 from collections.abc import Callable
+from datetime import timedelta
 from io import StringIO
 from typing import Any
 
@@ -18,16 +19,22 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.notifications.inbox import list_notifications
 from exceptiondrive_records.participation.forgetting import forget_team
-from exceptiondrive_records.rescoring import runs
+from exceptiondrive_records.phases.scoring_keys import find_run
+from exceptiondrive_records.rescoring import fan_out, runs
+from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.rescoring.views import board_history, public_run
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.teams import find_team
+from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import parse_protocol
 
 Stage = Any
 D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 4.5")
+TAKE_LOAD_AWAY = "Give the workers more time, or take load away; then resume the run."
+MORE_MEMORY = "Give the workers more memory; then resume the run."
 WIDER = ("footprint_width_m = 1.85", "footprint_width_m = 1.95")
 
 
@@ -116,6 +123,31 @@ def test_apply_is_refused_while_a_pair_is_failed_or_missing(
     stage.step("resume", run_id)  # tries the failed one again
     stage.work()
     stage.apply(run_id)
+
+
+def test_every_sheet_that_could_not_be_made_is_told_with_its_reason_and_five_by_name(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    for number in range(3):
+        stage.submit(3.0 + number / 4, f"more {number}")
+    stage.work()
+    stage.add_protocol(make_protocol("1.1", *D_SAFE))
+    run_id = stage.draft(protocol="1.1")
+    stage.step("start", run_id)
+    tend_runs(stage.reconciler, 4)
+    failed = []
+    for code in ("time_limit", *["out_of_memory"] * 5):
+        with stage.context.database.write() as session:
+            claim = jobs.claim_job(session, Lane.RESCORE, 120, 4)
+            assert claim is not None
+            jobs.finish_failed(session, claim, code, "We failed.", retry=False)
+        failed.append(claim.submission_id)
+    slow = failed[0]
+    others = ", ".join(one for one in stage.submitted if one != slow)
+    assert set(stage.view(run_id).blockers) == {
+        f"1 sheet could not be made (time_limit): of {slow}. {TAKE_LOAD_AWAY}",
+        f"5 sheets could not be made (out_of_memory): of {others}. {MORE_MEMORY}",
+    }
 
 
 def test_a_preview_is_stale_once_a_submission_has_come(
@@ -209,6 +241,76 @@ def test_a_paused_run_scores_nothing_until_it_is_resumed(
     assert stage.work() == 2
 
 
+def test_what_is_given_back_while_a_run_is_paused_waits_until_it_is_resumed(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    stage.add_protocol(make_protocol("1.1", *D_SAFE))
+    run_id = stage.draft(protocol="1.1")
+    stage.step("start", run_id)
+    tend_runs(stage.reconciler, 4)
+    with stage.context.database.write() as session:
+        claim = jobs.claim_job(session, Lane.RESCORE, 120, 4)
+    assert claim is not None
+    stage.step("pause", run_id)
+    with stage.context.database.write() as session:
+        jobs.finish_failed(session, claim, "internal", "We failed.", retry=True, backoff_s=0)
+    assert stage.work() == 0
+    stage.step("resume", run_id)
+    assert stage.work() == 3
+
+
+def test_a_run_never_floods_the_queue(
+    stage: Stage, make_protocol: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fan_out, "BATCH", 2)
+    stage.add_protocol(make_protocol("1.1", *D_SAFE))
+    stage.step("start", stage.draft(protocol="1.1"))
+    made = [tend_runs(stage.reconciler, 4) for _ in range(3)]
+    assert made == [2, 0, 0], "no more until one of them is done"
+    monkeypatch.setattr(fan_out, "BATCH", 1)
+    assert tend_runs(stage.reconciler, 4) == 0, "more wait than it lets wait"
+    monkeypatch.setattr(fan_out, "BATCH", 2)
+    stage.work(most=1)
+    assert tend_runs(stage.reconciler, 4) == 1
+
+
+@pytest.mark.parametrize(
+    ("resumed_s_ago", "made_s_ago", "is_counted"),
+    [(100, 20, True), (100, 50, False), (10, 20, False)],
+    ids=["of the last half minute", "older", "before scoring went on"],
+)
+def test_the_rate_of_a_run_is_that_of_the_last_half_minute_since_scoring_went_on(
+    stage: Stage,
+    make_protocol: Callable[..., str],
+    resumed_s_ago: float,
+    made_s_ago: float,
+    is_counted: bool,
+) -> None:
+    stage.add_protocol(make_protocol("1.1", *D_SAFE))
+    run_id = stage.draft(protocol="1.1")
+    stage.step("start", run_id)
+    with stage.owner.write() as session:
+        now, run = database_now(session), find_run(session, run_id)
+        run.resumed_at = now - timedelta(seconds=resumed_s_ago)
+        session.add(
+            ScoreSheetRow(
+                submission_id=stage.submitted[0],
+                protocol_digest=run.to_protocol_digest,
+                split_revision=run.to_split_revision,
+                sheet=session.scalars(select(ScoreSheetRow.sheet).limit(1)).one(),
+                exact_digest="sha256:exact",
+                measurement_key="m",
+                scorer_version="1",
+                created_at=now - timedelta(seconds=made_s_ago),
+            )
+        )
+    progress = stage.view(run_id).progress
+    assert progress.done == 1
+    assert (progress.sheets_per_s is not None, progress.remaining_s is not None) == (
+        (is_counted, is_counted)
+    )
+
+
 def test_a_run_resumes_after_any_crash_without_losing_or_doubling_a_pair(
     stage: Stage, make_protocol: Callable[..., str]
 ) -> None:
@@ -297,6 +399,8 @@ def test_a_split_revision_goes_the_same_way(stage: Stage, make_split: Callable[.
     assert stage.view(run_id).difference.stage.value == "measure"
     stage.step("start", run_id)
     stage.work()
+    assert stage.view(run_id).state.value == "ready"
+    assert stage.board() == before, "nobody sees it before it is applied"
     stage.apply(run_id)
     assert json.loads(stage.board())["split"]["revision"] == new_revision
     stage.rollback(run_id)

@@ -12,8 +12,10 @@ from tests.support.worker import build_board_of
 from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.splits.splits import publish_split
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_records.work.board_requests import want_board
+from exceptiondrive_schemas.base import bytes_digest
 from exceptiondrive_schemas.board import Board, PairedComparison, PairedDifference
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
@@ -195,9 +197,9 @@ def _pair(difference: float, interval: tuple[float, float]) -> PairedComparison:
     )
 
 
-def _sheet(example: ScoreSheet, hcc: float) -> ScoreSheet:
+def _sheet(example: ScoreSheet, hcc: float, n_in_cell: int = 20) -> ScoreSheet:
     row = dict.fromkeys(PLANNING.metric_keys, hcc)
-    cell = BreakdownRow.of(20, dict(row))
+    cell = BreakdownRow.of(n_in_cell, dict(row))
     return example.model_copy(
         update={
             "micro": row,
@@ -206,6 +208,23 @@ def _sheet(example: ScoreSheet, hcc: float) -> ScoreSheet:
             "tasks": {"LB1": cell},
         }
     )
+
+
+LEAST = packaged_protocol().publication.min_samples_per_cell
+
+
+@pytest.mark.parametrize(
+    ("of_a", "of_b", "is_told"),
+    [(LEAST, LEAST, True), (LEAST, LEAST - 1, False), (LEAST - 1, LEAST, False)],
+)
+def test_a_cell_is_told_only_where_both_sheets_have_enough_samples_of_it(
+    of_a: int, of_b: int, is_told: bool
+) -> None:
+    example = ScoreSheet.model_validate_json(example_text("score-sheet"))
+    shown = (_sheet(example, 0.5, of_a), _sheet(example, 0.25, of_b))
+    pair = _pair(0.25, (0.1, 0.4))
+    told = published_comparison(pair, PLANNING, packaged_protocol(), shown, PUBLIC)
+    assert (bool(told.families), bool(told.tasks)) == (is_told, is_told)
 
 
 @pytest.mark.parametrize("exact", [0.00335, 0.00345, 0.00349, 0.0031])
@@ -256,3 +275,7 @@ def test_two_entries_of_one_team_are_not_compared_on_a_withheld_split(
         speed = {"a": 1.0, "b": 2.0, "c": 3.0}[method]
         world.score(planning_file(tiny, edited_mps=speed), method=method, team=team)
     assert set(by_method(build(world))) == {("a", "c"), ("b", "c")}
+    with world.database.write() as session:
+        revision = session.get_one(Phase, "dev").split_revision
+        publish_split(session, tiny.name, revision, bytes_digest(b"its file"), "ops")
+    assert set(by_method(build(world))) == {("a", "b"), ("a", "c"), ("b", "c")}

@@ -9,11 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sqlalchemy import select
 from tests.support.worker import build_board_of
 
 from exceptiondrive_records.boards.boards import current_board
+from exceptiondrive_records.participation.disqualification import disqualify_submission
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.submissions import withdraw
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.board import Board, BoardEntry, PairedDifference, ReminderEffect
 from exceptiondrive_schemas.challenges import STRATEGY
@@ -193,13 +196,25 @@ def test_an_entry_without_a_link_says_nothing_of_an_effect(pair: tuple[World, st
     assert "reminder_effect" not in plain
 
 
-def test_a_withdrawn_counterpart_takes_the_effect_off_the_board(
-    pair: tuple[World, str, str],
+def disqualify(session: Any, submission_id: str, *, actor: str) -> None:
+    disqualify_submission(session, submission_id, reason="not by an agent", actor=actor)
+
+
+def keep_to_its_team(session: Any, submission_id: str, *, actor: str) -> None:
+    phase = session.get_one(Phase, "dev")
+    phase.policy = phase.policy.model_copy(update={"entries_private": True})
+    for each in session.scalars(select(Submission).where(Submission.id != submission_id)):
+        each.published_at = each.received_at
+
+
+@pytest.mark.parametrize("take_off", [withdraw, disqualify, keep_to_its_team])
+def test_a_counterpart_that_may_not_be_shown_takes_the_effect_off_the_board(
+    pair: tuple[World, str, str], take_off: Callable[..., Any]
 ) -> None:
     world, plain, _ = pair
     assert entry_of(build(world), "reminded").reminder_effect is not None
     with world.database.write() as session:
-        withdraw(session, plain, actor="test")
+        take_off(session, plain, actor="test")
     assert entry_of(build(world), "reminded").reminder_effect is None
 
 
@@ -223,6 +238,25 @@ def test_a_second_board_takes_the_effect_from_the_store_and_a_lost_store_comes_t
             path.unlink()
     assert effect_of(build(world), "reminded") == first
     assert len(compared) == 2
+
+
+def test_a_kept_effect_names_the_counterpart_of_today(pair: tuple[World, str, str]) -> None:
+    """The same bytes under another name, or sent again: the numbers are kept, the names are not."""
+    world, plain, reminded = pair
+    first = effect_of(build(world), "reminded")
+    with world.database.write() as session:
+        session.get_one(Submission, plain).method = "renamed"
+    renamed = effect_of(build(world), "reminded")
+    assert (renamed.without, renamed.without_method) == (plain, "renamed")
+    scenes_file = world.files.read(world.submission(plain).file_digest, limit_bytes=10**6)
+    with world.database.write() as session:
+        withdraw(session, plain, actor="test")
+    again = world.score(scenes_file, method="renamed")
+    with world.database.write() as session:
+        session.get_one(Submission, reminded).linked_to = again
+    sent_again = effect_of(build(world), "reminded")
+    assert (sent_again.without, sent_again.without_method) == (again, "renamed")
+    assert sent_again.differences == renamed.differences == first.differences
 
 
 def test_only_rounded_numbers_are_published(pair: tuple[World, str, str]) -> None:

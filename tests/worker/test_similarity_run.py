@@ -98,6 +98,14 @@ def test_equal_files_equal_answers_and_near_ones_are_told_apart(crowd: World) ->
     assert order == sorted(order)
 
 
+def test_a_file_that_a_team_withdrew_and_sent_again_is_no_pair(crowd: World) -> None:
+    first = crowd.score(upload(1), team="alpha")
+    with crowd.database.write() as session:
+        withdraw(session, first, actor="test")
+    crowd.score(upload(1), team="alpha")
+    assert report(crowd).pairs == ()
+
+
 def test_what_is_found_does_not_depend_on_when_it_is_compared(crowd: World) -> None:
     for team in ("alpha", "beta"):
         crowd.score(upload(1) + b" " * len(team), team=team)
