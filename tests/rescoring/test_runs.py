@@ -276,7 +276,7 @@ def test_a_run_never_floods_the_queue(
 
 @pytest.mark.parametrize(
     ("resumed_s_ago", "made_s_ago", "is_counted"),
-    [(100, 20, True), (100, 50, False), (10, 20, False)],
+    [(100, 2, True), (100, 50, False), (10, 20, False)],
     ids=["of the last half minute", "older", "before scoring went on"],
 )
 def test_the_rate_of_a_run_is_that_of_the_last_half_minute_since_scoring_went_on(
