@@ -83,6 +83,17 @@ def test_another_subject_with_the_same_email_is_somebody_else(
     assert len(people_of(small_site)) == 2
 
 
+@pytest.mark.parametrize("n_before_the_sign", [90, 300])
+def test_an_email_address_is_kept_whole_or_not_at_all(
+    small_site: "Api", person: Open, provider: "RunningProvider", n_before_the_sign: int
+) -> None:
+    email = "a" * n_before_the_sign + "@example.org"
+    provider.order(person={"sub": "s", "name": "Ada", "email": email})
+    person(small_site).sign_in()
+    (ada,) = people_of(small_site)
+    assert ada.email == (email if n_before_the_sign == 90 else None)
+
+
 @pytest.mark.parametrize("name", ["", "   ", "a\u202eb", "x" * 5000, None, 7, ["x"]])
 def test_a_bad_name_is_no_reason_to_refuse(
     small_site: "Api", person: Open, provider: "RunningProvider", name: Any
@@ -142,6 +153,25 @@ def test_the_same_answer_works_once(site: "Api", person: Open) -> None:
     assert ada.come_back(back).status_code == 303
     ada.post("/sign-out", {}, page="/my/team")
     assert_refused(ada.come_back(back), ada, 400)
+
+
+def test_a_second_click_of_who_is_signed_in_leads_on(small_site: "Api", person: Open) -> None:
+    ada = person(small_site)
+    back = ada.provider.visit(ada.begin())
+    ada.come_back(back)
+    again = ada.come_back(back)
+    assert (again.status_code, again.headers["location"]) == (303, "/my")
+    assert ada.has_session
+
+
+def test_of_two_flows_of_a_browser_the_later_counts_and_the_earlier_is_told(
+    small_site: "Api", person: Open
+) -> None:
+    ada = person(small_site)
+    earlier, later = (ada.provider.visit(ada.begin()) for _ in range(2))
+    assert "another was begun after it" in assert_refused(ada.come_back(earlier), ada, 400)
+    assert ada.come_back(later).headers["location"] == "/my"
+    assert ada.come_back(earlier).headers["location"] == "/my"
 
 
 def test_a_replayed_code_is_refused(small_site: "Api", person: Open) -> None:
@@ -213,6 +243,16 @@ def test_rotated_keys_are_fetched_when_an_unknown_one_appears(
     assert provider.order() == before + 1
 
 
+def test_a_new_key_under_the_name_of_the_old_one_is_taken_by_who_begins_again(
+    small_site: "Api", person: Open, provider: "RunningProvider"
+) -> None:
+    assert person(small_site).sign_in().status_code == 303
+    provider.order(rotate="first")
+    ada = person(small_site)
+    assert "Begin again" in assert_refused(ada.sign_in(), ada)
+    assert ada.sign_in().status_code == 303
+
+
 def test_an_answer_of_another_provider_is_refused(small_site: "Api", person: Open) -> None:
     ada = person(small_site)
     back = ada.provider.visit(ada.begin())
@@ -224,7 +264,9 @@ def test_who_declines_at_the_provider_is_told_so(
 ) -> None:
     provider.order(deny=True)
     ada = person(small_site)
-    assert "called off" in assert_refused(ada.sign_in(), ada, 403)
+    text = assert_refused(ada.sign_in(), ada, 403)
+    assert "called off" in text
+    assert "aria-invalid" not in text, "nothing is wrong with a token that nobody typed"
 
 
 def test_a_provider_that_names_another_issuer_is_not_used(

@@ -217,6 +217,85 @@ def test_a_removed_member_is_out_at_once(
     assert "member removed" in actions(site)
 
 
+def test_no_invitation_that_a_removed_member_made_leads_back_in(
+    site: "Api", person: Open, browse: Browse
+) -> None:
+    link = invited_by_token(site, browse)
+    ada = person(site)
+    ada.sign_in(back=link)
+    ada.post(link, {}, page=link)
+    own = invitation_from(ada.post("/my/team/invitations", {}, page="/my/team"))
+    others = invited_by_token(site, browse)
+    with site.database.read() as session:
+        person_id = session.scalars(select(Person.id)).one()
+    keeper = browse(site)
+    keeper.sign_in("alpha")
+    keeper.post(f"/my/team/members/{person_id}/remove", {}, page="/my/team")
+    assert ada.get(own).status_code == 404
+    assert ada.post(own, {}, page="/my/team").status_code == 404
+    assert actions(site)[-2:] == ["member removed", "invitation withdrawn"]
+    assert ada.get(others).status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("deed", "is_ended"),
+    [
+        (("revoke", {}), True),
+        (("rotate", {"keep_days": "0"}), True),
+        (("rotate", {"keep_days": "7"}), False),
+    ],
+)
+def test_invitations_of_a_token_end_with_it(
+    small_site: "Api", browse: Browse, deed: tuple[str, dict[str, str]], is_ended: bool
+) -> None:
+    link = invited_by_token(small_site, browse)
+    keeper = browse(small_site)
+    keeper.sign_in("alpha")
+    token_id = small_site.tokens["alpha"].split("_")[2]
+    done = keeper.post(f"/my/tokens/{token_id}/{deed[0]}", deed[1], page="/my/tokens")
+    assert done.status_code in (200, 303), done.text
+    assert browse(small_site).get(link).status_code == (404 if is_ended else 200)
+
+
+def test_a_member_does_not_use_up_an_invitation_of_the_own_team(
+    small_site: "Api", person: Open, browse: Browse, provider: "RunningProvider"
+) -> None:
+    link = invited_by_token(small_site, browse)
+    ada = person(small_site)
+    ada.sign_in(back=link)
+    ada.post(link, {}, page=link)
+    second = invitation_from(ada.post("/my/team/invitations", {}, page="/my/team"))
+    shown = ada.get(second).text
+    assert "You belong to Alpha already: send this link on" in shown
+    assert "Join Alpha</button>" not in shown
+    assert ada.post(second, {}, page="/my/team").status_code == 303
+    provider.order(person=EVE)
+    eve = person(small_site)
+    eve.sign_in(back=second)
+    assert eve.post(second, {}, page=second).headers["location"] == "/my/team"
+
+
+def test_an_organizer_without_a_team_finds_the_way_to_organize(
+    small_site: "Api", person: Open, browse: Browse
+) -> None:
+    """As after the operator's `set-organizer`, or after leaving a team."""
+    ada = person(small_site)
+    ada.sign_in()
+    assert "To submit you need a team" in ada.get("/my/team").text
+    with small_site.database.write() as session:
+        person_id = session.scalars(select(Person.id)).one()
+        set_organizer(session, person_id, OrganizerRole.OWNER, actor="test")
+    assert ">Organizer</button>" in ada.get("/my/team").text
+    led = ada.post("/my/team/act-for", {"team": ""}, page="/my/team")
+    assert led.headers["location"] == "/organize"
+    assert 'href="/organize"' in ada.get("/").text
+    link = invited_by_token(small_site, browse)
+    ada.post(link, {}, page=link)
+    assert 'href="/organize"' not in ada.get("/").text, "who acts for a team organizes nothing"
+    ada.post(f"/my/team/members/{person_id}/remove", {}, page="/my/team")
+    assert ">Organizer</button>" in ada.get("/my/team").text
+
+
 @pytest.mark.parametrize(
     "path",
     ["/my/team/act-for", "/my/team/invitations", "/my/team/invitations/x/withdraw",

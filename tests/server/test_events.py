@@ -51,6 +51,25 @@ def test_changes_are_told_until_the_end(api_on_both: "Api") -> None:
     assert all(one != other for one, other in itertools.pairwise(events))
 
 
+def test_nothing_more_is_told_once_the_token_is_revoked(
+    make_api: Callable[..., "Api"], sqlite_url: str
+) -> None:
+    api = make_api(sqlite_url, events_longest_s=60)
+    own = api.submit("a").json()["id"]
+    path = f"/api/v1/submissions/{own}/events"
+    bearer = {"Authorization": f"Bearer {api.tokens['alpha']}"}
+    with (
+        served(api.app) as address,
+        httpx.stream("GET", address + path, headers=bearer, timeout=60) as stream,
+    ):
+        parts = stream.iter_text()
+        told = next(parts)
+        api.post(f"/tokens/{api.tokens['alpha'].split('_')[2]}/revoke", "alpha")
+        api.score(own)
+        told += "".join(parts)
+    assert [event["status"] for event in events_of(told)] == ["received"]
+
+
 @pytest.mark.parametrize("longest_s", [0.05])
 def test_a_stream_ends_in_time_and_the_follower_connects_again(
     make_api: Callable[..., "Api"], sqlite_url: str, longest_s: float

@@ -36,7 +36,8 @@ def test_a_team_signs_in_and_stays_so_until_it_signs_out(api_on_both: "Api", bro
     ("who", "sent_to", "back"),
     [
         ("alpha", "/submit", "/submit"),
-        ("alpha", "/submissions/x/withdraw", "/my"),
+        ("alpha", "/submissions/x/withdraw", "/submissions/x"),
+        ("alpha", "/my/team/members/x/remove", "/my/team"),
         ("organizer", "/organize/phases/dev", "/organize/phases/dev"),
         ("organizer", "/organize/submissions/x/note", "/organize/submissions/x/note"),
     ],
@@ -55,6 +56,25 @@ def test_a_form_sent_after_the_session_ended_leads_back_to_its_page_and_is_told_
     assert "what you sent was not saved" in page.text
     assert f'name="back" value="{back}"' in page.text
     assert "was not saved" not in browser.get(browser.get("/my").headers["location"]).text
+
+
+def test_who_signs_out_after_the_session_ended_is_told_of_nothing_unsaved(
+    api: "Api", browse: Open
+) -> None:
+    browser = browse(api)
+    browser.sign_in("alpha")
+    form = browser.form("/my/tokens")
+    for _ in range(2):  # two tabs
+        answer = browser.send("/sign-out", form)
+        assert (answer.status_code, answer.headers["location"]) == (303, "/")
+        assert "Max-Age=0" in answer.headers["set-cookie"]
+
+
+def test_no_other_site_takes_the_cookie_of_a_browser(api: "Api", browse: Open) -> None:
+    """What it makes a browser send carries no cookie, and what is answered could still take one."""
+    answer = browse(api).client.post("/sign-out", headers={"Origin": "https://evil.test"})
+    assert answer.status_code == 403
+    assert "set-cookie" not in answer.headers
 
 
 def test_the_cookie_is_bound_to_this_host_and_hidden_from_scripts(api: "Api", browse: Open) -> None:
@@ -141,7 +161,8 @@ def test_no_form_of_a_session_is_taken_from_elsewhere(api: "Api", browse: Open, 
     answer = browser.client.post(path, data={"form_token": good}, headers=headers)
     assert (answer.status_code, answer.json()["code"]) == (403, "not_allowed")
     assert browser.get("/my").status_code == 200
-    assert browser.fresh().send(path, {"form_token": good}).headers["location"].startswith("/sign")
+    led = browser.fresh().send(path, {"form_token": good}).headers["location"]
+    assert led == "/" if path == "/sign-out" else led.startswith("/sign")
 
 
 def test_guessing_is_slowed_down_with_a_time_to_wait(api: "Api", browse: Open) -> None:

@@ -19,6 +19,8 @@ from exceptiondrive_records.db.identifiers import checked_text, random_id, secre
 from exceptiondrive_records.teams.tables import Team
 
 MAX_NAME = 80
+MAX_EMAIL = 254
+"""A longer one is not kept: a part of an address is somebody else's."""
 MAX_SUBJECT = 255
 """The longest that OpenID Connect allows."""
 
@@ -61,8 +63,10 @@ def welcome_person(session: Session, identity: Identity) -> Person:
         Person.issuer == identity.issuer, Person.subject == identity.subject
     )
     person = session.scalars(query.with_for_update()).one()
-    person.name = _fit(identity.name) or person.name or f"Person {person.id[:6]}"
-    person.email = _fit(identity.email)
+    person.name = (
+        _fit((identity.name or "")[:MAX_NAME], MAX_NAME) or person.name or f"Person {person.id[:6]}"
+    )
+    person.email = _fit(identity.email, MAX_EMAIL)
     person.signed_in_at = now
     return person
 
@@ -114,12 +118,12 @@ def set_organizer(
     return person
 
 
-def _fit(text: str | None) -> str | None:
+def _fit(text: str | None, max_length: int) -> str | None:
     """Return a provider's text if it can be shown safely: a bad name is no reason to refuse."""
     if text is None:
         return None
     try:
-        return checked_text("name", text[:MAX_NAME], max_length=MAX_NAME)
+        return checked_text("name", text, max_length=max_length)
     except InvalidRecord:
         return None
 
@@ -181,6 +185,8 @@ def add_member(session: Session, team: Team, person_id: str, *, actor: str) -> N
 def remove_member(session: Session, team_id: int, person_id: str, *, actor: str) -> None:
     """Take a person out of a team; it counts from the next request on.
 
+    What invitations they made end with it: none leads back in.
+
     Raises:
         NotFound: No such person belongs to the team.
     """
@@ -190,6 +196,7 @@ def remove_member(session: Session, team_id: int, person_id: str, *, actor: str)
     session.delete(membership)
     slug = session.get_one(Team, team_id).slug
     audit(session, actor, "member removed", slug, {"person": person_id})
+    withdraw_invitations_of(session, f"person:{person_id}", team_id, actor=actor)
 
 
 def open_invitations(session: Session, team_id: int) -> list[Invitation]:
@@ -226,6 +233,7 @@ def invite(
         team_id=team_id,
         secret_digest=secret_digest(secret),
         invited_by=invited_by,
+        made_by=actor,
         created_at=now,
         expires_at=now + INVITATION_LIFETIME,
     )
@@ -253,11 +261,15 @@ def find_invitation(session: Session, text: str) -> tuple[Invitation, Team]:
 def accept_invitation(session: Session, text: str, person_id: str, *, actor: str) -> Team:
     """Let a person join the team of a link; the link works for one of them, once.
 
+    Who belongs to the team already leaves it for somebody else.
+
     Raises:
         NotFound: As `find_invitation` raises it.
         Conflict: The team is full.
     """
     invitation, team = find_invitation(session, text)
+    if is_member(session, team.id, person_id):
+        return team
     used = session.scalars(
         update(Invitation)
         .where(Invitation.id == invitation.id, *_usable(session))
@@ -288,6 +300,17 @@ def withdraw_invitation(session: Session, team_id: int, invitation_id: str, *, a
     invitation.withdrawn_at = database_now(session)
     slug = session.get_one(Team, team_id).slug
     audit(session, actor, "invitation withdrawn", slug, {"invitation": invitation_id})
+
+
+def withdraw_invitations_of(
+    session: Session, made_by: str, team_id: int | None = None, *, actor: str
+) -> None:
+    """Make useless what links somebody made who may make none any more: all, or those of one team."""
+    query = select(Invitation).where(Invitation.made_by == made_by, *_usable(session))
+    if team_id is not None:
+        query = query.where(Invitation.team_id == team_id)
+    for invitation in session.scalars(query):
+        withdraw_invitation(session, invitation.team_id, invitation.id, actor=actor)
 
 
 def _usable(session: Session) -> tuple[ColumnElement[bool], ...]:

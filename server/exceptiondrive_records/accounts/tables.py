@@ -97,6 +97,8 @@ class Invitation(Base):
     secret_digest: Mapped[str]
     invited_by: Mapped[str]
     """Who made it, as team pages name them."""
+    made_by: Mapped[str]
+    """Who made it, as the audit log names them: it ends when they lose the right to make one."""
     created_at: Mapped[datetime]
     expires_at: Mapped[datetime]
     withdrawn_at: Mapped[datetime | None]

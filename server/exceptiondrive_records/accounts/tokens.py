@@ -19,6 +19,7 @@ from typing import Any
 from sqlalchemy import bindparam, select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.accounts.people import withdraw_invitations_of
 from exceptiondrive_records.accounts.roles import OrganizerRole, checked_phases
 from exceptiondrive_records.accounts.tables import Person, Token
 from exceptiondrive_records.audit.log import audit
@@ -221,7 +222,7 @@ def note_use(database: Database, principal: Principal) -> None:
 
 
 def revoke_token(session: Session, token_id: str, *, actor: str) -> Token:
-    """Revoke a token for good.
+    """Revoke a token for good, and the invitations that it made.
 
     Raises:
         NotFound: There is none with this id.
@@ -232,6 +233,7 @@ def revoke_token(session: Session, token_id: str, *, actor: str) -> Token:
         raise Conflict(f"Token {token_id!r} is revoked already.")
     token.revoked_at = database_now(session)
     audit(session, actor, "token revoked", token_id)
+    withdraw_invitations_of(session, f"{_ACTOR}{token_id}", actor=actor)
     return token
 
 
@@ -365,6 +367,8 @@ def rotate_team_token(
     ends_at = now + timedelta(days=keep_days)
     old.expires_at = ends_at if old.expires_at is None else min(ends_at, old.expires_at)
     audit(session, principal.actor, "token rotated", token_id, {"successor": new.id})
+    if keep_days == 0:
+        withdraw_invitations_of(session, f"{_ACTOR}{token_id}", actor=principal.actor)
     return text, new
 
 

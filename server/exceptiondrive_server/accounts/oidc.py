@@ -123,6 +123,7 @@ class Provider:
         except (httpx2.HTTPError, json.JSONDecodeError) as error:
             raise _away(error) from None
         except (JoseError, ValueError, TypeError) as error:
+            self._client = None  # its keys may be new under an old name: who begins again asks
             raise _refused(f"the ID token is not good ({type(error).__name__})") from None
         finally:
             request.session.clear()

@@ -28,14 +28,13 @@ from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_server.accounts.sign_in_provider import CALLBACK, ProviderAway, SignInRefused
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import (
-    Browser,
     MaybeSignedIn,
-    PostedForm,
     forget_session,
     form_secret,
     form_token,
     keep_session,
     keep_visitor,
+    posted_form,
     require_form_token,
     require_private_channel,
     require_same_origin,
@@ -88,13 +87,20 @@ def sign_in(
 
 
 @router.post("/sign-out")
-def sign_out(services: ServicesOf, browser: Browser, form: PostedForm) -> Response:
-    """End the session here and in the browser."""
-    with services.database.write() as session:
-        end_session(session, browser.secret)
+async def sign_out(request: Request, services: ServicesOf, browser: MaybeSignedIn) -> Response:
+    """End the session here and in the browser; where it had ended already, there is nothing to do."""
+    require_same_origin(request)
+    if browser is not None:
+        await posted_form(request, browser)
+        await run_in_threadpool(_end, services, browser.secret)
     answer = go("/")
     forget_session(answer)
     return answer
+
+
+def _end(services: Services, secret: str) -> None:
+    with services.database.write() as session:
+        end_session(session, secret)
 
 
 def _session_for(services: Services, token: str, address: str) -> tuple[str, bool] | None:
@@ -127,6 +133,7 @@ def show_form(
         status=status,
         back=safe_back(back),
         fault=fault,
+        is_token_refused=fault == REFUSED,
         is_unsaved=is_unsaved,
         provider=None if provider is None else provider.name,
         form_token=form_token(secret),
@@ -159,7 +166,7 @@ REFUSED_BY_PROVIDER = (
     "{} did not sign you in. Begin again; if that does not help, tell an organizer."
 )
 CANCELLED = "You were not signed in: the sign-in at {} was called off."
-STALE = "This sign-in was not begun in this browser, or is too old. Begin again."
+STALE = "This sign-in was not begun in this browser, is too old, or another was begun after it. Begin again."
 
 
 @router.get("/sign-in/provider")
@@ -177,12 +184,19 @@ async def send_to_provider(request: Request, services: ServicesOf, back: Text = 
 
 @router.get(CALLBACK)
 async def come_back(
-    request: Request, services: ServicesOf, state: Text = "", code: Text = "", error: Text = ""
+    request: Request,
+    services: ServicesOf,
+    browser: MaybeSignedIn,
+    state: Text = "",
+    code: Text = "",
+    error: Text = "",
 ) -> Response:
     """Open a session for whom the provider vouches for; every failure ends the flow."""
     require_private_channel(request)
     provider = _provider(services)
     back = await provider.way_back(request)
+    if back is None and browser is not None:  # a second click, or a second tab
+        return go(HERE)
     if back is None:
         return show_form(request, HERE, status=400, fault=STALE)
     if error:

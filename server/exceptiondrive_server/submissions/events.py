@@ -11,7 +11,9 @@ from fastapi.responses import StreamingResponse
 from fastapi.sse import format_sse_event
 from sqlalchemy.exc import SQLAlchemyError
 
+from exceptiondrive_records.accounts.sessions import require_unrevoked
 from exceptiondrive_records.accounts.tokens import Principal
+from exceptiondrive_records.db.errors import NotAllowed
 from exceptiondrive_records.submissions.submissions import find_submission
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_schemas.api.problems import ProblemCode
@@ -67,8 +69,10 @@ async def _events(
                 now = await services.looks.now(
                     followed, partial(_look, services, principal, now.id)
                 )
-            except SQLAlchemyError:
-                return  # the client connects again, and is told 503 as long as it lasts
+                if now != seen:
+                    await run_in_threadpool(_require_unrevoked, services, principal)
+            except (SQLAlchemyError, NotAllowed):
+                return  # the client connects again, and is told why: 503 as long as it lasts, or 401
             if now != seen:
                 sent_at = time.monotonic()
                 yield _event(now)
@@ -81,6 +85,11 @@ def _look(services: Services, principal: Principal, submission_id: str) -> Submi
     with services.database.read() as session:
         found = find_submission(session, submission_id, team_id=own_team(principal))
         return view(session, found)
+
+
+def _require_unrevoked(services: Services, principal: Principal) -> None:
+    with services.database.read() as session:
+        require_unrevoked(session, principal)
 
 
 def _event(submission: SubmissionView) -> bytes:

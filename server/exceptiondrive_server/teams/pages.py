@@ -12,6 +12,7 @@ from exceptiondrive_records.accounts.people import (
     find_invitation,
     find_person,
     invite,
+    is_member,
     members_of,
     open_invitations,
     remove_member,
@@ -81,7 +82,7 @@ def make_invitation(
     if not may_invite(who):
         detail = "To invite takes a token with all scopes of a team that does not end: who joins gets both."
         raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
-    invited_by = who.person_name or f"token {who.token_name}"
+    invited_by = who.person_name or f'the token "{who.token_name}"'
     with services.database.write() as session:
         text, _ = invite(session, team_id, invited_by, actor=who.actor)
     return _page(request, services, browser, link=_link(request, services, text))
@@ -125,7 +126,7 @@ def register(
         team = make_pending_team(session, *texts, actor=actor, address=address)
         add_member(session, team, person_id, actor=actor)
         act_for(session, browser.secret, person_id, team.id)
-    return RedirectResponse(_BACK, status_code=303)
+    return _as_member(request, browser)
 
 
 @router.get("/join/{text}")
@@ -135,6 +136,7 @@ def show_invitation(
     """Show who invites; nothing happens before somebody signed in says yes."""
     with services.database.read() as session:
         invitation, team = find_invitation(session, text)
+        person_id = browser.principal.person_id if browser is not None else None
         return private_page(
             request,
             "teams/join.html",
@@ -144,19 +146,29 @@ def show_invitation(
             expires_at=invitation.expires_at,
             text=text,
             person=_person_name(browser),
+            is_member=person_id is not None and is_member(session, team.id, person_id),
             provider=None if services.provider is None else services.provider.name,
             form_token=browser.form_token if browser is not None else "",
         )
 
 
 @router.post("/join/{text}")
-def join(services: ServicesOf, browser: Browser, form: PostedForm, text: LinkText) -> Response:
+def join(
+    request: Request, services: ServicesOf, browser: Browser, form: PostedForm, text: LinkText
+) -> Response:
     """Join the team of an invitation, and act for it."""
     person_id = _person_of(browser)
     with services.database.write() as session:
         team = accept_invitation(session, text, person_id, actor=f"person:{person_id}")
         act_for(session, browser.secret, person_id, team.id)
-    return RedirectResponse(_BACK, status_code=303)
+    return _as_member(request, browser)
+
+
+def _as_member(request: Request, browser: SignedIn) -> Response:
+    """Lead to the team's page; an organizer's links are theirs no longer."""
+    answer = RedirectResponse(_BACK, status_code=303)
+    keep_session(request, answer, browser.secret, is_organizer=False)
+    return answer
 
 
 def _page(
@@ -203,7 +215,8 @@ def _roles(person: Person, who: Principal, teams: list[Team]) -> list[tuple[int 
     roles: list[tuple[int | None, str]] = [(team.id, team.name) for team in teams]
     if person.is_organizer:
         roles.insert(0, (None, "Organizer"))
-    is_settled = [team_id for team_id, _ in roles] in ([], [who.team_id])
+    acted_for = [] if who.team_id is None else [who.team_id]
+    is_settled = [team_id for team_id, _ in roles] == acted_for
     return [] if is_settled else roles
 
 

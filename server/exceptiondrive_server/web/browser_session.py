@@ -234,16 +234,21 @@ def lead_to_sign_in(app: FastAPI) -> None:
 
 async def _to_sign_in(request: Request, error: Exception) -> Response:
     is_look = request.method in ("GET", "HEAD")
-    back = request.url.path if is_look or _is_page(request) else "/my"
+    back = request.url.path if is_look else _page_of(request)
     query = urlencode({"back": back} if is_look else {"back": back, "unsaved": "true"})
     headers = {"Cache-Control": "no-store"}
     return RedirectResponse(f"/sign-in?{query}", status_code=303, headers=headers)
 
 
-def _is_page(request: Request) -> bool:
-    """Whether the address of a form that was sent is that of a page, too."""
-    looked_at = {**request.scope, "method": "GET"}
-    return any(route.matches(looked_at)[0] is Match.FULL for route in request.app.routes)
+def _page_of(request: Request) -> str:
+    """Return the page of a form that was sent: its own address, or the nearest above that is one."""
+    path = request.url.path
+    while path:
+        looked_at = {**request.scope, "method": "GET", "path": path}
+        if any(route.matches(looked_at)[0] is Match.FULL for route in request.app.routes):
+            return path
+        path = path.rpartition("/")[0]
+    return "/my"
 
 
 async def _to_team(request: Request, error: Exception) -> Response:

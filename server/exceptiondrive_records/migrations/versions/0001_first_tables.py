@@ -136,6 +136,7 @@ def create_accounts() -> None:
         sa.Column("team_id", sa.Integer(), sa.ForeignKey("teams.id"), nullable=False),
         sa.Column("secret_digest", sa.String(), nullable=False),
         sa.Column("invited_by", sa.String(), nullable=False),
+        sa.Column("made_by", sa.String(), nullable=False),
         sa.Column("created_at", TIME, nullable=False),
         sa.Column("expires_at", TIME, nullable=False),
         sa.Column("withdrawn_at", TIME),
