@@ -6,6 +6,7 @@ import random
 import re
 import shutil
 import warnings
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -292,6 +293,35 @@ def test_a_revision_tells_how_many_withdrawn_samples_count_again(shop: Path) -> 
     assert (changes.moved, changes.withdrawn, changes.restored) == (0, 0, 1)
     assert changes.sentences == ("One failed by mistake.", "1 withdrawn sample counts again")
     assert "0 samples withdrawn, 1 restored." in files["datasheet.md"].decode()
+
+
+def test_a_revision_in_which_one_sample_of_a_family_changes_alone_is_warned_of(shop: Path) -> None:
+    """On a withheld split the two boards tell its value (docs/leakage.md)."""
+    samples = split_of(frozen(shop, "1")).samples
+    families = defaultdict(list)
+    with Workshop(shop) as workshop:
+        taxonomy = workshop.protocol.taxonomy
+    for sample in samples:
+        families[taxonomy.task(sample.task).family].append(sample.sample_id)
+    (first, alone), (second, together) = list(families.items())[:2]
+    titles = {family.id: family.title for family in taxonomy.families}
+    withdraw(shop, [alone[0], *together[:2]])
+    to_1 = (
+        "--workshop",
+        shop,
+        "--previous",
+        shop / "frozen" / "1" / "split.json.gz",
+        "--words",
+        "x",
+    )
+    told = run("freeze", shop / "frozen" / "2", *to_1).output
+    assert f"warning changed_alone (1): one sample alone changes in {titles[first]}; on a" in told
+    withdraw(shop, alone[1:2])
+    assert "changed_alone" not in run("freeze", shop / "frozen" / "3", *to_1).output
+    withdraw(shop, together[:1], "--restore")
+    to_3 = (*to_1[:3], shop / "frozen" / "3" / "split.json.gz", *to_1[4:])
+    told = run("freeze", shop / "frozen" / "4", *to_3).output
+    assert f"one sample alone changes in {titles[second]}; on a" in told
 
 
 @pytest.mark.parametrize(

@@ -91,6 +91,17 @@ def test_wrong_settings_are_named(workshop: Workshop, old: str, new: str, said: 
         Workshop(workshop.folder)
 
 
+def test_a_task_of_the_settings_that_there_is_none_of_is_told_with_those_that_there_are(
+    workshop: Workshop,
+) -> None:
+    path = workshop.folder / "workshop.toml"
+    path.write_text(path.read_text().replace("tasks = []", 'tasks = ["T01", "SE1"]'))
+    with pytest.raises(
+        BuildError, match=r"does not know: T01\. It knows SE1, SE2, SE3, SE4, LB1, .*RS3\."
+    ):
+        _ = Workshop(workshop.folder).tasks
+
+
 def a_file(path: Path) -> None:
     if path.is_dir():
         path.rmdir()

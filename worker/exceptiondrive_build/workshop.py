@@ -125,7 +125,7 @@ class Workshop:
         if unknown:
             raise BuildError(
                 f"{self.folder / SETTINGS}: tasks that the protocol does not know: "
-                f"{', '.join(unknown)}."
+                f"{', '.join(unknown)}. It knows {', '.join(known)}."
             )
         wanted = self.settings.tasks or tuple(known)
         return tuple(task for task in known.values() if task.id in wanted)

@@ -14,7 +14,14 @@ import typer
 from exceptiondrive_build.candidates import walk
 from exceptiondrive_build.cli import Json, WorkshopFolder
 from exceptiondrive_build.errors import BuildError
-from exceptiondrive_build.freezing.freeze import auxiliary, freeze, gzipped, pictures, undecided
+from exceptiondrive_build.freezing.freeze import (
+    auxiliary,
+    changed_alone,
+    freeze,
+    gzipped,
+    pictures,
+    undecided,
+)
 from exceptiondrive_build.records import Author, Kind, Record, person_named
 from exceptiondrive_build.values import MAX_REASON_LENGTH, Withdrawn
 from exceptiondrive_build.workshop import Workshop
@@ -95,9 +102,12 @@ def freeze_split(
 ) -> None:
     """Write the split of all that is accepted and verified, and what is published beside it."""
     with Workshop(workshop) as shop:
-        candidates = walk(shop)
-        frozen = freeze(shop, candidates, _read(previous) if previous else None, words)
-        n_undecided = 0 if previous else undecided(shop, candidates)
+        candidates, before = walk(shop), _read(previous) if previous else None
+        frozen = freeze(shop, candidates, before, words)
+        n_undecided = undecided(shop, candidates) if before is None else 0
+        alone = (
+            [] if before is None else changed_alone(before, frozen.split, shop.protocol.taxonomy)
+        )
         files = frozen.files()
         if auxiliary_set:
             rest = auxiliary(shop, candidates, frozen.split)
@@ -110,6 +120,12 @@ def freeze_split(
     )
     for found in sheet.warnings:
         typer.echo(printable(f"warning {found.code} ({found.count:,}): {found.what}"))
+    if alone:
+        typer.echo(
+            f"warning changed_alone ({len(alone):,}): one sample alone changes in {', '.join(alone)}; on a "
+            "withheld split the boards before and after tell its value of every entry: mend, withdraw or "
+            "restore several of a family in one revision"
+        )
     if n_undecided:
         typer.echo(
             f"warning region_not_decided ({n_undecided:,}): accepted edits whose region waits for a "

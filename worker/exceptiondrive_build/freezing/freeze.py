@@ -30,6 +30,7 @@ from exceptiondrive_schemas.datasheet import (
     Words,
 )
 from exceptiondrive_schemas.split import Manifest, Split, SplitSample
+from exceptiondrive_schemas.taxonomy import Taxonomy
 from exceptiondrive_worker.splits.faults import split_faults
 from exceptiondrive_worker.splits.small_jpeg import LONGEST_SIDE_PX, PICTURES, small_jpeg
 from exceptiondrive_worker.splits.warnings import split_warnings
@@ -189,6 +190,17 @@ def _sample(workshop: Workshop, candidate: Candidate, region: Corners) -> SplitS
 def _withdrawn_sample(sample: SplitSample, reason: str) -> SplitSample:
     """It keeps its region, so that the file stays one; nothing reads it any more."""
     return sample.model_copy(update={"withdrawn": reason})
+
+
+def changed_alone(previous: Split, split: Split, taxonomy: Taxonomy) -> list[str]:
+    """Return the titles of families of which one sample alone counts otherwise than before."""
+    before, after = ({it.sample_id: it.region for it in each.counted} for each in (previous, split))
+    changed = Counter(
+        taxonomy.task(it.task).family
+        for it in previous.samples
+        if before.get(it.sample_id) != after.get(it.sample_id)
+    )
+    return [family.title for family in taxonomy.families if changed[family.id] == 1]
 
 
 def auxiliary(workshop: Workshop, candidates: Mapping[str, Candidate], split: Split) -> Split:
