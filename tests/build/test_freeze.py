@@ -278,6 +278,9 @@ def test_restored_samples_count_again(shop: Path) -> None:
     second = split_of(frozen(shop, "2", "--previous", previous, "--words", "One failed."))
     assert [sample.sample_id for sample in second.samples if sample.withdrawn] == ids[1:2]
     assert withdraw(shop, ids[:1], "--restore").exit_code == 2, "it is not withdrawn"
+    without = run("withdraw", ids[2], "--workshop", shop, "--by", "ada")
+    assert (without.exit_code, "Give a reason" in without.output) == (2, True)
+    assert run("withdraw", ids[1], "--workshop", shop, "--by", "ada", "--restore").exit_code == 0
     assert withdraw(shop, ["nobody"]).exit_code == 2
 
 

@@ -135,8 +135,10 @@ def freeze_split(
 
 def withdraw(
     sample_ids: Annotated[list[str], typer.Argument(metavar="ID...", help="Sample ids.")],
-    reason: Annotated[str, typer.Option(help="Why, in words for readers.")],
     by: Annotated[str, typer.Option(help="Who decides it.")],
+    reason: Annotated[
+        str, typer.Option(help="Why, in words for readers; --restore needs none and keeps none.")
+    ] = "",
     workshop: WorkshopFolder = Here,
     restore: Annotated[bool, typer.Option(help="Take an earlier withdrawal back.")] = False,
 ) -> None:
