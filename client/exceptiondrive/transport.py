@@ -386,7 +386,7 @@ class Transport:
             raise NetworkError(
                 "unreachable",
                 f"{self.server} cannot be reached{_through_proxy(self.server)}: "
-                f"{str(error) or type(error).__name__}.",
+                f"{(str(error) or type(error).__name__).rstrip('.')}.",
                 "Check the address (--server) and the network, then run the command again.",
             ) from None
         except (TypeError, ValueError, httpx.InvalidURL) as error:

@@ -2,7 +2,9 @@
 
 import gzip
 import json
+import socket
 import ssl
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -248,6 +250,22 @@ def test_an_address_where_nobody_listens_is_a_network_error() -> None:
     with pytest.raises(NetworkError, match="cannot be reached"):
         transport.get("/me")
     transport.close()
+
+
+def test_a_server_that_hangs_up_is_told_in_one_sentence() -> None:
+    """As while it is restarted in the middle of an upload."""
+    from exceptiondrive.transport import Transport
+
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        transport = Transport(f"http://127.0.0.1:{listening.getsockname()[1]}", None, attempts=1)
+        hang_up = threading.Thread(target=lambda: listening.accept()[0].close())
+        hang_up.start()
+        with pytest.raises(NetworkError, match="cannot be reached: ") as caught:
+            transport.get("/me")
+        hang_up.join()
+        transport.close()
+    assert caught.value.sentence.count(". ") == 0
+    assert ".." not in str(caught.value)
 
 
 def test_names_cannot_leave_their_place_in_the_path(canned_server: "CannedServer") -> None:
