@@ -442,6 +442,18 @@ PROTECTIONS = (
         "tests/server/test_submit.py::test_a_token_that_is_revoked_while_its_upload_is_in_the_air_brings_nothing_in",
     ),
     Protection(
+        "revoked-stream",
+        "exceptiondrive_server.submissions.events:require_unrevoked",
+        _nothing,
+        "tests/server/test_events.py::test_nothing_more_is_told_once_the_token_is_revoked",
+    ),
+    Protection(
+        "invitations-end",
+        f"{RECORDS}.accounts.people:withdraw_invitations_of",
+        _nothing,
+        "tests/access/test_teams_of_people.py::test_no_invitation_that_a_removed_member_made_leads_back_in",
+    ),
+    Protection(
         "rank-intervals",
         "exceptiondrive_worker.boards.entries:told_rank_intervals",
         lambda _: lambda intervals, order: [(each, each) for each in range(1, len(intervals) + 1)],
