@@ -1,6 +1,6 @@
 """Members, invitations, self-registration of a person, and for whom somebody acts."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any
@@ -17,12 +17,13 @@ from exceptiondrive_records.accounts.people import (
     invite,
     is_member,
     members_of,
+    remove_member,
     set_organizer,
     welcome_person,
     withdraw_invitation,
 )
 from exceptiondrive_records.accounts.roles import OrganizerRole
-from exceptiondrive_records.accounts.tables import BrowserSession, Invitation, Person
+from exceptiondrive_records.accounts.tables import BrowserSession, Invitation, Membership, Person
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.errors import Conflict, NotFound
 from exceptiondrive_records.teams.teams import find_team, switch_self_registration
@@ -235,6 +236,31 @@ def test_no_invitation_that_a_removed_member_made_leads_back_in(
     assert ada.post(own, {}, page="/my/team").status_code == 404
     assert actions(site)[-2:] == ["member removed", "invitation withdrawn"]
     assert ada.get(others).status_code == 200
+
+
+@pytest.mark.parametrize("path", ["/my/team/invitations", "/my/tokens"])
+def test_who_is_removed_while_a_form_of_theirs_is_in_the_air_gets_nothing_of_it(
+    small_site: "Api", person: Open, browse: Browse, path: str
+) -> None:
+    """Whoever sends it slowly would keep an invitation, or a token, that nobody took away."""
+    link = invited_by_token(small_site, browse)
+    ada = person(small_site)
+    ada.sign_in(back=link)
+    ada.post(link, {}, page=link)
+    good = ada.browser.form_token("/my/team")
+    before = actions(small_site)
+
+    def slowly() -> Iterator[bytes]:
+        yield f"form_token={good}&".encode()
+        with small_site.database.write() as session:
+            (member,) = session.scalars(select(Membership))
+            remove_member(session, member.team_id, member.person_id, actor="test")
+        yield b"name=kept&scope=submit&days="
+
+    headers = {"Origin": ada.browser.origin, "Content-Type": "application/x-www-form-urlencoded"}
+    answer = ada.browser.client.post(path, content=slowly(), headers=headers)
+    assert actions(small_site)[len(before) :] == ["member removed"]
+    assert (answer.status_code, answer.headers["location"][:9]) == (303, "/sign-in?")
 
 
 @pytest.mark.parametrize(

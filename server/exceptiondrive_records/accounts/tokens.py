@@ -10,7 +10,7 @@ import string
 import zlib
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from enum import StrEnum
 from types import MappingProxyType
@@ -90,7 +90,7 @@ class Principal:
     team_id: int | None
     team_slug: str | None
     team_name: str | None
-    use_is_stale: bool = False
+    use_is_stale: bool = field(default=False, compare=False)
     person_id: str | None = None
     """Somebody who signed in through the provider, with no token at all."""
     person_name: str = ""

@@ -13,6 +13,7 @@ from typing import Annotated
 from urllib.parse import urlencode, urlsplit
 
 from fastapi import Depends, FastAPI, Request
+from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
 from starlette.datastructures import FormData
@@ -112,15 +113,18 @@ async def signed_in(found: MaybeSignedIn) -> SignedIn:
 Browser = Annotated[SignedIn, Depends(signed_in)]
 
 
-async def posted_form(request: Request, browser: Browser) -> FormData:
+async def posted_form(request: Request, services: ServicesOf, browser: Browser) -> FormData:
     """Return the small form that a signed-in browser sent.
 
     Raises:
         ApiProblem: It comes from another site, or without the token of this session.
+        SignInNeeded: The session ended, or its rights changed, while the form came: that may take a while.
     """
     require_same_origin(request)
     form = await request.form(max_files=0, max_fields=MAX_FIELDS)
     require_form_token(browser.secret, str(form.get(FORM_TOKEN, "")))
+    if await run_in_threadpool(signed_in_or_none, request, services) != browser:
+        raise SignInNeeded
     return form
 
 
