@@ -149,11 +149,7 @@ class SplitChange(Document):
         withdrawn = (
             f"{counted(self.withdrawn, 'sample')} withdrawn: files still answer, none counts"
         )
-        restored = (
-            "1 withdrawn sample counts again"
-            if self.restored == 1
-            else f"{self.restored:,} withdrawn samples count again"
-        )
+        restored = f"{counted(self.restored, 'sample')} restored: counted again"
         return (
             self.words,
             *([moved] if self.moved else []),

@@ -294,7 +294,7 @@ def test_a_revision_tells_how_many_withdrawn_samples_count_again(shop: Path) -> 
     changes = Datasheet.model_validate_json(files["datasheet.json"]).changes
     assert changes is not None
     assert (changes.moved, changes.withdrawn, changes.restored) == (0, 0, 1)
-    assert changes.sentences == ("One failed by mistake.", "1 withdrawn sample counts again")
+    assert changes.sentences == ("One failed by mistake.", "1 sample restored: counted again")
     assert "0 samples withdrawn, 1 restored." in files["datasheet.md"].decode()
 
 
