@@ -1,5 +1,6 @@
 """Who the review page answers: this machine, browsers that were let in, people with a name."""
 
+import re
 import shutil
 import signal
 import socket
@@ -11,13 +12,17 @@ from pathlib import Path
 
 import httpx
 import pytest
+from tests.build.deciding import record
 from tests.build.shop import make_shop
 from tests.support.serving import served
 from typer.testing import CliRunner
 
+from exceptiondrive_build.candidates import walk
 from exceptiondrive_build.cli import app as command_line
 from exceptiondrive_build.records import Kind
+from exceptiondrive_build.report import report
 from exceptiondrive_build.review_page.app import review_app
+from exceptiondrive_build.values import Inspected, Mark
 from exceptiondrive_build.workshop import Workshop
 
 
@@ -158,6 +163,40 @@ def test_what_cannot_be_read_is_refused_in_a_sentence(site: Site, body: bytes, f
     )
     assert answer.status_code in (400, 422)
     assert answer.json()
+
+
+def test_the_agreement_of_the_first_page_is_that_of_the_report(shop: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(shop, tmp_path / "shop")
+    with served(review_app(folder, (keys := list[str]()).append)) as address:
+        site = Site(address, keys)
+        with site.open, Workshop(folder) as workshop:
+            ada, grace = site.let_in("ada"), site.let_in("grace")
+            (card, *_) = ada.post("/api/verify/claim", json={"have": 0}).json()["cards"]
+            word = {"card": card["id"], "value": {"accepted": True, "corners": card["corners"]}}
+            for reader in (ada, grace):
+                assert reader.post("/api/verify/decide", json=word).status_code == 200
+            pictures = walk(workshop)[card["id"]].pictures
+            refused = Inspected(passed=False, reason=Mark.VISIBILITY)
+            workshop.append(record(Kind.INSPECT, card["id"], "lin", pictures, refused))
+            counted = report(workshop).agreement
+            assert counted is not None
+            assert counted.n == 1
+            assert re.search(r"Read by two</dt>\s*<dd>1<", ada.get("/").text)
+
+
+def test_settings_that_cannot_be_read_are_told_on_the_page_in_a_sentence(
+    site: Site, shop: Path
+) -> None:
+    ada, text = site.let_in(), (shop / "workshop.toml").read_text()
+    (shop / "workshop.toml").write_text("[")
+    try:
+        pages = ada.get("/"), ada.post("/api/inspect/claim", json={"have": 0})
+    finally:
+        (shop / "workshop.toml").write_text(text)
+    assert [page.status_code for page in pages] == [422, 422]
+    assert pages[0].text.startswith(f"{shop / 'workshop.toml'}: ")
+    assert pages[1].json() == {"sentence": pages[0].text}
+    assert ada.get("/").status_code == 200
 
 
 def test_without_a_workshop_or_a_port_the_command_says_so(tmp_path: Path, shop: Path) -> None:

@@ -13,9 +13,9 @@ from exceptiondrive_build.records import Author, Kind, Record
 from exceptiondrive_build.report import report
 from exceptiondrive_build.review_page import desk as desk_module
 from exceptiondrive_build.review_page.cards import card
-from exceptiondrive_build.review_page.desk import Desk, TakenError
+from exceptiondrive_build.review_page.desk import Desk, Queue, TakenError
 from exceptiondrive_build.review_page.leases import Holder
-from exceptiondrive_build.values import Corners, Inspected, Verified
+from exceptiondrive_build.values import Corners, Inspected, Mark, Verified
 from exceptiondrive_build.workshop import Workshop
 
 ADA, GRACE, LIN = Holder("b1", "ada"), Holder("b2", "grace"), Holder("b3", "lin")
@@ -68,6 +68,12 @@ def region(desk: Desk, sample_id: str) -> Corners:
 def accepted(desk: Desk, sample_id: str, ahead_m: float = 0, *, blind: bool = True) -> Verified:
     corners = moved(region(desk, sample_id), ahead_m)
     return Verified(accepted=True, corners=corners, checked=("location",), blind=blind)
+
+
+def rewrite(folder: Path, old: str, new: str, name: str = "workshop.toml") -> None:
+    text = (folder / name).read_text()
+    assert old in text
+    (folder / name).write_text(text.replace(old, new))
 
 
 def take(desk: Desk, holder: Holder, sample_id: str) -> None:
@@ -246,6 +252,100 @@ def test_a_card_whose_readings_changed_under_a_third_is_shown_anew(desk: Desk) -
     desk.decide("verify", card_, ADA, accepted(desk, card_, 3))
     found = outcome(desk.standing("verify", card_), desk.workshop.settings.verify)
     assert (found.state, found.people) == ("verified", ("grace", "ada"))
+
+
+def test_who_was_shown_what_others_said_reads_the_region_blind_no_more(desk: Desk) -> None:
+    (card_,) = desk.claim("verify", ADA, 1)
+    desk.decide("verify", card_, ADA, accepted(desk, card_))
+    take(desk, GRACE, card_)
+    desk.decide("verify", card_, GRACE, accepted(desk, card_, 3))
+    take(desk, LIN, card_)
+    desk.decide("verify", card_, LIN, accepted(desk, card_, blind=False))
+    assert desk.undo("verify", ADA) is not None
+    assert desk.undo("verify", LIN) is not None
+    assert not desk.may_decide("verify", card_, "lin")
+    with pytest.raises(TakenError):
+        desk.decide("verify", card_, LIN, accepted(desk, card_))
+    desk.decide("verify", card_, ADA, accepted(desk, card_, 6))
+    assert desk.may_decide("verify", card_, "lin")
+    desk.decide("verify", card_, LIN, accepted(desk, card_, blind=False))
+    found = outcome(desk.standing("verify", card_), desk.workshop.settings.verify)
+    assert (found.state, found.people) == ("verified", ("grace", "ada", "lin"))
+
+
+def test_limits_changed_while_the_page_is_open_hold_at_once(desk: Desk, folder: Path) -> None:
+    (card_,) = desk.claim("verify", ADA, 1)
+    desk.decide("verify", card_, ADA, accepted(desk, card_))
+    take(desk, GRACE, card_)
+    desk.decide("verify", card_, GRACE, accepted(desk, card_, 0.2))
+    assert desk.progress("verify", "lin").third == 0
+    rewrite(folder, "max_corner_distance_m = 1.0", "max_corner_distance_m = 0.1")
+    assert desk.progress("verify", "lin").third == 1
+    with Workshop(folder) as anew:
+        (_, verified) = report(anew).people
+    assert verified.open == sum(desk.seats("verify", each) for each in desk.cards("verify"))
+
+
+def test_settings_that_cannot_be_read_are_told_until_they_can(desk: Desk, folder: Path) -> None:
+    rewrite(folder, "min_iou = 0.7", "min_iou = seven")
+    for _ in range(2):
+        with pytest.raises(BuildError, match=r"workshop\.toml: Invalid value"):
+            desk.progress("verify", "ada")
+    rewrite(folder, "min_iou = seven", "min_iou = 0.7")
+    rewrite(folder, "[SE1", "[XX1", "tasks.toml")
+    for _ in range(2):
+        with pytest.raises(BuildError, match=r"tasks\.toml: no words for the tasks SE1"):
+            desk.claim("verify", ADA, 1)
+    rewrite(folder, "[XX1", "[SE1", "tasks.toml")
+    assert len(desk.claim("verify", ADA, 1)) == 1
+
+
+@pytest.mark.parametrize("queue", ["inspect", "verify"])
+def test_a_decision_is_about_the_pictures_that_were_shown(desk: Desk, queue: Queue) -> None:
+    (card_,) = desk.claim(queue, ADA, 1)
+    record = desk.candidates[card_].current[Kind.EDIT]
+    assert record.value is not None
+    (view, _), *_ = record.value["images"].items()
+    another = desk.candidates[card_].keyframe.camera(view).image
+    later = {**record.value, "images": {**record.value["images"], view: another}}
+    desk.workshop.append(record.model_copy(update={"value": later, "id": None}))
+    desk.refresh(walk_after_s=0)
+    word = PASSED if queue == "inspect" else Verified(accepted=False, reason="views")
+    with pytest.raises(TakenError):
+        desk.decide(queue, card_, ADA, word)
+    assert not desk.leases.holds(queue, card_, ADA)
+    assert not list(desk.workshop.records.read(Kind.INSPECT, Kind.VERIFY))
+
+
+def test_a_decision_about_an_edit_that_counts_no_more_is_not_kept(desk: Desk, folder: Path) -> None:
+    (card_,) = desk.claim("inspect", ADA, 1)
+    rewrite(folder, "seed = 1", "seed = 2")
+    with pytest.raises(TakenError):
+        desk.decide("inspect", card_, ADA, PASSED)
+    rewrite(folder, "seed = 2", "seed = 1")
+    take_again = desk.claim("inspect", ADA, 1)
+    desk.decide("inspect", take_again[0], ADA, PASSED)
+    assert desk.standing("inspect", take_again[0])
+
+
+def test_what_was_taken_back_is_no_decision_of_the_report(desk: Desk) -> None:
+    (card_,) = desk.claim("inspect", ADA, 1)
+    desk.decide("inspect", card_, ADA, PASSED)
+    assert desk.undo("inspect", ADA) is not None
+    desk.decide("inspect", card_, ADA, Inspected(passed=False, reason=Mark.VISIBILITY))
+    (inspected, _) = report(desk.workshop).people
+    assert inspected.decisions == desk.progress("inspect", "ada").mine == 1
+
+
+def test_what_is_withdrawn_waits_for_no_reader_in_desk_and_report_alike(desk: Desk) -> None:
+    card_ = desk.cards("verify")[0]
+    reason = {"reason": "the scene was closed to the public"}
+    author = Author(person="organizer")
+    withdrawal = Record(kind=Kind.WITHDRAW, candidate=card_, by=author, inputs=(), value=reason)
+    desk.workshop.append(withdrawal)
+    desk.refresh(walk_after_s=0)
+    (_, verified) = report(desk.workshop).people
+    assert verified.open == sum(desk.seats("verify", each) for each in desk.cards("verify")) == 40
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from exceptiondrive_build.dry_run import StagePlan, dry_run
 from exceptiondrive_build.editing import EditStage
 from exceptiondrive_build.inspection import to_inspect
 from exceptiondrive_build.numbers import audit, cells, is_verified
-from exceptiondrive_build.records import Kind
+from exceptiondrive_build.records import Kind, standing
 from exceptiondrive_build.values import Edited, Mark, Reviewed, Screened, Unanswered
 from exceptiondrive_build.workshop import Workshop
 from exceptiondrive_schemas.base import Document
@@ -67,7 +67,7 @@ class Spent(Document):
 
 
 class People(Document):
-    """What people decided by hand at a stage: how many, in how long, and how many are open."""
+    """What people decided by hand at a stage, but for what they took back; in how long; what is open."""
 
     stage: Kind
     decisions: int
@@ -217,14 +217,15 @@ def _people(workshop: Workshop, candidates: Mapping[str, Candidate]) -> tuple[Pe
     open_regions = sum(
         _readings_left(candidate, workshop)
         for candidate in candidates.values()
-        if candidate.is_accepted and candidate.localized is not None
+        if candidate.is_accepted and candidate.localized is not None and candidate.withdrawn is None
     )
     found = []
     for kind, left in ((Kind.INSPECT, open_pictures), (Kind.VERIFY, open_regions)):
         times: dict[str, list[float]] = defaultdict(list)
-        for record in workshop.records.read(kind):
+        records = tuple(workshop.records.read(kind))
+        for record in records:
             times[str(record.by.person)].append(datetime.fromisoformat(record.at).timestamp())
-        decisions = sum(map(len, times.values()))
+        decisions = sum(map(len, standing(records).values()))
         gaps = [b - a for one in times.values() for a, b in pairwise(sorted(one))]
         worked = [gap for gap in gaps if gap <= PAUSE_S]
         hours_left = left * sum(worked) / len(worked) / 3600 if worked else None

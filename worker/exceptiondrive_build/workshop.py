@@ -54,7 +54,7 @@ class Workshop:
         self.folder = folder
         if not (folder / SETTINGS).is_file():
             raise BuildError(f"{folder}: no workshop: there is no {SETTINGS} in it.", _ADVICE)
-        self.settings = self._settings()
+        self._read_settings()
         (folder / IMAGES).mkdir(exist_ok=True)
         self.records = Records(folder / RECORDS)
 
@@ -91,6 +91,37 @@ class Workshop:
             return (self.folder / name).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             raise BuildError(f"{self.folder / name}: {_why(error)}.", _ADVICE) from None
+
+    def read_changes(self) -> bool:
+        """Take in settings, words and scenes that somebody wrote meanwhile; return whether any did.
+
+        Raises:
+            BuildError: The settings are wrong; those before stay.
+        """
+        if self._written == self._stamps(self.settings):
+            return False
+        self._read_settings()
+        for name in ("protocol", "tasks", "task_texts", "keyframes"):
+            self.__dict__.pop(name, None)
+        return True
+
+    def _read_settings(self) -> None:
+        at = self._stamp(SETTINGS)
+        self.settings = self._settings()
+        self._written = self._stamps(self.settings) | {SETTINGS: at}
+
+    def _stamps(self, settings: WorkshopSettings) -> dict[str, tuple[int, ...]]:
+        """When each file that people write was last written."""
+        prompts = (part.prompt for part in (settings.screen, settings.edit, settings.review))
+        names = (SETTINGS, SCENES, settings.task_texts, settings.protocol, *prompts)
+        return {name: self._stamp(name) for name in names if name}
+
+    def _stamp(self, name: str) -> tuple[int, ...]:
+        try:
+            found = (self.folder / name).stat()
+        except OSError:
+            return ()
+        return found.st_mtime_ns, found.st_size, found.st_ino
 
     def _settings(self) -> WorkshopSettings:
         try:

@@ -14,7 +14,13 @@ import typer
 import uvicorn
 from fastapi import Body, FastAPI, Form, HTTPException, Request, Response
 from fastapi.exceptions import RequestValidationError
-from fastapi.responses import FileResponse, HTMLResponse, JSONResponse, RedirectResponse
+from fastapi.responses import (
+    FileResponse,
+    HTMLResponse,
+    JSONResponse,
+    PlainTextResponse,
+    RedirectResponse,
+)
 from fastapi.staticfiles import StaticFiles
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from pydantic import ValidationError
@@ -66,7 +72,8 @@ CHECKS = (
 )
 """What a verification checks, with its key."""
 TAKEN = (
-    "This card has moved on while this browser was away: somebody else has it, or has decided. "
+    "This card has moved on while this browser was away: somebody else has it, or has decided, or "
+    "its pictures are others now. "
     "Nothing is lost; here is the next."
 )
 
@@ -126,8 +133,10 @@ async def _guard(request: Request, proceed: Callable[[Request], Awaitable[Respon
     return answer
 
 
-async def _told(_: Request, error: Exception) -> Response:
+async def _told(request: Request, error: Exception) -> Response:
     sentence = f"{error.sentence} {error.advice}" if isinstance(error, BuildError) else str(error)
+    if not request.url.path.startswith("/api/"):
+        return PlainTextResponse(sentence.strip(), status_code=422)
     return JSONResponse({"sentence": sentence.strip()}, status_code=422)
 
 
@@ -228,7 +237,7 @@ def _add_pages(app: FastAPI) -> None:
             return _page("sign_in.html", problem="")
         desk = _desk(request)
         desk.refresh()
-        verifications = {card: desk.standing("verify", card) for card in desk.cards("verify")}
+        verifications = {card: desk.standing("verify", card) for card in desk.candidates}
         return _page(
             "home.html",
             reviewer=holder.reviewer,

@@ -7,7 +7,7 @@ region; two people blind to each other, and a third one who sees both where they
 import math
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -68,6 +68,7 @@ class Desk:
         """
         self.workshop = workshop
         self.leases = Leases(workshop.folder / RECORDS, lease_s, clock)
+        self._shown: dict[tuple[str, Queue, str], tuple[str, ...]] = {}
         self._skipped: dict[str, list[tuple[Queue, str]]] = defaultdict(list)
         self._of_people: dict[tuple[Kind, str], list[Record]] = defaultdict(list)
         self._standing: dict[tuple[Queue, str], tuple[Record, ...]] = {}
@@ -82,11 +83,16 @@ class Desk:
         self.leases.close()
 
     def refresh(self, walk_after_s: float = WALK_EVERY_S) -> None:
-        """Take in what others have appended since; stages may run while people review.
+        """Take in what others have appended and settings that changed; stages may run meanwhile.
 
         Args:
             walk_after_s: How old the walk over all candidates may be, if a stage did something.
+
+        Raises:
+            BuildError: Records, settings, words or scenes cannot be read.
         """
+        if self.workshop.read_changes():
+            self._walked_at, self._is_stale = -math.inf, True
         for record in self.workshop.records.read(after=self._last_id):
             self._last_id = record.id or self._last_id
             if record.kind in KINDS.values():
@@ -138,7 +144,18 @@ class Desk:
 
     def may_decide(self, queue: Queue, sample_id: str, reviewer: str) -> bool:
         """Whether a card needs somebody, and this person has not spoken on it yet."""
-        return self.seats(queue, sample_id) > 0 and not self.own(queue, sample_id, reviewer)
+        return (
+            self.seats(queue, sample_id) > 0
+            and not self.own(queue, sample_id, reviewer)
+            and (self.is_third(sample_id) or not self._knows_others(sample_id, reviewer))
+        )
+
+    def _knows_others(self, sample_id: str, reviewer: str) -> bool:
+        """Whether a person was shown what others said of a region, and so reads it blind no more."""
+        return any(
+            record.by.person == reviewer and record.value is not None and not record.value["blind"]
+            for record in self._of_people.get((Kind.VERIFY, sample_id), ())
+        )
 
     def own(self, queue: Queue, sample_id: str, reviewer: str) -> Record | None:
         """The standing word of a person on a card."""
@@ -169,6 +186,7 @@ class Desk:
         if not taken and count and self._is_stale:
             self.refresh(WALK_WHEN_IDLE_S)
             taken = self.leases.claim(queue, holder, count, offered)
+        self._show(queue, holder, taken)
         return taken
 
     def skip(self, queue: Queue, sample_id: str, holder: Holder) -> None:
@@ -197,10 +215,18 @@ class Desk:
 
         Raises:
             BuildError: It cannot be kept, or the region cannot be scored.
-            TakenError: The card was given to somebody else meanwhile, or its readings changed.
+            TakenError: The card was given to somebody else meanwhile, its readings changed, or its
+                pictures are not those that this browser was shown.
         """
         self.refresh()
         if sample_id not in self.candidates:
+            raise TakenError
+        pictures = self.candidates[sample_id].pictures
+        if (
+            not pictures
+            or self._shown.get((holder.browser, queue, sample_id), pictures) != pictures
+        ):
+            self.leases.give_back(holder, queue, sample_id)
             raise TakenError
         if isinstance(value, Verified):
             faults = region_faults(value.corners, self.workshop.protocol) if value.accepted else ()
@@ -210,7 +236,10 @@ class Desk:
         told = value.model_dump(mode="json")
         if own is not None and own.value == told:
             return
-        if isinstance(value, Verified) and value.blind == self.is_third(sample_id):
+        if isinstance(value, Verified) and (
+            value.blind == self.is_third(sample_id)
+            or (value.blind and self._knows_others(sample_id, holder.reviewer))
+        ):
             self.leases.give_back(holder, queue, sample_id)
             raise TakenError
         if not self.leases.holds(queue, sample_id, holder) and not self._take(
@@ -222,7 +251,7 @@ class Desk:
                 kind=KINDS[queue],
                 candidate=sample_id,
                 by=Author(person=holder.reviewer),
-                inputs=self.candidates[sample_id].pictures,
+                inputs=pictures,
                 value=told,
                 supersedes=None if own is None else own.id,
             )
@@ -252,6 +281,7 @@ class Desk:
         )
         self.refresh()
         self.leases.claim(queue, holder, 1, lambda _: iter([card]))
+        self._show(queue, holder, [card])
         return card, own
 
     def progress(self, queue: Queue, reviewer: str) -> Progress:
@@ -272,6 +302,11 @@ class Desk:
     def others(self, sample_id: str) -> list[Verified]:
         """What the two blind readers said, for a third one."""
         return [word for _, word in readings(self.standing("verify", sample_id)) if word.blind]
+
+    def _show(self, queue: Queue, holder: Holder, cards: Iterable[str]) -> None:
+        """Remember which pictures a browser gets to see: a decision is about these alone."""
+        for card in cards:
+            self._shown[holder.browser, queue, card] = self.candidates[card].pictures
 
     def _take(self, queue: Queue, sample_id: str, holder: Holder) -> bool:
         """Hold one card, if nobody else has the last seat."""
