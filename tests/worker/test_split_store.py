@@ -9,6 +9,7 @@ import pytest
 
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Split
+from exceptiondrive_worker.splits.admin import read_drives
 from exceptiondrive_worker.splits.faults import SplitRefusedError
 from exceptiondrive_worker.splits.store import (
     SplitStore,
@@ -378,3 +379,39 @@ def test_a_part_without_a_sample_that_counts_is_refused(
     split = make_split({"a": {"part": "public"}, "b": {"part": "private", "control": True}})
     what = "no sample counts: all are controls or withdrawn in the private part"
     assert faults_of(split, protocol) == {what: ("b",)}
+
+
+@pytest.mark.parametrize("damage", ["cut short", "changed inside", "another checksum"])
+def test_a_damaged_file_is_told_and_keeps_no_other_from_being_found(
+    make_split: MakeSplit, protocol: ProtocolDocument, tmp_path: Path, damage: str
+) -> None:
+    split = make_split({f"sample-{number}": {} for number in range(50)})
+    path, whole = put(tmp_path, split, "split.json.gz"), put(tmp_path, split, "split-1.json.gz")
+    data = bytearray(whole.read_bytes())
+    middle = len(data) // 2
+    if damage == "cut short":
+        del data[middle:]
+    elif damage == "changed inside":
+        data[middle : middle + 40] = bytes(byte ^ 0xFF for byte in data[middle : middle + 40])
+    else:
+        data[-8] ^= 0xFF
+    path.write_bytes(data)
+    with pytest.raises(
+        SplitUnreadableError, match=r"^split\.json\.gz is damaged or cut short: put"
+    ):
+        read_split(path)
+    found = SplitStore(tmp_path).find(split.name, split.revision, protocol)
+    assert found.manifest.revision == split.revision
+
+
+def test_a_file_that_is_not_there_is_told_in_words(tmp_path: Path) -> None:
+    with pytest.raises(SplitUnreadableError, match=r"^none\.json cannot be read: No such file"):
+        read_split(tmp_path / "none.json")
+
+
+def test_damaged_drives_are_refused_in_words(tmp_path: Path) -> None:
+    data = bytearray(gzip.compress(b"".join(b"%d" % number for number in range(500))))
+    data[20:60] = bytes(byte ^ 0xFF for byte in data[20:60])
+    (tmp_path / "drives.json.gz").write_bytes(data)
+    with pytest.raises(SplitUnreadableError, match=r"drives\.json\.gz is no trajectory file"):
+        read_drives(tmp_path / "drives.json.gz")

@@ -1,6 +1,7 @@
 """What an operator does with splits: add and register them, publish a development split."""
 
 import gzip
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import count
@@ -218,7 +219,7 @@ def read_drives(path: Path) -> PlanningSubmission:
         return PlanningSubmission.model_validate_json(
             gzip.decompress(data) if _is_gzipped(path) else data
         )
-    except (ValidationError, OSError, EOFError) as error:
+    except (ValidationError, OSError, EOFError, zlib.error) as error:
         raise SplitUnreadableError(
             f"{path.name} is no trajectory file ({type(error).__name__}); exceptiondrive check "
             "says why"

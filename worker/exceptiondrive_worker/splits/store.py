@@ -11,6 +11,7 @@ import json
 import math
 import os
 import time
+import zlib
 from collections import Counter
 from collections.abc import Iterable
 from contextlib import suppress
@@ -102,8 +103,13 @@ def read_split(path: Path) -> Split:
         if data.startswith(GZIP_MAGIC):
             with gzip.open(path) as file:
                 data = file.read(MAX_SPLIT_BYTES + 1)
-    except (OSError, EOFError) as error:
-        raise SplitUnreadableError(f"{path.name} cannot be read ({type(error).__name__})") from None
+    except (gzip.BadGzipFile, zlib.error, EOFError):
+        raise SplitUnreadableError(
+            f"{path.name} is damaged or cut short: put back a whole copy of it"
+        ) from None
+    except OSError as error:
+        why = error.strerror or type(error).__name__
+        raise SplitUnreadableError(f"{path.name} cannot be read: {why}") from None
     if len(data) > MAX_SPLIT_BYTES:
         raise SplitUnreadableError(f"{path.name} is larger than {MAX_SPLIT_BYTES} bytes")
     try:
