@@ -19,6 +19,7 @@ from typer.testing import CliRunner, Result
 
 from exceptiondrive_build.candidates import walk
 from exceptiondrive_build.cli import app
+from exceptiondrive_build.inspection import draw
 from exceptiondrive_build.numbers import is_verified
 from exceptiondrive_build.records import Kind
 from exceptiondrive_build.values import Corners, Edited, Inspected, Verified
@@ -264,6 +265,7 @@ def test_a_later_revision_keeps_its_samples_and_says_what_changed(shop: Path) ->
         "restored": 0,
     }
     assert (sheet.n_samples, sheet.n_withdrawn) == (36, 2)
+    assert "1 region moved, 2 samples withdrawn, 0 restored." in files["datasheet.md"].decode()
     assert sheet.withdrawn[0].reason == "On the pavement."
     for name in ("datasheet.md", "datasheet.html"):
         assert "Two failed the audit." in files[name].decode()
@@ -359,7 +361,7 @@ def test_a_sample_may_not_go_missing_from_a_revision(shop: Path) -> None:
     command = ("freeze", shop / "frozen" / "2", "--workshop", shop, "--previous", previous)
     result = run(*command, "--words", "One failed.")
     assert result.exit_code == 2
-    assert f"not accepted and verified any more: {sample_id}" in result.output
+    assert f"not accepted and verified any more (1): {sample_id}" in result.output
     assert "exceptiondrive-build withdraw" in result.output
     withdraw(shop, [sample_id])
     assert "says in words" in run(*command).output
@@ -375,7 +377,7 @@ def test_samples_whose_scenes_are_gone_are_named_with_their_cure(shop: Path) -> 
     command = ("freeze", shop / "frozen" / "2", "--workshop", shop, "--previous", previous)
     result = run(*command, "--words", "One scene is gone.")
     assert result.exit_code == 2
-    assert "their scene or task is not in the workshop any more" in result.output
+    assert "whose scene or task is not in the workshop any more" in result.output
     assert "exceptiondrive-build scenes read SOURCE" in result.output
 
 
@@ -404,7 +406,10 @@ def test_controls_are_marked_and_counted_apart(shop: Path) -> None:
     assert (sheet.n_samples, sheet.n_controls) == (37, 1)
     settings.write_text(text.replace("controls = []", 'controls = ["nobody"]'))
     result = run("freeze", shop / "frozen" / "3", "--workshop", shop)
-    assert (result.exit_code, "are controls in workshop.toml" in result.output) == (2, True)
+    assert (
+        result.exit_code,
+        "Controls in workshop.toml that are not verified (1): nobody" in result.output,
+    ) == (2, True)
 
 
 def test_a_control_that_is_withdrawn_keeps_nothing_from_being_frozen(shop: Path) -> None:
@@ -469,6 +474,42 @@ def test_accepted_edits_whose_region_is_not_decided_are_counted(shop: Path) -> N
     assert "warning region_not_decided (2): accepted edits whose region waits" in told.output
     sheet = (shop / "frozen" / "part" / "datasheet.md").read_text()
     assert "1 times they differed so much that a third reader decides." in sheet
+
+
+def test_samples_that_nobody_has_inspected_are_counted(shop: Path) -> None:
+    """Of the random draw, five were looked at; one more is, and one that was not is withdrawn."""
+    told = run("freeze", shop / "frozen" / "1", "--workshop", shop)
+    with Workshop(shop) as workshop:
+        candidates, settings = walk(workshop), workshop.settings
+        left = [
+            it
+            for it in map(candidates.get, draw(candidates, settings.inspect))
+            if it is not None and it.inspected is None and is_verified(it, settings.verify)
+        ]
+        assert f"warning not_inspected ({len(left)}): samples with a low mark" in told.output
+        word = Inspected(passed=True)
+        workshop.append(record(Kind.INSPECT, left[0].sample_id, "ada", left[0].pictures, word))
+    withdraw(shop, [left[1].sample_id])
+    told = run("freeze", shop / "frozen" / "2", "--workshop", shop)
+    assert f"warning not_inspected ({len(left) - 2})" in told.output
+
+
+@pytest.mark.parametrize("withdrawn_ones", ["still accepted", "refused since"])
+def test_what_is_in_the_split_is_counted_without_what_is_withdrawn(
+    shop: Path, withdrawn_ones: str
+) -> None:
+    ids = [it.sample_id for it in split_of(frozen(shop, "1")).samples]
+    if withdrawn_ones == "refused since":
+        with Workshop(shop) as workshop:
+            pictures = walk(workshop)[ids[0]].pictures
+            no = Inspected(passed=False)
+            workshop.append(record(Kind.INSPECT, ids[0], "ada", pictures, no))
+    withdraw(shop, ids[:2])
+    previous = shop / "frozen" / "1" / "split.json.gz"
+    files = frozen(shop, "2", "--previous", previous, "--words", "Two failed the audit.")
+    sheet = Datasheet.model_validate_json(files["datasheet.json"])
+    assert (sheet.stages[-1].id, sheet.stages[-1].n) == ("frozen", sheet.n_samples)
+    assert sheet.n_samples == len(ids) - 2
 
 
 def test_nothing_verified_is_said_so(read: Path, tmp_path: Path) -> None:

@@ -82,6 +82,9 @@ def test_a_name_or_key_that_is_none_makes_nothing(
         ("min_mark = 3", "min_mark = 9", "review.min_mark"),
         ("min_mark = 3", "min_marc = 3", "review.min_marc"),
         ("[review]", "[review", "workshop.toml"),
+        ('licence_url = ""', 'licence_url = "javascript:alert(1)"', "licence_url: expected http"),
+        ('\nurl = ""', '\nurl = "example.org"', "datasheet.url: expected http"),
+        ('published = ""', 'published = "2027-13-45"', "expected a day such as 2026-11-22"),
     ],
 )
 def test_wrong_settings_are_named(workshop: Workshop, old: str, new: str, said: str) -> None:

@@ -41,7 +41,7 @@ def stages(
     Args:
         candidates: All of the workshop.
         limits: Beyond which readers differ.
-        frozen: Sample ids of the split.
+        frozen: Sample ids of the split that are not withdrawn.
     """
     ways: tuple[tuple[str, str, Callable[[Candidate], bool]], ...] = (
         ("suitable", "The task suits the scene", lambda it: it.is_suitable),
@@ -49,7 +49,7 @@ def stages(
         ("accepted", "Accepted by review and people", lambda it: it.is_accepted),
         ("localized", "Region proposed", lambda it: it.localized is not None),
         ("verified", "Region verified by two people", lambda it: is_verified(it, limits)),
-        ("frozen", "In the split", lambda it: it.sample_id in frozen),
+        ("frozen", "In the split, not withdrawn", lambda it: it.sample_id in frozen),
     )
     left, found = list(candidates), []
     for stage_id, title, came_through in ways:

@@ -1,8 +1,9 @@
 """`workshop.toml` as a model: tasks in use, prompts by file, endpoints by name, thresholds."""
 
+from datetime import date
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from exceptiondrive_build.values import Mark
 from exceptiondrive_endpoints.settings import checked_address, checked_fields
@@ -133,6 +134,19 @@ class DatasheetSection(Words):
     examples: tuple[str, ...] = Field(
         default=(), description="sample ids whose pictures are shown; needs `licence`"
     )
+
+    @field_validator("url", "licence_url")
+    @classmethod
+    def _is_an_address(cls, text: str) -> str:
+        return checked_address(text) if text else text
+
+    @field_validator("published")
+    @classmethod
+    def _is_a_day(cls, text: str) -> str:
+        try:
+            return date.fromisoformat(text).isoformat() if text else text
+        except ValueError:
+            raise ValueError(f"expected a day such as 2026-11-22, got {text!r}") from None
 
 
 class Price(Document):

@@ -19,6 +19,7 @@ from exceptiondrive_build.freezing.freeze import (
     changed_alone,
     freeze,
     gzipped,
+    not_inspected,
     pictures,
     undecided,
 )
@@ -104,6 +105,7 @@ def freeze_split(
     with Workshop(workshop) as shop:
         candidates, before = walk(shop), _read(previous) if previous else None
         frozen = freeze(shop, candidates, before, words)
+        n_unseen = not_inspected(shop, candidates, frozen.split)
         n_undecided = undecided(shop, candidates) if before is None else 0
         alone = (
             [] if before is None else changed_alone(before, frozen.split, shop.protocol.taxonomy)
@@ -125,6 +127,11 @@ def freeze_split(
             f"warning changed_alone ({len(alone):,}): one sample alone changes in {', '.join(alone)}; on a "
             "withheld split the boards before and after tell its value of every entry: mend, withdraw or "
             "restore several of a family in one revision"
+        )
+    if n_unseen:
+        typer.echo(
+            f"warning not_inspected ({n_unseen:,}): samples with a low mark or of the random draw that no "
+            "person has looked at; the audit counts only what was: `exceptiondrive-build review`"
         )
     if n_undecided:
         typer.echo(
@@ -150,8 +157,8 @@ def withdraw(
         standing, known = shop.current(Kind.WITHDRAW), walk(shop)
         wrong = [key for key in sample_ids if key not in known or (key in standing) != restore]
         if wrong:
-            what = "not withdrawn" if restore else "not in the workshop, or withdrawn already"
-            raise BuildError(f"{len(wrong)} samples are {what}: {', '.join(wrong[:10])}.")
+            what = "Not withdrawn" if restore else "Not in the workshop, or withdrawn already"
+            raise BuildError(f"{what} ({len(wrong):,}): {', '.join(wrong[:10])}.")
         shop.append(
             *(
                 Record(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from html import escape
 
 from exceptiondrive_schemas.datasheet import Agreement, Audit, Datasheet, Interval
+from exceptiondrive_schemas.printable import counted
 
 _QUESTIONS = {
     "purpose": "For what purpose",
@@ -92,8 +93,8 @@ def _sections(sheet: Datasheet) -> Iterable[_Section]:
     if sheet.changes is not None:
         change = sheet.changes
         counts = (
-            f"Since revision {change.previous}: {change.moved:,} regions moved, "
-            f"{change.withdrawn:,} samples withdrawn, {change.restored:,} restored."
+            f"Since revision {change.previous}: {counted(change.moved, 'region')} moved, "
+            f"{counted(change.withdrawn, 'sample')} withdrawn, {change.restored:,} restored."
         )
         yield _Section("What changed", (change.words, counts))
     if sheet.withdrawn:

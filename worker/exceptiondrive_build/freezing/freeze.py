@@ -16,6 +16,7 @@ from exceptiondrive_build.candidates import Candidate
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.freezing.croissant import croissant
 from exceptiondrive_build.freezing.datasheet_text import html_of, markdown_of
+from exceptiondrive_build.inspection import to_inspect
 from exceptiondrive_build.numbers import audit, cells, deciders, stages
 from exceptiondrive_build.records import Kind, Record
 from exceptiondrive_build.values import Corners, Edited
@@ -114,18 +115,18 @@ def _split(
         raise BuildError(f"The previous revision is of {previous.name!r}, not {settings.name!r}.")
     _refuse_some(
         [key for key in settings.freeze.controls if key not in wanted and key not in withdrawn],
-        "are controls in workshop.toml, and not verified",
+        "Controls in workshop.toml that are not verified",
         "Take them out of [freeze] controls, or verify them.",
     )
     _refuse_some(
         [key for key in wanted if key not in candidates],
-        "stand in the previous revision, and their scene or task is not in the workshop any more",
+        "Samples of the previous revision whose scene or task is not in the workshop any more",
         "Read their scenes in again: exceptiondrive-build scenes read SOURCE; and put their tasks "
         "back into workshop.toml.",
     )
     _refuse_some(
         [key for key in wanted if key not in regions and key not in withdrawn],
-        "stand in the previous revision, and are not accepted and verified any more",
+        "Samples of the previous revision that are not accepted and verified any more",
         'Withdraw them: exceptiondrive-build withdraw ID --reason "..." --by NAME',
     )
     if not wanted:
@@ -173,6 +174,13 @@ def undecided(workshop: Workshop, candidates: Mapping[str, Candidate]) -> int:
         and outcome(candidate.verifications, limits).state in ("open", "third")
         for sample_id, candidate in candidates.items()
     )
+
+
+def not_inspected(workshop: Workshop, candidates: Mapping[str, Candidate], split: Split) -> int:
+    """How many samples that a person is to look at nobody has looked at."""
+    taken = {sample.sample_id for sample in split.samples if sample.withdrawn is None}
+    wanted = to_inspect(candidates, workshop.settings.inspect)
+    return sum(key in taken and candidates[key].inspected is None for key in wanted)
 
 
 def _sample(workshop: Workshop, candidate: Candidate, region: Corners) -> SplitSample:
@@ -272,7 +280,7 @@ def _refuse_faults(split: Split, workshop: Workshop) -> None:
 
 def _refuse_some(sample_ids: list[str], what: str, advice: str) -> None:
     if sample_ids:
-        raise BuildError(f"{len(sample_ids)} samples {what}: {_some(sample_ids)}.", advice)
+        raise BuildError(f"{what} ({len(sample_ids):,}): {_some(sample_ids)}.", advice)
 
 
 def _some(sample_ids: list[str] | tuple[str, ...]) -> str:
@@ -305,7 +313,11 @@ def _datasheet(
         withdrawn=tuple(WithdrawnSamples(reason=why, n=n) for why, n in sorted(reasons.items())),
         changes=None if previous is None else SplitChange.between(previous, split, words),
         words=Words(**own_words),
-        stages=stages(candidates.values(), settings.verify, {it.sample_id for it in split.samples}),
+        stages=stages(
+            candidates.values(),
+            settings.verify,
+            {it.sample_id for it in split.samples if it.withdrawn is None},
+        ),
         families=cells(taxonomy.families, candidates.values(), counted),
         tasks=cells(workshop.tasks, candidates.values(), counted),
         audit=audit(candidates, settings.inspect),
@@ -326,7 +338,7 @@ def _examples(
     chosen = workshop.settings.datasheet.examples
     _refuse_some(
         [key for key in chosen if key not in candidates or not candidates[key].pictures],
-        "are examples in workshop.toml, and have no edited pictures",
+        "Examples in workshop.toml that have no edited pictures",
         "Take them out of [datasheet] examples.",
     )
     taken = {sample.sample_id for sample in split.samples}
