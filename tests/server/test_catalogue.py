@@ -9,7 +9,8 @@ import pytest
 
 from exceptiondrive_records.accounts.roles import OrganizerRole
 from exceptiondrive_records.accounts.tokens import SCOPES_OF_ROLE, issue_token
-from exceptiondrive_records.splits.splits import publish_split
+from exceptiondrive_records.phases.phases import list_phases
+from exceptiondrive_records.splits.splits import find_split, publish_split, register_split
 from exceptiondrive_schemas.api.submission import Me, PhaseView
 from exceptiondrive_schemas.protocol import packaged_protocol_toml, parse_protocol
 from exceptiondrive_schemas.published import DOCUMENT_NAMES
@@ -96,6 +97,42 @@ def test_a_development_split_is_downloaded_whole(api: "Api", split_document: byt
     again = api.get("/splits/sample", headers={"If-None-Match": response.headers["etag"]})
     assert again.status_code == 304
     assert api.get("/phases/dev").json()["split_is_public"] is True
+
+
+def test_until_a_later_revision_is_in_force_a_split_is_downloaded_as_it_stands(
+    api: "Api", split_document: bytes, as_problem: Problem
+) -> None:
+    """Registered, or even public already: what readers get is what the phase is scored on."""
+    later_document = split_document.replace(b'"S"', b'"T"')
+    put = api.services.files.put_stream
+    before, after = (
+        put([data], limit_bytes=10_000)[0] for data in (split_document, later_document)
+    )
+    first, second = "sha256:" + "5" * 64, "sha256:" + "6" * 64
+    with api.database.write() as session:
+        publish_split(session, "sample", first, before, "test")
+        manifest = find_split(session, "sample").manifest.model_copy(update={"revision": second})
+        register_split(session, manifest, {"sudden_emergence": 3}, "test")
+    assert api.get("/splits/sample").content == split_document
+    with api.database.write() as session:
+        publish_split(session, "sample", second, after, "test")
+    assert api.get("/splits/sample").content == split_document
+    as_problem(api.get(f"/splits/sample?revision={second}"), 404, "not_found")
+    with api.database.write() as session:
+        for phase in list_phases(session):
+            phase.split_revision = second
+    assert api.get("/splits/sample").content == later_document
+
+
+def test_a_public_split_that_no_phase_uses_is_downloaded_as_registered_last(
+    api: "Api", split_document: bytes
+) -> None:
+    digest, _ = api.services.files.put_stream([split_document], limit_bytes=10_000)
+    with api.database.write() as session:
+        manifest = find_split(session, "sample").manifest.model_copy(update={"name": "spare"})
+        register_split(session, manifest, {"sudden_emergence": 3}, "test")
+        publish_split(session, "spare", manifest.revision, digest, "test")
+    assert api.get("/splits/spare").content == split_document
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from sqlalchemy.orm import Session, undefer
 from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_records.splits.tables import SplitRow
 
 
@@ -53,6 +54,24 @@ def shown_revision(session: Session, name: str, revision: str | None) -> SplitRo
         if revision is None or row.revision == revision:
             return row
     raise NotFound("split", name)
+
+
+def shown_file(session: Session, name: str, revision: str | None) -> SplitRow:
+    """Return the revision whose file readers ask for, by default the one in force.
+
+    Of a split that no phase uses, none is in force: it is the one that was registered last.
+
+    Raises:
+        NotFound: There is none, readers do not know of it, or it is withheld.
+    """
+    is_used = session.scalars(select(Phase.id).where(Phase.split_name == name).limit(1)).first()
+    if is_used is None:
+        row = find_split(session, name, revision)
+    else:
+        row = shown_revision(session, name, revision)
+    if row.public_file_digest is None:
+        raise NotFound("split", name)
+    return row
 
 
 def is_kept_back(session: Session, name: str) -> bool:

@@ -6,8 +6,7 @@ from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 
 from exceptiondrive_records.db.errors import NotFound
-from exceptiondrive_records.splits.shown import is_kept_back, shown_revision
-from exceptiondrive_records.splits.splits import find_split
+from exceptiondrive_records.splits.shown import shown_file, shown_revision
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.check.inflate import GZIP_MAGIC
 from exceptiondrive_schemas.datasheet import Datasheet
@@ -54,13 +53,14 @@ def download_split(
     request: Request,
     services: ServicesOf,
     name: Annotated[str, Path(max_length=64, description="name of a split")],
+    revision: Annotated[
+        str | None, Query(max_length=80, description="by default the one in force")
+    ] = None,
 ) -> Response:
     """Download a development split with its regions, for `exceptiondrive evaluate`."""
     with services.database.read() as session:
-        digest = find_split(session, name).public_file_digest
-        is_hidden = is_kept_back(session, name)
-    if digest is None or is_hidden:
-        raise NotFound("split", name)
+        digest = shown_file(session, name, revision).public_file_digest
+    assert digest is not None
     answer = conditional(
         request,
         lambda: services.files.read(digest, limit_bytes=MAX_SPLIT_BYTES),

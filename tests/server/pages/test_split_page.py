@@ -90,6 +90,12 @@ async def test_the_commands_of_a_public_split_read_the_file_that_they_download(
     assert f"--split {name}.split.json" in text, "what the client calls it where it is told no name"
 
 
+async def test_the_page_of_a_revision_leads_to_the_file_of_that_revision(lively_site: Site) -> None:
+    lively_site.publish_split()
+    address = f"/api/v1/splits/sample?revision={MANIFEST.revision}"
+    assert f'href="{address}"' in (await lively_site.get("/splits/sample")).text
+
+
 async def test_a_split_that_nobody_uses_is_not_found(lively_site: Site) -> None:
     for path in ("/splits/other", "/splits/other?revision=x", "/api/v1/splits/other/datasheet"):
         assert (await lively_site.get(path)).status_code == 404
