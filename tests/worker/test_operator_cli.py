@@ -358,6 +358,22 @@ def test_registering_tells_the_server_how_many_samples_are_doubtful_and_not_whic
     assert "canary" not in warnings.model_dump_json()
 
 
+@pytest.mark.parametrize(
+    ("command", "told"),
+    [
+        ("register-splits", ("sample ids", "family sizes", "warnings by count", "datasheet")),
+        ("publish-split", ("regions", "tasks", "controls", "recorded paths", "taken back")),
+    ],
+)
+def test_the_help_says_what_leaves_the_worker(
+    operate: Operate, command: str, told: tuple[str, ...]
+) -> None:
+    code, out, _ = operate(command, "--help")
+    assert code == 0
+    text = " ".join(out.split())
+    assert [words for words in told if words not in text] == []
+
+
 def test_publishing_an_unknown_split_says_so(operate: Operate) -> None:
     code, _, err = operate("publish-split", "nosuch")
     assert code == 2

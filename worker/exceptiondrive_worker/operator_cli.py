@@ -148,7 +148,10 @@ def register_splits(
     words: WordsOption = "",
     data: DataOption = None,
 ) -> None:
-    """Record the manifest of every split file: names, revisions and sample ids, nothing else."""
+    """Record every split file: names, revisions, sample ids, family sizes, warnings by count, datasheet.
+
+    No region leaves the worker.
+    """
     settings = load_settings(WorkerSettings, data)
     splits = SplitStore(settings.splits_dir)
     with opened(settings) as database:
@@ -228,7 +231,10 @@ def _tell_registered(found: list[RegisteredSplit]) -> None:
 
 @app.command("publish-split")
 def publish_split(name: str, protocol: ProtocolOption = None, data: DataOption = None) -> None:
-    """Make a development split public, regions and all. This cannot be taken back."""
+    """Make a development split public for ever: regions, tasks, scenes, controls, recorded paths.
+
+    This cannot be taken back. What a phase on it scores is no test any more, an open one neither.
+    """
     settings = load_settings(WorkerSettings, data)
     files, splits = FileStore(settings.file_store_url), SplitStore(settings.splits_dir)
     with opened(settings) as database:
