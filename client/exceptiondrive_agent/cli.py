@@ -58,7 +58,12 @@ Concurrency = Annotated[int, typer.Option(min=1, max=256, help="Samples in fligh
 RequestsPerMinute = Annotated[
     float | None, typer.Option(min=0.01, help="Upper bound, retries included.")
 ]
-TimeoutS = Annotated[float, typer.Option(min=0.1, help="Seconds without a byte.")]
+TimeoutS = Annotated[
+    float,
+    typer.Option(
+        min=0.1, help="Seconds without a byte; a whole answer may take ten times as long."
+    ),
+]
 MaxRetries = Annotated[
     int, typer.Option(min=0, max=100, help="After 429, 5xx and timeouts, with back-off.")
 ]
@@ -174,7 +179,11 @@ def _command(work: "Callable[[], RunReport]", as_json: bool) -> None:
     except ImportError:
         advice = 'Install it: pip install "exceptiondrive[agent]"'
         raise AgentError("remind and decide need the extra `agent`.", advice) from None
-    report = work()
+    try:
+        report = work()
+    except KeyboardInterrupt:
+        say("\nInterrupted. Answers so far are kept; run the same command to go on.")
+        raise
     if as_json:
         show_document(report)
     else:

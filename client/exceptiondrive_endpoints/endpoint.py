@@ -11,10 +11,10 @@ import asyncio
 import base64
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import openai
-from pydantic import BaseModel, BeforeValidator, ValidationError
+from pydantic import BaseModel, BeforeValidator, Field, ValidationError, WrapValidator
 
 from exceptiondrive_endpoints.answers import Schema
 from exceptiondrive_endpoints.errors import (
@@ -29,6 +29,10 @@ from exceptiondrive_schemas.python310 import Self, StrEnum
 
 Message = dict[str, Any]
 Sleep = Callable[[float], Awaitable[None]]
+Answer = TypeVar("Answer")
+LONGEST_ANSWER = 10
+"""A whole answer may take so many times as long as an endpoint may be silent."""
+_UNKNOWN_SIGNER = ("self-signed", "self signed", "local issuer")
 _RAW_RESPONSE = "x-stainless-raw-response"  # the library reads it back from the request
 
 
@@ -127,7 +131,7 @@ def request_body(
     return {**body, **settings.extra}
 
 
-_Count = Annotated[int, BeforeValidator(lambda told: 0 if told is None else told)]
+_Count = Annotated[int, Field(ge=0), BeforeValidator(lambda told: 0 if told is None else told)]
 
 
 class Usage(BaseModel):
@@ -147,11 +151,19 @@ class _Choice(BaseModel):
     finish_reason: str | None = None
 
 
+def _or_none(told: Any, read: Callable[[Any], Usage | None]) -> Usage | None:
+    """Counts that cannot be read are as none: they spoil no answer."""
+    try:
+        return read(told)
+    except ValidationError:
+        return None
+
+
 class Completion(BaseModel):
     """The part of a chat completion that we read; whatever else it holds is ignored."""
 
     choices: tuple[_Choice, ...]
-    usage: Usage | None = None
+    usage: Annotated[Usage | None, WrapValidator(_or_none)] = None
     model: str | None = None
 
     @property
@@ -247,6 +259,31 @@ class EndpointSettings:
     address_advice: str = ""
 
 
+class _EndlessAnswerError(openai.APITimeoutError):
+    """Bytes came, and no end of them; it is not asked again in this run."""
+
+
+class _Http(openai.DefaultAsyncHttpxClient):
+    """Follows no redirect; each request waits for its slot, and each answer is awaited so long."""
+
+    def __init__(self, before: Callable[[Any], Awaitable[None]], longest_s: float) -> None:
+        super().__init__(follow_redirects=False)
+        self._before = before
+        self._longest_s = longest_s
+
+    async def send(self, request: Any, **more: Any) -> Any:
+        """Send a request and read the answer.
+
+        Raises:
+            _EndlessAnswerError: It did not end in time.
+        """
+        await self._before(request)
+        try:
+            return await asyncio.wait_for(super().send(request, **more), self._longest_s)
+        except asyncio.TimeoutError:
+            raise _EndlessAnswerError(request) from None
+
+
 class Endpoint:
     """A connection pool to one endpoint; use it as an asynchronous context manager."""
 
@@ -261,9 +298,8 @@ class Endpoint:
         self._dialect = Dialect()
         self._untaken: tuple[str, ...] = ()
         self.n_requests = 0
-        hooks = {"request": [self._before_request]}
         try:
-            http = openai.DefaultAsyncHttpxClient(follow_redirects=False, event_hooks=hooks)
+            http = _Http(self._before_request, LONGEST_ANSWER * settings.timeout_s)
         except (ImportError, OSError, ValueError) as error:
             raise EndpointError(
                 f"What the environment says of the network cannot be used: {str(error).rstrip('.')}.",
@@ -306,7 +342,7 @@ class Endpoint:
         while dialect is not None:
             body = request_body(self._model, dialect, messages, name, schema)
             try:
-                completion = read_completion(await self._post(body))
+                completion = self._read(read_completion, await self._post(body))
             except (openai.BadRequestError, openai.UnprocessableEntityError) as error:
                 refusal = error
                 dialect = plainer(dialect, error.param)
@@ -343,7 +379,7 @@ class Endpoint:
                 extra_body={name: value for name, value in extra.items() if value is not None},
             )
             try:
-                return read_edit(await self._sent(request)), untaken
+                return self._read(read_edit, await self._sent(request)), untaken
             except (openai.BadRequestError, openai.UnprocessableEntityError) as error:
                 if error.param not in extra:
                     raise self._refused(error) from None
@@ -356,20 +392,36 @@ class Endpoint:
             )
         )
 
+    def _read(self, read: Callable[[bytes], Answer], body: bytes) -> Answer:
+        try:
+            return read(body)
+        except NoAnswerError as error:
+            said = self._clean(error.raw or "") or "it is empty"
+            raise NoAnswerError(error.reason, f"{error.detail}: {said}", error.raw) from None
+
     async def _sent(self, request: Awaitable[Any]) -> bytes:
         try:
             return bytes((await request).content)
-        except openai.APITimeoutError:
-            raise NoAnswerError(Reason.TIMEOUT, "no answer in time, after retries") from None
         except openai.APIConnectionError as error:
-            said = self._clean(str(error.__cause__ or error))
-            detail = f"no connection to {self._settings.base_url}, after retries: {said}"
-            raise NoAnswerError(Reason.CONNECTION, detail) from None
+            raise self._not_connected(error) from None
         except (openai.BadRequestError, openai.UnprocessableEntityError):
             raise
         except openai.APIStatusError as error:
             self._stop_if_hopeless(error)
             raise self._refused(error) from None
+
+    def _not_connected(self, error: openai.APIConnectionError) -> NoAnswerError:
+        cause = error.__cause__ or error
+        if isinstance(cause, _EndlessAnswerError):
+            longest_s = LONGEST_ANSWER * self._settings.timeout_s
+            return NoAnswerError(Reason.TIMEOUT, f"no end of an answer within {longest_s:g} s")
+        if isinstance(error, openai.APITimeoutError):
+            return NoAnswerError(Reason.TIMEOUT, "no answer in time, after retries")
+        said = self._clean(str(cause)) or type(cause).__name__
+        if any(words in said for words in _UNKNOWN_SIGNER):
+            said += "; if it is yours, name the certificate that signed it in SSL_CERT_FILE"
+        detail = f"no connection to {self._settings.base_url}, after retries: {said}"
+        return NoAnswerError(Reason.CONNECTION, detail)
 
     def _stop_if_hopeless(self, error: openai.APIStatusError) -> None:
         said = self._said(error)
@@ -392,7 +444,18 @@ class Endpoint:
             reason = Reason.RATE_LIMITED
         elif error.status_code in (408, 409) or error.status_code >= 500:
             reason = Reason.SERVER_ERROR
-        return NoAnswerError(reason, f"HTTP {error.status_code}: {self._said(error)}")
+        said = self._said(error)
+        detail = f"HTTP {error.status_code}: {said}" if said else f"HTTP {error.status_code}"
+        headers = error.response.headers
+        if 300 <= error.status_code < 400 and "location" in headers:
+            to = self._clean(headers["location"])
+            detail = (
+                f"HTTP {error.status_code}: it leads to {to}, and no redirect is followed; "
+                "if images may go there, that is the address to ask"
+            )
+        elif "retry-after" in headers:
+            detail += f" (Retry-After: {self._clean(headers['retry-after'])})"
+        return NoAnswerError(reason, detail)
 
     def _said(self, error: openai.APIStatusError) -> str:
         """The endpoint's own words."""
@@ -400,4 +463,5 @@ class Endpoint:
         return self._clean(str(said or error.response.text))
 
     def _clean(self, text: str) -> str:
-        return (text.replace(self._key, "***") if self._key else text)[:300]
+        """The beginning of what was said, to stand in a sentence, without the key."""
+        return (text.replace(self._key, "***") if self._key else text).strip().rstrip(".")[:300]

@@ -167,8 +167,9 @@ def test_a_helper_has_the_same_deeds_on_pages(
     submission = site.submit("a").json()["id"]
     browser = browse(site)
     browser.sign_in("helper")
+    form = browser.form(f"/organize/submissions/{submission}/note")
     status = {
-        deed: browser.send(f"/organize/{deed}", browser.form("/organize/teams")).status_code
+        deed: browser.send(f"/organize/{deed}", form).status_code
         for deed in (f"submissions/{submission}/retry", "teams/alpha/approve", "teams/alpha/tokens")
     }
     assert [code == 403 for code in status.values()] == [False, False, True], status
@@ -249,6 +250,71 @@ def test_links_of_a_page_lead_to_no_refusal(
         assert links
         refused = {link for link in links if browser.get(html.unescape(link)).status_code == 403}
         assert refused == set(), page
+
+
+@pytest.mark.parametrize("who", [who for who in ROLES if who != "owner of other"])
+def test_no_page_offers_what_the_role_may_not_do(
+    site: "Api", browse: Callable[..., "TeamBrowser"], who: str
+) -> None:
+    """All pages are walked; where a link leads to a deed, the deed may be done."""
+    fill_with_deeds(site)
+    browser = browse(site)
+    browser.sign_in(who)
+    todo, seen = ["/organize"], set[str]()
+    while todo:
+        path = todo.pop()
+        seen.add(path)
+        page = browser.get(path)
+        assert page.status_code != 403, path
+        if "text/html" in page.headers.get("content-type", ""):
+            assert "It would be refused now.</b> This needs" not in page.text, path
+            links = re.findall(r'href="(/organize[^"#]*)', page.text)
+            todo += {html.unescape(link) for link in links} - seen - set(todo)
+        elif "location" in page.headers:
+            todo.append(page.headers["location"])
+    deeds = {re.sub(r"/[0-9a-z]{16}/", "/ID/", path).partition("?")[0] for path in seen}
+    assert ("/organize/submissions/ID/note" in deeds) is not who.startswith("reader")
+    assert ("/organize/submissions/ID/disqualify" in deeds) is who.startswith("owner")
+    assert ("/organize/teams/waiting/approve" in deeds) is (who in {"owner", "helper"})
+    for deed in ("teams/alpha/merge", "teams/alpha/limits/dev", "messages", "rescoring/new"):
+        assert (f"/organize/{deed}" in deeds) is (who == "owner"), deed
+    for deed in ("phases/dev/reported/new", "phases/dev/news", "phases/dev/freeze"):
+        assert (f"/organize/{deed}" in deeds) is who.startswith("owner"), deed
+
+
+def fill_with_deeds(site: "Api") -> None:
+    """Bring about what organizers act on: a submission, a registration, a question, news."""
+    site.submit("a")
+    site.submit("b", "beta", phase="other")
+    on = site.post("/organizer/self-registration", "owner", json={"is_on": True})
+    wanted = {"id": "waiting", "name": "Waiting", "note": "We drive."}
+    asked = site.post("/phases/dev/questions", "alpha", json={"text": "May maps be used?"})
+    news = {"title": "A", "text": "Mine."}
+    told = site.post("/organizer/phases/dev/news", "owner", json=news)
+    made = site.client.post("/api/v1/registrations", json=wanted)
+    assert {one.status_code for one in (on, asked, told, made)} <= {200, 201}
+
+
+def test_a_form_says_before_it_is_filled_in_that_the_role_may_not_send_it(
+    site: "Api", browse: Callable[..., "TeamBrowser"]
+) -> None:
+    browser = browse(site)
+    browser.sign_in("reader")
+    words = "This needs an organizer with the role owner; yours is read-only."
+    for path in (
+        "/organize/teams",
+        "/organize/teams/alpha",
+        "/organize/teams/alpha/merge",
+        "/organize/messages",
+        "/organize/phases/dev",
+        "/organize/phases/dev/news",
+        "/organize/protocols/new",
+        "/organize/site",
+    ):
+        page = browser.get(path).text
+        main = page[page.index("<main") : page.index("</main>")]
+        assert words in main, path
+        assert not re.search(r'<button class="btn (pri|grave)"', main), path
 
 
 @pytest.mark.parametrize("link", ["/my", "/organize"])

@@ -2,11 +2,13 @@
 
 import json
 import threading
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from tests.agent.bench import Bench, shade_of
 
+from exceptiondrive_agent import run
 from exceptiondrive_agent.questions import messages
 from exceptiondrive_endpoints.endpoint import Endpoint, EndpointSettings, ModelSettings
 
@@ -82,6 +84,81 @@ def test_an_endpoint_that_is_too_slow_is_a_timeout(bench: Bench, endpoint: "Chat
     report = bench.report("decide", "--timeout-s", "0.2", "--max-retries", "0", exit_code=5)
     gone.set()
     assert report["failed"] == {"timeout": 1}
+
+
+def test_an_answer_that_comes_byte_by_byte_without_an_end_is_a_timeout(
+    bench: Bench, endpoint: "ChatEndpoint"
+) -> None:
+    """None of its pauses is one; whole it would come after a minute."""
+    bench.add_samples(1)
+    whole = endpoint.says(DECISION)
+    endpoint.answer = Sequence(replace(whole, pause_s=60 / len(whole.body)))
+    slow = ("--timeout-s", "0.4", "--max-retries", "0")
+    assert "no end of an answer within 4 s" in bench.report("decide", *slow, exit_code=5)["failure"]
+    assert [line["reason"] for line in bench.journal(journal_of(bench)).values()] == ["timeout"]
+
+
+def test_a_retry_after_that_is_too_long_to_wait_for_is_told(
+    bench: Bench, endpoint: "ChatEndpoint"
+) -> None:
+    bench.add_samples(1)
+    endpoint.answer = Sequence(endpoint.fails(429, "slow down.", headers={"Retry-After": "3600"}))
+    report = bench.report("decide", "--max-retries", "0", exit_code=5)
+    assert report["failure"] == "HTTP 429: slow down (Retry-After: 3600)"
+
+
+@pytest.mark.parametrize(
+    ("body", "said"),
+    [
+        (b'{"error": {"message": "loading"}}', '{"error": {"message": "loading"}}'),
+        (b"<p>Welcome.</p>", "<p>Welcome.</p>"),
+        (f"[{KEY!r}]".encode(), "['***']"),
+        (b"", "it is empty"),
+    ],
+)
+def test_what_is_no_chat_completion_is_quoted(
+    bench: Bench, endpoint: "ChatEndpoint", body: bytes, said: str
+) -> None:
+    bench.add_samples(1)
+    endpoint.answer = Sequence(replace(endpoint.says(DECISION), body=body))
+    result = bench.run("decide")
+    assert result.exit_code == 2
+    assert f"the response is no chat completion: {said}." in " ".join(result.stderr.split())
+
+
+@pytest.mark.parametrize("usage", ["many", {"prompt_tokens": -1}, {"prompt_tokens": "few"}])
+def test_counts_that_cannot_be_read_spoil_no_answer(
+    bench: Bench, endpoint: "ChatEndpoint", usage: object
+) -> None:
+    bench.add_samples(1)
+    whole = endpoint.says(DECISION)
+    body = json.dumps({**json.loads(whole.body), "usage": usage}).encode()
+    endpoint.answer = Sequence(replace(whole, body=body))
+    report = bench.report("decide")
+    assert (report["done"], report["without_token_counts"]) == (1, 1)
+
+
+def test_an_interrupted_run_says_how_to_go_on(
+    bench: Bench, endpoint: "ChatEndpoint", monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    bench.add_samples(1)
+    monkeypatch.setattr(run, "_run", interrupt)
+    result = bench.run("decide")
+    assert result.exit_code == 130
+    assert "Answers so far are kept; run the same command to go on." in result.stderr
+
+
+def test_a_certificate_of_an_unknown_signer_says_where_to_name_it(
+    bench: Bench, endpoint: "ChatEndpoint"
+) -> None:
+    bench.add_samples(1)
+    endpoint.speak_tls(bench.images.parent)
+    result = bench.run("decide", "--max-retries", "0")
+    assert (result.exit_code, endpoint.seen) == (5, [])
+    assert "name the certificate that signed it in SSL_CERT_FILE" in result.stderr
 
 
 def test_a_response_that_breaks_off_is_a_lost_connection_and_asked_again(
@@ -214,8 +291,11 @@ def test_a_redirect_is_not_followed_so_images_go_nowhere_else(
     bench.add_samples(1)
     elsewhere = {"Location": f"{endpoint.base_url}/elsewhere"}
     endpoint.answer = Sequence(endpoint.fails(307, headers=elsewhere))
-    assert bench.report("decide", exit_code=2)["failed"] == {"request_refused": 1}
-    assert len(endpoint.seen) == 1
+    result = bench.run("decide")
+    assert (result.exit_code, len(endpoint.seen)) == (2, 1)
+    assert "1 request_refused" in result.stdout
+    said = f"it leads to {endpoint.base_url}/elsewhere, and no redirect is followed"
+    assert said in result.stderr
 
 
 async def test_every_http_request_waits_for_its_slot_retries_included(

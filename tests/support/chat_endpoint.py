@@ -2,22 +2,35 @@
 
 import base64
 import json
+import ssl
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from datetime import datetime, timedelta
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any, cast
 
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+
+from exceptiondrive_schemas.python310 import UTC
+
 
 @dataclass(frozen=True)
 class Reply:
-    """What the server sends; `announced_bytes` larger than the body cuts the connection midway."""
+    """What the server sends; `announced_bytes` larger than the body cuts the connection midway.
+
+    With `pause_s` the body comes byte by byte.
+    """
 
     body: bytes
     status: int = 200
     headers: dict[str, str] = field(default_factory=dict)
     announced_bytes: int | None = None
+    pause_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -65,6 +78,7 @@ class ChatEndpoint:
         self.seen: list[Seen] = []
         self.answer: Callable[[Seen], Reply] = lambda seen: self.says("{}")
         self.most_in_flight = 0
+        self._scheme = "http"
         self._in_flight = 0
         self._lock = threading.Lock()
         self._server = ThreadingHTTPServer(("127.0.0.1", port), self._handler())
@@ -74,7 +88,22 @@ class ChatEndpoint:
 
     @property
     def base_url(self) -> str:
-        return f"http://127.0.0.1:{self._server.server_address[1]}/v1"
+        return f"{self._scheme}://127.0.0.1:{self._server.server_address[1]}/v1"
+
+    def speak_tls(self, folder: Path) -> None:
+        """From now on under a certificate that nobody knows, kept in `folder`."""
+        key, now = Ed25519PrivateKey.generate(), datetime.now(UTC)
+        name = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "localhost")])
+        made = x509.CertificateBuilder(name, name, key.public_key(), x509.random_serial_number())
+        made = made.not_valid_before(now).not_valid_after(now + timedelta(days=1))
+        private = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+        (folder / "tls.pem").write_bytes(private + made.sign(key, None).public_bytes(Encoding.PEM))
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        context.load_cert_chain(folder / "tls.pem")
+        self._scheme = "https"
+        self._server.socket = context.wrap_socket(
+            self._server.socket, server_side=True, do_handshake_on_connect=False
+        )
 
     def close(self) -> None:
         self._server.shutdown()
@@ -140,13 +169,18 @@ class ChatEndpoint:
                 for name, value in reply.headers.items():
                     self.send_header(name, value)
                 self.end_headers()
-                self.wfile.write(reply.body)
+                if reply.pause_s:
+                    for byte in reply.body:
+                        self.wfile.write(bytes([byte]))
+                        time.sleep(reply.pause_s)
+                else:
+                    self.wfile.write(reply.body)
                 self.close_connection = reply.announced_bytes is not None
 
             def handle(self) -> None:
                 try:
                     super().handle()
-                except (ConnectionError, BrokenPipeError):
+                except (ConnectionError, BrokenPipeError, ssl.SSLError):
                     self.close_connection = True  # the client has gone: killed, or timed out
 
             def log_message(self, *_: object) -> None:

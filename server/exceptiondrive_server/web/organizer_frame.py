@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from types import MappingProxyType
 from typing import Annotated, Any
 
@@ -17,7 +18,7 @@ from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import Browser, PhaseNeeded, PostedForm, SignedIn
 from exceptiondrive_server.web.forms import filled, is_changed, read, typed
-from exceptiondrive_server.web.organizer_rights import require_right
+from exceptiondrive_server.web.organizer_rights import may_change, require_right, what_lacks
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 from exceptiondrive_server.web.responses import private_page
 from exceptiondrive_server.web.services import Services
@@ -126,6 +127,8 @@ def organizer_page(
         "is_of_site": browser.principal.is_organizer,
         "organizer": browser.principal.person_name or browser.principal.token_name,
         "form_token": browser.form_token,
+        "may": partial(may_change, browser.principal),
+        "lacks": what_lacks(request, browser.principal),
         "done": DONE.get(request.query_params.get("done", "")),
     }
     if refusal is not None:

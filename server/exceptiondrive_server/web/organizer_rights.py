@@ -94,6 +94,20 @@ def require_right(request: Request, services: Services, principal: Principal) ->
         raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
 
 
+def what_lacks(request: Request, principal: Principal) -> str | None:
+    """Say why an organizer who may see a page may not send its form; None: they may.
+
+    Args:
+        request: For the page, which was granted.
+        principal: Who.
+    """
+    needed = role_needed("POST", _path_of(request))
+    role = principal.role
+    if role is not None and role.includes(needed):
+        return None
+    return f"This needs an organizer with the role {needed}; yours is {role}."
+
+
 def may_change(principal: Principal, path: str, phase_id: str | None = None) -> bool:
     """Whether an organizer may send the form of a page; what they may not is not offered.
 
