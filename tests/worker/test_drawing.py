@@ -59,7 +59,9 @@ def build(world: World) -> None:
 
 
 def publish(world: World, protocol: ProtocolDocument) -> None:
-    publish_split_file(world.database, world.files, world.context.splits, "tiny", protocol)
+    publish_split_file(
+        world.database, world.files, world.context.splits, "tiny", protocol, while_open=True
+    )
 
 
 def kept(

@@ -9,9 +9,14 @@ from billiard.exceptions import SoftTimeLimitExceeded
 from sqlalchemy import func, select, text
 from tests.support.work import claim_this
 from tests.support.worker import score_submission
+from typer.testing import CliRunner, Result
 
 from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict
+from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_records.work.jobs import new_job
 from exceptiondrive_records.work.tables import BoardRequest, Job, WorkState
@@ -21,6 +26,7 @@ from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol_
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.failures import FailureCode
+from exceptiondrive_worker.operator_cli import app
 from exceptiondrive_worker.scoring_run import score_next
 from exceptiondrive_worker.splits.admin import publish_split_file
 from exceptiondrive_worker.splits.private_store import Shelf
@@ -376,10 +382,52 @@ def test_the_clearance_curve_is_published_of_a_public_split_alone(
     world.add_phase(tiny)
     (withheld,) = sheets_of(world, world.score(planning_file(tiny)))
     assert withheld.sheet.clearance_curve is None
-    publish_split_file(world.database, world.files, world.context.splits, "tiny", protocol)
+    publish_split_file(
+        world.database, world.files, world.context.splits, "tiny", protocol, while_open=True
+    )
     (shown,) = sheets_of(world, world.score(planning_file(tiny, edited_mps=2.1)))
     curve = shown.sheet.clearance_curve
     assert curve is not None
     assert len(curve.micro) == 21
     assert curve.micro[0] == 1 - (shown.sheet.micro["ur"] or 0.0)
     assert curve.micro[10] == shown.sheet.micro["clear"]
+
+
+@pytest.mark.publishes_regions
+def test_a_split_that_an_open_phase_is_scored_on_is_made_public_on_purpose_alone(
+    phase: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    settings = phase.context.settings
+    names = ("database_url", "file_store_url", "splits_dir")
+    env = {f"EXCEPTIONDRIVE_{name.upper()}": str(getattr(settings, name)) for name in names}
+
+    def publish(*options: str) -> Result:
+        return CliRunner().invoke(app, ["publish-split", "tiny", *options], env=env)
+
+    def is_public() -> bool:
+        with phase.database.read() as session:
+            return find_split(session, "tiny").public_file_digest is not None
+
+    phase.score(planning_file(tiny))
+    refused = publish()
+    assert isinstance(refused.exception, Conflict)
+    assert "files of dev are scored on it" in str(refused.exception)
+    assert "Close the phase first, or publish it --while-open." in str(refused.exception)
+    assert not is_public()
+    assert publish("--while-open").exit_code == 0
+    assert is_public()
+    assert publish().exit_code == 0, "it is public already"
+
+
+@pytest.mark.publishes_regions
+@pytest.mark.parametrize("is_scored", [True, False], ids=["over", "no score yet"])
+def test_where_no_test_goes_on_a_split_is_made_public_at_once(
+    phase: World, tiny: Split, planning_file: MakeFile, protocol: ProtocolDocument, is_scored: bool
+) -> None:
+    if is_scored:
+        phase.score(planning_file(tiny))
+        with phase.database.write() as session:
+            session.get_one(Phase, "dev").closes_at = database_now(session)
+    publish_split_file(phase.database, phase.files, phase.context.splits, "tiny", protocol)
+    with phase.database.read() as session:
+        assert find_split(session, "tiny").public_file_digest is not None

@@ -230,15 +230,25 @@ def _tell_registered(found: list[RegisteredSplit]) -> None:
 
 
 @app.command("publish-split")
-def publish_split(name: str, protocol: ProtocolOption = None, data: DataOption = None) -> None:
+def publish_split(
+    name: str,
+    protocol: ProtocolOption = None,
+    while_open: Annotated[
+        bool,
+        typer.Option("--while-open", help="Also while a phase that has scores takes submissions."),
+    ] = False,
+    data: DataOption = None,
+) -> None:
     """Make a development split public for ever: regions, tasks, scenes, controls, recorded paths.
 
-    This cannot be taken back. What a phase on it scores is no test any more, an open one neither.
+    This cannot be taken back. What a phase on it scores is no test any more.
     """
     settings = load_settings(WorkerSettings, data)
     files, splits = FileStore(settings.file_store_url), SplitStore(settings.splits_dir)
     with opened(settings) as database:
-        registered = publish_split_file(database, files, splits, name, _protocol(protocol))
+        registered = publish_split_file(
+            database, files, splits, name, _protocol(protocol), while_open=while_open
+        )
     typer.echo(f"{name} is public now, at {registered.manifest.revision}")
 
 

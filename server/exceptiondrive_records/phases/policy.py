@@ -16,6 +16,7 @@ from exceptiondrive_records.splits.splits import part_of, part_revision
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_schemas.api.phase_settings import PhaseNow
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 
@@ -51,6 +52,18 @@ def is_open(phase: Phase, now: datetime) -> bool:
         return False
     has_opened = phase.opens_at is None or phase.opens_at <= now
     return has_opened and (phase.closes_at is None or now < phase.closes_at)
+
+
+def scored_while_open(session: Session, split_name: str) -> list[str]:
+    """Return the ids of the phases on a split that take submissions now and have scored some."""
+    is_scored = (
+        select(Submission.id)
+        .where(Submission.phase_id == Phase.id, Submission.status == SubmissionStatus.SCORED)
+        .exists()
+    )
+    found = session.scalars(select(Phase).where(Phase.split_name == split_name, is_scored))
+    now = database_now(session)
+    return sorted(phase.id for phase in found if is_open(phase, now))
 
 
 def has_closed(phase: Phase, moment: datetime) -> bool:

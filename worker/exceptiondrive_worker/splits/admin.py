@@ -12,7 +12,9 @@ from tempfile import TemporaryDirectory
 from pydantic import ValidationError
 
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.db.errors import RecordsError
+from exceptiondrive_records.db.errors import Conflict, RecordsError
+from exceptiondrive_records.phases.policy import scored_while_open
+from exceptiondrive_records.splits.drawings import find_public_split
 from exceptiondrive_records.splits.splits import list_splits, publish_split, register_split
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_schemas.api.phase_settings import SplitPart
@@ -241,15 +243,39 @@ def _copy(source: Path, target: Path) -> None:
 
 
 def publish_split_file(
-    database: Database, files: FileStore, splits: SplitStore, name: str, protocol: ProtocolDocument
+    database: Database,
+    files: FileStore,
+    splits: SplitStore,
+    name: str,
+    protocol: ProtocolDocument,
+    *,
+    while_open: bool = False,
 ) -> RegisteredSplit:
     """Make the current file of a split public, regions and all: for development splits only.
 
+    Args:
+        database: The records.
+        files: Where it is downloaded from.
+        splits: Where it lies.
+        name: Of the split.
+        protocol: Under which it is registered, if it was not yet.
+        while_open: Also while a phase on it takes submissions and has scored some.
+
     Raises:
         SplitUnavailableError: There is no file for this name.
+        Conflict: Such a phase is open.
     """
     path = splits.current_file(name)
     registered = _register(database, splits, path, protocol)
+    with database.read() as session:
+        is_public = find_public_split(session, registered.manifest.ref) is not None
+        tested = [] if is_public or while_open else scored_while_open(session, name)
+    if tested:
+        raise Conflict(
+            f"Split {name!r} is withheld, and files of {', '.join(tested)} are scored on it: once it is "
+            "public whoever submits can read the answers. Close the phase first, or publish it "
+            "--while-open."
+        )
     digest, _ = files.put_stream([path.read_bytes()], limit_bytes=MAX_SPLIT_BYTES)
     with database.write() as session:
         publish_split(session, name, registered.manifest.revision, digest, ACTOR)
