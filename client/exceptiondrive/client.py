@@ -324,19 +324,22 @@ class Client(Connection):
         """Return a protocol by its version."""
         return self._get(ProtocolDocument, f"/protocols/{quoted(version)}")
 
-    def split(self, name: str, *, on_progress: Progress | None = None) -> Split:
+    def split(
+        self, name: str, *, revision: str | None = None, on_progress: Progress | None = None
+    ) -> Split:
         """Return a development split with its hazard regions; withheld splits are not found.
 
         Args:
             name: Of the split.
+            revision: Which; by default the one in force.
             on_progress: Called with bytes come and bytes in all.
 
         Raises:
             NotFoundError: There is none, or its regions are withheld; the advice says which.
         """
+        path, query = f"/splits/{quoted(name)}", {"revision": revision}
         with self._naming(name, lambda: self._public_splits(name), "public splits"):
-            path = f"/splits/{quoted(name)}"
-            return read_answer(Split.read, self._transport.get(path, on_progress=on_progress))
+            return read_answer(Split.read, self._transport.get(path, query, on_progress))
 
     def _public_splits(self, wanted: str) -> list[str]:
         phases = self.phases()

@@ -473,7 +473,7 @@ def test_accepted_edits_whose_region_is_not_decided_are_counted(shop: Path) -> N
     told = run("freeze", shop / "frozen" / "part", "--workshop", shop)
     assert "warning region_not_decided (2): accepted edits whose region waits" in told.output
     sheet = (shop / "frozen" / "part" / "datasheet.md").read_text()
-    assert "1 times they differed so much that a third reader decides." in sheet
+    assert "1 time so far apart that a third reader decides." in sheet
 
 
 def test_samples_that_nobody_has_inspected_are_counted(shop: Path) -> None:

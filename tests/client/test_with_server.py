@@ -393,7 +393,13 @@ def test_phases_manifest_and_split_make_a_file_that_can_be_evaluated(
     manifest, split = tmp_path / "m.json", tmp_path / "s.json.gz"
     assert run(running, "manifest", "dev", "-o", manifest).exit_code == 0
     done = run(running, "split", "download", "tiny", "-o", split, "--json")
-    assert json.loads(done.stdout)["n_samples"] == 4
+    told = json.loads(done.stdout)
+    assert told["n_samples"] == 4
+    this_one = ("split", "download", "tiny", "-o", split, "--revision")
+    assert run(running, *this_one, told["revision"]).exit_code == 0
+    other = run(running, *this_one, "sha256:00")
+    assert other.exit_code == 2
+    assert "There is no revision of split 'tiny' like 'sha256:00'." in other.stderr
     path = planning_file()
     assert run(running, "check", path, "--manifest", manifest).exit_code == 0
     assert run(running, "check", path, "--phase", "dev").exit_code == 0

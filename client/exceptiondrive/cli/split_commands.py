@@ -49,6 +49,10 @@ def download(
             help="Name of a development split.",
         ),
     ],
+    revision: Annotated[
+        str | None,
+        typer.Option(metavar="DIGEST", help="Which revision; by default the one in force."),
+    ] = None,
     output: Output = None,
     server: options.Server = None,
     json: options.Json = False,
@@ -58,7 +62,7 @@ def download(
     With its hazard regions, which only a development split gives away.
     """
     with open_client(server) as client, TransferBar("downloading", name) as bar:
-        found = client.split(name, on_progress=bar)
+        found = client.split(name, revision=revision, on_progress=bar)
     path = output or Path(f"{found.name}.split.json")
     write_file(path, found.model_dump_json(by_alias=True, exclude_none=True))
     facts: dict[str, str | int] = {

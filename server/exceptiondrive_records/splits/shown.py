@@ -53,7 +53,7 @@ def shown_revision(session: Session, name: str, revision: str | None) -> SplitRo
     for row in shown_revisions(session, name):
         if revision is None or row.revision == revision:
             return row
-    raise NotFound("split", name)
+    raise NotFound(f"revision of split {name!r} like", str(revision))
 
 
 def shown_file(session: Session, name: str, revision: str | None) -> SplitRow:

@@ -7,7 +7,7 @@ from tests.server.pages.invented_board import COUNTS, DATASHEET, MANIFEST, N
 from tests.server.pages.page_site import Site
 
 from exceptiondrive_records.phases.phases import list_phases
-from exceptiondrive_records.splits.splits import register_split
+from exceptiondrive_records.splits.splits import publish_split, register_split
 from exceptiondrive_schemas.datasheet import Datasheet
 from exceptiondrive_schemas.split import SplitRef
 
@@ -91,9 +91,20 @@ async def test_the_commands_of_a_public_split_read_the_file_that_they_download(
 
 
 async def test_the_page_of_a_revision_leads_to_the_file_of_that_revision(lively_site: Site) -> None:
+    """By a button, and by a command, which needs to name none that is in force."""
     lively_site.publish_split()
     address = f"/api/v1/splits/sample?revision={MANIFEST.revision}"
-    assert f'href="{address}"' in (await lively_site.get("/splits/sample")).text
+    now = (await lively_site.get("/splits/sample")).text
+    assert f'href="{address}"' in now
+    assert "--revision" not in now
+    later = MANIFEST.model_copy(update={"revision": "sha256:" + "9" * 64})
+    with lively_site.database.write() as session:
+        register_split(session, later, COUNTS, "test")
+        publish_split(session, "sample", later.revision, "sha256:" + "6" * 64, "test")
+        for phase in list_phases(session):
+            phase.split_revision = later.revision
+    old = text_of((await lively_site.get(f"/splits/sample?revision={MANIFEST.revision}")).text)
+    assert f"split download sample \\ --revision {MANIFEST.revision}" in old
 
 
 async def test_a_split_that_nobody_uses_is_not_found(lively_site: Site) -> None:

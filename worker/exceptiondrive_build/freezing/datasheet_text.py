@@ -160,8 +160,8 @@ def _audit(audit: Audit) -> str:
 def _agreement(found: Agreement) -> str:
     alpha = "undefined: all words are the same" if found.alpha is None else f"{found.alpha:.3f}"
     text = (
-        f"{found.n:,} candidates were read twice, blind: {found.same_word:,} times with the same "
-        f"word, {found.beyond:,} times they differed so much that a third reader decides. "
+        f"Read twice, blind: {counted(found.n, 'candidate')}, {counted(found.same_word, 'time')} with "
+        f"the same word, {counted(found.beyond, 'time')} so far apart that a third reader decides. "
         f"Krippendorff's alpha over accepted and rejected is {alpha}."
     )
     if found.iou_mean is None or found.iou_median is None or found.corner_m_max is None:
