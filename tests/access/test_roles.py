@@ -378,6 +378,8 @@ def test_a_role_for_one_phase_answers_what_is_asked_about_it(
     assert "News and questions (1 waiting)" in " ".join(
         browser.get("/organize/phases/dev").text.split()
     )
+    led = browser.get("/my/questions/dev")  # where the page of the phase leads who would ask
+    assert (led.status_code, led.headers["location"]) == (303, "/organize/news?phase=dev")
     listed = browser.get("/organize/news?phase=dev").text
     assert (asked["dev"]["id"] in listed, asked["other"]["id"] in listed) == (True, False)
     assert browser.get("/organize/news").status_code == 403
