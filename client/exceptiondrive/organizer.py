@@ -117,9 +117,9 @@ class Organizer(Connection):
             "/organizer/messages", {**message, "is_preview": is_preview}
         )
 
-    def news(self) -> list[Record]:
-        """Return the news of all phases, withdrawn ones too, newest first."""
-        return self._transport.records("/organizer/news")
+    def news(self, phase_id: str | None = None) -> list[Record]:
+        """Return the news of one phase or of all, withdrawn ones too, newest first."""
+        return self._transport.records("/organizer/news", {"phase": phase_id})
 
     def publish_news(self, phase_id: str, title: str, text: str) -> Record:
         """Announce something of a phase: on its page, in its feed, in the inbox of every team."""
@@ -141,9 +141,9 @@ class Organizer(Connection):
         path = f"/organizer/people/{quoted(person_id)}/organizer"
         return self._transport.post_once(path, body | ({"role": role} if role else {}))
 
-    def questions(self) -> list[Record]:
-        """Return the questions of all teams, those that wait first."""
-        return self._transport.records("/organizer/questions")
+    def questions(self, phase_id: str | None = None) -> list[Record]:
+        """Return the questions of all teams, about one phase or all, those that wait first."""
+        return self._transport.records("/organizer/questions", {"phase": phase_id})
 
     def answer_question(self, question_id: str, text: str, *, to_all: bool = False) -> Record:
         """Answer a question: to the team alone, or to all, without its name."""

@@ -74,9 +74,15 @@ DEEDS = [
     ("POST", "/organizer/phases/dev/reported", OF_DEV),
     ("POST", "/organizer/phases/dev/reported/x/withdraw", OF_DEV),
     ("GET", "/organizer/news", WHOLE_SITE),
+    ("GET", "/organizer/news?phase=dev", SEEN_OF_DEV),
     ("POST", "/organizer/news/x/withdraw", WRITERS),
+    ("POST", "/organizer/news/{news}/withdraw", OF_DEV),
     ("GET", "/organizer/questions", WHOLE_SITE),
+    ("GET", "/organizer/questions?phase=dev", SEEN_OF_DEV),
     ("POST", "/organizer/questions/x/answer", WRITERS),
+    ("POST", "/organizer/questions/{question}/answer", OF_DEV),
+    ("POST", "/organizer/disqualifications/{of_an_entry}/reinstate", OF_DEV),
+    ("POST", "/organizer/disqualifications/{of_a_team}/reinstate", WRITERS),
     ("POST", "/organizer/messages", WRITERS),
     ("PATCH", "/organizer/teams/alpha", WRITERS),
     ("POST", "/organizer/teams/alpha/merge", WRITERS),
@@ -105,10 +111,26 @@ def test_each_deed_is_for_the_roles_of_the_table(
     site: "Api", method: str, path: str, may: set[str]
 ) -> None:
     submission = site.submit("a").json()["id"]
-    asked = path.replace("{submission}", submission)
+    asked = path.replace("{submission}", submission).format(**made_for(site, path, submission))
     status = {who: site.request(method, asked, who).status_code for who in ROLES}
     refused = {403, 404} if not path.startswith("/organizer") else {403}
     assert {who for who in ROLES if status[who] not in refused} == may, status
+
+
+def made_for(site: "Api", path: str, submission: str) -> dict[str, object]:
+    """What a path names beside a phase, a team or a submission, made in the phase dev."""
+    why: dict[str, object] = {"reason": "A test."}
+    sent: dict[str, tuple[str, str, dict[str, object]]] = {
+        "news": ("/organizer/phases/dev/news", "owner", {"title": "A", "text": "B"}),
+        "question": ("/phases/dev/questions", "alpha", {"text": "May maps be used?"}),
+        "of_an_entry": (f"/organizer/submissions/{submission}/disqualify", "owner", why),
+        "of_a_team": ("/organizer/teams/alpha/disqualify", "owner", {**why, "phase": "dev"}),
+    }
+    return {
+        name: site.post(to, who, json=body).json()["id"]
+        for name, (to, who, body) in sent.items()
+        if f"{{{name}}}" in path
+    }
 
 
 def organizer_routes() -> list[tuple[str, str]]:
@@ -341,6 +363,51 @@ def test_a_role_for_one_phase_publishes_its_news_by_page(
     inboxes = [site.get("/notifications", who).json() for who in ("alpha", "beta")]
     assert [any(one["title"].endswith(": A") for one in box) for box in inboxes] == [True, False]
     assert browser.get("/organize/phases/other/news").status_code == 403
+
+
+def test_a_role_for_one_phase_answers_what_is_asked_about_it(
+    site: "Api", browse: Callable[..., "TeamBrowser"]
+) -> None:
+    """The team that asked is told, also where it submitted nothing yet; those of other phases are not."""
+    asked = {
+        phase: site.post(f"/phases/{phase}/questions", "alpha", json={"text": f"{phase}?"}).json()
+        for phase in ("dev", "other")
+    }
+    browser = browse(site)
+    browser.sign_in("owner of dev")
+    assert "News and questions (1 waiting)" in " ".join(
+        browser.get("/organize/phases/dev").text.split()
+    )
+    led = browser.get("/my/questions/dev")  # where the page of the phase leads who would ask
+    assert (led.status_code, led.headers["location"]) == (303, "/organize/news?phase=dev")
+    listed = browser.get("/organize/news?phase=dev").text
+    assert (asked["dev"]["id"] in listed, asked["other"]["id"] in listed) == (True, False)
+    assert browser.get("/organize/news").status_code == 403
+    assert browser.get(f"/organize/news/questions/{asked['other']['id']}").status_code == 403
+    page = f"/organize/news/questions/{asked['dev']['id']}"
+    sent = browser.post(page, {"text": "Offline ones.", "to_all": "yes"}, page=page)
+    assert sent.headers["location"] == "/organize/news?phase=dev&done=question_answered"
+    assert "The question is answered." in browser.get(sent.headers["location"]).text
+    inboxes = [site.get("/notifications", who).json() for who in ("alpha", "beta")]
+    told = [[one for one in box if "Offline ones." in str(one)] for box in inboxes]
+    assert [len(each) for each in told] == [1, 0]
+    (news,) = site.get("/phases/dev/news").json()
+    assert "Offline ones." in news["text"]
+
+
+def test_a_role_for_one_phase_takes_back_what_it_disqualified(
+    site: "Api", browse: Callable[..., "TeamBrowser"]
+) -> None:
+    submission = site.submit("a").json()["id"]
+    browser = browse(site)
+    browser.sign_in("owner of dev")
+    page = f"/organize/submissions/{submission}"
+    why = {"reason": "Of another team."}
+    assert browser.post(f"{page}/disqualify", why, page=f"{page}/disqualify").status_code == 303
+    (back,) = [link for link in offered(browser.get(page).text) if link.endswith("/reinstate")]
+    sent = browser.post(back, {"reason": "It is its own."}, page=back)
+    assert sent.headers["location"] == f"{page}?done=reinstated"
+    assert any(link.endswith("/disqualify") for link in offered(browser.get(page).text))
 
 
 def test_a_role_for_one_phase_moves_no_other_and_writes_to_no_team_of_another(

@@ -46,10 +46,12 @@ def news(
     show_result(found, json, table if found else "no news")
 
 
-def list_news(server: options.Server = None, json: options.Json = False) -> None:
-    """List the news of all phases, newest first."""
+def list_news(
+    phase: options.Phase = None, server: options.Server = None, json: options.Json = False
+) -> None:
+    """List the news of all phases or of one, newest first."""
     with open_organizer(server) as organizer:
-        found = organizer.news()
+        found = organizer.news(phase)
     columns = ("id", "phase", "title", "published_at", "withdrawn_at")
     show_result(found, json, records_table(found, columns))
 
@@ -79,10 +81,12 @@ def withdraw_news(
     show_result(gone, json, f"news {gone['id']} withdrawn")
 
 
-def list_questions(server: options.Server = None, json: options.Json = False) -> None:
+def list_questions(
+    phase: options.Phase = None, server: options.Server = None, json: options.Json = False
+) -> None:
     """List the questions of all teams, those that wait first."""
     with open_organizer(server) as organizer:
-        found = organizer.questions()
+        found = organizer.questions(phase)
     columns = ("id", "team", "phase", "text", "asked_at", "answered_at")
     show_result(found, json, records_table(found, columns))
 

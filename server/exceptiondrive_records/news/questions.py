@@ -11,7 +11,12 @@ from exceptiondrive_records.db.errors import Conflict, NotFound
 from exceptiondrive_records.db.identifiers import checked_text, random_id
 from exceptiondrive_records.news.news import publish_news
 from exceptiondrive_records.news.tables import Question
-from exceptiondrive_records.participation.messages import MAX_TEXT, MAX_TITLE, send_message
+from exceptiondrive_records.participation.messages import (
+    MAX_TEXT,
+    MAX_TITLE,
+    recipients,
+    send_message,
+)
 from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_records.teams.tables import Team
 
@@ -68,7 +73,14 @@ def ask_question(
 
 
 def answer_question(
-    session: Session, question_id: str, text: str, *, plain: str, to_all: bool, actor: str
+    session: Session,
+    question_id: str,
+    text: str,
+    *,
+    plain: str,
+    to_all: bool,
+    actor: str,
+    to_its_teams: bool = False,
 ) -> Question:
     """Answer a question, once: the team is told, or everybody, who do not learn who asked.
 
@@ -79,6 +91,7 @@ def answer_question(
         plain: The same for inboxes, which know no Markdown; empty: the text as it is written.
         to_all: Whether question and answer become news.
         actor: Who.
+        to_its_teams: Of what becomes news, tell the teams alone that submitted to the phase, and the one that asked.
 
     Raises:
         NotFound: There is none.
@@ -97,12 +110,23 @@ def answer_question(
     row.answer = checked_text("answer", text, max_length=limit, may_have_lines=True)
     row.answered_at = database_now(session)
     inbox = f"{marked}\n\nThe organizers answer:\n\n{plain or row.answer}"
+    slug = session.get_one(Team, row.team_id).slug
+    is_told = False
     if to_all:
         told = f"{quoted}\n\n{row.answer}"
-        news = publish_news(session, row.phase_id, _TITLE, told, actor=actor, plain=inbox)
+        news = publish_news(
+            session,
+            row.phase_id,
+            _TITLE,
+            told,
+            actor=actor,
+            plain=inbox,
+            to_its_teams=to_its_teams,
+        )
         row.news_id = news.id
-    else:
-        slug = session.get_one(Team, row.team_id).slug
+        only_of = row.phase_id if to_its_teams else None
+        is_told = slug in {one.slug for one in recipients(session, phase_id=only_of)}
+    if not is_told:
         send_message(session, _TITLE, inbox, actor=actor, slugs=[slug])
     detail = {"phase": row.phase_id, "to_all": to_all}
     audit(session, actor, "question answered", row.id, detail)
@@ -120,14 +144,18 @@ def questions_of(session: Session, team_id: int, phase_id: str) -> list[Question
     return list(session.scalars(select(Question).where(*mine).order_by(Question.asked_at.desc())))
 
 
-def all_questions(session: Session) -> list[tuple[Question, str]]:
-    """Return all questions with the id of the team that asked: those that wait first, oldest first."""
+def all_questions(session: Session, phase_id: str | None = None) -> list[tuple[Question, str]]:
+    """Return questions, of one phase or all, with the id of the team: those that wait first, oldest first."""
     query = select(Question, Team.slug).join(Team, Team.id == Question.team_id)
+    if phase_id is not None:
+        query = query.where(Question.phase_id == phase_id)
     order = (Question.answered_at.is_not(None), Question.asked_at, Question.id)
     return [(row, slug) for row, slug in session.execute(query.order_by(*order))]
 
 
-def count_waiting(session: Session) -> int:
-    """Return how many questions wait for an answer."""
-    waiting = Question.answered_at.is_(None)
-    return session.scalar(select(func.count()).select_from(Question).where(waiting)) or 0
+def count_waiting(session: Session, phase_id: str | None = None) -> int:
+    """Return how many questions wait for an answer, about one phase or all."""
+    query = select(func.count()).select_from(Question).where(Question.answered_at.is_(None))
+    if phase_id is not None:
+        query = query.where(Question.phase_id == phase_id)
+    return session.scalar(query) or 0

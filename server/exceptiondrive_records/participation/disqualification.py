@@ -157,6 +157,13 @@ def find_disqualification(session: Session, disqualification_id: int) -> Disqual
     return row
 
 
+def disqualification_of(session: Session, submission_id: str) -> Disqualification | None:
+    """Return what keeps one submission off the boards, beside its team's; None: nothing."""
+    lasting = Disqualification.reinstated_at.is_(None)
+    query = select(Disqualification).where(Disqualification.submission_id == submission_id, lasting)
+    return session.scalars(query).first()
+
+
 def list_disqualifications(
     session: Session, *, team_id: int | None = None
 ) -> list[Disqualification]:

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Path
+from fastapi import APIRouter, Path, Query
 from pydantic import Field, StrictBool
 
 from exceptiondrive_records.news.news import all_news, publish_news, withdraw_news
@@ -22,6 +22,9 @@ from exceptiondrive_server.web.markdown import plain_text
 
 router = APIRouter()
 Id = Annotated[str, Path(max_length=64)]
+OfPhase = Annotated[
+    str | None, Query(alias="phase", max_length=64, description="Of this phase alone.")
+]
 
 
 class NewNews(Form):
@@ -40,10 +43,10 @@ class Answer(Form):
 
 
 @router.get("/news", operation_id="listAllNews")
-def get_all_news(services: ServicesOf) -> list[NewsView]:
-    """List the news of all phases, withdrawn ones too, newest first."""
+def get_all_news(services: ServicesOf, phase: OfPhase = None) -> list[NewsView]:
+    """List the news of one phase or of all, withdrawn ones too, newest first."""
     with services.database.read() as session:
-        return [news_view(row) for row in all_news(session)]
+        return [news_view(row) for row in all_news(session, phase)]
 
 
 @router.post("/phases/{phase_id}/news", operation_id="publishNews", status_code=201)
@@ -76,17 +79,20 @@ def post_withdrawal(
 
 
 @router.get("/questions", operation_id="listAllQuestions")
-def get_all_questions(services: ServicesOf) -> list[AskedQuestion]:
-    """List the questions of all teams: those that wait first."""
+def get_all_questions(services: ServicesOf, phase: OfPhase = None) -> list[AskedQuestion]:
+    """List the questions of all teams, about one phase or all: those that wait first."""
     with services.database.read() as session:
-        return [asked_question(row, team) for row, team in all_questions(session)]
+        return [asked_question(row, team) for row, team in all_questions(session, phase)]
 
 
 @router.post("/questions/{question_id}/answer", operation_id="answerQuestion")
 def post_answer(
     services: ServicesOf, organizer: Organizer, question_id: Id, answer: Answer
 ) -> QuestionView:
-    """Answer a question, once: to the team alone, or to all."""
+    """Answer a question, once: to the team alone, or to all.
+
+    By an organizer whose role is confined to phases, to those that submitted to it.
+    """
     with services.database.write() as session:
         answered = answer_question(
             session,
@@ -95,5 +101,6 @@ def post_answer(
             plain=plain_text(answer.text),
             to_all=answer.to_all,
             actor=organizer.actor,
+            to_its_teams=not organizer.is_organizer,
         )
         return question_view(answered)

@@ -2,8 +2,9 @@
 
 from functools import partial
 from typing import Annotated, Any
+from urllib.parse import urlencode
 
-from fastapi import APIRouter, Path, Request
+from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 
 from exceptiondrive_records.db.errors import NotFound
@@ -14,6 +15,7 @@ from exceptiondrive_records.phases.phases import find_phase, list_phases, titles
 from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_server.news.queries import asked_question, news_view
 from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.browser_session import SignedIn
 from exceptiondrive_server.web.forms import REASON
 from exceptiondrive_server.web.markdown import plain_text
 from exceptiondrive_server.web.organizer_frame import (
@@ -29,13 +31,19 @@ _COMMAND = "exceptiondrive organizer news"
 
 
 @router.get("/news")
-def show_news(request: Request, services: ServicesOf, browser: OrganizerBrowser) -> Response:
-    """List questions, those that wait first, and news."""
+def show_news(
+    request: Request,
+    services: ServicesOf,
+    browser: OrganizerBrowser,
+    phase: Annotated[str | None, Query(max_length=64)] = None,
+) -> Response:
+    """List questions, those that wait first, and news: of one phase or of all."""
     with services.database.read() as session:
-        questions = [asked_question(row, team) for row, team in all_questions(session)]
-        news = [news_view(row) for row in all_news(session)]
+        of_phase = None if phase is None else find_phase(session, phase)
+        questions = [asked_question(row, team) for row, team in all_questions(session, phase)]
+        news = [news_view(row) for row in all_news(session, phase)]
         titles = titles_of_phases(session)
-        phases = list_phases(session)
+        phases = list_phases(session) if of_phase is None else [of_phase]
     return organizer_page(
         request,
         browser,
@@ -45,6 +53,7 @@ def show_news(request: Request, services: ServicesOf, browser: OrganizerBrowser)
         news=news,
         titles=titles,
         phases=phases,
+        of_phase=of_phase,
     )
 
 
@@ -77,13 +86,15 @@ def publication(services: ServicesOf, browser: OrganizerBrowser, phase_id: Id) -
 
 
 @step_at(router, "/news/{news_id}/withdraw")
-def withdrawal(services: ServicesOf, news_id: Id) -> Step:
+def withdrawal(services: ServicesOf, browser: OrganizerBrowser, news_id: Id) -> Step:
     """Withdraw news."""
     with services.database.read() as session:
         found = next((row for row in all_news(session) if row.id == news_id), None)
     if found is None:
         raise NotFound("news", news_id)
     return _step(
+        browser,
+        found.phase_id,
         title="Withdraw news",
         meaning="They leave page and feed. What teams were told stays told.",
         button="Withdraw the news",
@@ -97,7 +108,7 @@ def withdrawal(services: ServicesOf, news_id: Id) -> Step:
 
 
 @step_at(router, "/news/questions/{question_id}")
-def answer(services: ServicesOf, question_id: Id) -> Step:
+def answer(services: ServicesOf, browser: OrganizerBrowser, question_id: Id) -> Step:
     """Answer a question."""
     with services.database.read() as session:
         asked = all_questions(session)
@@ -105,10 +116,14 @@ def answer(services: ServicesOf, question_id: Id) -> Step:
     if found is None:
         raise NotFound("question", question_id)
     row, team = found
+    of_site = browser.principal.is_organizer
+    told = "" if of_site else ", told to the teams that submitted to it"
     return _step(
+        browser,
+        row.phase_id,
         title="Answer a question",
         meaning="The team finds the answer in its notices. Told to all, question and answer become "
-        "news of the phase, without the team's name.",
+        f"news of the phase, without the team's name{told}.",
         button="Answer",
         fields=(
             FormField("text", "Answer", "lines", "Markdown", is_required=True, max_length=MAX_TEXT),
@@ -118,11 +133,13 @@ def answer(services: ServicesOf, question_id: Id) -> Step:
         command=f'exceptiondrive organizer questions answer {question_id} --text "…" [--to-all]',
         blockers=() if row.answered_at is None else ("The question is answered already.",),
         take=lambda session, text, **given: answer_question(
-            session, question_id, text, plain=plain_text(text), **given
+            session, question_id, text, plain=plain_text(text), to_its_teams=not of_site, **given
         ),
         done="question_answered",
     )
 
 
-def _step(**words: Any) -> Step:
-    return Step(section="news", back="/organize/news", back_words="News and questions", **words)
+def _step(browser: SignedIn, phase_id: str, **words: Any) -> Step:
+    of_phase = "" if browser.principal.is_organizer else f"?{urlencode({'phase': phase_id})}"
+    back = f"/organize/news{of_phase}"
+    return Step(section="news", back=back, back_words="News and questions", **words)

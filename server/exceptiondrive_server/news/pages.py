@@ -1,6 +1,7 @@
 """Where a team asks the organizers, and reads what they answered."""
 
 from typing import Annotated
+from urllib.parse import urlencode
 
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import RedirectResponse, Response
@@ -25,7 +26,10 @@ PhaseId = Annotated[str, Path(max_length=64)]
 def show_questions(
     request: Request, services: ServicesOf, browser: Browser, phase_id: PhaseId
 ) -> Response:
-    """Show what the team asked about a phase, and the form."""
+    """Show what the team asked about a phase, and the form; an organizer is led to all questions."""
+    if browser.principal.role is not None:
+        address = f"/organize/news?{urlencode({'phase': phase_id})}"
+        return RedirectResponse(address, status_code=303, headers={"Cache-Control": "no-store"})
     return _questions(request, services, browser, phase_id)
 
 

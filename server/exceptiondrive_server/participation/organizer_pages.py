@@ -326,7 +326,7 @@ def reinstatement(
         what = "everything of the team"
         if row.submission_id:
             what = f"the entry {find_submission(session, row.submission_id).method}"
-    return _step(
+    step = _step(
         team,
         title=f"Reinstate {what} of {team.name}" if row.submission_id else f"Reinstate {team.name}",
         meaning="What was taken off the boards stands on the next one. The team is told.",
@@ -337,6 +337,10 @@ def reinstatement(
         take=partial(reinstate, disqualification_id=row.id),
         done="reinstated",
     )
+    if row.submission_id is None:
+        return step
+    back = f"/organize/submissions/{row.submission_id}"
+    return replace(step, section="submissions", back=back, back_words="The submission")
 
 
 # Messages.

@@ -14,6 +14,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.boards.boards import BOARD_LINES
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound, RecordsError
+from exceptiondrive_records.news.questions import count_waiting
 from exceptiondrive_records.operations.troubles import troubles_of
 from exceptiondrive_records.phases.changes import (
     delete_phase,
@@ -372,6 +373,7 @@ def _phase(
         seen = phase_view(session, phase, max_upload_bytes=services.settings.max_upload_bytes)
         now, seen_at = phase_now(session, phase), database_now(session)
         lines = history(session, phase_id, limit=HISTORY)
+        n_questions = count_waiting(session, phase_id)
         is_used = bool(counts_by_phase(session).get(phase_id) or list_runs(session, phase_id))
         found = troubles_of(session, phase)
     return _page(
@@ -383,6 +385,7 @@ def _phase(
         phase=seen,
         made_of=(),
         has_board=has_board,
+        n_questions=n_questions,
         now=now,
         seen_at=seen_at,
         steps=[

@@ -8,6 +8,7 @@ from urllib.parse import urlencode
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import HTMLResponse, Response
 
+from exceptiondrive_records.participation.disqualification import disqualification_of
 from exceptiondrive_records.participation.messages import write_about
 from exceptiondrive_records.phases.phases import find_phase, list_phases
 from exceptiondrive_records.rescoring.retry import restore_submission, retry_submission
@@ -130,6 +131,7 @@ def show_submission(
         sheet = score_tables(session, seen)
         lines = history(session, submission_id, limit=HISTORY)
         phase = find_phase(session, seen.phase)
+        disqualified = disqualification_of(session, seen.id)
     return organizer_page(
         request,
         browser,
@@ -139,6 +141,7 @@ def show_submission(
         story=story,
         sheet=sheet,
         phase_title=phase.title,
+        disqualified=disqualified,
         sentences=list(policy_sentences(seen, phase.policy)),
         now=status_of(seen),
         steps=steps_of(seen),

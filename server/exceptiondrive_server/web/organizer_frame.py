@@ -148,7 +148,7 @@ def _sections(principal: Principal) -> tuple[tuple[str, str, str], ...]:
 
 def go(path: str, done: str | None = None) -> Response:
     """Lead the browser on; `done` is a key of `DONE`, which the next page says in words."""
-    address = path if done is None else f"{path}?done={done}"
+    address = path if done is None else f"{path}{'&' if '?' in path else '?'}done={done}"
     return RedirectResponse(address, status_code=303, headers=NO_STORE)
 
 

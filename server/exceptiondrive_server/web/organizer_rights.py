@@ -1,17 +1,23 @@
 """Which organizer may use which route: one table, asked once for the API and for pages.
 
 Whoever reads needs the role read-only, whoever changes anything the role owner, but for the deeds of
-helpers below. A route whose path names a phase, a run or a submission is a phase's, unless it moves
-other phases, too; so are lists of submissions that are narrowed to a phase. A role that is confined to
-that phase counts there. Every other route is the whole site's.
+helpers below. A route whose path names a phase, a run, a submission, news, a question or an entry's
+disqualification is a phase's, unless it moves other phases, too; so are lists that are narrowed to a
+phase. A role that is confined to that phase counts there. Every other route is the whole site's.
 """
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 from fastapi import Request
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.roles import OrganizerRole
 from exceptiondrive_records.accounts.tokens import Principal, Scope
 from exceptiondrive_records.db.errors import NotAllowed
+from exceptiondrive_records.news.tables import News, Question
+from exceptiondrive_records.participation.tables import Disqualification
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.phase_settings import PhaseChange
@@ -46,12 +52,27 @@ _OF_THE_SITE = frozenset(
 """Paths that name a phase and move all others."""
 _NARROWED = frozenset(
     {
+        "/api/v1/organizer/news",
+        "/api/v1/organizer/questions",
         "/api/v1/organizer/submissions/archive",
+        "/organize/news",
         "/organize/submissions",
         "/organize/submissions/archive",
     }
 )
 """Lists that hold what is of the phase `?phase=` alone."""
+
+
+_Owned = RescoringRun | Submission | News | Question
+_OWNED: Mapping[str, type[_Owned]] = MappingProxyType(
+    {
+        "run_id": RescoringRun,
+        "submission_id": Submission,
+        "news_id": News,
+        "question_id": Question,
+    }
+)
+"""Parameters of paths that name what belongs to one phase."""
 
 
 def role_needed(method: str, path: str) -> OrganizerRole:
@@ -148,9 +169,11 @@ def _phase_of(session: Session, request: Request) -> str | None:
         return request.query_params.get("phase")
     if "phase_id" in named:
         return str(named["phase_id"])
-    owner: RescoringRun | Submission | None = None
-    if "run_id" in named:
-        owner = session.get(RescoringRun, named["run_id"])
-    elif "submission_id" in named:
-        owner = session.get(Submission, named["submission_id"])
-    return None if owner is None else owner.phase_id
+    for name, table in _OWNED.items():
+        if name in named:
+            return session.scalar(select(table.phase_id).where(table.id == named[name]))
+    number = str(named.get("disqualification_id", ""))
+    if number.isdecimal() and int(number) < 2**31:  # else there is none, as the route says
+        row = session.get(Disqualification, int(number))
+        return None if row is None or row.submission_id is None else row.phase_id
+    return None
