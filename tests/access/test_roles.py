@@ -14,6 +14,7 @@ from exceptiondrive_records.accounts.sessions import find_session, open_person_s
 from exceptiondrive_records.accounts.tokens import SCOPES_OF_ROLE, Scope, issue_token
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_schemas.api.form_fields import values_of
+from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_server.operations.cli import app
 from exceptiondrive_server.phases.organizer_pages import SETTINGS
 from exceptiondrive_server.routes import ROUTES
@@ -298,6 +299,7 @@ def test_no_page_offers_what_the_role_may_not_do(
     assert ("/organize/submissions/ID/note" in deeds) is not who.startswith("reader")
     assert ("/organize/submissions/ID/disqualify" in deeds) is who.startswith("owner")
     assert ("/organize/teams/waiting/approve" in deeds) is (who in {"owner", "helper"})
+    assert ("/organize/rescoring/ID/start" in deeds) is who.startswith("owner")
     for deed in ("teams/alpha/merge", "teams/alpha/limits/dev", "messages", "rescoring/new"):
         assert (f"/organize/{deed}" in deeds) is (who == "owner"), deed
     for deed in ("phases/dev/reported/new", "phases/dev/news", "phases/dev/freeze"):
@@ -314,7 +316,12 @@ def fill_with_deeds(site: "Api") -> None:
     news = {"title": "A", "text": "Mine."}
     told = site.post("/organizer/phases/dev/news", "owner", json=news)
     made = site.client.post("/api/v1/registrations", json=wanted)
-    assert {one.status_code for one in (on, asked, told, made)} <= {200, 201}
+    toml = packaged_protocol_toml().replace('version = "1.0"', 'version = "1.1"')
+    form = {"Content-Type": "application/toml"}
+    added = site.post("/organizer/protocols", "owner", content=toml, headers=form)
+    run = {"phase": "dev", "protocol": "1.1", "reason": "A test."}
+    drafted = site.post("/organizer/rescoring", "owner", json=run)
+    assert {one.status_code for one in (on, asked, told, made, added, drafted)} <= {200, 201}
 
 
 def test_a_form_says_before_it_is_filled_in_that_the_role_may_not_send_it(

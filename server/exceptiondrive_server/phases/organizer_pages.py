@@ -374,7 +374,8 @@ def _phase(
         now, seen_at = phase_now(session, phase), database_now(session)
         lines = history(session, phase_id, limit=HISTORY)
         n_questions = count_waiting(session, phase_id)
-        is_used = bool(counts_by_phase(session).get(phase_id) or list_runs(session, phase_id))
+        runs = list_runs(session, phase_id)
+        is_used = bool(counts_by_phase(session).get(phase_id) or runs)
         found = troubles_of(session, phase)
     return _page(
         request,
@@ -386,6 +387,7 @@ def _phase(
         made_of=(),
         has_board=has_board,
         n_questions=n_questions,
+        newest_run=next(iter(runs), None),
         now=now,
         seen_at=seen_at,
         steps=[
