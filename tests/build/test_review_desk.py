@@ -215,12 +215,18 @@ def test_a_reader_who_differs_is_not_told_and_a_third_decides(desk: Desk) -> Non
     assert found.corners == moved(region(desk, card_), 1.0)
 
 
-def test_a_reading_taken_back_is_open_for_desk_and_report_alike(desk: Desk) -> None:
+def disputed(desk: Desk) -> str:
+    """A card that Ada and Grace read three metres apart, and Lin holds as the third."""
     (card_,) = desk.claim("verify", ADA, 1)
     desk.decide("verify", card_, ADA, accepted(desk, card_))
     take(desk, GRACE, card_)
     desk.decide("verify", card_, GRACE, accepted(desk, card_, 3.0))
     take(desk, LIN, card_)
+    return card_
+
+
+def test_a_reading_taken_back_is_open_for_desk_and_report_alike(desk: Desk) -> None:
+    card_ = disputed(desk)
     desk.decide("verify", card_, LIN, accepted(desk, card_, blind=False))
     assert desk.undo("verify", ADA) is not None
     left = sum(desk.seats("verify", each) for each in desk.cards("verify"))
@@ -241,11 +247,7 @@ def test_two_who_never_agree_leave_every_card_in_a_clear_state(desk: Desk) -> No
 
 
 def test_a_card_whose_readings_changed_under_a_third_is_shown_anew(desk: Desk) -> None:
-    (card_,) = desk.claim("verify", ADA, 1)
-    desk.decide("verify", card_, ADA, accepted(desk, card_))
-    take(desk, GRACE, card_)
-    desk.decide("verify", card_, GRACE, accepted(desk, card_, 3))
-    take(desk, LIN, card_)
+    card_ = disputed(desk)
     assert desk.undo("verify", ADA) is not None
     with pytest.raises(TakenError):
         desk.decide("verify", card_, LIN, accepted(desk, card_, blind=False))
@@ -255,11 +257,7 @@ def test_a_card_whose_readings_changed_under_a_third_is_shown_anew(desk: Desk) -
 
 
 def test_who_was_shown_what_others_said_reads_the_region_blind_no_more(desk: Desk) -> None:
-    (card_,) = desk.claim("verify", ADA, 1)
-    desk.decide("verify", card_, ADA, accepted(desk, card_))
-    take(desk, GRACE, card_)
-    desk.decide("verify", card_, GRACE, accepted(desk, card_, 3))
-    take(desk, LIN, card_)
+    card_ = disputed(desk)
     desk.decide("verify", card_, LIN, accepted(desk, card_, blind=False))
     assert desk.undo("verify", ADA) is not None
     assert desk.undo("verify", LIN) is not None
