@@ -146,6 +146,7 @@ def _principal(person: Person, team: Team | None) -> Principal:
         team_id=team.id if team else None,
         team_slug=team.slug if team else None,
         team_name=team.name if team else None,
+        team_is_pending=team is not None and team.pending_since is not None,
         person_id=person.id,
         person_name=person.name,
         phases=frozenset(phases),

@@ -90,6 +90,8 @@ class Principal:
     team_id: int | None
     team_slug: str | None
     team_name: str | None
+    team_is_pending: bool
+    """Whether nobody has approved the team yet."""
     use_is_stale: bool = field(default=False, compare=False)
     person_id: str | None = None
     """Somebody who signed in through the provider, with no token at all."""
@@ -206,6 +208,7 @@ def _principal(token: Token, team: Team | None, now: datetime) -> Principal:
         team_id=team.id if team else None,
         team_slug=team.slug if team else None,
         team_name=team.name if team else None,
+        team_is_pending=team is not None and team.pending_since is not None,
         phases=frozenset(token.phases),
         use_is_stale=used_at is None or now - used_at > _USE_IS_COARSE,
     )

@@ -219,12 +219,15 @@ def approve_team(session: Session, slug: str, *, actor: str) -> Team:
     return team
 
 
+IS_PENDING = "Your team is not approved yet; an organizer has to look at it first."
+
+
 def require_approved(team: Team) -> None:
     """Refuse a submission of a team that waits for approval, or that is none any more."""
     if team.is_gone:
         raise NotAllowed("Your team was forgotten, or became part of another one, meanwhile.")
     if team.pending_since is not None:
-        raise NotAllowed("Your team is not approved yet; an organizer has to look at it first.")
+        raise NotAllowed(IS_PENDING)
 
 
 # What organizers switch while the server runs. Every change is an audit line.

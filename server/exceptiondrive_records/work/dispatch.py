@@ -1,7 +1,8 @@
 """Dispatch: wakes workers through the broker. The records are the queue; a message only wakes.
 
 A message carries no state and belongs to no item: whoever comes claims what is next in its lane.
-So messages may be lost or doubled; as many wait in a lane as it has work for, at most one a slot.
+So messages may be lost or doubled; as many wait in a lane as it has work for, at most one a slot:
+an upload adds one where none waits, since a free slot takes it at once, and wakes others for what is left.
 A message that the broker does not take is logged and forgotten: the reconciler wakes again. For a
 moment after a failure none is sent, so that a dead broker does not slow every upload down.
 """

@@ -37,7 +37,7 @@ from exceptiondrive_server.submissions.upload import (
     told_to,
     upload_body,
 )
-from exceptiondrive_server.web.auth import Reader, ServicesOf, Submitter, own_team, team_of
+from exceptiondrive_server.web.auth import Reader, ServicesOf, Submitter, own_team
 from exceptiondrive_server.web.problems import QUOTA_HEADERS, problem_responses, quota_headers
 from exceptiondrive_server.web.services import Services
 
@@ -100,7 +100,7 @@ async def submit(
     phase come with them too.
     """
     began_s = time.monotonic()
-    async with received_upload(request, services, team_of(principal)) as upload:
+    async with received_upload(request, services, principal) as upload:
         taken, quota = await run_in_threadpool(
             take_upload, services, principal, upload, began_s, idempotency_key
         )

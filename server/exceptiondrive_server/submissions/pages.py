@@ -58,7 +58,7 @@ from exceptiondrive_server.submissions.view import (
     status_of,
     steps_of,
 )
-from exceptiondrive_server.web.auth import ServicesOf, own_team, team_of
+from exceptiondrive_server.web.auth import ServicesOf, own_team
 from exceptiondrive_server.web.browser_session import (
     Browser,
     MaybeSignedIn,
@@ -103,7 +103,7 @@ async def submit(request: Request, services: ServicesOf, browser: Browser) -> Re
     require_scope(browser, Scope.SUBMIT)
     who = browser.principal
     try:
-        async with received_upload(request, services, team_of(who), has_form_token=True) as upload:
+        async with received_upload(request, services, who, has_form_token=True) as upload:
             require_form_token(browser.secret, upload.form_token)
             taken, _ = await run_in_threadpool(take_upload, services, who, upload, began_s)
     except (RecordsError, RequestValidationError) as error:

@@ -14,7 +14,6 @@ from typing import Annotated, Any, BinaryIO
 
 import structlog
 from fastapi import Request
-from fastapi.concurrency import run_in_threadpool
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 from sqlalchemy.orm import Session
@@ -23,7 +22,7 @@ from starlette.datastructures import FormData, UploadFile
 from exceptiondrive_records.accounts.sessions import require_unrevoked
 from exceptiondrive_records.accounts.tokens import Principal, Scope
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.errors import RecordsError, StoreError, UploadEmpty
+from exceptiondrive_records.db.errors import NotAllowed, RecordsError, StoreError, UploadEmpty
 from exceptiondrive_records.operations.garbage import remove_orphan
 from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_records.phases.quotas import quota_of
@@ -37,8 +36,7 @@ from exceptiondrive_records.submissions.submissions import (
 )
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.teams.tables import Team
-from exceptiondrive_records.teams.teams import require_approved
-from exceptiondrive_records.work.dispatch import wake_lanes
+from exceptiondrive_records.teams.teams import IS_PENDING
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.api.submission import Quota, SubmissionView
 from exceptiondrive_schemas.base import faults_in, pieces_digest
@@ -145,30 +143,27 @@ def upload_body() -> dict[str, Any]:
 
 @asynccontextmanager
 async def received_upload(
-    request: Request, services: Services, team_id: int, *, has_form_token: bool = False
+    request: Request, services: Services, principal: Principal, *, has_form_token: bool = False
 ) -> AsyncIterator[Upload]:
     """Read the form; its file lies in memory up to 1 MiB, then in a temporary file.
 
     Raises:
-        ApiProblem: Not a form, or it is encoded; the team is not approved; or too many uploads are
-            under way.
+        ApiProblem: Not a form, or it is encoded; who sends it belongs to no team, or to one that is not
+            approved; or too many uploads are under way.
         RequestValidationError: A field is missing, unknown, repeated or wrong.
     """
     _require_form(request)
-    await run_in_threadpool(_require_sender, services, team_id)
-    with services.upload_places.held_by(team_id):
+    _require_sender(principal)
+    with services.upload_places.held_by(team_of(principal)):
         form = request.form(max_files=1, max_fields=MAX_FIELDS, max_part_size=MAX_FIELD_BYTES)
         async with form as received:
             yield _upload_of(received, has_form_token=has_form_token)
 
 
-def _require_sender(services: Services, team_id: int) -> None:
+def _require_sender(principal: Principal) -> None:
     """Let no team take a place that nobody approved: strangers may register as many as they like."""
-    try:
-        with services.database.read() as session:
-            require_approved(session.get_one(Team, team_id))
-    except RecordsError as refused:
-        raise problem_of(refused) from None
+    if principal.team_is_pending:
+        raise problem_of(NotAllowed(IS_PENDING))
 
 
 def _require_form(request: Request) -> None:
@@ -380,4 +375,4 @@ def wake(services: Services) -> None:
 
     The reconciler shows as queued what still waits then: accepting is one transaction that writes.
     """
-    wake_lanes(services.database, services.dispatcher, services.settings, (Lane.LIVE,))
+    services.dispatcher.wake(Lane.LIVE)
