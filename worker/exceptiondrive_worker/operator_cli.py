@@ -3,11 +3,13 @@
 import gzip
 import json
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, NoReturn
 
 import structlog
 import typer
+from sqlalchemy.exc import SQLAlchemyError
 
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.db.settings import SettingsError, load_settings
@@ -93,8 +95,14 @@ def run(
     from exceptiondrive_worker.process import run_worker  # Celery: no other command needs it
 
     settings = load_settings(WorkerSettings, data)
-    with opened(settings) as database:  # its connections must not reach the processes that score
-        refuse_if_older(database)
+    with (
+        opened(settings) as database,  # its connections must not reach the processes that score
+        suppress(
+            SQLAlchemyError
+        ),  # a database that is away refuses nobody: no job begins without it
+        database.read() as session,
+    ):
+        refuse_if_older(session)
     close_to_others(settings.splits_dir)
     if not SplitStore(settings.splits_dir).files():
         _log.warning(

@@ -1,8 +1,7 @@
 """No worker scores beside one whose scorer is newer."""
 
-from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.orm import Session
 
-from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.work.heartbeats import newer_scorer
 from exceptiondrive_scoring import SCORER_VERSION
 
@@ -17,18 +16,12 @@ class OlderScorerError(Exception):
         )
 
 
-def refuse_if_older(database: Database) -> None:
+def refuse_if_older(session: Session) -> None:
     """Let no worker begin whose scores would be of an older scorer; each job asks again.
-
-    A database that is away refuses nobody: no job can begin without it.
 
     Raises:
         OlderScorerError: A newer scorer is on the list of workers.
     """
-    try:
-        with database.read() as session:
-            newer = newer_scorer(session, SCORER_VERSION)
-    except SQLAlchemyError:
-        return
+    newer = newer_scorer(session, SCORER_VERSION)
     if newer is not None:
         raise OlderScorerError(newer)

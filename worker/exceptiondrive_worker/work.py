@@ -8,8 +8,8 @@ older release on purpose.
 import time
 
 import structlog
+from sqlalchemy.orm import Session
 
-from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.work.dispatch import kinds_due, wake_lanes
 from exceptiondrive_records.work.fair_share import is_live_work_open
 from exceptiondrive_records.work.tables import BoardRequest, Job, Profile, Recheck, Trial
@@ -32,10 +32,10 @@ _LOOK_AGAIN_S = 0.02
 _log = structlog.get_logger("exceptiondrive.worker")
 
 
-def may_work(database: Database) -> bool:
+def may_work(session: Session) -> bool:
     """Whether no newer scorer has joined since this worker began; the log says so otherwise."""
     try:
-        refuse_if_older(database)
+        refuse_if_older(session)
     except OlderScorerError as error:
         _log.error("scorer version mismatch: the job is left to newer workers", reason=str(error))
         return False
@@ -50,7 +50,7 @@ def work(context: WorkerContext, lane: Lane) -> int:
     """
     until = time.monotonic() + _PART_OF_LIMIT * context.settings.soft_time_limit_s
     n_done = 0
-    while time.monotonic() < until and may_work(context.database) and _do_next(context, lane):
+    while time.monotonic() < until and _do_next(context, lane):
         n_done += 1
     if n_done:
         wake_lanes(context.database, context.dispatcher, context.settings)
@@ -67,6 +67,8 @@ def _do_next(context: WorkerContext, lane: Lane) -> bool:
             return True
         let_live_work_pass(context)
     with context.database.read() as session:
+        if not may_work(session):
+            return False
         due = kinds_due(session, lane, context.settings.max_attempts)
     return (
         (Trial in due and try_next_split(context))
