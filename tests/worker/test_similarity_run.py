@@ -126,6 +126,25 @@ def test_comparing_waits_for_nobodys_score(crowd: World) -> None:
     assert report(crowd).n_compared == 3
 
 
+def test_comparing_ends_for_a_score_that_comes_meanwhile(
+    crowd: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number in range(3):
+        crowd.score(upload(number), team=f"team-{number}")
+    monkeypatch.setattr(similarity_run, "LOOK_EVERY_S", 0.0)
+    sent: list[str] = []
+
+    def send_one(*answers: Any) -> Any:
+        if not sent:
+            sent.append(crowd.submit(upload(9), team="late")[1])
+        return similarity.fingerprinted_samples(*answers)
+
+    monkeypatch.setattr(similarity_run, "fingerprinted_samples", send_one)
+    assert (report(crowd).n_compared, report(crowd).n_compared) == (1, 1)
+    score_submission(crowd.context, sent[0])
+    assert report(crowd).n_compared == 4
+
+
 def test_equal_files_are_told_before_any_worker_compares(crowd: World) -> None:
     crowd.submit(upload(1), team="alpha")
     crowd.submit(upload(1), team="beta")

@@ -95,6 +95,7 @@ class AlikeRule:
         return self.probe_share - slack <= found.aligned_share < 1
 
 
+@functools.lru_cache
 def fingerprinted_samples(n_samples: int, seed: str) -> NDArray[np.intp]:
     """Return which of N samples a fingerprint holds: at most `FINGERPRINT_SAMPLES`, ascending."""
     number = int.from_bytes(hashlib.sha256(seed.encode()).digest()[:8], "big")

@@ -5,7 +5,7 @@ a score goes into them.
 """
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,6 +35,8 @@ COMPARED_AT_ONCE = 200
 """Submissions compared after one board; the rest follow with the next one."""
 PART_OF_LIMIT = 0.25
 """After this part of the limit of time of its task, which built a board first, one file is compared."""
+LOOK_EVERY_S = 0.02
+"""So often it is asked whether a live job waits; to compare a file may take a part of that."""
 NEAREST_KEPT = 10
 CANDIDATES = 30
 AT_ONCE = 100
@@ -62,7 +64,6 @@ def compare_submissions(context: WorkerContext, phase_id: str, like: Target) -> 
     fresh = [file for file in files if not file.is_compared][:COMPARED_AT_ONCE]
     if not fresh or _live_job_waits(context):
         return 0
-    until = time.monotonic() + PART_OF_LIMIT * context.settings.soft_time_limit_s
     comparing = _Comparing(context, like, rule, accepted)
     compared = _Crowd()
     for file in files:
@@ -70,9 +71,7 @@ def compare_submissions(context: WorkerContext, phase_id: str, like: Target) -> 
             compared.add(file, comparing.fingerprint(file))
     found: list[tuple[str, Sequence[AlikeSubmission]]] = []
     try:
-        for file in fresh:
-            if _live_job_waits(context) or (found and time.monotonic() > until):
-                break
+        for file in _while_there_is_time(context, fresh):
             fingerprint = comparing.fingerprint(file)
             alike = [] if fingerprint is None else comparing.alike(file, fingerprint, compared)
             compared.add(file, fingerprint)
@@ -83,6 +82,24 @@ def compare_submissions(context: WorkerContext, phase_id: str, like: Target) -> 
                 keep_alike(session, submission_id, alike)
     _log.info("submissions compared", phase=phase_id, number=len(found))
     return len(found)
+
+
+def _while_there_is_time(
+    context: WorkerContext, files: Sequence[ScoredFile]
+) -> Iterator[ScoredFile]:
+    """Give one file after the other until a live job is seen to wait; however late it is, the first one."""
+    now = time.monotonic()
+    until = now + PART_OF_LIMIT * context.settings.soft_time_limit_s
+    look_at = now
+    for number, file in enumerate(files):
+        now = time.monotonic()
+        if number and now > until:
+            return
+        if now >= look_at:
+            if _live_job_waits(context):
+                return
+            look_at = now + LOOK_EVERY_S
+        yield file
 
 
 def _live_job_waits(context: WorkerContext) -> bool:

@@ -291,12 +291,25 @@ Changes = tuple[tuple[str, Any], ...]
 """Columns and what becomes of them."""
 
 
-def insert_if_absent(session: Session, table: type[Base], **values: Any) -> bool:
-    """Insert a row, unless one of the same key is there; whether it was inserted."""
-    inserted: Any = session.execute(
-        _insert(session)(table).values(**values).on_conflict_do_nothing()
-    )
+def insert_if_absent(
+    session: Session, table: type[Base], made: Changes = (), **values: Any
+) -> bool:
+    """Insert a row, unless one of the same key is there; whether it was inserted.
+
+    Args:
+        session: Of a write transaction.
+        table: Where.
+        made: Of the row, what the database works out.
+        values: The rest of it.
+    """
+    inserted: Any = session.execute(_inserting(_insert(session), table, made), values)
     return bool(inserted.rowcount == 1)
+
+
+@lru_cache
+def _inserting(insert: Any, table: type[Base], made: Changes) -> Executable:
+    how: Executable = insert(table.__table__).values(dict(made)).on_conflict_do_nothing()
+    return how
 
 
 def upsert(

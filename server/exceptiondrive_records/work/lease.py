@@ -123,8 +123,7 @@ def ask_once(
     session: Session, kind: type[WorkItem], key: str, *, lane: Lane | None = None, **columns: object
 ) -> None:
     """Ask for something to be done, unless it was asked for before."""
-    values = _new_values(kind, key, lane=lane) | dict(_NEW) | columns
-    insert_if_absent(session, kind, **values)
+    insert_if_absent(session, kind, _NEW, **_new_values(kind, key, lane=lane), **columns)
 
 
 def is_free(kind: type[WorkItem], now: Moment) -> ColumnElement[bool]:
@@ -300,8 +299,8 @@ def _claim_of(item: WorkItem) -> dict[str, Any]:
 
 def take_lead(session: Session, name: str, holder: str, lease_s: float) -> bool:
     """Become or stay the leader; False while another holder's lease runs."""
-    values = _new_values(Leader, name) | dict(_NEW)
-    insert_if_absent(session, Leader, **values, holder=holder, lease_until=NOW)
+    made = (*_NEW, ("lease_until", NOW))
+    insert_if_absent(session, Leader, made, **_new_values(Leader, name), holder=holder)
     taken = session.execute(
         update(Leader)
         .where(Leader.key == name, (Leader.holder == holder) | (Leader.lease_until <= NOW))

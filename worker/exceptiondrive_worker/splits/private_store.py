@@ -127,7 +127,8 @@ class PrivateStore:
         """
         try:
             with open(self._path(shelf, key), "wb", opener=_as_owner) as file:
-                file.write(_checksum(data) + data)
+                file.write(_checksum(data))
+                file.write(data)
         except OSError as error:
             _log.warning("not kept in the private store", shelf=shelf.value, why=error.strerror)
 
