@@ -271,6 +271,15 @@ def test_a_later_revision_keeps_its_samples_and_says_what_changed(shop: Path) ->
         assert "Two failed the audit." in files[name].decode()
 
 
+def test_a_tag_in_a_makers_words_is_read_as_text(shop: Path) -> None:
+    previous = shop / "frozen" / "1" / "split.json.gz"
+    withdraw(shop, [split_of(frozen(shop, "1")).samples[0].sample_id])
+    files = frozen(shop, "2", "--previous", previous, "--words", "<script>1 < 2 & 3</script>")
+    for name in ("datasheet.md", "datasheet.html"):
+        text = files[name].decode()
+        assert "&lt;script&gt;1 &lt; 2 &amp; 3&lt;/script&gt;" in text, name
+
+
 def test_restored_samples_count_again(shop: Path) -> None:
     first = split_of(frozen(shop, "1"))
     ids = [sample.sample_id for sample in first.samples]

@@ -183,7 +183,8 @@ def _interval(interval: Interval) -> str:
 
 
 def _flat(text: str) -> str:
-    return " ".join(text.split())
+    """Text on one line, in which Markdown sees no tag."""
+    return " ".join(escape(text, quote=False).split())
 
 
 def _row(cells: Sequence[str]) -> str:
