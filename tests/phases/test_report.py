@@ -120,3 +120,19 @@ def test_the_report_says_of_what_lost_its_rank_that_it_is_ranked_no_more(life: "
     assert "no more ranked" in words
     assert "replaced, withdrawn, disqualified or listed without a rank" in words
     assert "Ranked anew" not in words, "nothing is"
+
+
+def test_the_report_waits_for_what_came_in_time_and_not_for_what_is_late(life: "Life") -> None:
+    late = {"late_entries": "own_view"}
+    life.make_phase(split="plain", closes_at=life.ahead(60), policy=late)
+    life.submit("alpha", 1.0, "First", "plain")
+    life.work()
+    in_time = life.submit("beta", 0.5, "In the queue", "plain")
+    life.move(closes_at=life.now())
+    assert life.get(REPORT).status_code == life.get(PAGE).status_code == 404
+    assert "what they sent in time is scored" in life.get(REPORT).json()["detail"]
+    assert "How it ended" not in life.get("/phases/test").text
+    life.work()
+    life.submit("gamma", 3.0, "Too late", "plain")
+    assert life.json(REPORT)["n_ranked"] == 2
+    assert in_time in life.entry_ids()
