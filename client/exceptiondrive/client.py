@@ -414,8 +414,11 @@ class Client(Connection):
         rule = RUN_RULES.get(said, phase.policy.run_rule)
         if phase.policy.run_choice == "team":
             rule += " To say otherwise: exceptiondrive choose."
-        takes = phase.is_open or (phase.now is not None and phase.now.takes_late_entries)
-        return Outlook(report, replaces, rule, first, is_closed=not takes)
+        is_late = not phase.is_open and phase.now is not None and phase.now.takes_late_entries
+        if is_late:
+            rule = "What comes after the deadline takes no place on the board, and nothing is chosen any more."
+        is_closed = not (phase.is_open or is_late)
+        return Outlook(report, replaces, rule, first, is_closed=is_closed, is_late=is_late)
 
     def submit(
         self,

@@ -23,6 +23,7 @@ class Outlook:
         disqualified_at: Since when the team, or these very bytes of it, are disqualified: then the
             upload will be refused; None: they are not.
         is_closed: Whether the phase takes nothing now, early or late: the upload will be refused.
+        is_late: Whether its deadline has passed, and it takes files for its late view alone.
     """
 
     report: CheckReport
@@ -31,6 +32,7 @@ class Outlook:
     first: "SubmissionView | None" = None
     disqualified_at: datetime | None = None
     is_closed: bool = False
+    is_late: bool = False
 
     @property
     def is_known(self) -> bool:

@@ -163,7 +163,9 @@ def test_check_says_that_a_closed_phase_refuses_unless_it_takes_late_entries(
         find_phase(session, "ended").closes_at = database_now(session)
     told = run(running, "check", "--phase", "ended", str(planning_file())).stdout
     assert ("will be refused: the phase takes none now" in told) is (late == "refused")
-    assert ("will be ranked" in told) is (late == "own_view")
+    assert ("stand on the late view alone" in told) is (late == "own_view")
+    assert "will be ranked" not in told, "late files take no rank on the board"
+    assert "newest run stands" not in told
     unanswered = [{"sample_id": f"s{n}", "source": None, "edited": None} for n in range(4)]
     file = str(planning_file(predictions=unanswered))
     sent = run(running, "submit", file, "--phase", "ended", "--method", "Planner")

@@ -65,6 +65,7 @@ def test_a_report_comes_with_the_end_and_tells_what_the_boards_tell(life: "Life"
     assert "</a> ," not in page
     assert "3 teams" in words
     assert "took the place of another" not in words, "none did"
+    assert "No more ranked" not in words, "each is"
     assert f'href="/?phase=test&amp;board={before["board"]}#board"' in page
     assert f"{told[ids[0]][1] - told[ids[0]][0]} down" in words
     for winner in report["winners"]:
@@ -92,6 +93,46 @@ def test_a_freeze_and_a_team_with_a_later_deadline_keep_the_report_back(life: "L
         early: 1,
         late: None,
     }
-    assert "A run that took the place of another is new" in text_of(life.get(PAGE).text)
+    words = text_of(life.get(PAGE).text)
+    assert "Ranked anew is also a run that took the place of another" in words
+    assert "No more ranked" not in words, "each of the frozen board is"
     life.done("/phases/test/freeze")
     assert life.get(REPORT).status_code == 404
+
+
+def test_the_report_says_of_what_lost_its_rank_that_it_is_ranked_no_more(life: "Life") -> None:
+    life.make_phase(split="plain", closes_at=life.ahead(60))
+    life.submit("alpha", 1.0, "Stays", "plain")
+    gone = life.submit("beta", 0.5, "Goes", "plain")
+    life.work()
+    life.done("/phases/test/freeze")
+    life.done(f"/submissions/{gone}/disqualify", {"reason": "it used the map"})
+    life.work()
+    told = str(life.json("/api/v1/notifications", "beta"))
+    assert gone in life.entry_ids()
+    assert "a frozen board goes on showing it until it is revealed" in told
+    life.move(closes_at=life.now())
+    life.done("/phases/test/reveal", {"what": "board", "reason": "the end"})
+    life.work()
+    (place,) = (p for p in life.json(REPORT)["shake_up"]["places"] if p["submission_id"] == gone)
+    assert place["after"] is None
+    words = text_of(life.get(PAGE).text)
+    assert "no more ranked" in words
+    assert "replaced, withdrawn, disqualified or listed without a rank" in words
+    assert "Ranked anew" not in words, "nothing is"
+
+
+def test_the_report_waits_for_what_came_in_time_and_not_for_what_is_late(life: "Life") -> None:
+    late = {"late_entries": "own_view"}
+    life.make_phase(split="plain", closes_at=life.ahead(60), policy=late)
+    life.submit("alpha", 1.0, "First", "plain")
+    life.work()
+    in_time = life.submit("beta", 0.5, "In the queue", "plain")
+    life.move(closes_at=life.now())
+    assert life.get(REPORT).status_code == life.get(PAGE).status_code == 404
+    assert "what they sent in time is scored" in life.get(REPORT).json()["detail"]
+    assert "How it ended" not in life.get("/phases/test").text
+    life.work()
+    life.submit("gamma", 3.0, "Too late", "plain")
+    assert life.json(REPORT)["n_ranked"] == 2
+    assert in_time in life.entry_ids()

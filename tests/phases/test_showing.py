@@ -86,12 +86,16 @@ def test_a_frozen_board_stays_while_scoring_goes_on(life: "Life", scores: str) -
     own = [life.get(path.format(id=late), "beta") for path in OF_TEAM]
     has_score = ['"micro"' in answer.text for answer in own]
     assert has_score == ([True] * 3 if scores == "shown" else [False] * 3)
+    assert ("score is kept back until" in own[2].text) is (scores == "hidden")
     because = life.json(f"/api/v1/submissions/{late}", "beta")["unranked_because"]
     told = "the board is frozen, and shows it when the organizers reveal the board"
     assert because == (told if scores == "shown" else None)
     assert '"micro"' in life.get(f"/api/v1/submissions/{early}", "alpha").text
     live = life.json("/api/v1/organizer/phases/test/board", "organizer")
     assert (live["is_public"], live["names"][late]) == (False, ["Beta Labs", "Secret"])
+    for path in ("/phases/test", "/?phase=test"):
+        words = " ".join(life.get(path).text.split())
+        assert "What comes later is scored, and shown when the organizers reveal" in words
     life.done("/phases/test/reveal", {"what": "board", "reason": "ceremony"})
     assert set(life.entry_ids()) == {early, late}
     assert life.json("/api/v1/phases/test")["now"]["frozen_since"] is None
@@ -171,6 +175,7 @@ def test_late_entries_rank_on_their_own_view_and_move_no_rank(life: "Life") -> N
     by_id = {entry["submission_id"]: entry for entry in view["entries"]}
     assert set(by_id) == {in_time, other, late, again}
     assert by_id[late]["rank"] == 1
+    assert "stands on the late view alone" in life.get("/phases/test").text
     shown = life.json(f"/api/v1/entries/{late}")
     assert (shown["entry"]["is_late"], shown["entry"]["submission_id"]) == (True, late)
     assert life.get(f"/api/v1/entries/{late}/receipt").status_code == 200

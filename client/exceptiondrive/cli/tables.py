@@ -96,7 +96,9 @@ def outlook_view(outlook: Outlook) -> Iterator[RenderableType]:
     if outlook.is_closed:
         yield "outlook: it will be refused: the phase takes none now; see `exceptiondrive phases`"
         return
-    if outlook.report.unranked_because is None:
+    if outlook.is_late:
+        yield "outlook: the deadline has passed: it will stand on the late view alone"
+    elif outlook.report.unranked_because is None:
         yield f"outlook: it will be ranked, {AS_FAR}"
     if outlook.replaces is not None:
         yield f"outlook: it replaces {entry_words(outlook.replaces)}"

@@ -99,7 +99,8 @@ def _disqualify(
     _publish(session, row)
     detail = {"reason": row.reason, "public_note": row.public_note, "disqualification": row.id}
     audit(session, actor, f"{_what(row)} disqualified", _subject(team, row), detail | _where(row))
-    words = ["No board shows it from now on; earlier boards keep what they showed."]
+    frozen = "a frozen board goes on showing it until it is revealed"
+    words = [f"The next boards leave it out; earlier ones keep what they showed, and {frozen}."]
     if row.submission_id is None:
         words.append("Your team submits nothing there until it is reinstated.")
     else:

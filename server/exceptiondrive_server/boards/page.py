@@ -513,8 +513,8 @@ def _kept_back(board: Board, now: PhaseNow) -> Iterator[Notice]:
     if now.frozen_since is not None:
         words = (
             f"The board is frozen since {minute(now.frozen_since)}, so that all see at once how the "
-            "phase ends. Scoring goes on; what came later is shown when the organizers reveal the "
-            "board, for which there is no date."
+            "phase ends. What comes later is scored, and shown when the organizers reveal the board, "
+            "for which there is no date."
         )
         yield Notice(words, "", "")
     if board.part == "public":

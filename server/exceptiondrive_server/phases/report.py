@@ -10,9 +10,16 @@ from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, Board
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.participation.tables import Allowance
-from exceptiondrive_records.phases.policy import frozen_since, has_closed, is_split_revealed
+from exceptiondrive_records.phases.policy import (
+    frozen_since,
+    has_closed,
+    is_late,
+    is_split_revealed,
+)
+from exceptiondrive_records.phases.quotas import WAITING
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.splits.splits import part_revision
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.phase_report import PhaseReport, PlaceChange, ShakeUp
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_server.boards.entry_facts import is_listed
@@ -22,7 +29,7 @@ LAST_PLACE = 3
 
 
 def has_ended(session: Session, phase: Phase) -> bool:
-    """Whether a phase is closed to every team, and its board is shown as it ended."""
+    """Whether a phase is closed to every team, what came in time is scored, and its board is shown."""
     now = database_now(session)
     latest = select(func.max(Allowance.closes_at)).where(Allowance.phase_id == phase.id)
     granted_until = session.scalar(latest)
@@ -31,7 +38,17 @@ def has_ended(session: Session, phase: Phase) -> bool:
         and (granted_until is None or granted_until <= now)
         and frozen_since(phase, now) is None
         and phase.current_board_id is not None
+        and not _waits_in_time(session, phase)
     )
+
+
+def _waits_in_time(session: Session, phase: Phase) -> bool:
+    waiting = (
+        select(Submission)
+        .where(Submission.phase_id == phase.id, Submission.status.in_(WAITING))
+        .order_by(Submission.received_at)
+    )
+    return any(not is_late(phase, each) for each in session.scalars(waiting))
 
 
 def report_of(session: Session, phase: Phase) -> PhaseReport:
@@ -42,7 +59,10 @@ def report_of(session: Session, phase: Phase) -> PhaseReport:
     """
     row = current_board(session, phase.id)
     if row is None or not has_ended(session, phase):
-        until = " yet: it comes when all teams are done and the board is shown"
+        until = (
+            " yet: it comes when all teams are done, what they sent in time is scored, "
+            "and the board is shown"
+        )
         raise NotFound("report of the phase", phase.id, until)
     board = parsed_board(row)
     scored = [entry for entry in board.entries if entry.source == "scored"]

@@ -84,7 +84,10 @@ def statement_of(session: Session, submission: Submission) -> ReceiptStatement:
     sheet = published_sheets(session, phase, {submission.id}, now).get(submission.id)
     is_hidden = score_kept_back_since(phase, submission, now) is not None
     if row is None or sheet is None or is_hidden:
-        raise NotFound("receipt of a score for submission", submission.id)
+        until = " yet: its score is kept back until the organizers reveal the board"
+        raise NotFound(
+            "receipt of a score for submission", submission.id, until if is_hidden else ""
+        )
     return ReceiptStatement(
         submission_id=submission.id,
         file_digest=submission.file_digest,
