@@ -39,6 +39,10 @@ class ExceptionDriveError(Exception):
         self.advice = advice
         super().__init__(f"{sentence} {advice}".strip())
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Let it cross from one process to another, as of a pool: kinds differ in what makes them."""
+        return _again, (type(self), *self.args), self.__dict__
+
     def document(self) -> dict[str, Any]:
         """Return the error as `--json` prints it."""
         return {
@@ -47,6 +51,11 @@ class ExceptionDriveError(Exception):
             "advice": self.advice,
             "exit_code": self.exit_code,
         }
+
+
+def _again(kind: type[ExceptionDriveError], *args: str) -> ExceptionDriveError:
+    """Return an error whose attributes are set by who unpickles it."""
+    return kind.__new__(kind, *args)
 
 
 class InvalidArgumentError(ExceptionDriveError):

@@ -1,0 +1,42 @@
+"""Errors between processes: a pool hands them from its workers to who asked."""
+
+import copy
+import pickle
+from datetime import datetime, timezone
+
+import pytest
+
+from exceptiondrive import ExceptionDriveError, check_file, errors
+from exceptiondrive_agent.errors import AgentError
+from exceptiondrive_schemas.api.submission import SubmissionView
+from exceptiondrive_schemas.published import example_text
+
+VIEW = SubmissionView.read(example_text("submission"))
+MADE: dict[type[ExceptionDriveError], ExceptionDriveError] = {
+    errors.InvalidArgumentError: errors.InvalidArgumentError("c", "No.", "Do.", {"limit": "many"}),
+    errors.InvalidFileError: errors.InvalidFileError(check_file(b"{}")),
+    errors.RecorderError: errors.RecorderError("No."),
+    errors.QuotaError: errors.QuotaError("c", "No.", datetime(2026, 11, 30, tzinfo=timezone.utc)),
+    errors.ScoringFailedError: errors.ScoringFailedError("c", "No.", "Do.", VIEW),
+    errors.WaitTimeoutError: errors.WaitTimeoutError("c", "No.", "Do.", VIEW),
+    AgentError: AgentError("No.", "Do."),
+}
+
+
+KINDS = [
+    kind
+    for name, kind in vars(errors).items()
+    if not name.startswith("_") and isinstance(kind, type) and issubclass(kind, ExceptionDriveError)
+]
+
+
+@pytest.mark.parametrize("kind", [*KINDS, AgentError], ids=lambda kind: kind.__name__)
+def test_an_error_of_every_kind_is_the_same_on_the_other_side_of_a_process(
+    kind: type[ExceptionDriveError],
+) -> None:
+    error = MADE[kind] if kind in MADE else kind("c", "No.", "Do.")
+    for again in (pickle.loads(pickle.dumps(error)), copy.copy(error)):
+        assert type(again) is kind
+        assert str(again) == str(error)
+        assert vars(again) == vars(error)
+        assert again.document() == error.document()
