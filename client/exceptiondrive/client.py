@@ -400,7 +400,7 @@ class Client(Connection):
         if phase.disqualified_at is not None:
             return Outlook(report, None, disqualified_at=phase.disqualified_at)
         try:
-            own = self.submissions(phase=phase.id)
+            own = self.submissions(phase=phase.id, limit=None)
         except (NotAllowedError, NotSignedInError):
             own = ()
         same = (each for each in own if each.file_digest == report.digest)
@@ -548,27 +548,24 @@ class Client(Connection):
         *,
         phase: str | None = None,
         status: SubmissionStatus | str | None = None,
-        limit: int = 100,
+        limit: int | None = 100,
     ) -> tuple[SubmissionView, ...]:
         """Return the team's submissions, newest first.
 
         Args:
             phase: Only of this phase.
             status: Only in this status, such as `scored`.
-            limit: At most so many.
+            limit: At most so many; None: all.
 
         Raises:
             NotFoundError: There is no such phase; the advice names those that there are.
         """
         found: list[SubmissionView] = []
         after: str | None = None
-        while len(found) < limit:
+        while limit is None or len(found) < limit:
             query = {"phase": phase, "status": status and str(status), "after": after}
-            page = self._get(
-                SubmissionPage,
-                "/submissions",
-                {**query, "limit": min(limit - len(found), PAGE_SIZE)},
-            )
+            size = PAGE_SIZE if limit is None else min(limit - len(found), PAGE_SIZE)
+            page = self._get(SubmissionPage, "/submissions", {**query, "limit": size})
             found.extend(page.submissions)
             after = page.next
             if after is None:
@@ -646,7 +643,7 @@ class Client(Connection):
 
         Args:
             unread: Only what was not read yet.
-            limit: At most so many.
+            limit: At most so many, 500 at most.
         """
         from exceptiondrive_schemas.api.rescoring import NotificationView
 
@@ -746,7 +743,7 @@ class Client(Connection):
             phase: Id of the phase.
             challenge: `planning` or `strategy`.
             protocol: Version; else the one in force.
-            as_of: The board as it stood then.
+            as_of: The board as it stood then; a time without a zone is in UTC, of a day it is the end.
             sort: Key of a metric; ranks stay what they are.
             view: `late`: with the entries that came after the deadline, ranked among all.
         """

@@ -86,6 +86,36 @@ def phase_dev(canned_server: "CannedServer", split_file: Path) -> "CannedServer"
     return canned_server
 
 
+def test_the_entry_that_an_upload_replaces_is_found_behind_a_hundred_newer_submissions(
+    phase_dev: "CannedServer", planning_file: Callable[..., Path]
+) -> None:
+    newer = [{**VIEW, "id": f"new{number}", "method": "Other"} for number in range(100)]
+    stands = {**VIEW, "id": "old", "status": "scored"}
+    phase_dev.answer("GET /submissions", 200, {"submissions": newer, "next": "new99"})
+    phase_dev.answer("GET /submissions", 200, {"submissions": [stands], "next": None})
+    with Client(phase_dev.url, "edk_t_1") as client:
+        with pytest.raises(InvalidArgumentError, match="It replaces old "):
+            client.submit(planning_file(), phase="dev", method="Planner")
+        assert client.submissions(limit=None)[-1].id == "old"
+    assert not [path for method, path, _ in phase_dev.requests if method == "POST"]
+
+
+def test_a_withdrawal_says_what_stands_again_behind_a_hundred_newer_submissions(
+    canned_server: "CannedServer",
+) -> None:
+    newer = [{**VIEW, "id": f"new{number}"} for number in range(100)]
+    gone, before = {**VIEW, "status": "withdrawn"}, {**VIEW, "id": "old", "status": "scored"}
+    canned_server.answer("GET /submissions/abc", 200, {**VIEW, "status": "scored"})
+    canned_server.answer("GET /submissions", 200, {"submissions": newer, "next": "new99"})
+    canned_server.answer(
+        "GET /submissions", 200, {"submissions": [{**before, "replaced_by": "abc"}], "next": None}
+    )
+    canned_server.answer("POST /submissions/abc/withdraw", 200, gone)
+    canned_server.answer("GET /submissions/old", 200, before)
+    done = CliRunner().invoke(app, ["withdraw", "abc", "--yes", "--server", canned_server.url])
+    assert "there stands again old " in done.stdout
+
+
 def test_an_upload_that_went_well_is_0_though_the_quota_cannot_be_asked_for_afterwards(
     phase_dev: "CannedServer", planning_file: Callable[..., Path]
 ) -> None:
