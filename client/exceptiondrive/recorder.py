@@ -326,6 +326,8 @@ def _coordinate(number: Any, where: str) -> float:
 
 def _plain(value: Any) -> Any:
     """Turn arrays, tensors and their scalars into lists and numbers."""
+    if not hasattr(value, "tolist") and hasattr(value, "__array__"):
+        value = value.__array__()
     return value.tolist() if hasattr(value, "tolist") else value
 
 

@@ -56,12 +56,23 @@ def test_a_named_pipe_is_written_into_and_stays(pipe: tuple[Path, Callable[[], b
     assert json.loads(all_read())["split"] == "sample"
 
 
+class Offers:
+    """An array of another library, as of TensorFlow: `__array__` and no `tolist`."""
+
+    def __init__(self, array: Any) -> None:
+        self.array = np.asarray(array)
+
+    def __array__(self) -> "np.ndarray[Any, Any]":
+        return self.array
+
+
 def test_it_takes_arrays_tuples_and_numpy_scalars(tmp_path: Path) -> None:
     array = np.array(STRAIGHT, dtype=np.float32)
     rows = [(np.float64(x), int(y)) for x, y in STRAIGHT]
     with Recorder(tmp_path / "p.json", split="sample") as recorder:
         recorder.add("s1", source=array, edited=rows)
         recorder.add("s2", source=list(array), edited=tuple(map(tuple, STRAIGHT)))
+        recorder.add("s3", source=Offers(array), edited=[Offers(row) for row in array])
     for prediction in json.loads((tmp_path / "p.json").read_text())["predictions"]:
         assert prediction["source"] == prediction["edited"] == STRAIGHT
 
