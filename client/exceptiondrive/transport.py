@@ -4,6 +4,8 @@ The one door to the HTTP library: nothing else in the client imports it.
 """
 
 import io
+import json
+import math
 import random
 import ssl
 import time
@@ -43,9 +45,8 @@ _ADVICE = {
     ProblemCode.NOT_SIGNED_IN: "Run: exceptiondrive login (or set EXCEPTIONDRIVE_TOKEN).",
     ProblemCode.PHASE_CLOSED: "Run: exceptiondrive phases, to see which are open.",
     ProblemCode.UPLOAD_TOO_LARGE: "Compress the file with gzip; both forms are taken.",
-    ProblemCode.TOO_MANY_REQUESTS: "Wait a little and run the same command again.",
-    ProblemCode.STORE_UNAVAILABLE: "Wait a little and run the same command again.",
 }
+_PASSING = (ProblemCode.TOO_MANY_REQUESTS, ProblemCode.STORE_UNAVAILABLE)
 _KINDS: dict[ProblemCode, type[ExceptionDriveError]] = {
     ProblemCode.NOT_SIGNED_IN: NotSignedInError,
     ProblemCode.NOT_ALLOWED: NotAllowedError,
@@ -56,6 +57,14 @@ _KINDS: dict[ProblemCode, type[ExceptionDriveError]] = {
     ProblemCode.STORE_UNAVAILABLE: ServerError,
     ProblemCode.INTERNAL: ServerError,
 }
+_KINDS_OF_STATUSES: dict[int, type[ExceptionDriveError]] = {
+    401: NotSignedInError,
+    403: NotAllowedError,
+    404: NotFoundError,
+    409: NotAllowedError,
+    429: NetworkError,
+}
+"""Of a problem whose code a newer server has."""
 _QUOTA_CODES = (ProblemCode.QUOTA_EXCEEDED, ProblemCode.REJECTED_CAP_EXCEEDED)
 RETRIED_STATUSES = frozenset({502, 503, 504})
 ATTEMPTS = 5
@@ -165,7 +174,7 @@ def raise_problem(response: httpx.Response) -> NoReturn:
     try:
         problem = Problem.read(response.content)
     except ValidationError:
-        raise _unknown_answer(response) from None
+        raise _newer_problem(response) or _unknown_answer(response) from None
     raise error_of(problem, retry_after_s(response))
 
 
@@ -181,6 +190,8 @@ def error_of(problem: Problem, wait_s: float | None = None) -> ExceptionDriveErr
     if problem.code in _QUOTA_CODES:
         wait_s = problem.retry_after_s if problem.retry_after_s is not None else wait_s
         return QuotaError(problem.code.value, problem.detail, _reset(wait_s))
+    if problem.code in _PASSING:
+        return _KINDS[problem.code](problem.code.value, problem.detail, _again_in(wait_s))
     advice = _ADVICE.get(problem.code, "")
     is_ours = problem.code is ProblemCode.INTERNAL
     if is_ours and problem.request_id and problem.request_id not in problem.detail:
@@ -206,9 +217,40 @@ def _reset(wait_s: float | None) -> datetime | None:
     return moment.replace(second=0, microsecond=0)
 
 
+def _again_in(wait_s: float | None) -> str:
+    """Say when to run a command again; what is asked for longer than the client waits, exactly."""
+    if wait_s is None or wait_s <= LONGEST_RETRY_AFTER_S:
+        return "Wait a little and run the same command again."
+    length = f"{wait_s:g} s" if wait_s < 180 else f"{math.ceil(wait_s / 60)} minutes"
+    return f"Run the same command again in {length}, as the server asks."
+
+
+def _newer_problem(response: httpx.Response) -> ExceptionDriveError | None:
+    """Return the error for a problem whose code this client does not know; None: it is no problem."""
+    try:
+        said = json.loads(response.content)
+        code, detail = said["code"], said["detail"]
+    except (KeyError, TypeError, ValueError, RecursionError):
+        return None
+    if not (isinstance(code, str) and isinstance(detail, str)):
+        return None
+    usual = InvalidArgumentError if response.is_client_error else ServerError
+    advice = "The newest client, from the page /client/ of the server, may know what to do."
+    return _KINDS_OF_STATUSES.get(response.status_code, usual)(code, detail, advice)
+
+
 def _unknown_answer(response: httpx.Response) -> ExceptionDriveError:
     """Return the error for an answer in another form, such as that of a proxy on the way."""
     answered = f"{response.url.copy_with(query=None)} answered {response.status_code}"
+    again = _again_in(retry_after_s(response))
+    if response.next_request is not None:
+        leads_to = response.next_request.url.copy_with(query=None)
+        return ServerError(
+            "unexpected_answer",
+            f"{answered}, which leads to {leads_to}; the client follows nowhere with a token.",
+            "Check the address of the server, http or https too (--server, EXCEPTIONDRIVE_SERVER), "
+            "and that no page of the network asks to sign in first.",
+        )
     match response.status_code:
         case 413:
             code = ProblemCode.UPLOAD_TOO_LARGE
@@ -218,14 +260,13 @@ def _unknown_answer(response: httpx.Response) -> ExceptionDriveError:
         case 429:
             code = ProblemCode.TOO_MANY_REQUESTS
             return NetworkError(
-                code.value, f"{answered}: a proxy on the way wants fewer requests.", _ADVICE[code]
+                code.value, f"{answered}: a proxy on the way wants fewer requests.", again
             )
         case 502 | 503 | 504:
             return ServerError(
                 ProblemCode.STORE_UNAVAILABLE.value,
                 f"{answered}: no server behind this address answers right now.",
-                "Wait a little and run the same command again; a file that is sent twice counts "
-                "once.",
+                f"{again} A file that is sent twice counts once.",
             )
     return ServerError(
         "unexpected_answer",

@@ -226,6 +226,52 @@ def test_a_spent_quota_says_when_it_resets(canned_server: "CannedServer") -> Non
     assert f"{caught.value.resets_at:%Y-%m-%d %H:%M} UTC" in caught.value.advice
 
 
+@pytest.mark.parametrize(
+    ("status", "kind"),
+    [(409, NotAllowedError), (404, NotFoundError), (422, InvalidArgumentError), (500, ServerError)],
+)
+def test_what_a_newer_server_says_with_a_code_of_its_own_is_told(
+    canned_server: "CannedServer", status: int, kind: type[ExceptionDriveError]
+) -> None:
+    canned_server.problem("GET /me", status, "teams_asleep", detail="Your team sleeps.")
+    with Client(canned_server.url) as client, pytest.raises(kind) as caught:
+        client.me()
+    assert (caught.value.code, caught.value.sentence) == ("teams_asleep", "Your team sleeps.")
+    assert "/client/" in caught.value.advice
+
+
+@pytest.mark.parametrize("status", [301, 302, 307, 308])
+def test_an_answer_that_leads_elsewhere_says_where_and_is_not_followed(
+    canned_server: "CannedServer", status: int
+) -> None:
+    there = {"location": "https://board.example.org/api/v1/me?state=secret"}
+    canned_server.answer("GET /me", status, b"", there)
+    with Client(canned_server.url, "edk_t_1") as client, pytest.raises(ServerError) as caught:
+        client.me()
+    assert "which leads to https://board.example.org/api/v1/me;" in caught.value.sentence
+    assert "--server" in caught.value.advice
+    assert "secret" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("wait_s", "told"), [("45", "in 45 s,"), ("600", "in 10 minutes,"), ("", "Wait a little")]
+)
+@pytest.mark.parametrize(
+    ("status", "code"), [(429, "too_many_requests"), (503, "store_unavailable")]
+)
+@pytest.mark.parametrize("by_a_proxy", [False, True])
+def test_who_has_to_wait_longer_than_the_client_does_is_told_how_long(
+    canned_server: "CannedServer", wait_s: str, told: str, status: int, code: str, by_a_proxy: bool
+) -> None:
+    headers = {"retry-after": wait_s} if wait_s else {}
+    document = {"type": code, "title": code, "status": status, "code": code, "detail": "No."}
+    canned_server.answer("GET /me", status, b"<html>" if by_a_proxy else document, headers)
+    with Client(canned_server.url, attempts=1) as client, pytest.raises(NetworkError) as caught:
+        client.me()
+    assert told in caught.value.advice
+    assert caught.value.code == code
+
+
 @pytest.mark.parametrize("body", [b"<html>proxy</html>", b'{"detail": "no"}'])
 def test_an_answer_of_something_else_is_not_taken_for_ours(
     canned_server: "CannedServer", body: bytes
