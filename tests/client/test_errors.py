@@ -1,4 +1,4 @@
-"""Errors between processes: a pool hands them from its workers to who asked."""
+"""Errors and documents between processes: a pool hands them from its workers to who asked."""
 
 import copy
 import pickle
@@ -9,7 +9,11 @@ import pytest
 from exceptiondrive import ExceptionDriveError, check_file, errors
 from exceptiondrive_agent.errors import AgentError
 from exceptiondrive_schemas.api.submission import SubmissionView
+from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.published import example_text
+from exceptiondrive_schemas.score_sheet import ScoreSheet
 
 VIEW = SubmissionView.read(example_text("submission"))
 MADE: dict[type[ExceptionDriveError], ExceptionDriveError] = {
@@ -40,3 +44,14 @@ def test_an_error_of_every_kind_is_the_same_on_the_other_side_of_a_process(
         assert str(again) == str(error)
         assert vars(again) == vars(error)
         assert again.document() == error.document()
+
+
+@pytest.mark.parametrize("kind", [Board, CheckReport, ScoreSheet, SubmissionView])
+def test_a_document_is_the_same_on_the_other_side_of_a_process_and_as_json(
+    kind: type[Document],
+) -> None:
+    names = {Board: "board", CheckReport: "check-report", ScoreSheet: "score-sheet"}
+    document = kind.read(example_text(names.get(kind, "submission")))
+    assert pickle.loads(pickle.dumps(document)) == document
+    assert copy.deepcopy(document) == document
+    assert kind.read(document.model_dump_json(by_alias=True)) == document
