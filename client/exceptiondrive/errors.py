@@ -107,6 +107,11 @@ class InvalidFileError(InvalidArgumentError):
             advice,
         )
 
+    def __str__(self) -> str:
+        """Return what a traceback shows: below the sentences a line for each kind of fault."""
+        lines = [f"- {group.code} ({group.count}): {group.message}" for group in self.report.faults]
+        return "\n".join([super().__str__(), *lines])
+
     def document(self) -> dict[str, Any]:
         """Return the error with the whole report."""
         return {**super().document(), "report": self.report.model_dump(mode="json")}

@@ -66,6 +66,9 @@ SubmissionLike = BytesLike | Mapping[str, Any] | DataFrameLike
 ManifestLike = Manifest | BytesLike | Mapping[str, Any]
 SplitLike = Split | BytesLike | Mapping[str, Any]
 ProtocolLike = ProtocolDocument | str | os.PathLike[str]
+PROTOCOL_ADVICE = (
+    "The server gives every version as a file at /api/v1/protocols/VERSION?format=toml."
+)
 MAX_SPLIT_BYTES = 256 * 1024 * 1024
 SIDES = ("source", "edited")
 STDIN = Path("-")
@@ -116,7 +119,7 @@ def given_bytes(given: object, what: str = "file", advice: str = "") -> GivenFil
         raise InvalidArgumentError(
             "wrong_argument",
             f"The {what} is of type {type(given).__name__}, which is not taken.",
-            f"Give a path, bytes, a file opened in binary mode, {forms}.",
+            f"Give a path, bytes, a file opened in binary mode, {forms}. {advice}".strip(),
         )
     name = getattr(given, "name", None)
     return GivenFile(Path(name).name.strip("<>") if isinstance(name, str) else what, data)
@@ -161,7 +164,10 @@ def given_submission(given: object, split: str | None = None) -> GivenFile:
         return GivenFile("submission.json", json.dumps(document).encode())
     except (TypeError, ValueError) as error:
         raise InvalidArgumentError(
-            "wrong_argument", f"The submission cannot be written as JSON: {error}."
+            "wrong_argument",
+            f"The submission cannot be written as JSON: {error}.",
+            "Give texts (of bytes: .decode(), of an array: .astype(str)), real numbers, None, and "
+            "lists or arrays of them.",
         ) from None
 
 
@@ -210,10 +216,14 @@ def given_protocol(given: ProtocolLike | None) -> ProtocolDocument:
     except ProtocolError as error:
         raise InvalidArgumentError("wrong_protocol", f"{given}: {error}") from None
     except (OSError, TypeError, ValueError):
+        is_named = isinstance(given, str | os.PathLike)
+        shown, advice = repr(os.fspath(given) if is_named else given), PROTOCOL_ADVICE
+        if not is_named:
+            advice = f'A version is a text, such as "{NEWEST}". {advice}'
         raise InvalidArgumentError(
             "wrong_protocol",
-            f"{str(given)!r} is neither a protocol file nor a version that ships with this client.",
-            "The server gives every version as a file at /api/v1/protocols/VERSION?format=toml.",
+            f"{shown} is neither a protocol file nor a version that ships with this client.",
+            advice,
         ) from None
 
 

@@ -46,6 +46,13 @@ def test_an_error_of_every_kind_is_the_same_on_the_other_side_of_a_process(
         assert again.document() == error.document()
 
 
+def test_the_error_of_a_file_tells_each_kind_of_fault_where_it_is_raised() -> None:
+    report = check_file(b"{}")
+    lines = str(errors.InvalidFileError(report)).splitlines()
+    assert lines[0].startswith("The file cannot be scored: missing_key (3).")
+    assert lines[1:] == [f"- missing_key (3): {report.faults[0].message}"]
+
+
 @pytest.mark.parametrize("kind", [Board, CheckReport, ScoreSheet, SubmissionView])
 def test_a_document_is_the_same_on_the_other_side_of_a_process_and_as_json(
     kind: type[Document],

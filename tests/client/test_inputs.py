@@ -144,10 +144,28 @@ def test_a_manifest_is_the_same_in_every_form(
     assert given_manifest(manifest) is manifest
 
 
-@pytest.mark.parametrize("protocol", [True, 5, "9.9", "a\0", "\ud800"])
+@pytest.mark.parametrize("protocol", [True, 5, 1.0, "9.9", "a\0", "\ud800"])
 def test_what_is_no_protocol_is_refused(planning_file: MakeFile, protocol: Any) -> None:
-    with pytest.raises(InvalidArgumentError, match="is neither a protocol file nor a version"):
+    with pytest.raises(InvalidArgumentError, match="is neither a protocol file nor a v") as told:
         check_file(planning_file(), protocol=protocol)
+    assert told.value.sentence.startswith(f"{protocol!r} is")
+    assert ("A version is a text" in told.value.advice) == (not isinstance(protocol, str))
+
+
+def test_what_json_cannot_hold_is_told_with_what_it_can() -> None:
+    as_bytes = {**arrays(), "sample_id": np.array(IDS, dtype="S2")}
+    with pytest.raises(InvalidArgumentError, match="type bytes is not JSON") as told:
+        check_file(as_bytes)
+    assert ".astype(str)" in told.value.advice
+
+
+def test_a_manifest_in_the_place_of_a_split_says_where_splits_are(
+    planning_file: MakeFile, split_file: Path
+) -> None:
+    wrong: Any = Manifest.of(given_split(split_file), given_protocol(None).geometry)
+    with pytest.raises(InvalidArgumentError, match="is of type Manifest") as told:
+        evaluate_file(planning_file(), split=wrong)
+    assert "exceptiondrive split download" in told.value.advice
 
 
 def test_an_empty_name_is_said_to_be_empty() -> None:
