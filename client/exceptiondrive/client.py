@@ -257,6 +257,9 @@ class Client(Connection):
     Args:
         server: Address; else EXCEPTIONDRIVE_SERVER, else what `config` or `login` kept, else this machine.
         token: Team token; else EXCEPTIONDRIVE_TOKEN, else what `login` kept for the server.
+        attempts: How often a request is sent at most.
+        timeout_s: Longest time without a byte, per request.
+        on_retry: Told of each pause before a further attempt, in seconds; nothing is ever printed.
     """
 
     def me(self) -> Me:
@@ -763,7 +766,7 @@ class Client(Connection):
         sort: str | None = None,
         view: Literal["main", "late"] | None = None,
     ) -> str:
-        """Return a board as CSV, as the server writes it."""
+        """Return a board as CSV, as the server writes it; what is asked is that of `leaderboard`."""
         query = _board_query(phase, challenge, protocol, as_of, sort, view)
         with self._naming(phase or "", self._phase_ids, "phases"):
             return self._transport.get("/leaderboard.csv", query).text

@@ -8,6 +8,7 @@ import json
 import math
 import random
 import ssl
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -290,6 +291,24 @@ def _through_proxy(server: str) -> str:
     return f" through the proxy {proxy.rpartition('@')[2].rpartition('//')[2].rstrip('/')}"
 
 
+def _require_sendable(attempts: object, timeout_s: object) -> None:
+    """Refuse numbers with which no request would ever be sent.
+
+    Raises:
+        InvalidArgumentError: They are such, or no numbers.
+    """
+    if not (isinstance(attempts, int) and attempts >= 1):
+        raise InvalidArgumentError(
+            "wrong_argument",
+            f"attempts is a whole number from 1 on, not {attempts!r}.",
+            "The first one counts, too: 1 sends nothing again.",
+        )
+    if not (isinstance(timeout_s, int | float) and timeout_s > 0):
+        raise InvalidArgumentError(
+            "wrong_argument", f"timeout_s is a number of seconds above 0, not {timeout_s!r}."
+        )
+
+
 class Transport:
     """Sends requests to one server.
 
@@ -310,9 +329,11 @@ class Transport:
         timeout_s: float = TIMEOUT_S,
         on_retry: OnRetry | None = None,
     ) -> None:
+        _require_sendable(attempts, timeout_s)
         self.server = server
         self._on_retry = on_retry or (lambda _: None)
         self._attempts = attempts
+        self._gives_up = threading.Event()
         headers = {"user-agent": f"exceptiondrive/{__version__}"}
         if token:
             if not (str(token).isascii() and str(token).isprintable()):
@@ -336,6 +357,10 @@ class Transport:
                 f"What the environment says of the network cannot be used: {str(error).rstrip('.')}.",
                 "Look at HTTP_PROXY, HTTPS_PROXY, ALL_PROXY, SSL_CERT_FILE and SSL_CERT_DIR.",
             ) from None
+
+    def give_up(self) -> None:
+        """Let nobody wait for a further attempt: a request under way has this one, and one more at once."""
+        self._gives_up.set()
 
     def close(self) -> None:
         """Close the connections."""
@@ -459,7 +484,8 @@ class Transport:
         """Send again after a fault of the network, and where the server asks to come back soon."""
         ends_at = time.monotonic() + LONGEST_OF_ALL_RETRIES_S
         for attempt in range(1, attempts + 1):
-            is_last = attempt == attempts or time.monotonic() > ends_at
+            is_late = time.monotonic() > ends_at or self._gives_up.is_set()
+            is_last = attempt == attempts or is_late
             pause_s = min(LONGEST_PAUSE_S, FIRST_PAUSE_S * 2 ** (attempt - 1)) + random.random()
             try:
                 response = request()
@@ -476,7 +502,7 @@ class Transport:
                 if is_last:
                     raise
             self._on_retry(pause_s)
-            time.sleep(pause_s)
+            self._gives_up.wait(pause_s)
         raise AssertionError("the last attempt returns or raises")
 
 

@@ -81,6 +81,23 @@ async def test_an_outage_is_waited_out_without_a_word(
     assert capfd.readouterr() == ("", "")
 
 
+async def test_who_leaves_waits_for_no_further_attempt(canned_server: "CannedServer") -> None:
+    canned_server.answer("GET /phases", 503, {}, {"retry-after": "20"})
+    pauses: asyncio.Queue[float] = asyncio.Queue()
+    loop = asyncio.get_running_loop()
+
+    def told(pause_s: float) -> None:
+        loop.call_soon_threadsafe(pauses.put_nowait, pause_s)
+
+    async with AsyncClient(canned_server.url, on_retry=told) as client:
+        waiting = asyncio.create_task(client.phases())
+        assert await pauses.get() == 20.0
+        waiting.cancel()
+    assert len(canned_server.requests) == 2, "one more at once, and none of the three after it"
+    with pytest.raises(asyncio.CancelledError):
+        await waiting
+
+
 def test_short_forms_are_a_line_and_tables_hold_nothing_that_runs(running: "Running") -> None:
     with running.client() as client:
         assert repr(client) == f"<Client of {running.url}>"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+import exceptiondrive
 from exceptiondrive import (
     Client,
     ExceptionDriveError,
@@ -71,6 +72,30 @@ def test_what_is_no_table_is_named(wrong: Any) -> None:
     with pytest.raises(InvalidArgumentError, match="nothing that becomes a table") as refused:
         to_dataframe(wrong)
     assert "a board, a score sheet" in refused.value.advice
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"attempts": 0}, {"attempts": "3"}, {"timeout_s": 0}, {"timeout_s": "5"}]
+)
+def test_attempts_and_the_timeout_are_numbers_that_let_a_request_be_sent(
+    wrong: dict[str, Any],
+) -> None:
+    ((name, value),) = wrong.items()
+    with pytest.raises(InvalidArgumentError, match=f"{name} is a .*, not {value!r}"):
+        Client("http://127.0.0.1:9", **wrong)
+
+
+@pytest.mark.parametrize("name", exceptiondrive.__all__)
+def test_who_names_arguments_in_a_docstring_names_all_of_them(name: str) -> None:
+    public = getattr(exceptiondrive, name)
+    told = {name: public}
+    if inspect.isclass(public):
+        told |= {key: each for key, each in vars(public).items() if not key.startswith("_")}
+    for each in filter(callable, told.values()):
+        text = inspect.getdoc(each) or ""
+        assert text, each
+        for argument in inspect.signature(each).parameters if "Args:" in text else ():
+            assert argument == "self" or f"    {argument}: " in text, (each, argument)
 
 
 def test_a_recording_that_cannot_be_opened_says_so(tmp_path: Path) -> None:
