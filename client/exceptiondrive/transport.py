@@ -336,7 +336,8 @@ class Transport:
         self._gives_up = threading.Event()
         headers = {"user-agent": f"exceptiondrive/{__version__}"}
         if token:
-            if not (str(token).isascii() and str(token).isprintable()):
+            token = str(token).strip()  # of a file it comes with the end of its line
+            if not (token.isascii() and token.isprintable()):
                 raise InvalidArgumentError(
                     "wrong_token",
                     "This is no token: it has signs that none has.",

@@ -129,9 +129,10 @@ def test_an_upload_that_went_well_is_0_though_the_quota_cannot_be_asked_for_afte
     assert "abc" in done.stdout
 
 
-def test_the_token_travels_as_a_bearer(canned_server: "CannedServer") -> None:
+@pytest.mark.parametrize("token", ["edk_t_1", "edk_t_1\n", " edk_t_1\r\n"])
+def test_the_token_travels_as_a_bearer(canned_server: "CannedServer", token: str) -> None:
     canned_server.answer("GET /me", 200, ME)
-    with Client(canned_server.url, "edk_t_1") as client:
+    with Client(canned_server.url, token) as client:
         assert client.me().team == "alpha"
     headers = {name.lower(): value for name, value in canned_server.headers[0].items()}
     assert headers["authorization"] == "Bearer edk_t_1"
