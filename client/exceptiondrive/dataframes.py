@@ -23,7 +23,10 @@ if TYPE_CHECKING:
 Row = dict[str, Any]
 OneSubmission = Submission | AsyncSubmission | SubmissionView
 AGGREGATES = ("macro_family", "micro")
-_OF_ALL = ["id", "phase", "challenge", "method", "status", "rank", "received_at", "is_late"]
+_OF_ALL = [
+    *("id", "phase", "challenge", "method", "status", "rank", "received_at", "is_late"),
+    *("unranked_because", "replaced_by"),
+]
 """Columns of every submission, scored or not."""
 _OF_ENTRIES = [
     *("rank", "rank_low", "rank_high", "method", "team", "source"),

@@ -96,6 +96,15 @@ def test_submissions_one_or_many_are_a_row_each(submission: SubmissionView) -> N
     pd.testing.assert_frame_equal(to_dataframe(submission), table[:1])
 
 
+def test_a_submission_without_a_rank_says_why_and_one_that_was_replaced_by_which(
+    submission: SubmissionView,
+) -> None:
+    told = {"rank": None, "unranked_because": "flagged", "replaced_by": "later"}
+    table = to_dataframe([submission, submission.model_copy(update=told)])
+    assert list(table["unranked_because"].fillna("")) == ["", "flagged"]
+    assert list(table["replaced_by"].fillna("")) == ["", "later"]
+
+
 def test_a_report_of_similar_submissions_is_a_row_a_pair() -> None:
     at = datetime(2026, 11, 20, 12, tzinfo=timezone.utc)
     sent = [
