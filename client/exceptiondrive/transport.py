@@ -570,6 +570,18 @@ class Connection:
     def __repr__(self) -> str:
         return f"<{type(self).__name__} of {self.server}>"
 
+    def __reduce__(self) -> NoReturn:
+        """Refuse to be pickled or copied, with a token and open connections.
+
+        Raises:
+            InvalidArgumentError: Always.
+        """
+        raise InvalidArgumentError(
+            "not_pickled",
+            f"A {type(self).__name__} holds a token and open connections, and is not pickled.",
+            "Make one in each process, and hand over ids or views of submissions.",
+        )
+
     def __enter__(self) -> Self:
         return self
 

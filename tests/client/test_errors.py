@@ -6,7 +6,14 @@ from datetime import datetime, timezone
 
 import pytest
 
-from exceptiondrive import ExceptionDriveError, check_file, errors
+from exceptiondrive import (
+    Client,
+    ExceptionDriveError,
+    InvalidArgumentError,
+    Submission,
+    check_file,
+    errors,
+)
 from exceptiondrive_agent.errors import AgentError
 from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_schemas.base import Document
@@ -51,6 +58,14 @@ def test_the_error_of_a_file_tells_each_kind_of_fault_where_it_is_raised() -> No
     lines = str(errors.InvalidFileError(report)).splitlines()
     assert lines[0].startswith("The file cannot be scored: missing_key (3).")
     assert lines[1:] == [f"- missing_key (3): {report.faults[0].message}"]
+
+
+def test_a_client_is_not_pickled_and_says_what_to_do() -> None:
+    with Client("http://127.0.0.1:9", "edk_t_1") as client:
+        for each in (client, Submission(client, VIEW)):
+            with pytest.raises(InvalidArgumentError, match="A Client holds a token") as told:
+                pickle.dumps(each)
+            assert "in each process" in told.value.advice
 
 
 @pytest.mark.parametrize("kind", [Board, CheckReport, ScoreSheet, SubmissionView])
