@@ -563,6 +563,11 @@ class Client(Connection):
         Raises:
             NotFoundError: There is no such phase; the advice names those that there are.
         """
+        given: object = limit  # whatever a caller without type checks gives
+        if given is not None and not (isinstance(given, int) and given >= 0):
+            raise InvalidArgumentError(
+                "wrong_argument", f"limit is a whole number, or None for all, not {given!r}."
+            )
         found: list[SubmissionView] = []
         after: str | None = None
         while limit is None or len(found) < limit:

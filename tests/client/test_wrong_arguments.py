@@ -49,7 +49,7 @@ def test_every_method_of_the_client(running: "Running", planning_file: MakeFile)
                 for each in wanted
                 if each.default is inspect.Parameter.empty
             }
-            for argument in {each.name for each in wanted} - CALLBACKS - {"limit"}:
+            for argument in {each.name for each in wanted} - CALLBACKS:
                 for wrong in WRONG:
                     may_refuse(getattr(client, name), **{**given, argument: wrong})
 
@@ -103,6 +103,14 @@ def test_a_recording_that_cannot_be_opened_says_so(tmp_path: Path) -> None:
     for path in (no_path, tmp_path / "no folder" / "run.json.gz", tmp_path / ("a" * 900)):
         with pytest.raises(RecorderError, match=r"named by a path|cannot be written"):
             Recorder(path, split="tiny")
+
+
+def test_a_number_of_submissions_that_is_none_is_refused() -> None:
+    not_whole: Any = 1.5
+    with Client("http://127.0.0.1:9") as client:
+        for limit in (-1, not_whole):
+            with pytest.raises(InvalidArgumentError, match=f"None for all, not {limit}"):
+                client.submissions(limit=limit)
 
 
 def test_a_status_and_a_wish_may_be_a_text(running: "Running") -> None:
