@@ -771,7 +771,10 @@ class Client(Connection):
         sort: str | None = None,
         view: Literal["main", "late"] | None = None,
     ) -> str:
-        """Return a board as CSV, as the server writes it; what is asked is that of `leaderboard`."""
+        """Return a board as CSV, as the server writes it: without the rows that a paper reports.
+
+        What is asked is that of `leaderboard`, whose document has them.
+        """
         query = _board_query(phase, challenge, protocol, as_of, sort, view)
         with self._naming(phase or "", self._phase_ids, "phases"):
             return self._transport.get("/leaderboard.csv", query).text
