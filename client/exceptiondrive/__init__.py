@@ -33,6 +33,7 @@ if TYPE_CHECKING:
         WaitTimeoutError,
     )
     from exceptiondrive.evaluation import evaluate_file, evaluate_samples
+    from exceptiondrive.plot import plot_file
     from exceptiondrive.recorder import Recorder, StrategyRecorder
 
 __all__ = [
@@ -57,6 +58,7 @@ __all__ = [
     "check_file",
     "evaluate_file",
     "evaluate_samples",
+    "plot_file",
     "to_dataframe",
 ]
 
@@ -70,6 +72,7 @@ _HOMES = {
     "check_file": "checking",
     "evaluate_file": "evaluation",
     "evaluate_samples": "evaluation",
+    "plot_file": "plot",
     "to_dataframe": "dataframes",
 }
 

@@ -70,8 +70,9 @@ class AsyncClient:
         await self.close()
 
     async def close(self) -> None:
-        """Close the connections, once what is under way has ended."""
+        """Close the connections, once what is under way has ended; no further attempt is waited for."""
         threads, self._threads = self._threads, None  # what comes later hears that it is closed
+        self.client._transport.give_up()
         if threads is not None:
             await asyncio.to_thread(threads.shutdown)
         self.client.close()

@@ -257,6 +257,9 @@ class Client(Connection):
     Args:
         server: Address; else EXCEPTIONDRIVE_SERVER, else what `config` or `login` kept, else this machine.
         token: Team token; else EXCEPTIONDRIVE_TOKEN, else what `login` kept for the server.
+        attempts: How often a request is sent at most.
+        timeout_s: Longest time without a byte, per request.
+        on_retry: Told of each pause before a further attempt, in seconds; nothing is ever printed.
     """
 
     def me(self) -> Me:
@@ -400,7 +403,7 @@ class Client(Connection):
         if phase.disqualified_at is not None:
             return Outlook(report, None, disqualified_at=phase.disqualified_at)
         try:
-            own = self.submissions(phase=phase.id)
+            own = self.submissions(phase=phase.id, limit=None)
         except (NotAllowedError, NotSignedInError):
             own = ()
         same = (each for each in own if each.file_digest == report.digest)
@@ -551,27 +554,29 @@ class Client(Connection):
         *,
         phase: str | None = None,
         status: SubmissionStatus | str | None = None,
-        limit: int = 100,
+        limit: int | None = 100,
     ) -> tuple[SubmissionView, ...]:
         """Return the team's submissions, newest first.
 
         Args:
             phase: Only of this phase.
             status: Only in this status, such as `scored`.
-            limit: At most so many.
+            limit: At most so many; None: all.
 
         Raises:
             NotFoundError: There is no such phase; the advice names those that there are.
         """
+        given: object = limit  # whatever a caller without type checks gives
+        if given is not None and not (isinstance(given, int) and given >= 0):
+            raise InvalidArgumentError(
+                "wrong_argument", f"limit is a whole number, or None for all, not {given!r}."
+            )
         found: list[SubmissionView] = []
         after: str | None = None
-        while len(found) < limit:
+        while limit is None or len(found) < limit:
             query = {"phase": phase, "status": status and str(status), "after": after}
-            page = self._get(
-                SubmissionPage,
-                "/submissions",
-                {**query, "limit": min(limit - len(found), PAGE_SIZE)},
-            )
+            size = PAGE_SIZE if limit is None else min(limit - len(found), PAGE_SIZE)
+            page = self._get(SubmissionPage, "/submissions", {**query, "limit": size})
             found.extend(page.submissions)
             after = page.next
             if after is None:
@@ -649,7 +654,7 @@ class Client(Connection):
 
         Args:
             unread: Only what was not read yet.
-            limit: At most so many.
+            limit: At most so many, 500 at most.
         """
         from exceptiondrive_schemas.api.rescoring import NotificationView
 
@@ -749,7 +754,7 @@ class Client(Connection):
             phase: Id of the phase.
             challenge: `planning` or `strategy`.
             protocol: Version; else the one in force.
-            as_of: The board as it stood then.
+            as_of: The board as it stood then; a time without a zone is in UTC, of a day it is the end.
             sort: Key of a metric; ranks stay what they are.
             view: `late`: with the entries that came after the deadline, ranked among all.
         """
@@ -769,7 +774,10 @@ class Client(Connection):
         sort: str | None = None,
         view: Literal["main", "late"] | None = None,
     ) -> str:
-        """Return a board as CSV, as the server writes it."""
+        """Return a board as CSV, as the server writes it: without the rows that a paper reports.
+
+        What is asked is that of `leaderboard`, whose document has them.
+        """
         query = _board_query(phase, challenge, protocol, as_of, sort, view)
         with self._naming(phase or "", self._phase_ids, "phases"):
             return self._transport.get("/leaderboard.csv", query).text

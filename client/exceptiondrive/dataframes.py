@@ -21,16 +21,26 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Row = dict[str, Any]
+OneSubmission = Submission | AsyncSubmission | SubmissionView
 AGGREGATES = ("macro_family", "micro")
-_OF_ALL = ["id", "phase", "challenge", "method", "status", "rank", "received_at", "is_late"]
+_OF_ALL = [
+    *("id", "phase", "challenge", "method", "status", "rank", "received_at", "is_late"),
+    *("unranked_because", "replaced_by"),
+]
 """Columns of every submission, scored or not."""
+_OF_ENTRIES = [
+    *("rank", "rank_low", "rank_high", "method", "team", "source"),
+    *("flags", "is_late", "unranked_because", "submission_id", "submitted_at"),
+]
+_OF_FAMILIES = ["method", "team", "family", "n"]
+"""Columns of every board, whatever its metrics."""
 _ENDS_OF_TIMES = ("submitted_at", "received_at")
 """What the names of columns of times end with."""
 
 
 def to_dataframe(
-    document: "Board | ScoreSheet | CheckReport | SimilarityReport | Submission | SubmissionView | "
-    "Iterable[SubmissionView] | Iterable[SampleResult]",
+    document: "Board | ScoreSheet | CheckReport | SimilarityReport | OneSubmission | "
+    "Iterable[OneSubmission] | Iterable[SampleResult]",
     *,
     families: bool = False,
 ) -> "pd.DataFrame":
@@ -52,36 +62,48 @@ def to_dataframe(
         raise extra_missing("Tables need pandas.", "data") from None
     if isinstance(document, Board):
         make_rows = _family_rows if families else _entry_rows
-        return _typed(pd.DataFrame([*make_rows(document.entries)]))
+        rows = [*make_rows(document.entries)]
+        columns = None if rows else _OF_FAMILIES if families else _OF_ENTRIES
+        return _typed(pd.DataFrame(rows, columns=columns))
     if isinstance(document, ScoreSheet):
-        rows = {(level, key): row for level, key, row in _sheet_rows(document)}
-        index = pd.MultiIndex.from_tuples(list(rows), names=["level", "id"])
-        return _typed(pd.DataFrame(list(rows.values()), index=index))
+        by_id = {(level, key): row for level, key, row in _sheet_rows(document)}
+        index = pd.MultiIndex.from_tuples(list(by_id), names=["level", "id"])
+        return _typed(pd.DataFrame(list(by_id.values()), index=index))
     if isinstance(document, CheckReport):
         kinds = (group.model_dump(mode="json", exclude={"examples"}) for group in document.faults)
         columns = [name for name in FaultGroup.model_fields if name != "examples"]
         return pd.DataFrame(list(kinds), columns=columns)
     if isinstance(document, SimilarityReport):
         return _typed(pd.DataFrame(list(_pair_rows(document))))
-    if isinstance(document, Submission | AsyncSubmission):
-        document = document.view
-    if isinstance(document, SubmissionView):
+    if isinstance(document, OneSubmission):
         document = [document]
     given: object = document  # whatever a caller without type checks gives
     records = list(given) if isinstance(given, Iterable) else [given]
     if records and all(isinstance(each, SampleResult) for each in records):
         return pd.DataFrame(records, columns=list(SampleResult._fields))
-    views = [each for each in records if isinstance(each, SubmissionView)]
+    views = [
+        each if isinstance(each, SubmissionView) else each.view
+        for each in records
+        if isinstance(each, OneSubmission)
+    ]
     if len(views) < len(records) or isinstance(given, str | bytes | Mapping):
         raise InvalidArgumentError(
             "wrong_argument",
-            f"{type(given).__name__} is nothing that becomes a table.",
+            f"{_named_type(given)} is nothing that becomes a table.",
             "Tables are made of a board, a score sheet, a check report, a report of similar "
             "submissions, submissions, and what evaluate_samples gives.",
         )
     if not views:
         return _typed(pd.DataFrame(columns=_OF_ALL))
     return _typed(pd.DataFrame([_submission_row(view) for view in views]))
+
+
+def _named_type(given: object) -> str:
+    """Name a type; of a list or tuple also that of what it holds."""
+    kinds = (
+        sorted({type(each).__name__ for each in given}) if isinstance(given, list | tuple) else []
+    )
+    return type(given).__name__ + (f" of {', '.join(kinds)}" if kinds else "")
 
 
 def _typed(table: "pd.DataFrame") -> "pd.DataFrame":

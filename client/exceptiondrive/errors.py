@@ -39,6 +39,10 @@ class ExceptionDriveError(Exception):
         self.advice = advice
         super().__init__(f"{sentence} {advice}".strip())
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Let it cross from one process to another, as of a pool: kinds differ in what makes them."""
+        return _again, (type(self), *self.args), self.__dict__
+
     def document(self) -> dict[str, Any]:
         """Return the error as `--json` prints it."""
         return {
@@ -47,6 +51,11 @@ class ExceptionDriveError(Exception):
             "advice": self.advice,
             "exit_code": self.exit_code,
         }
+
+
+def _again(kind: type[ExceptionDriveError], *args: str) -> ExceptionDriveError:
+    """Return an error whose attributes are set by who unpickles it."""
+    return kind.__new__(kind, *args)
 
 
 class InvalidArgumentError(ExceptionDriveError):
@@ -97,6 +106,11 @@ class InvalidFileError(InvalidArgumentError):
             sentence or f"The file cannot be scored: {kinds}.",
             advice,
         )
+
+    def __str__(self) -> str:
+        """Return what a traceback shows: below the sentences a line for each kind of fault."""
+        lines = [f"- {group.code} ({group.count}): {group.message}" for group in self.report.faults]
+        return "\n".join([super().__str__(), *lines])
 
     def document(self) -> dict[str, Any]:
         """Return the error with the whole report."""

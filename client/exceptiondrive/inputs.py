@@ -1,8 +1,9 @@
 """What the functions of the SDK take: a path, bytes, an open file, a mapping, arrays, a model.
 
 A submission may also be columns of arrays (`sample_id`, `source`, `edited` of shape (N, T, 2), NaN
-where the planner gave nothing; or `sample_id`, `strategy`), or a data frame: of the waypoints, as
-`convert` reads CSV, or of `sample_id` and `strategy`. numpy and pandas are never imported here.
+where the planner gave nothing; or `sample_id`, `strategy`), or a data frame: of these columns, or of
+the waypoints, as `convert` reads CSV. What offers `tolist` or `__array__` is an array. numpy and
+pandas are never imported here.
 """
 
 import json
@@ -10,7 +11,7 @@ import math
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple, Protocol, TypeVar, cast
+from typing import Any, BinaryIO, NamedTuple, Protocol, TypeVar
 
 from pydantic import ValidationError
 
@@ -65,6 +66,9 @@ SubmissionLike = BytesLike | Mapping[str, Any] | DataFrameLike
 ManifestLike = Manifest | BytesLike | Mapping[str, Any]
 SplitLike = Split | BytesLike | Mapping[str, Any]
 ProtocolLike = ProtocolDocument | str | os.PathLike[str]
+PROTOCOL_ADVICE = (
+    "The server gives every version as a file at /api/v1/protocols/VERSION?format=toml."
+)
 MAX_SPLIT_BYTES = 256 * 1024 * 1024
 SIDES = ("source", "edited")
 STDIN = Path("-")
@@ -90,17 +94,32 @@ def given_bytes(given: object, what: str = "file", advice: str = "") -> GivenFil
         try:
             return GivenFile(Path(given).name, Path(given).read_bytes())
         except (OSError, ValueError) as error:
+            if isinstance(given, str) and given.lstrip()[:1] in ("", "{", "["):
+                said = "JSON in a text" if given.strip() else "an empty text"
+                raise InvalidArgumentError(
+                    "wrong_argument",
+                    f"The {what} is {said}; a text is taken as the path of a file.",
+                    "Give a path, or what the file holds as bytes: text.encode().",
+                ) from None
             reason = getattr(error, "strerror", None) or str(error)
             raise InvalidArgumentError(
                 "unreadable_file", f"{os.fspath(given)} cannot be read: {reason}.", advice
             ) from None
     read = None if isinstance(given, Document) else getattr(given, "read", None)
-    data = read() if callable(read) else None
+    try:
+        data = read() if callable(read) else None
+    except (OSError, ValueError) as error:  # of a file that is closed, or opened to be written
+        raise InvalidArgumentError(
+            "unreadable_file", f"The {what} cannot be read: {error}.", advice
+        ) from None
     if not isinstance(data, bytes):
+        forms = "its document as a mapping"
+        if what == "submission":
+            forms += ", columns `sample_id`, `source` and `edited`, or a data frame of them"
         raise InvalidArgumentError(
             "wrong_argument",
             f"The {what} is of type {type(given).__name__}, which is not taken.",
-            "Give a path, bytes, a file opened in binary mode, or what the documentation names.",
+            f"Give a path, bytes, a file opened in binary mode, {forms}. {advice}".strip(),
         )
     name = getattr(given, "name", None)
     return GivenFile(Path(name).name.strip("<>") if isinstance(name, str) else what, data)
@@ -130,10 +149,10 @@ def given_submission(given: object, split: str | None = None) -> GivenFile:
     Raises:
         InvalidArgumentError: It is none of these.
     """
-    to_dict = getattr(given, "to_dict", None) if hasattr(given, "columns") else None
-    if not isinstance(given, Mapping) and callable(to_dict):
+    if not isinstance(given, Mapping) and hasattr(given, "columns") and hasattr(given, "to_dict"):
+        frame: Any = given
         attrs = getattr(given, "attrs", None) or {}
-        columns = cast("dict[str, list[Any]]", to_dict("list"))
+        columns = {str(name): _plain(frame[name]) for name in frame.columns}
         split = attrs.get("split", split)
         given = _of_waypoints(columns) if "trajectory" in columns else columns
     if not isinstance(given, Mapping):
@@ -145,7 +164,10 @@ def given_submission(given: object, split: str | None = None) -> GivenFile:
         return GivenFile("submission.json", json.dumps(document).encode())
     except (TypeError, ValueError) as error:
         raise InvalidArgumentError(
-            "wrong_argument", f"The submission cannot be written as JSON: {error}."
+            "wrong_argument",
+            f"The submission cannot be written as JSON: {error}.",
+            "Give texts (of bytes: .decode(), of an array: .astype(str)), real numbers, None, and "
+            "lists or arrays of them.",
         ) from None
 
 
@@ -194,10 +216,14 @@ def given_protocol(given: ProtocolLike | None) -> ProtocolDocument:
     except ProtocolError as error:
         raise InvalidArgumentError("wrong_protocol", f"{given}: {error}") from None
     except (OSError, TypeError, ValueError):
+        is_named = isinstance(given, str | os.PathLike)
+        shown, advice = repr(os.fspath(given) if is_named else given), PROTOCOL_ADVICE
+        if not is_named:
+            advice = f'A version is a text, such as "{NEWEST}". {advice}'
         raise InvalidArgumentError(
             "wrong_protocol",
-            f"{str(given)!r} is neither a protocol file nor a version that ships with this client.",
-            "The server gives every version as a file at /api/v1/protocols/VERSION?format=toml.",
+            f"{shown} is neither a protocol file nor a version that ships with this client.",
+            advice,
         ) from None
 
 
@@ -225,9 +251,12 @@ def _model(kind: type[Model], given: object, noun: str, advice: str) -> Model:
 
 
 def _plain(value: Any) -> Any:
-    """Return lists in the place of arrays and tensors, at every depth."""
+    """Return lists in the place of arrays, tensors and series, at every depth."""
+    if not hasattr(value, "tolist") and hasattr(value, "__array__"):
+        value = value.__array__()
     if hasattr(value, "tolist"):
-        return value.tolist()
+        listed = value.tolist()
+        return _plain(listed) if str(getattr(value, "dtype", "")) == "object" else listed
     if isinstance(value, Mapping):
         return {str(key): _plain(each) for key, each in value.items()}
     return [_plain(each) for each in value] if isinstance(value, list | tuple) else value
@@ -243,10 +272,11 @@ def _of_columns(columns: Mapping[str, Any], split: str | None) -> dict[str, Any]
                 "wrong_argument",
                 f"The column {name} is no list, array or series: one value a sample.",
             )
-    lengths = {len(columns[name]) for name in named}
-    if len(lengths) != 1:
+    lengths = {name: len(columns[name]) for name in named}
+    if len(set(lengths.values())) != 1:
+        told = ", ".join(f"{name} {length:,}" for name, length in lengths.items())
         raise InvalidArgumentError(
-            "wrong_argument", f"The columns {', '.join(named)} are not equally long."
+            "wrong_argument", f"The columns are not equally long, one value a sample: {told}."
         )
     rows = zip(*(map(_without_nan, columns[name]) for name in named), strict=True)
     return {

@@ -18,6 +18,7 @@ gave none (standing still is a trajectory: six times `[0, 0]`).
 Every call of `add` appends one line to `<path>.journal` at once. When the `with` block ends
 well, the journal becomes the submission file in one step and goes away. When the planner dies,
 the journal stays, and the next `Recorder` of the same path goes on from it.
+Processes side by side take a path each; `exceptiondrive convert` makes one file of theirs.
 """
 
 import contextlib
@@ -81,11 +82,16 @@ class Journal:
         self._predictions: Dict[str, Dict[str, Any]] = {}
         try:
             self._resume()
-            self._stream = open(self.journal_path, "a", encoding="utf-8")
+            self._stream = open(self.journal_path, "a", encoding="utf-8", newline="\n")
         except (OSError, UnicodeError) as error:
             raise RecorderError(f"{self.journal_path} cannot be written: {error}")
-        if self._stream.tell() == 0:
-            self._append(self._header())
+        self._size_bytes = self._stream.tell()
+        if self._size_bytes == 0:
+            try:
+                self._append(self._header())
+            except RecorderError:
+                self._stream.close()
+                raise
 
     def __enter__(self: Self) -> Self:
         return self
@@ -128,6 +134,7 @@ class Journal:
                 f"{', '.join(missing[:5])}. Add them (with None where the planner gives nothing); "
                 f"what is recorded stays in {self.journal_path}"
             )
+        self._require_alone()
         document = dict(self._header(), predictions=list(self._predictions.values()))
         try:
             _write_in_one_step(self.path, document)
@@ -176,6 +183,20 @@ class Journal:
         with self._os_errors_told():
             self._stream.write(line)
             self._stream.flush()
+        self._size_bytes += len(line)
+        self._require_alone()
+
+    def _require_alone(self) -> None:
+        """Refuse that several processes record to one path: the last would leave its own samples alone."""
+        if self._stream.closed:
+            return
+        size_bytes = os.fstat(self._stream.fileno()).st_size
+        if size_bytes == self._size_bytes and os.path.exists(self.journal_path):
+            return
+        raise RecorderError(
+            f"another process records to {self.path}, too: give each a path of its own, and make one "
+            f"file of them with `exceptiondrive convert`, which also reads {self.journal_path}"
+        )
 
     @contextlib.contextmanager
     def _os_errors_told(self) -> Iterator[None]:
@@ -202,7 +223,8 @@ class Journal:
                 f"{self.journal_path} belongs to another recording ({lines[0]}); "
                 "remove it, or record to another path"
             )
-        self._predictions.update((line["sample_id"], line) for line in lines[1:])
+        samples = [line for line in lines if "sample_id" in line]
+        self._predictions.update((line["sample_id"], line) for line in samples)
 
     def _parse(self, line: bytes) -> Dict[str, Any]:
         try:
@@ -326,6 +348,8 @@ def _coordinate(number: Any, where: str) -> float:
 
 def _plain(value: Any) -> Any:
     """Turn arrays, tensors and their scalars into lists and numbers."""
+    if not hasattr(value, "tolist") and hasattr(value, "__array__"):
+        value = value.__array__()
     return value.tolist() if hasattr(value, "tolist") else value
 
 

@@ -4,8 +4,11 @@ The one door to the HTTP library: nothing else in the client imports it.
 """
 
 import io
+import json
+import math
 import random
 import ssl
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -43,9 +46,8 @@ _ADVICE = {
     ProblemCode.NOT_SIGNED_IN: "Run: exceptiondrive login (or set EXCEPTIONDRIVE_TOKEN).",
     ProblemCode.PHASE_CLOSED: "Run: exceptiondrive phases, to see which are open.",
     ProblemCode.UPLOAD_TOO_LARGE: "Compress the file with gzip; both forms are taken.",
-    ProblemCode.TOO_MANY_REQUESTS: "Wait a little and run the same command again.",
-    ProblemCode.STORE_UNAVAILABLE: "Wait a little and run the same command again.",
 }
+_PASSING = (ProblemCode.TOO_MANY_REQUESTS, ProblemCode.STORE_UNAVAILABLE)
 _KINDS: dict[ProblemCode, type[ExceptionDriveError]] = {
     ProblemCode.NOT_SIGNED_IN: NotSignedInError,
     ProblemCode.NOT_ALLOWED: NotAllowedError,
@@ -56,6 +58,14 @@ _KINDS: dict[ProblemCode, type[ExceptionDriveError]] = {
     ProblemCode.STORE_UNAVAILABLE: ServerError,
     ProblemCode.INTERNAL: ServerError,
 }
+_KINDS_OF_STATUSES: dict[int, type[ExceptionDriveError]] = {
+    401: NotSignedInError,
+    403: NotAllowedError,
+    404: NotFoundError,
+    409: NotAllowedError,
+    429: NetworkError,
+}
+"""Of a problem whose code a newer server has."""
 _QUOTA_CODES = (ProblemCode.QUOTA_EXCEEDED, ProblemCode.REJECTED_CAP_EXCEEDED)
 RETRIED_STATUSES = frozenset({502, 503, 504})
 ATTEMPTS = 5
@@ -165,7 +175,7 @@ def raise_problem(response: httpx.Response) -> NoReturn:
     try:
         problem = Problem.read(response.content)
     except ValidationError:
-        raise _unknown_answer(response) from None
+        raise _newer_problem(response) or _unknown_answer(response) from None
     raise error_of(problem, retry_after_s(response))
 
 
@@ -181,6 +191,8 @@ def error_of(problem: Problem, wait_s: float | None = None) -> ExceptionDriveErr
     if problem.code in _QUOTA_CODES:
         wait_s = problem.retry_after_s if problem.retry_after_s is not None else wait_s
         return QuotaError(problem.code.value, problem.detail, _reset(wait_s))
+    if problem.code in _PASSING:
+        return _KINDS[problem.code](problem.code.value, problem.detail, _again_in(wait_s))
     advice = _ADVICE.get(problem.code, "")
     is_ours = problem.code is ProblemCode.INTERNAL
     if is_ours and problem.request_id and problem.request_id not in problem.detail:
@@ -206,9 +218,40 @@ def _reset(wait_s: float | None) -> datetime | None:
     return moment.replace(second=0, microsecond=0)
 
 
+def _again_in(wait_s: float | None) -> str:
+    """Say when to run a command again; what is asked for longer than the client waits, exactly."""
+    if wait_s is None or wait_s <= LONGEST_RETRY_AFTER_S:
+        return "Wait a little and run the same command again."
+    length = f"{wait_s:g} s" if wait_s < 180 else f"{math.ceil(wait_s / 60)} minutes"
+    return f"Run the same command again in {length}, as the server asks."
+
+
+def _newer_problem(response: httpx.Response) -> ExceptionDriveError | None:
+    """Return the error for a problem whose code this client does not know; None: it is no problem."""
+    try:
+        said = json.loads(response.content)
+        code, detail = said["code"], said["detail"]
+    except (KeyError, TypeError, ValueError, RecursionError):
+        return None
+    if not (isinstance(code, str) and isinstance(detail, str)):
+        return None
+    usual = InvalidArgumentError if response.is_client_error else ServerError
+    advice = "The newest client, from the page /client/ of the server, may know what to do."
+    return _KINDS_OF_STATUSES.get(response.status_code, usual)(code, detail, advice)
+
+
 def _unknown_answer(response: httpx.Response) -> ExceptionDriveError:
     """Return the error for an answer in another form, such as that of a proxy on the way."""
     answered = f"{response.url.copy_with(query=None)} answered {response.status_code}"
+    again = _again_in(retry_after_s(response))
+    if response.next_request is not None:
+        leads_to = response.next_request.url.copy_with(query=None)
+        return ServerError(
+            "unexpected_answer",
+            f"{answered}, which leads to {leads_to}; the client follows nowhere with a token.",
+            "Check the address of the server, http or https too (--server, EXCEPTIONDRIVE_SERVER), "
+            "and that no page of the network asks to sign in first.",
+        )
     match response.status_code:
         case 413:
             code = ProblemCode.UPLOAD_TOO_LARGE
@@ -218,14 +261,13 @@ def _unknown_answer(response: httpx.Response) -> ExceptionDriveError:
         case 429:
             code = ProblemCode.TOO_MANY_REQUESTS
             return NetworkError(
-                code.value, f"{answered}: a proxy on the way wants fewer requests.", _ADVICE[code]
+                code.value, f"{answered}: a proxy on the way wants fewer requests.", again
             )
         case 502 | 503 | 504:
             return ServerError(
                 ProblemCode.STORE_UNAVAILABLE.value,
                 f"{answered}: no server behind this address answers right now.",
-                "Wait a little and run the same command again; a file that is sent twice counts "
-                "once.",
+                f"{again} A file that is sent twice counts once.",
             )
     return ServerError(
         "unexpected_answer",
@@ -249,6 +291,24 @@ def _through_proxy(server: str) -> str:
     return f" through the proxy {proxy.rpartition('@')[2].rpartition('//')[2].rstrip('/')}"
 
 
+def _require_sendable(attempts: object, timeout_s: object) -> None:
+    """Refuse numbers with which no request would ever be sent.
+
+    Raises:
+        InvalidArgumentError: They are such, or no numbers.
+    """
+    if not (isinstance(attempts, int) and attempts >= 1):
+        raise InvalidArgumentError(
+            "wrong_argument",
+            f"attempts is a whole number from 1 on, not {attempts!r}.",
+            "The first one counts, too: 1 sends nothing again.",
+        )
+    if not (isinstance(timeout_s, int | float) and timeout_s > 0):
+        raise InvalidArgumentError(
+            "wrong_argument", f"timeout_s is a number of seconds above 0, not {timeout_s!r}."
+        )
+
+
 class Transport:
     """Sends requests to one server.
 
@@ -269,12 +329,15 @@ class Transport:
         timeout_s: float = TIMEOUT_S,
         on_retry: OnRetry | None = None,
     ) -> None:
+        _require_sendable(attempts, timeout_s)
         self.server = server
         self._on_retry = on_retry or (lambda _: None)
         self._attempts = attempts
+        self._gives_up = threading.Event()
         headers = {"user-agent": f"exceptiondrive/{__version__}"}
         if token:
-            if not (str(token).isascii() and str(token).isprintable()):
+            token = str(token).strip()  # of a file it comes with the end of its line
+            if not (token.isascii() and token.isprintable()):
                 raise InvalidArgumentError(
                     "wrong_token",
                     "This is no token: it has signs that none has.",
@@ -295,6 +358,10 @@ class Transport:
                 f"What the environment says of the network cannot be used: {str(error).rstrip('.')}.",
                 "Look at HTTP_PROXY, HTTPS_PROXY, ALL_PROXY, SSL_CERT_FILE and SSL_CERT_DIR.",
             ) from None
+
+    def give_up(self) -> None:
+        """Let nobody wait for a further attempt: a request under way has this one, and one more at once."""
+        self._gives_up.set()
 
     def close(self) -> None:
         """Close the connections."""
@@ -418,7 +485,8 @@ class Transport:
         """Send again after a fault of the network, and where the server asks to come back soon."""
         ends_at = time.monotonic() + LONGEST_OF_ALL_RETRIES_S
         for attempt in range(1, attempts + 1):
-            is_last = attempt == attempts or time.monotonic() > ends_at
+            is_late = time.monotonic() > ends_at or self._gives_up.is_set()
+            is_last = attempt == attempts or is_late
             pause_s = min(LONGEST_PAUSE_S, FIRST_PAUSE_S * 2 ** (attempt - 1)) + random.random()
             try:
                 response = request()
@@ -435,7 +503,7 @@ class Transport:
                 if is_last:
                     raise
             self._on_retry(pause_s)
-            time.sleep(pause_s)
+            self._gives_up.wait(pause_s)
         raise AssertionError("the last attempt returns or raises")
 
 
@@ -501,6 +569,18 @@ class Connection:
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} of {self.server}>"
+
+    def __reduce__(self) -> NoReturn:
+        """Refuse to be pickled or copied, with a token and open connections.
+
+        Raises:
+            InvalidArgumentError: Always.
+        """
+        raise InvalidArgumentError(
+            "not_pickled",
+            f"A {type(self).__name__} holds a token and open connections, and is not pickled.",
+            "Make one in each process, and hand over ids or views of submissions.",
+        )
 
     def __enter__(self) -> Self:
         return self

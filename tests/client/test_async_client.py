@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from exceptiondrive import AsyncClient, AsyncSubmission, Client, NotFoundError, Submission
+from exceptiondrive import (
+    AsyncClient,
+    AsyncSubmission,
+    Client,
+    NotFoundError,
+    Submission,
+    to_dataframe,
+)
 from exceptiondrive.errors import InvalidArgumentError, InvalidFileError, WaitTimeoutError
 
 if TYPE_CHECKING:
@@ -40,6 +47,8 @@ async def test_from_file_to_rank(working: "Running", planning_file: MakeFile) ->
         assert (view.rank, submission.status, seen[-1]) == (1, "scored", "scored")
         assert (await client.submission(submission.id)).view.id == submission.id
         assert repr(submission) == f"<AsyncSubmission {view.id}: scored, rank 1, 'Awaited'>"
+        for followed in (to_dataframe(submission), to_dataframe([submission])):
+            assert list(followed["rank"]) == [1]
 
 
 async def test_requests_run_side_by_side_and_errors_are_those_of_the_client(
@@ -72,6 +81,23 @@ async def test_an_outage_is_waited_out_without_a_word(
     assert capfd.readouterr() == ("", "")
 
 
+async def test_who_leaves_waits_for_no_further_attempt(canned_server: "CannedServer") -> None:
+    canned_server.answer("GET /phases", 503, {}, {"retry-after": "20"})
+    pauses: asyncio.Queue[float] = asyncio.Queue()
+    loop = asyncio.get_running_loop()
+
+    def told(pause_s: float) -> None:
+        loop.call_soon_threadsafe(pauses.put_nowait, pause_s)
+
+    async with AsyncClient(canned_server.url, on_retry=told) as client:
+        waiting = asyncio.create_task(client.phases())
+        assert await pauses.get() == 20.0
+        waiting.cancel()
+    assert len(canned_server.requests) == 2, "one more at once, and none of the three after it"
+    with pytest.raises(asyncio.CancelledError):
+        await waiting
+
+
 def test_short_forms_are_a_line_and_tables_hold_nothing_that_runs(running: "Running") -> None:
     with running.client() as client:
         assert repr(client) == f"<Client of {running.url}>"
@@ -83,7 +109,7 @@ def test_short_forms_are_a_line_and_tables_hold_nothing_that_runs(running: "Runn
 
 
 def test_a_report_is_short_and_its_faults_are_a_table(planning_file: MakeFile) -> None:
-    from exceptiondrive import check_file, to_dataframe
+    from exceptiondrive import check_file
 
     wrong = [{"sample_id": f"s{n}", "source": [[1, 2]], "edited": "x" * 99} for n in range(99)]
     report = check_file(planning_file(predictions=wrong))

@@ -86,6 +86,36 @@ def phase_dev(canned_server: "CannedServer", split_file: Path) -> "CannedServer"
     return canned_server
 
 
+def test_the_entry_that_an_upload_replaces_is_found_behind_a_hundred_newer_submissions(
+    phase_dev: "CannedServer", planning_file: Callable[..., Path]
+) -> None:
+    newer = [{**VIEW, "id": f"new{number}", "method": "Other"} for number in range(100)]
+    stands = {**VIEW, "id": "old", "status": "scored"}
+    phase_dev.answer("GET /submissions", 200, {"submissions": newer, "next": "new99"})
+    phase_dev.answer("GET /submissions", 200, {"submissions": [stands], "next": None})
+    with Client(phase_dev.url, "edk_t_1") as client:
+        with pytest.raises(InvalidArgumentError, match="It replaces old "):
+            client.submit(planning_file(), phase="dev", method="Planner")
+        assert client.submissions(limit=None)[-1].id == "old"
+    assert not [path for method, path, _ in phase_dev.requests if method == "POST"]
+
+
+def test_a_withdrawal_says_what_stands_again_behind_a_hundred_newer_submissions(
+    canned_server: "CannedServer",
+) -> None:
+    newer = [{**VIEW, "id": f"new{number}"} for number in range(100)]
+    gone, before = {**VIEW, "status": "withdrawn"}, {**VIEW, "id": "old", "status": "scored"}
+    canned_server.answer("GET /submissions/abc", 200, {**VIEW, "status": "scored"})
+    canned_server.answer("GET /submissions", 200, {"submissions": newer, "next": "new99"})
+    canned_server.answer(
+        "GET /submissions", 200, {"submissions": [{**before, "replaced_by": "abc"}], "next": None}
+    )
+    canned_server.answer("POST /submissions/abc/withdraw", 200, gone)
+    canned_server.answer("GET /submissions/old", 200, before)
+    done = CliRunner().invoke(app, ["withdraw", "abc", "--yes", "--server", canned_server.url])
+    assert "there stands again old " in done.stdout
+
+
 def test_an_upload_that_went_well_is_0_though_the_quota_cannot_be_asked_for_afterwards(
     phase_dev: "CannedServer", planning_file: Callable[..., Path]
 ) -> None:
@@ -99,9 +129,10 @@ def test_an_upload_that_went_well_is_0_though_the_quota_cannot_be_asked_for_afte
     assert "abc" in done.stdout
 
 
-def test_the_token_travels_as_a_bearer(canned_server: "CannedServer") -> None:
+@pytest.mark.parametrize("token", ["edk_t_1", "edk_t_1\n", " edk_t_1\r\n"])
+def test_the_token_travels_as_a_bearer(canned_server: "CannedServer", token: str) -> None:
     canned_server.answer("GET /me", 200, ME)
-    with Client(canned_server.url, "edk_t_1") as client:
+    with Client(canned_server.url, token) as client:
         assert client.me().team == "alpha"
     headers = {name.lower(): value for name, value in canned_server.headers[0].items()}
     assert headers["authorization"] == "Bearer edk_t_1"
@@ -194,6 +225,52 @@ def test_a_spent_quota_says_when_it_resets(canned_server: "CannedServer") -> Non
         client.me()
     assert caught.value.resets_at is not None
     assert f"{caught.value.resets_at:%Y-%m-%d %H:%M} UTC" in caught.value.advice
+
+
+@pytest.mark.parametrize(
+    ("status", "kind"),
+    [(409, NotAllowedError), (404, NotFoundError), (422, InvalidArgumentError), (500, ServerError)],
+)
+def test_what_a_newer_server_says_with_a_code_of_its_own_is_told(
+    canned_server: "CannedServer", status: int, kind: type[ExceptionDriveError]
+) -> None:
+    canned_server.problem("GET /me", status, "teams_asleep", detail="Your team sleeps.")
+    with Client(canned_server.url) as client, pytest.raises(kind) as caught:
+        client.me()
+    assert (caught.value.code, caught.value.sentence) == ("teams_asleep", "Your team sleeps.")
+    assert "/client/" in caught.value.advice
+
+
+@pytest.mark.parametrize("status", [301, 302, 307, 308])
+def test_an_answer_that_leads_elsewhere_says_where_and_is_not_followed(
+    canned_server: "CannedServer", status: int
+) -> None:
+    there = {"location": "https://board.example.org/api/v1/me?state=secret"}
+    canned_server.answer("GET /me", status, b"", there)
+    with Client(canned_server.url, "edk_t_1") as client, pytest.raises(ServerError) as caught:
+        client.me()
+    assert "which leads to https://board.example.org/api/v1/me;" in caught.value.sentence
+    assert "--server" in caught.value.advice
+    assert "secret" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("wait_s", "told"), [("45", "in 45 s,"), ("600", "in 10 minutes,"), ("", "Wait a little")]
+)
+@pytest.mark.parametrize(
+    ("status", "code"), [(429, "too_many_requests"), (503, "store_unavailable")]
+)
+@pytest.mark.parametrize("by_a_proxy", [False, True])
+def test_who_has_to_wait_longer_than_the_client_does_is_told_how_long(
+    canned_server: "CannedServer", wait_s: str, told: str, status: int, code: str, by_a_proxy: bool
+) -> None:
+    headers = {"retry-after": wait_s} if wait_s else {}
+    document = {"type": code, "title": code, "status": status, "code": code, "detail": "No."}
+    canned_server.answer("GET /me", status, b"<html>" if by_a_proxy else document, headers)
+    with Client(canned_server.url, attempts=1) as client, pytest.raises(NetworkError) as caught:
+        client.me()
+    assert told in caught.value.advice
+    assert caught.value.code == code
 
 
 @pytest.mark.parametrize("body", [b"<html>proxy</html>", b'{"detail": "no"}'])

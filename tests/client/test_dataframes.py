@@ -3,11 +3,12 @@ import sys
 from collections.abc import Callable
 from datetime import datetime, timezone
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
 
-from exceptiondrive import Client, check_file, evaluate_file, to_dataframe
+from exceptiondrive import Client, InvalidArgumentError, check_file, evaluate_file, to_dataframe
 from exceptiondrive.client import Submission
 from exceptiondrive_schemas.api.similarity import (
     AlikeKind,
@@ -52,6 +53,26 @@ def test_a_board_by_family_is_a_row_an_entry_and_family(board: Board) -> None:
         assert pd.isna(row[key]) if value is None else row[key] == value
 
 
+@pytest.mark.parametrize("families", [False, True])
+def test_a_board_without_entries_has_the_columns_of_every_board(
+    board: Board, families: bool
+) -> None:
+    full = to_dataframe(board, families=families)
+    empty = to_dataframe(board.model_copy(update={"entries": ()}), families=families)
+    assert len(empty) == 0
+    metrics_aside = [name for name in full.columns if name in empty.columns]
+    assert list(empty.columns) == metrics_aside
+    for name in {"rank", "n", "submitted_at"}.intersection(full.columns):
+        assert empty[name].dtype.kind == full[name].dtype.kind
+    assert {"method", "team"} <= set(empty.columns)
+
+
+def test_a_list_of_what_is_no_table_says_of_what() -> None:
+    wrong: Any = [3, "a"]
+    with pytest.raises(InvalidArgumentError, match="list of int, str is nothing"):
+        to_dataframe(wrong)
+
+
 def test_a_score_sheet_has_its_totals_families_and_tasks(
     planning_file: MakeFile, split_file: Path
 ) -> None:
@@ -70,7 +91,18 @@ def test_submissions_one_or_many_are_a_row_each(submission: SubmissionView) -> N
     assert table.loc[0, "hcc_micro"] == submission.sheet.micro["hcc"]
     with Client("http://127.0.0.1:9", token="edk_t_1") as client:
         pd.testing.assert_frame_equal(to_dataframe(Submission(client, submission)), table[:1])
+        followed: list[Submission | SubmissionView] = [Submission(client, submission), submission]
+        pd.testing.assert_frame_equal(to_dataframe(followed), table)
     pd.testing.assert_frame_equal(to_dataframe(submission), table[:1])
+
+
+def test_a_submission_without_a_rank_says_why_and_one_that_was_replaced_by_which(
+    submission: SubmissionView,
+) -> None:
+    told = {"rank": None, "unranked_because": "flagged", "replaced_by": "later"}
+    table = to_dataframe([submission, submission.model_copy(update=told)])
+    assert list(table["unranked_because"].fillna("")) == ["", "flagged"]
+    assert list(table["replaced_by"].fillna("")) == ["", "later"]
 
 
 def test_a_report_of_similar_submissions_is_a_row_a_pair() -> None:

@@ -12,6 +12,7 @@ import pytest
 from typer.main import get_command
 from typer.testing import CliRunner
 
+from exceptiondrive import InvalidFileError
 from exceptiondrive.cli import app
 from exceptiondrive.cli.reference import command_reference, with_reference
 
@@ -89,7 +90,8 @@ def test_the_sdk_of_the_document_runs_and_says_what_the_commands_say(
     for block in blocks:  # the names of the suite's phase and split in the place of the document's
         block = block.replace('phase="sample"', 'phase="dev"').replace('("sample")', '("tiny")')
         (tmp_path / "block.py").write_text(block, encoding="utf-8")
-        names = runpy.run_path("block.py", init_globals=names)
+        goes_on = "to_dataframe(board)" in block  # each other one has its own imports
+        names |= runpy.run_path("block.py", init_globals=names if goes_on else {})
 
     def said(*arguments: str) -> Any:
         return json.loads(CliRunner().invoke(app, [*arguments, "--json"]).stdout)
@@ -106,6 +108,25 @@ def test_the_sdk_of_the_document_runs_and_says_what_the_commands_say(
     shown = said("status", names["view"].id)
     assert shown.pop("awaits_profile"), "the command asks, too, what the file looks like"
     assert told(names["view"]) == {**shown, "awaits_profile": False}
+
+
+def test_the_sdk_of_the_document_ends_with_the_faults_of_a_file(
+    running: "Running",
+    planning_file: Callable[..., Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    block = CLIENT.read_text(encoding="utf-8").split("## SDK")[1].split("```python\n")[1]
+    block = "\n".join(line for line in block.split("```")[0].splitlines() if "sheet =" not in line)
+    (tmp_path / "planner.json.gz").write_bytes(gzip.compress(planning_file(split="x").read_bytes()))
+    (tmp_path / "block.py").write_text(block.replace('"sample"', '"dev"'), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("EXCEPTIONDRIVE_SERVER", running.url)
+    monkeypatch.setenv("EXCEPTIONDRIVE_TOKEN", running.token)
+    with pytest.raises(InvalidFileError):
+        runpy.run_path("block.py", init_globals={})
+    assert "wrong_split" in capsys.readouterr().out
 
 
 def test_the_planner_of_the_quickstart_writes_a_sound_file(

@@ -5,7 +5,7 @@ import io
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 import pandas as pd
@@ -33,6 +33,30 @@ PATH = np.array([[4.0 * step, 0.0] for step in range(1, 7)], dtype=np.float32)
 BROKEN = np.full((6, 2), np.nan)
 
 
+class Offers:
+    """An array of another library, as of TensorFlow or h5py: `__array__` and no `tolist`."""
+
+    def __init__(self, array: Any) -> None:
+        self.array = np.asarray(array)
+
+    def __array__(self) -> "np.ndarray[Any, Any]":
+        return self.array
+
+
+class OtherFrame:
+    """A data frame of another library, as of polars: its series offer `__array__` alone."""
+
+    def __init__(self, columns: dict[str, Any]) -> None:
+        self.columns = list(columns)
+        self._columns = columns
+
+    def __getitem__(self, name: str) -> Offers:
+        return Offers(self._columns[name])
+
+    def to_dict(self, *, as_series: bool = True) -> dict[str, Any]:
+        return {name: self[name] for name in self.columns} if as_series else dict(self._columns)
+
+
 def arrays() -> dict[str, Any]:
     """The file of `planning_file` with one answer missing, as a planner has it in memory."""
     return {
@@ -51,6 +75,11 @@ def waypoints() -> pd.DataFrame:
         for step, (x, y) in enumerate(PATH.tolist())
     ]
     return pd.DataFrame(rows).sample(frac=1, random_state=1)  # in no order
+
+
+def closed(path: Path) -> BinaryIO:
+    with path.open("rb") as stream:
+        return stream
 
 
 def nested(depth: int) -> list[Any]:
@@ -85,6 +114,9 @@ def test_a_submission_is_the_same_in_every_form(
     with path.open("rb") as stream:
         forms: list[Any] = [str(path), data, bytearray(data), io.BytesIO(data), stream, document]
         forms += [arrays(), waypoints()]
+        forms += [{name: Offers(column) for name, column in arrays().items()}, OtherFrame(arrays())]
+        listed = {name: list(column) for name, column in arrays().items()}
+        forms += [pd.DataFrame(listed), {name: pd.Series(listed[name]) for name in listed}]
         for form in forms:
             assert evaluate_file(form, split=split_file) == exact, type(form)
     assert evaluate_samples(arrays(), split=split_file) == evaluate_samples(path, split=split_file)
@@ -112,10 +144,28 @@ def test_a_manifest_is_the_same_in_every_form(
     assert given_manifest(manifest) is manifest
 
 
-@pytest.mark.parametrize("protocol", [True, 5, "9.9", "a\0", "\ud800"])
+@pytest.mark.parametrize("protocol", [True, 5, 1.0, "9.9", "a\0", "\ud800"])
 def test_what_is_no_protocol_is_refused(planning_file: MakeFile, protocol: Any) -> None:
-    with pytest.raises(InvalidArgumentError, match="is neither a protocol file nor a version"):
+    with pytest.raises(InvalidArgumentError, match="is neither a protocol file nor a v") as told:
         check_file(planning_file(), protocol=protocol)
+    assert told.value.sentence.startswith(f"{protocol!r} is")
+    assert ("A version is a text" in told.value.advice) == (not isinstance(protocol, str))
+
+
+def test_what_json_cannot_hold_is_told_with_what_it_can() -> None:
+    as_bytes = {**arrays(), "sample_id": np.array(IDS, dtype="S2")}
+    with pytest.raises(InvalidArgumentError, match="type bytes is not JSON") as told:
+        check_file(as_bytes)
+    assert ".astype(str)" in told.value.advice
+
+
+def test_a_manifest_in_the_place_of_a_split_says_where_splits_are(
+    planning_file: MakeFile, split_file: Path
+) -> None:
+    wrong: Any = Manifest.of(given_split(split_file), given_protocol(None).geometry)
+    with pytest.raises(InvalidArgumentError, match="is of type Manifest") as told:
+        evaluate_file(planning_file(), split=wrong)
+    assert "exceptiondrive split download" in told.value.advice
 
 
 def test_an_empty_name_is_said_to_be_empty() -> None:
@@ -135,8 +185,25 @@ def test_who_names_a_split_and_no_file_of_it_is_told_where_to_take_it(
 
 
 def test_a_series_is_no_submission() -> None:
-    with pytest.raises(InvalidArgumentError, match="is of type Series, which is not taken"):
+    with pytest.raises(InvalidArgumentError, match="is of type Series, which is not taken") as told:
         check_file(pd.Series([1.0]))
+    assert "columns `sample_id`, `source` and `edited`" in told.value.advice
+
+
+@pytest.mark.parametrize(
+    ("text", "said"), [('{"schema":' + " " * 5000, "JSON in"), (" ", "an empty")]
+)
+def test_a_text_that_is_no_path_is_not_said_back(text: str, said: str) -> None:
+    with pytest.raises(InvalidArgumentError, match=f"is {said}.* text; a text is taken as") as told:
+        check_file(text)
+    assert "text.encode()" in told.value.advice
+    assert len(str(told.value)) < 200
+
+
+def test_columns_that_are_not_equally_long_are_told_with_their_lengths() -> None:
+    with pytest.raises(InvalidArgumentError, match="sample_id 4, source 4, edited 3") as told:
+        check_file({**arrays(), "edited": np.stack([PATH] * 3)})
+    assert "one value a sample" in told.value.sentence
 
 
 def with_drives(split_file: Path, n_waypoints: int) -> Split:
@@ -219,6 +286,7 @@ def test_a_client_submits_what_is_in_memory(working: "Running") -> None:
         lambda split: check_file(17),  # type: ignore[arg-type]
         lambda split: check_file("no such file"),
         lambda split: check_file("nul\0"),
+        lambda split: check_file(closed(split)),
         lambda split: check_file(io.StringIO("{}")),  # type: ignore[arg-type]
         lambda split: check_file({"a": object()}),
         lambda split: check_file(b"{}", manifest=split.parent),

@@ -8,6 +8,8 @@ import pytest
 from tests.client.notebook import INSTALL, NOTEBOOK, code_of, read_notebook, run_cells
 from tests.client.servers import Running
 
+import exceptiondrive
+
 
 @pytest.fixture
 def notebook() -> dict[str, Any]:
@@ -18,6 +20,21 @@ def test_no_output_is_committed(notebook: dict[str, Any]) -> None:
     code = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
     assert code
     assert [(cell["outputs"], cell["execution_count"]) for cell in code] == [([], None)] * len(code)
+
+
+def test_it_imports_from_the_package_what_semver_holds_for(notebook: dict[str, Any]) -> None:
+    cells = (ast.parse(cell) for cell in code_of(notebook) if cell != INSTALL)
+    nodes = [node for cell in cells for node in ast.walk(cell)]
+    sources = {node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)}
+    named = {
+        each.name
+        for node in nodes
+        if isinstance(node, ast.ImportFrom) and node.module == "exceptiondrive"
+        for each in node.names
+    }
+    assert [each for each in sources if each.startswith("exceptiondrive")] == ["exceptiondrive"]
+    assert "plot_file" in named
+    assert named <= set(exceptiondrive.__all__)
 
 
 def test_its_planner_is_another_than_that_of_the_quick_start(notebook: dict[str, Any]) -> None:

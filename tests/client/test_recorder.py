@@ -56,12 +56,54 @@ def test_a_named_pipe_is_written_into_and_stays(pipe: tuple[Path, Callable[[], b
     assert json.loads(all_read())["split"] == "sample"
 
 
+class Offers:
+    """An array of another library, as of TensorFlow: `__array__` and no `tolist`."""
+
+    def __init__(self, array: Any) -> None:
+        self.array = np.asarray(array)
+
+    def __array__(self) -> "np.ndarray[Any, Any]":
+        return self.array
+
+
+def test_two_that_record_to_one_path_are_told_before_one_loses_the_samples_of_the_other(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "p.json"
+    first, second = (Recorder(path, split="sample") for _ in range(2))
+    first.add("s1", source=STRAIGHT, edited=STRAIGHT)
+    with pytest.raises(RecorderError, match=r"another process records to .* a path of its own"):
+        second.add("s2", source=STRAIGHT, edited=STRAIGHT)
+    with pytest.raises(RecorderError, match="another process records to"):
+        first.write()
+    for each in (first, second):
+        each.close()
+    assert not path.exists()
+    journal = Path(f"{path}.journal")
+    head, *samples = journal.read_text().splitlines(keepends=True)
+    journal.write_text("".join([head, head, *samples]))  # as if both had begun at once
+    with Recorder(path, split="sample") as again:
+        assert ("s1" in again, "s2" in again) == (True, True)
+
+
+def test_who_goes_on_after_another_has_written_the_file_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "p.json"
+    with Recorder(path, split="sample") as first:
+        first.add("s1", source=STRAIGHT, edited=STRAIGHT)
+        second = Recorder(path, split="sample")
+    with pytest.raises(RecorderError, match="another process records to"):
+        second.add("s2", source=STRAIGHT, edited=STRAIGHT)
+    second.close()
+    assert [each["sample_id"] for each in json.loads(path.read_text())["predictions"]] == ["s1"]
+
+
 def test_it_takes_arrays_tuples_and_numpy_scalars(tmp_path: Path) -> None:
     array = np.array(STRAIGHT, dtype=np.float32)
     rows = [(np.float64(x), int(y)) for x, y in STRAIGHT]
     with Recorder(tmp_path / "p.json", split="sample") as recorder:
         recorder.add("s1", source=array, edited=rows)
         recorder.add("s2", source=list(array), edited=tuple(map(tuple, STRAIGHT)))
+        recorder.add("s3", source=Offers(array), edited=[Offers(row) for row in array])
     for prediction in json.loads((tmp_path / "p.json").read_text())["predictions"]:
         assert prediction["source"] == prediction["edited"] == STRAIGHT
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+import exceptiondrive
 from exceptiondrive import (
     Client,
     ExceptionDriveError,
@@ -48,7 +49,7 @@ def test_every_method_of_the_client(running: "Running", planning_file: MakeFile)
                 for each in wanted
                 if each.default is inspect.Parameter.empty
             }
-            for argument in {each.name for each in wanted} - CALLBACKS - {"limit"}:
+            for argument in {each.name for each in wanted} - CALLBACKS:
                 for wrong in WRONG:
                     may_refuse(getattr(client, name), **{**given, argument: wrong})
 
@@ -73,11 +74,43 @@ def test_what_is_no_table_is_named(wrong: Any) -> None:
     assert "a board, a score sheet" in refused.value.advice
 
 
+@pytest.mark.parametrize(
+    "wrong", [{"attempts": 0}, {"attempts": "3"}, {"timeout_s": 0}, {"timeout_s": "5"}]
+)
+def test_attempts_and_the_timeout_are_numbers_that_let_a_request_be_sent(
+    wrong: dict[str, Any],
+) -> None:
+    ((name, value),) = wrong.items()
+    with pytest.raises(InvalidArgumentError, match=f"{name} is a .*, not {value!r}"):
+        Client("http://127.0.0.1:9", **wrong)
+
+
+@pytest.mark.parametrize("name", exceptiondrive.__all__)
+def test_who_names_arguments_in_a_docstring_names_all_of_them(name: str) -> None:
+    public = getattr(exceptiondrive, name)
+    told = {name: public}
+    if inspect.isclass(public):
+        told |= {key: each for key, each in vars(public).items() if not key.startswith("_")}
+    for each in filter(callable, told.values()):
+        text = inspect.getdoc(each) or ""
+        assert text, each
+        for argument in inspect.signature(each).parameters if "Args:" in text else ():
+            assert argument == "self" or f"    {argument}: " in text, (each, argument)
+
+
 def test_a_recording_that_cannot_be_opened_says_so(tmp_path: Path) -> None:
     no_path: Any = 3
     for path in (no_path, tmp_path / "no folder" / "run.json.gz", tmp_path / ("a" * 900)):
         with pytest.raises(RecorderError, match=r"named by a path|cannot be written"):
             Recorder(path, split="tiny")
+
+
+def test_a_number_of_submissions_that_is_none_is_refused() -> None:
+    not_whole: Any = 1.5
+    with Client("http://127.0.0.1:9") as client:
+        for limit in (-1, not_whole):
+            with pytest.raises(InvalidArgumentError, match=f"None for all, not {limit}"):
+                client.submissions(limit=limit)
 
 
 def test_a_status_and_a_wish_may_be_a_text(running: "Running") -> None:

@@ -124,7 +124,7 @@ def test_a_submission_of_another_phase_is_refused(strategy_world: Any) -> None:
 
 def test_a_challenge_without_reminder_takes_no_links(world: Any) -> None:
     plain = link(world, "plain", None)
-    with pytest.raises(InvalidRecord, match="planning challenge are not linked"):
+    with pytest.raises(InvalidRecord, match="are not linked; name none without a reminder"):
         link(world, "reminded", plain.submission.id)
 
 

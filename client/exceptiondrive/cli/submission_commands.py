@@ -300,7 +300,7 @@ def withdraw(
         asked = client.status(submission_id)
         stands = asked.status is not SubmissionStatus.WITHDRAWN
         be_sure(f"Withdraw {entry_words(asked)}?", yes or not stands)
-        own = client.submissions(phase=asked.phase)
+        own = client.submissions(phase=asked.phase, limit=None)
         view = client.withdraw(submission_id)
         before = next((each for each in own if each.replaced_by == view.id), None)
         again = None if before is None else client.status(before.id)

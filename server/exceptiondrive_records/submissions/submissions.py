@@ -61,7 +61,8 @@ def require_counterpart(
     counterpart = CHALLENGES[phase.challenge].counterpart
     if counterpart is None:
         raise InvalidRecord(
-            f"Submissions of the {phase.challenge} challenge are not linked; leave linked_to out."
+            f"Submissions of the {phase.challenge} challenge are not linked; name none without a "
+            "reminder (linked_to)."
         )
     found = session.scalars(
         select(Submission).where(Submission.id == linked_to, Submission.team_id == team_id)
