@@ -124,7 +124,6 @@ class Row:
     rank: str | None
     rank_interval: str | None
     rank_words: str
-    could_be_first: bool
     movement: Movement | None
     badge: Badge
     tag: str
@@ -200,7 +199,6 @@ class RowBuilder:
             rank=None if entry.rank is None else str(entry.rank),
             rank_interval=_rank_interval(entry),
             rank_words=_rank_words(entry),
-            could_be_first=could_be_first(entry),
             movement=_movement(entry, self.board),
             badge=BADGES[entry.source],
             tag=told.facts.tag if told else "",
@@ -367,11 +365,6 @@ def outcome_bar(challenge: Challenge, values: MetricRow, digits: Digits) -> Outc
     return OutcomeBar(tuple(drawn), words)
 
 
-def could_be_first(entry: BoardEntry) -> bool:
-    """Whether the paired intervals leave open that an entry is the first."""
-    return entry.rank_interval is not None and entry.rank_interval[0] == 1
-
-
 def _rank_interval(entry: BoardEntry) -> str | None:
     if entry.rank is None or entry.rank_interval is None:
         return None
@@ -531,7 +524,7 @@ class BoardTable:
     @cached_property
     def first_sentence(self) -> str:
         """Say which rows are marked: those that could be the first."""
-        found = [entry for entry in self.board.entries if could_be_first(entry)]
+        found = [entry for entry in self.board.entries if entry.could_be_first]
         if not found:
             return ""
         if len(found) == 1:
