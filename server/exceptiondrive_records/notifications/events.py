@@ -136,8 +136,7 @@ def _sentences(session: Session, seen: SubmissionView) -> Iterator[str]:
         yield seen.failure.message
     if seen.sheet is not None:
         protocol = find_protocol(session, seen.sheet.protocol.digest)
-        headline = protocol.grading.headline
-        values = seen.sheet.micro if headline == "micro" else seen.sheet.macro_family
+        values = seen.sheet.average(protocol.grading.headline)
         challenge = CHALLENGES[seen.challenge]
         digits = protocol.publication
         for words in ranked_words(challenge, values, seen.intervals, digits):

@@ -19,9 +19,10 @@ from exceptiondrive_server.boards.entry_facts import (
     challenge_of,
     entry_key,
     entry_url,
+    values_of,
 )
 from exceptiondrive_server.boards.families import DOT_WIDE, DOT_WIDTH, DotPlot, dot_plot
-from exceptiondrive_server.boards.query import AVERAGE_TITLES
+from exceptiondrive_server.boards.query import AVERAGE_TITLES, OTHER_AVERAGE
 from exceptiondrive_server.boards.table import (
     SMALL_FAMILY,
     OutcomeBar,
@@ -69,7 +70,7 @@ def entry_page(reading: EntryData) -> dict[str, Any]:
     challenge, digits = challenge_of(board), Digits.of(reading.protocol.publication)
     builder = RowBuilder.of(board, board.headline, digits, is_current=reading.is_current)
     row, plausibility = builder.row(entry), reading.protocol.plausibility
-    is_macro = board.headline == "macro_family"
+    other = OTHER_AVERAGE[board.headline]
     effects = effect_table(board, entry, digits)
     curve = sheet.clearance_curve if sheet else None
     shown = panels(reading)
@@ -81,8 +82,8 @@ def entry_page(reading: EntryData) -> dict[str, Any]:
         "row": row,
         "position": position_of(row, board),
         "axis": WHOLE,
-        "averages": (AVERAGE_TITLES[board.headline], AVERAGE_TITLES["micro" if is_macro else "macro_family"]),
-        "other": entry.micro if is_macro else entry.macro_family,
+        "averages": (AVERAGE_TITLES[board.headline], AVERAGE_TITLES[other]),
+        "other": values_of(entry, board, other),
         "parts": tuple(_parts(reading, challenge.metrics[0])),
         "metrics": [metric for metric in challenge.metrics if metric.shown != "details"],
         "details": _details(board, entry),

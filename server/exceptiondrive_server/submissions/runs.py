@@ -114,9 +114,7 @@ def _line(
 
 def headline_of(one: SubmissionView, protocol: ProtocolDocument) -> MetricRow:
     """Return the values that rank, as the team may see them; empty without a sheet."""
-    if one.sheet is None:
-        return {}
-    return one.sheet.micro if protocol.grading.headline == "micro" else one.sheet.macro_family
+    return {} if one.sheet is None else one.sheet.average(protocol.grading.headline)
 
 
 def _cell(

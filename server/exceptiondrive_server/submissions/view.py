@@ -17,7 +17,7 @@ from exceptiondrive_schemas.board import BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_server.boards.query import OTHER_AVERAGE
 from exceptiondrive_server.web.numbers import Digits, minute, unit_of
 
 _MEANING = {
@@ -257,7 +257,8 @@ def scores_of(seen: SubmissionView, protocol: ProtocolDocument) -> tuple[ScoreLi
         return ()
     challenge: Challenge = CHALLENGES[seen.challenge]
     digits = Digits.of(protocol.publication)
-    headline, other = _averages(seen.sheet, protocol)
+    average = protocol.grading.headline
+    headline, other = seen.sheet.average(average), seen.sheet.average(OTHER_AVERAGE[average])
     ranking = {key.metric for key in challenge.primary_order}
     return tuple(
         ScoreLine(
@@ -305,11 +306,3 @@ def families_of(
         for family in protocol.families
         if (row := seen.sheet.families.get(family.id)) is not None
     )
-
-
-def _averages(
-    sheet: ScoreSheet, protocol: ProtocolDocument
-) -> tuple[dict[str, float | None], dict[str, float | None]]:
-    if protocol.grading.headline == "micro":
-        return sheet.micro, sheet.macro_family
-    return sheet.macro_family, sheet.micro
