@@ -33,6 +33,7 @@ from exceptiondrive_server.web.auth import (
     sees_hidden,
 )
 from exceptiondrive_server.web.etag import REVALIDATED, conditional
+from exceptiondrive_server.web.path_ids import PhaseId
 from exceptiondrive_server.web.problems import problem_responses
 from exceptiondrive_server.web.responses import origin_of
 
@@ -183,7 +184,7 @@ def get_facts(services: ServicesOf, query: AskedBoard) -> PhaseFacts:
 def get_board_by_number(
     request: Request,
     services: ServicesOf,
-    phase: Annotated[str, Path(max_length=64, description="id of a phase")],
+    phase: PhaseId,
     number: Annotated[int, Path(ge=1, lt=2**31, description="of the board")],
 ) -> Response:
     """Give a board at its permanent address; its bytes never change."""
@@ -201,7 +202,7 @@ def get_board_by_number(
 def get_reported_boards(
     services: ServicesOf,
     principal: MaybePrincipal,
-    phase_id: Annotated[str, Path(max_length=64, description="id of a phase")],
+    phase_id: PhaseId,
 ) -> list[ReportedBoardView]:
     """List boards of elsewhere beside a phase: rows that rank nowhere, each with what differs."""
     with services.database.read() as session:

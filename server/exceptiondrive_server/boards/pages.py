@@ -1,8 +1,6 @@
 """Routes of the board page, of the list of all boards, of exports and of the feed."""
 
-from typing import Annotated
-
-from fastapi import APIRouter, Path, Request
+from fastapi import APIRouter, Request
 from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
 
@@ -36,6 +34,7 @@ from exceptiondrive_server.guide.client_files import client_wheel
 from exceptiondrive_server.web.auth import ServicesOf, sees_hidden
 from exceptiondrive_server.web.browser_session import Holder, holder_of, principal_of_browser
 from exceptiondrive_server.web.numbers import Digits
+from exceptiondrive_server.web.path_ids import PhaseId
 from exceptiondrive_server.web.responses import (
     SECURITY_HEADERS,
     Reading,
@@ -151,9 +150,7 @@ def show_reported(request: Request, challenge: KnownChallenge) -> Response:
 
 
 @router.get("/phases/{phase_id}/reported")
-def show_reported_boards(
-    request: Request, phase_id: Annotated[str, Path(max_length=64)]
-) -> Response:
+def show_reported_boards(request: Request, phase_id: PhaseId) -> Response:
     """Show boards of elsewhere beside a phase, each row with what differs; nothing there ranks."""
 
     def read(session: Session) -> Reading:

@@ -1,8 +1,6 @@
 """The page of a phase: what it asks, its rules, terms and prize, its dates, its data, whom to ask."""
 
-from typing import Annotated
-
-from fastapi import APIRouter, Path, Request
+from fastapi import APIRouter, Request
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
@@ -20,10 +18,10 @@ from exceptiondrive_server.phases.report import has_ended, report_of
 from exceptiondrive_server.web.auth import sees_hidden
 from exceptiondrive_server.web.browser_session import principal_of_browser
 from exceptiondrive_server.web.numbers import Digits
+from exceptiondrive_server.web.path_ids import PhaseId
 from exceptiondrive_server.web.responses import Reading, public_page
 
 router = APIRouter(include_in_schema=False)
-PhaseId = Annotated[str, Path(max_length=64)]
 
 
 @router.get("/phases/{phase_id}")

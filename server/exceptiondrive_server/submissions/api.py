@@ -6,7 +6,7 @@ from contextlib import suppress
 from functools import partial
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Path, Query, Request
+from fastapi import APIRouter, Header, Query, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response
 
@@ -38,11 +38,11 @@ from exceptiondrive_server.submissions.upload import (
     upload_body,
 )
 from exceptiondrive_server.web.auth import Reader, ServicesOf, Submitter, own_team, team_of
+from exceptiondrive_server.web.path_ids import SubmissionId
 from exceptiondrive_server.web.problems import QUOTA_HEADERS, problem_responses, quota_headers
 from exceptiondrive_server.web.services import Services
 
 router = APIRouter(prefix="/submissions", tags=["submissions"])
-SubmissionId = Annotated[str, Path(max_length=64, description="id of a submission")]
 IdempotencyKey = Annotated[
     str | None,
     Header(

@@ -5,7 +5,7 @@ from functools import partial
 from typing import Annotated, Literal
 from urllib.parse import urlencode
 
-from fastapi import APIRouter, Path, Query, Request
+from fastapi import APIRouter, Query, Request
 from fastapi.responses import HTMLResponse, Response
 
 from exceptiondrive_records.participation.disqualification import disqualification_of
@@ -37,6 +37,7 @@ from exceptiondrive_server.web.organizer_frame import (
     organizer_page,
     step_at,
 )
+from exceptiondrive_server.web.path_ids import PhaseId, SubmissionId
 
 router = APIRouter(prefix="/organize", include_in_schema=False)
 SHOWN = 50
@@ -44,7 +45,6 @@ HISTORY = 200
 SHOWN_PAIRS = 100
 """Pairs on the page, the most alike; the command lists them all."""
 SHOWN_OF_A_TEAM = 10
-SubmissionId = Annotated[str, Path(max_length=64)]
 Choice = Annotated[str, Query(max_length=64)]
 
 Deed = Literal["retry", "verify", "restore", "note"]
@@ -238,7 +238,7 @@ def show_similar(
     request: Request,
     services: ServicesOf,
     browser: OrganizerBrowser,
-    phase_id: Annotated[str, Path(max_length=64)],
+    phase_id: PhaseId,
 ) -> Response:
     """Show teams whose submissions are alike, and those that probe: reasons to ask, not proof."""
     with services.database.read() as session:

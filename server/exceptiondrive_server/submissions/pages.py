@@ -9,7 +9,7 @@ from functools import partial
 from types import MappingProxyType
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Path, Query, Request
+from fastapi import APIRouter, Query, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import RedirectResponse, Response
@@ -70,6 +70,7 @@ from exceptiondrive_server.web.browser_session import (
     require_scope,
 )
 from exceptiondrive_server.web.forms import filled, typed
+from exceptiondrive_server.web.path_ids import SubmissionId
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS, ApiProblem
 from exceptiondrive_server.web.problems import problem_of, wants_page
 from exceptiondrive_server.web.responses import origin_of, page, private_page
@@ -79,7 +80,6 @@ router = APIRouter(include_in_schema=False)
 SHOWN = 50
 MAX_FOLLOWED = 3
 """Browsers open six connections to a host over HTTP/1.1; the page needs some for itself."""
-SubmissionId = Annotated[str, Path(max_length=64)]
 NOTHING_TYPED: Mapping[str, str] = MappingProxyType({})
 _DECISIONS = {"publish": publish, "unpublish": unpublish}
 
