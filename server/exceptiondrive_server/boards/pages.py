@@ -32,7 +32,12 @@ from exceptiondrive_server.boards.reported import reported_of
 from exceptiondrive_server.boards.selection import selected_board
 from exceptiondrive_server.guide.client_files import client_wheel
 from exceptiondrive_server.web.auth import ServicesOf, sees_hidden
-from exceptiondrive_server.web.browser_session import Holder, holder_of, principal_of_browser
+from exceptiondrive_server.web.browser_session import (
+    Holder,
+    browser_sees_hidden,
+    holder_of,
+    principal_of_browser,
+)
 from exceptiondrive_server.web.numbers import Digits
 from exceptiondrive_server.web.path_ids import PhaseId
 from exceptiondrive_server.web.responses import (
@@ -75,7 +80,7 @@ def _signed_in_board(request: Request) -> Response:
     query = asked_board(request)
     with services_of(request).database.read() as session:
         who = principal_of_browser(session, request)
-        board = read_board(session, query, with_hidden=who is not None and who.is_organizer)
+        board = read_board(session, query, with_hidden=sees_hidden(who))
         ids = _own_submissions(session, who, board.phase)
     own = own_entries(board.board, ids, query) if board.board and ids else None
     wheel = client_wheel(services_of(request))
@@ -154,8 +159,7 @@ def show_reported_boards(request: Request, phase_id: PhaseId) -> Response:
     """Show boards of elsewhere beside a phase, each row with what differs; nothing there ranks."""
 
     def read(session: Session) -> Reading:
-        may_see = sees_hidden(principal_of_browser(session, request))
-        phase = shown_phase(session, phase_id, with_hidden=may_see)
+        phase = shown_phase(session, phase_id, with_hidden=browser_sees_hidden(session, request))
         challenge, boards = CHALLENGES[phase.challenge], reported_of(session, phase)
         protocol = find_protocol(session, phase.protocol_digest)
         shown = {

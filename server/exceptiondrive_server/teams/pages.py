@@ -29,7 +29,7 @@ from exceptiondrive_records.submissions.submissions import counts_by_team
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import make_pending_team, self_registration_is_on
 from exceptiondrive_schemas.api.problems import ProblemCode
-from exceptiondrive_server.web.auth import ServicesOf, team_of
+from exceptiondrive_server.web.auth import ServicesOf, address_of, team_of
 from exceptiondrive_server.web.browser_session import (
     Browser,
     MaybeSignedIn,
@@ -118,7 +118,7 @@ def register(
     person_id, actor = _person_of(browser), browser.principal.actor
     if not _may_register(services):
         raise ApiProblem(ProblemCode.NOT_ALLOWED, "Teams do not register themselves here.")
-    address = request.client.host if request.client else "unknown"
+    address = address_of(request)
     with services.database.write() as session:
         count_attempt(session, registration_keys_of(address))
     texts = (str(form.get(field, "")) for field in ("id", "name", "note"))
