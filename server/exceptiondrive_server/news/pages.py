@@ -14,7 +14,6 @@ from exceptiondrive_server.news.queries import question_view
 from exceptiondrive_server.web.auth import ServicesOf, team_of
 from exceptiondrive_server.web.browser_session import Browser, PostedForm, SignedIn, require_scope
 from exceptiondrive_server.web.path_ids import PhaseId
-from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 from exceptiondrive_server.web.responses import private_page
 from exceptiondrive_server.web.services import Services
 
@@ -67,11 +66,10 @@ def _questions(
         request,
         "news/questions.html",
         "my",
-        status=200 if refusal is None else PROBLEMS[refusal.code].status,
         phase=phase,
         questions=questions,
         text=text,
-        refusal=None if refusal is None else str(refusal),
+        refusal=refusal,
         max_length=MAX_QUESTION,
         can_ask=Scope.SUBMIT in browser.principal.scopes,
         form_token=browser.form_token,

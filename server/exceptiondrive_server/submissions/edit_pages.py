@@ -30,8 +30,6 @@ from exceptiondrive_server.web.browser_session import (
 )
 from exceptiondrive_server.web.forms import filled, read, typed
 from exceptiondrive_server.web.path_ids import SubmissionId
-from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
-from exceptiondrive_server.web.problems import problem_of
 from exceptiondrive_server.web.responses import private_page
 from exceptiondrive_server.web.services import Services
 from exceptiondrive_server.web.templating import template_filter
@@ -108,7 +106,6 @@ def _page(
         request,
         "submissions/edit.html",
         "my",
-        status=200 if refusal is None else PROBLEMS[problem_of(refusal).code].status,
         one=seen,
         phase_title=phase.title,
         texts=now,

@@ -1,6 +1,6 @@
 """The team's people: members, invitations, and the choice of a team to act for."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import RedirectResponse, Response
@@ -39,7 +39,7 @@ from exceptiondrive_server.web.browser_session import (
     require_scope,
 )
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
-from exceptiondrive_server.web.responses import private_page
+from exceptiondrive_server.web.responses import origin_of, private_page
 from exceptiondrive_server.web.services import Services
 
 router = APIRouter(include_in_schema=False)
@@ -85,7 +85,7 @@ def make_invitation(
     invited_by = who.person_name or f'the token "{who.token_name}"'
     with services.database.write() as session:
         text, _ = invite(session, team_id, invited_by, actor=who.actor)
-    return _page(request, services, browser, link=_link(request, services, text))
+    return _page(request, services, browser, link=f"{origin_of(request)}/join/{text}")
 
 
 @router.post("/my/team/invitations/{invitation_id}/withdraw")
@@ -200,7 +200,7 @@ def _page(
         )
 
 
-def _facts(session: Session, team: Team) -> dict[str, int]:
+def _facts(session: Session, team: Team) -> dict[str, Any]:
     """How much there is of a team: submissions, tokens that work, addresses that are told."""
     contacts = list_contacts(session, team.id)
     return {
@@ -235,8 +235,3 @@ def _person_of(browser: SignedIn) -> str:
         detail = "You signed in with a token. Sign out, and sign in as a person to do this."
         raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
     return browser.principal.person_id
-
-
-def _link(request: Request, services: Services, text: str) -> str:
-    base = services.settings.public_url or f"{request.url.scheme}://{request.url.netloc}"
-    return f"{base.rstrip('/')}/join/{text}"
