@@ -5,7 +5,7 @@ from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tokens import Principal, Scope
-from exceptiondrive_records.boards.boards import late_board, leads, parsed_board
+from exceptiondrive_records.boards.boards import late_board, leads
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import shown_phase
@@ -20,8 +20,7 @@ from exceptiondrive_server.boards.headline import own_entries
 from exceptiondrive_server.boards.lead_chart import lead_chart, takers
 from exceptiondrive_server.boards.page import NARROW_PX, PhaseLink
 from exceptiondrive_server.boards.queries import (
-    chosen_board,
-    facts_on,
+    asked_entries,
     phase_link,
     read_board,
     read_history,
@@ -29,7 +28,6 @@ from exceptiondrive_server.boards.queries import (
 )
 from exceptiondrive_server.boards.query import AskedBoard, BoardQuery, asked_board, without_unknown
 from exceptiondrive_server.boards.reported import reported_of
-from exceptiondrive_server.boards.selection import selected_board
 from exceptiondrive_server.guide.client_files import client_wheel
 from exceptiondrive_server.web.auth import ServicesOf, sees_hidden
 from exceptiondrive_server.web.browser_session import (
@@ -181,10 +179,7 @@ def export_board(request: Request, services: ServicesOf, query: AskedBoard, form
     if export is None:
         raise NotFound("export", form)
     with services.database.read() as session:
-        row = chosen_board(session, query)
-        protocol, whole = find_protocol(session, row.protocol_digest), parsed_board(row)
-        facts = facts_on(session, whole)
-    board = selected_board(whole, query, facts)
+        board, protocol, facts = asked_entries(session, query)
     text = export.write(board, protocol, origin_of(request), facts)
     name = f"exceptiondrive-{board.phase}-board-{board.board}.{form}"
     headers = {**SECURITY_HEADERS, "Content-Disposition": f'attachment; filename="{name}"'}
