@@ -151,7 +151,7 @@ class RowBuilder:
     digits: Digits
     metrics: tuple[Metric, ...]
     axes: dict[str, Scale]
-    best: dict[str, str]
+    best: dict[str, str | None]
     heat_top: float
     best_by_family: dict[str, float]
     is_current: bool
@@ -311,16 +311,12 @@ def _axis(board: Board, average: Average, metric: Metric) -> Scale:
 
 def _best(
     board: Board, primary: Sequence[Metric], average: Average, digits: Digits
-) -> dict[str, str]:
-    """Best published text per primary metric, among the entries that may lead."""
-    best: dict[str, str] = {}
-    ranked = [values_of(e, board, average) for e in board.entries if e.may_lead]
-    for metric in primary:
-        known = [value for row in ranked if (value := row.get(metric.key)) is not None]
-        if known:
-            value = max(known) if metric.better == "higher" else min(known)
-            best[metric.key] = digits.text(metric, value) or ""
-    return best
+) -> dict[str, str | None]:
+    """Best published text per primary metric, among the entries that may lead; None of none."""
+    rows = [values_of(entry, board, average) for entry in board.entries if entry.may_lead]
+    return {
+        metric.key: digits.best(metric, (row.get(metric.key) for row in rows)) for metric in primary
+    }
 
 
 def _heat_top(board: Board, key: str) -> float:
