@@ -9,7 +9,8 @@ from exceptiondrive_schemas.api.rescoring import Comparison, EntryChange, Standi
 from exceptiondrive_schemas.challenges import CHALLENGES, Metric
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_server.web.numbers import Digits, px, unit_of
+from exceptiondrive_server.web.numbers import Digits, px
+from exceptiondrive_server.web.templating import template_filter
 
 SHOWN = 40
 """Entries on a page: it stays small, and the file has them all."""
@@ -112,8 +113,6 @@ def compared(comparison: Comparison, protocol: ProtocolDocument, page: int) -> d
         "c": comparison,
         "shown": ordered[(number - 1) * SHOWN : number * SHOWN],
         "shifts": Shifts(protocol, comparison),
-        "rank_words": rank_words,
-        "unit": unit_of,
         "number": number,
         "n_pages": n_pages,
         "wide": slope_chart(comparison, width=860, longest=28),
@@ -132,6 +131,7 @@ def worst_first(comparison: Comparison) -> list[EntryChange]:
     return sorted(comparison.entries, key=order)
 
 
+@template_filter
 def rank_words(standing: Standing | None) -> str:
     """Return the rank of an entry on one board, with its interval."""
     if standing is None:
