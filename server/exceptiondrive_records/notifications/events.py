@@ -129,7 +129,7 @@ def _outcomes(
 def _sentences(session: Session, seen: SubmissionView) -> Iterator[str]:
     """Say of an outcome what the team's own page says."""
     if seen.report is not None and seen.report.faults:
-        yield f"{counted(sum(each.count for each in seen.report.faults), 'fault')} in the file."
+        yield f"{counted(seen.report.n_faults, 'fault')} in the file."
     if question := question_of(seen):
         yield question
     if seen.failure is not None:

@@ -145,7 +145,6 @@ def show_submission(
         sentences=list(policy_sentences(seen, phase.policy)),
         now=status_of(seen),
         steps=steps_of(seen),
-        n_faults=sum(group.count for group in (seen.report.faults if seen.report else ())),
         lines=lines,
     )
 

@@ -52,8 +52,6 @@ from exceptiondrive_server.submissions.upload import (
 )
 from exceptiondrive_server.submissions.view import (
     actions_of,
-    is_spent,
-    left_words,
     policy_sentences,
     status_of,
     steps_of,
@@ -169,8 +167,6 @@ def _submit_page(
         has_client=wheel is not None,
         development=_development(links, phase),
         upload=upload,
-        left_words=left_words,
-        is_spent=is_spent,
         CHALLENGES=CHALLENGES,
     )
     if refusal is not None and refusal.retry_after_s is not None:
@@ -263,7 +259,6 @@ def show_my_submissions(
         titles={phase.id: phase.title for phase in phases},
         labels=list(dict.fromkeys(cell.label for line in lines for cell in line.cells)),
         quotas=quotas,
-        is_spent=is_spent,
         following=found[SHOWN - 1].id if len(found) > SHOWN else None,
         followed=[one.id for one in seen if not one.status.is_terminal][:MAX_FOLLOWED],
         form_token=browser.form_token,
@@ -305,7 +300,6 @@ def show_submission(
         sheet=sheet,
         notices=notices,
         edits=edits,
-        n_faults=sum(group.count for group in seen.report.faults) if seen.report else 0,
         form_token=browser.form_token if Scope.SUBMIT in browser.principal.scopes else None,
         actions=actions_of(seen, phase.policy, has_closed=ended),
         can_withdraw=seen.status not in without_score,

@@ -152,8 +152,7 @@ def _note(one: SubmissionView) -> str:
     if question := question_of(one):
         return question
     if one.status is SubmissionStatus.REJECTED and one.report is not None:
-        n_faults = sum(group.count for group in one.report.faults)
-        return f"The file is wrong: {counted(n_faults, 'fault')}. No quota was spent."
+        return f"The file is wrong: {counted(one.report.n_faults, 'fault')}. No quota was spent."
     if one.failure is not None:
         return one.failure.message
     if one.awaits_board:

@@ -19,6 +19,7 @@ from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.query import OTHER_AVERAGE
 from exceptiondrive_server.web.numbers import Digits, minute, unit_of
+from exceptiondrive_server.web.templating import template_filter
 
 _MEANING = {
     SubmissionStatus.RECEIVED: "Kept. It cannot be lost any more.",
@@ -229,11 +230,7 @@ def standing(seen: SubmissionView, policy: PhasePolicy) -> str:
     return ", ".join(filter(None, words)).capitalize()
 
 
-def is_spent(quota: Quota) -> bool:
-    """Whether nothing more can be submitted today."""
-    return quota.remaining_today == 0 or quota.left_of_rejected == 0
-
-
+@template_filter
 def left_words(quota: Quota) -> str:
     """Say what is left: `3 of 5 left today, 12 of 20 in all; 20 wrong files left today`.
 
