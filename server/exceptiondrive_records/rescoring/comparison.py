@@ -7,7 +7,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.boards.boards import parsed_board
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.memory import Memory
-from exceptiondrive_records.phases.scoring_keys import new_key, old_key
+from exceptiondrive_records.phases.scoring_keys import new_key
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.pairs import count_pairs
@@ -193,6 +193,12 @@ _COMPARED: Memory[tuple[str, str], Compared] = Memory(4)
 """Pairs of boards: those of the open runs, a megabyte or so each at 1,000 entries."""
 
 
+def compare_to_shown(session: Session, phase: Phase, new: BoardRow | None) -> Compared | None:
+    """Return what changes from the board that a phase shows; None while one of the two is missing."""
+    old = None if phase.current_board_id is None else session.get(BoardRow, phase.current_board_id)
+    return None if new is None or old is None else compare_rows(old, new)
+
+
 def compare_rows(old: BoardRow, new: BoardRow) -> Compared:
     """Return what changes from one recorded board to another."""
     pair = old.told, new.told
@@ -209,22 +215,30 @@ def _compared(old: BoardRow, new: BoardRow) -> Compared:
 
 def difference_of(session: Session, run: RescoringRun) -> Difference:
     """Return what a run changes, in plain words, and how many sheets stand to be made again."""
-    phase = session.get_one(Phase, run.phase_id)
-    old, new = old_key(run), new_key(run)
-    before, after = (
-        find_split(session, phase.split_name, key.split_revision) for key in (old, new)
-    )
+    before, after = splits_of(session, run)
     return protocol_difference(
-        find_protocol(session, old.protocol_digest),
-        find_protocol(session, new.protocol_digest),
-        count_pairs(session, phase.id, new).total,
+        find_protocol(session, run.from_protocol_digest),
+        find_protocol(session, run.to_protocol_digest),
+        count_pairs(session, run.phase_id, new_key(run)).total,
         split=_part_change(before, after) or _revision_changes(session, before, after),
     )
 
 
-def taken_back(sentences: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the sentences of a run that was rolled back."""
-    return tuple(f"taken back: {sentence}" for sentence in sentences)
+def splits_of(session: Session, run: RescoringRun) -> tuple[SplitRow, SplitRow]:
+    """Return the split revision that a run leaves, and the one that it leads to."""
+    name = session.get_one(Phase, run.phase_id).split_name
+    before = find_split(session, name, run.from_split_revision)
+    return before, find_split(session, name, run.to_split_revision)
+
+
+def what_changed(session: Session, run: RescoringRun, *, is_taken_back: bool) -> tuple[str, ...]:
+    """Return what readers are told as a run is applied, or taken back; reasons stay with the organizers."""
+    sentences = difference_of(session, run).sentences
+    if is_taken_back:
+        return tuple(f"taken back: {sentence}" for sentence in sentences)
+    if run.from_protocol_digest == run.to_protocol_digest:
+        return sentences
+    return find_protocol(session, run.to_protocol_digest).changes, *sentences
 
 
 def split_steps(session: Session, before: SplitRow, after: SplitRow) -> tuple[SplitChange, ...]:

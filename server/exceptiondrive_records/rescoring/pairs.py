@@ -22,6 +22,7 @@ from exceptiondrive_records.work.tables import OPEN_STATES, Job
 from exceptiondrive_schemas.api.rescoring import Progress, RunState
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 
 _RATE_WINDOW = timedelta(seconds=30)
@@ -196,12 +197,12 @@ def _sample_reasons(old: SplitRow, new: SplitRow) -> Iterator[str]:
     before, after = set(old.manifest.sample_ids), set(new.manifest.sample_ids)
     if before - after:
         yield (
-            f"The new revision lacks {_samples(len(before - after))} that accepted files answer: "
+            f"The new revision lacks {counted(len(before - after), 'sample')} that accepted files answer: "
             "they could not be read under it."
         )
     if after - before:
         yield (
-            f"The new revision has {_samples(len(after - before))} that no accepted file answers: "
+            f"The new revision has {counted(len(after - before), 'sample')} that no accepted file answers: "
             "they could not be read under it."
         )
 
@@ -214,10 +215,6 @@ def _waypoint_reasons(challenge: str, old: GeometrySection, new: GeometrySection
             f"The protocol asks for {_waypoints(new)}; accepted files hold {_waypoints(old)}: "
             "they cannot be scored under it."
         )
-
-
-def _samples(count: int) -> str:
-    return "1 sample" if count == 1 else f"{count:,} samples"
 
 
 def _waypoints(geometry: GeometrySection) -> str:
