@@ -52,7 +52,7 @@ def compare_boards(old: Board, new: Board) -> Comparison:
         new_board=new.board,
         n_entries=len(entries),
         n_numbers_changed=sum(entry.change == "numbers" for entry in entries),
-        n_ranks_changed=sum(_rank(entry.old) != _rank(entry.new) for entry in entries),
+        n_ranks_changed=sum(entry.old_rank != entry.new_rank for entry in entries),
         n_newly_failing=sum(entry.newly_failing for entry in entries),
         worst_movers=_worst_movers(entries, new.challenge),
         entries=entries,
@@ -70,7 +70,7 @@ def _change(old: BoardEntry | None, new: BoardEntry | None) -> EntryChange:
     assert entry is not None
     assert entry.submission_id is not None
     before, after = _standing(old), _standing(new)
-    old_rank, new_rank = _rank(before), _rank(after)
+    old_rank, new_rank = (None if side is None else side.rank for side in (before, after))
     return EntryChange(
         submission_id=entry.submission_id,
         method=entry.method,
@@ -136,10 +136,6 @@ def _effect(standing: Standing | None) -> MetricRow | None:
 
 def _row(standing: Standing | None) -> MetricRow | None:
     return None if standing is None else standing.metrics
-
-
-def _rank(standing: Standing | None) -> int | None:
-    return None if standing is None else standing.rank
 
 
 def _shifts(old: MetricRow | None, new: MetricRow | None) -> MetricRow:

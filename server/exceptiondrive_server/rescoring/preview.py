@@ -126,7 +126,7 @@ def worst_first(comparison: Comparison) -> list[EntryChange]:
 
     def order(one: EntryChange) -> tuple[int, bool, int]:
         place = worst.get(one.submission_id, len(worst))
-        return (place, one.change == "none", _rank(one.new) or LAST)
+        return (place, one.change == "none", one.new_rank or LAST)
 
     return sorted(comparison.entries, key=order)
 
@@ -154,18 +154,18 @@ def slope_chart(comparison: Comparison, *, width: int, longest: int) -> SlopeCha
         width: Of the drawing.
         longest: Characters of a name that have room beside the lines.
     """
-    ranked = [one for one in comparison.entries if _rank(one.old) or _rank(one.new)]
+    ranked = [one for one in comparison.entries if one.old_rank or one.new_rank]
     worst = {submission_id: place for place, submission_id in enumerate(comparison.worst_movers)}
 
     def importance(one: EntryChange) -> tuple[bool, int, int, int]:
         place = worst.get(one.submission_id, len(worst))
-        return (not one.newly_failing, -abs(one.rank_shift or 0), place, _rank(one.new) or LAST)
+        return (not one.newly_failing, -abs(one.rank_shift or 0), place, one.new_rank or LAST)
 
     drawn = sorted(ranked, key=importance)[:MOST_LINES]
     if not drawn:
         return None
-    left = _rows(drawn, [_rank(one.old) for one in drawn])
-    right = _rows(drawn, [_rank(one.new) for one in drawn])
+    left = _rows(drawn, [one.old_rank for one in drawn])
+    right = _rows(drawn, [one.new_rank for one in drawn])
     margin = round(longest * 7.6 + 34)
     changed = counted(comparison.n_ranks_changed, "rank changes", "ranks change")
     is_update = comparison.from_protocol != comparison.to_protocol
@@ -198,7 +198,7 @@ def _rows(drawn: Sequence[EntryChange], ranks: Sequence[int | None]) -> dict[str
 
 
 def _slope_line(one: EntryChange, y1: float, y2: float, longest: int) -> SlopeLine:
-    old, new = _rank(one.old), _rank(one.new)
+    old, new = one.old_rank, one.new_rank
     if new is None:
         kind = "gone"
     elif old is None:
@@ -215,7 +215,3 @@ def _slope_line(one: EntryChange, y1: float, y2: float, longest: int) -> SlopeLi
         right_text=f"{new or NOT_RANKED} {name}",
         title=f"{one.method} of {one.team}: {before} before, {after} after",
     )
-
-
-def _rank(standing: Standing | None) -> int | None:
-    return None if standing is None else standing.rank
