@@ -17,6 +17,7 @@ from exceptiondrive_records.phases.quotas import WAITING
 from exceptiondrive_records.phases.scoring_keys import (
     ScoringKey,
     find_run,
+    is_of_key,
     key_of_phase,
     new_key,
     old_key,
@@ -249,8 +250,7 @@ def _turn_waiting_jobs(session: Session, phase_id: str, old: ScoringKey, new: Sc
             update(Job)
             .where(
                 Job.submission_id.in_(both),
-                Job.protocol_digest == key.protocol_digest,
-                Job.split_revision == key.split_revision,
+                is_of_key(Job, key),
             )
             .values(is_first=is_first, lane=Lane.LIVE if is_first else Lane.RESCORE)
             .execution_options(synchronize_session=False)
@@ -264,8 +264,7 @@ def _waiting_under(phase_id: str, key: ScoringKey) -> Select[str]:
         .where(
             Submission.phase_id == phase_id,
             Submission.status.in_(WAITING),
-            Job.protocol_digest == key.protocol_digest,
-            Job.split_revision == key.split_revision,
+            is_of_key(Job, key),
             Job.state.in_(WAITING_STATES),
         )
     )

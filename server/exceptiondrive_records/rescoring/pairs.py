@@ -13,7 +13,7 @@ from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_records.phases.quotas import WAITING
-from exceptiondrive_records.phases.scoring_keys import ScoringKey
+from exceptiondrive_records.phases.scoring_keys import ScoringKey, is_of_key
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
@@ -92,8 +92,7 @@ def open_jobs(session: Session, phase_id: str, key: ScoringKey) -> int:
         .join(Submission, Submission.id == Job.submission_id)
         .where(
             Submission.phase_id == phase_id,
-            Job.protocol_digest == key.protocol_digest,
-            Job.split_revision == key.split_revision,
+            is_of_key(Job, key),
             Job.state.in_(OPEN_STATES),
         )
     )
@@ -128,8 +127,7 @@ def _rate(session: Session, run: RescoringRun, key: ScoringKey) -> float | None:
         .join(Submission, Submission.id == ScoreSheetRow.submission_id)
         .where(
             Submission.phase_id == run.phase_id,
-            ScoreSheetRow.protocol_digest == key.protocol_digest,
-            ScoreSheetRow.split_revision == key.split_revision,
+            is_of_key(ScoreSheetRow, key),
             ScoreSheetRow.created_at >= since,
         )
     )
@@ -147,16 +145,14 @@ def _scored(phase_id: str) -> Select[Submission]:
 def _has_sheet(key: ScoringKey) -> ColumnElement[bool]:
     return exists().where(
         ScoreSheetRow.submission_id == Submission.id,
-        ScoreSheetRow.protocol_digest == key.protocol_digest,
-        ScoreSheetRow.split_revision == key.split_revision,
+        is_of_key(ScoreSheetRow, key),
     )
 
 
 def _jobs_of(key: ScoringKey) -> Select[str]:
     return select(Job.id).where(
         Job.submission_id == Submission.id,
-        Job.protocol_digest == key.protocol_digest,
-        Job.split_revision == key.split_revision,
+        is_of_key(Job, key),
     )
 
 
