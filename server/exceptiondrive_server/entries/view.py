@@ -75,6 +75,7 @@ def entry_page(reading: EntryData) -> dict[str, Any]:
     curve = sheet.clearance_curve if sheet else None
     shown = panels(reading)
     curves = ((entry, curve),) if curve else ()
+    board_query = urlencode(board_fields(board, reading.is_current))
     return {
         "reading": reading,
         "challenge": challenge,
@@ -89,7 +90,7 @@ def entry_page(reading: EntryData) -> dict[str, Any]:
         "details": _details(board, entry),
         "beside_others": None if shown else _beside_others(board, entry, digits),
         "beside_wide": None if shown else _beside_others(board, entry, digits, DOT_WIDE),
-        "board_query": urlencode(board_fields(board, reading.is_current)),
+        "board_query": board_query,
         "curve": curve_chart(curves, board.headline),
         "bars": clearance_bars(curve) if curve else (),
         "narrow_curve": curve_chart(curves, board.headline, width=350, height=300),
@@ -97,13 +98,13 @@ def entry_page(reading: EntryData) -> dict[str, Any]:
         "past_axis": _past_axis(reading, challenge.metrics[0]),
         "panels": shown,
         "scenes": motions(reading, tuple(each for each in shown if each.group == "scene")),
-        "beside": urlencode([*board_fields(board, reading.is_current), ("with", entry_key(entry))]),
+        "beside": f"{board_query}&{urlencode({'with': entry_key(entry)})}",
         "tables": (
             *([effects] if effects.lines else ()),
             *(sheet_tables(sheet, reading.protocol, digits) if sheet else ()),
         ),
         "neighbours": _neighbours(reading),
-        "board_url": f"/?{urlencode(board_fields(board, reading.is_current))}#board",
+        "board_url": f"/?{board_query}#board",
         "picture_url": f"/pictures/entries/{entry_key(entry)}.png?{_picture_query(board)}",
     }  # fmt: skip
 
