@@ -18,7 +18,7 @@ from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.submissions.edits import edit_submission, edits_of
 from exceptiondrive_records.submissions.submissions import (
     find_submission,
-    list_submissions,
+    submission_page,
     withdraw,
 )
 from exceptiondrive_records.submissions.tables import Submission
@@ -137,16 +137,10 @@ def get_submissions(
         team_id = own_team(principal)
         if phase is not None and team_id is None:
             find_phase(session, phase)
-        found = list_submissions(
-            session,
-            team_id=team_id,
-            phase_id=phase,
-            status=status,
-            limit=limit + 1,
-            after=after,
+        found, following = submission_page(
+            session, team_id=team_id, phase_id=phase, status=status, after=after, limit=limit
         )
-        following = found[limit - 1].id if len(found) > limit else None
-        return SubmissionPage(submissions=views(session, found[:limit]), next=following)
+        return SubmissionPage(submissions=views(session, found), next=following)
 
 
 @router.get(

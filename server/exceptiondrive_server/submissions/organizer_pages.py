@@ -14,7 +14,7 @@ from exceptiondrive_records.phases.phases import find_phase, list_phases
 from exceptiondrive_records.rescoring.retry import restore_submission, retry_submission
 from exceptiondrive_records.rescoring.runs import verify_submission
 from exceptiondrive_records.submissions.similarity import similarity_report
-from exceptiondrive_records.submissions.submissions import find_submission, list_submissions
+from exceptiondrive_records.submissions.submissions import find_submission, submission_page
 from exceptiondrive_records.submissions.views import views
 from exceptiondrive_records.teams.teams import find_team, list_teams
 from exceptiondrive_schemas.api.form_fields import FormField
@@ -72,20 +72,20 @@ def show_submissions(
     known = SubmissionStatus(status) if status in list(SubmissionStatus) else None
     who = browser.principal
     with services.database.read() as session:
-        found = list_submissions(
+        found, following = submission_page(
             session,
             team_id=find_team(session, team).id if team else None,
             phase_id=find_phase(session, phase).id if phase else None,
             status=known,
             after=after,
-            limit=SHOWN + 1,
+            limit=SHOWN,
         )
-        seen = views(session, found[:SHOWN])
+        seen = views(session, found)
         phases = [one for one in list_phases(session, with_hidden=True) if who.organizes(one.id)]
         lines = run_lines(seen, phase_rules(session, phases), can_decide=False)
         teams = {one.id: one for one in list_teams(session)}
     chosen = {"team": team, "phase": phase, "status": known or ""}
-    older = {**chosen, "after": found[SHOWN - 1].id} if len(found) > SHOWN else {}
+    older = {**chosen, "after": following} if following else {}
     return organizer_page(
         request,
         browser,

@@ -26,6 +26,7 @@ from exceptiondrive_records.submissions.edits import edits_of
 from exceptiondrive_records.submissions.submissions import (
     find_submission,
     list_submissions,
+    submission_page,
     withdraw,
 )
 from exceptiondrive_records.submissions.views import view, views
@@ -234,8 +235,9 @@ def show_my_submissions(
     if who.phases:
         raise PhaseNeeded(min(who.phases))
     with services.database.read() as session:
-        found = list_submissions(session, team_id=own_team(who), after=after, limit=SHOWN + 1)
-        seen = views(session, found[:SHOWN])
+        team_id = own_team(who)
+        found, following = submission_page(session, team_id=team_id, after=after, limit=SHOWN)
+        seen = views(session, found)
         phases = list_phases(session, with_hidden=True)
         rules = phase_rules(session, phases)
         by_id, now = {phase.id: phase for phase in phases}, database_now(session)
@@ -259,7 +261,7 @@ def show_my_submissions(
         titles={phase.id: phase.title for phase in phases},
         labels=list(dict.fromkeys(cell.label for line in lines for cell in line.cells)),
         quotas=quotas,
-        following=found[SHOWN - 1].id if len(found) > SHOWN else None,
+        following=following,
         followed=[one.id for one in seen if not one.status.is_terminal][:MAX_FOLLOWED],
         form_token=browser.form_token,
         has_tokens=has_tokens,
