@@ -106,6 +106,11 @@ class BoardEntry(Document):
         barred = self.flags and bars_leading(flag.code for flag in self.flags)
         return self.rank is not None and not barred
 
+    @property
+    def could_be_first(self) -> bool:
+        """Whether the paired intervals leave open that it is the first."""
+        return self.rank_interval is not None and self.rank_interval[0] == 1
+
 
 class BoardLeader(Document):
     """Who led a board, and the value of the metric that ranks first."""

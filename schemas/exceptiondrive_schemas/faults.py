@@ -125,6 +125,11 @@ class CheckReport(Document):
         """Whether the file can be scored."""
         return not self.faults
 
+    @property
+    def n_faults(self) -> int:
+        """How many faults there are, of all kinds."""
+        return sum(group.count for group in self.faults)
+
     def to_keep(self) -> Self:
         """Return the report with as many sample ids as examples: a kept one is bounded in size."""
         groups = tuple(

@@ -1,6 +1,6 @@
 """The score sheet: totals and breakdown of one scoring run, all that may ever be published."""
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, TypeAdapter, WithJsonSchema
 
@@ -121,6 +121,10 @@ class ScoreSheet(Document):
     """Further named rows: sensitivity to d_safe, confusion, reminder scores."""
     clearance_curve: ClearanceCurve | None = Field(default=None, exclude_if=lambda it: it is None)
     """Left out where the challenge has none or the protocol does not publish it."""
+
+    def average(self, name: Literal["micro", "macro_family"]) -> MetricRow:
+        """Return the totals under one of the two averages, as the protocol names the one that ranks."""
+        return self.micro if name == "micro" else self.macro_family
 
 
 def metric_text(

@@ -84,8 +84,7 @@ def _headline(report: CheckReport, name: str) -> str:
         facts = [report.challenge or "", f"{report.n_predictions} predictions"]
         facts += [f"split {report.split}"] if report.split else []
         return f"{name} is valid: {', '.join(fact for fact in facts if fact)}"
-    total = sum(group.count for group in report.faults)
-    kinds = len(report.faults)
+    total, kinds = report.n_faults, len(report.faults)
     return (
         f"{name} is not valid: {total} fault{'s' * (total > 1)} of {kinds} kind{'s' * (kinds > 1)}"
     )

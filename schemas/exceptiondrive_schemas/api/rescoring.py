@@ -234,6 +234,16 @@ class EntryChange(Document):
     effect_shifts: MetricRow = Field(default={}, exclude_if=lambda it: not it)
     """By how much the effect of the reminder moves, in each metric; left out without a link."""
 
+    @property
+    def old_rank(self) -> int | None:
+        """The rank before; None of an entry that was not there, or took none."""
+        return self.old.rank if self.old else None
+
+    @property
+    def new_rank(self) -> int | None:
+        """The rank after; None of an entry that is not there, or takes none."""
+        return self.new.rank if self.new else None
+
 
 class Comparison(Document):
     """What readers would see change: two boards side by side."""

@@ -165,6 +165,11 @@ class Quota(Document):
         return None if self.concurrent is None else max(0, self.concurrent - self.waiting)
 
     @property
+    def is_spent(self) -> bool:
+        """Whether nothing more can be submitted today."""
+        return self.remaining_today == 0 or self.left_of_rejected == 0
+
+    @property
     def is_bound_in_all(self) -> bool:
         """Whether the limit of all leaves fewer than that of the day does: no new day resets it."""
         left = self.left_in_all

@@ -49,7 +49,7 @@ def best_run(
 
 def _worth(sheet: ScoreSheet, protocol: ProtocolDocument) -> tuple[bool, list[tuple[bool, float]]]:
     """What decides: whether it takes a rank, then the metrics that rank, undefined ones last."""
-    values = sheet.micro if protocol.grading.headline == "micro" else sheet.macro_family
+    values = sheet.average(protocol.grading.headline)
     flags = {flag.code for flag in sheet.plausibility.flags}
     shares = (sheet.coverage.edited, sheet.coverage.source)
     is_covered = all(share is None or share >= protocol.ranking.min_coverage for share in shares)

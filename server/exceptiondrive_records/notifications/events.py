@@ -129,15 +129,14 @@ def _outcomes(
 def _sentences(session: Session, seen: SubmissionView) -> Iterator[str]:
     """Say of an outcome what the team's own page says."""
     if seen.report is not None and seen.report.faults:
-        yield f"{counted(sum(each.count for each in seen.report.faults), 'fault')} in the file."
+        yield f"{counted(seen.report.n_faults, 'fault')} in the file."
     if question := question_of(seen):
         yield question
     if seen.failure is not None:
         yield seen.failure.message
     if seen.sheet is not None:
         protocol = find_protocol(session, seen.sheet.protocol.digest)
-        headline = protocol.grading.headline
-        values = seen.sheet.micro if headline == "micro" else seen.sheet.macro_family
+        values = seen.sheet.average(protocol.grading.headline)
         challenge = CHALLENGES[seen.challenge]
         digits = protocol.publication
         for words in ranked_words(challenge, values, seen.intervals, digits):

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from sqlalchemy import bindparam, select
+from sqlalchemy import ColumnElement, and_, bindparam, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.columns import is_one_of
@@ -11,6 +11,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
+from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.api.rescoring import RunKind, RunState
 from exceptiondrive_schemas.protocol import ProtocolDocument
 
@@ -36,6 +37,13 @@ class ScoringKey:
 
     protocol_digest: str
     split_revision: str
+
+
+def is_of_key(rows: type[Job | ScoreSheetRow], key: ScoringKey) -> ColumnElement[bool]:
+    """Whether a job makes, or a sheet is, what a key names."""
+    return and_(
+        rows.protocol_digest == key.protocol_digest, rows.split_revision == key.split_revision
+    )
 
 
 def key_of_phase(phase: Phase) -> ScoringKey:

@@ -7,7 +7,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.boards.boards import parsed_board
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.memory import Memory
-from exceptiondrive_records.phases.scoring_keys import new_key, old_key
+from exceptiondrive_records.phases.scoring_keys import new_key
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.pairs import count_pairs
@@ -52,7 +52,7 @@ def compare_boards(old: Board, new: Board) -> Comparison:
         new_board=new.board,
         n_entries=len(entries),
         n_numbers_changed=sum(entry.change == "numbers" for entry in entries),
-        n_ranks_changed=sum(_rank(entry.old) != _rank(entry.new) for entry in entries),
+        n_ranks_changed=sum(entry.old_rank != entry.new_rank for entry in entries),
         n_newly_failing=sum(entry.newly_failing for entry in entries),
         worst_movers=_worst_movers(entries, new.challenge),
         entries=entries,
@@ -70,7 +70,7 @@ def _change(old: BoardEntry | None, new: BoardEntry | None) -> EntryChange:
     assert entry is not None
     assert entry.submission_id is not None
     before, after = _standing(old), _standing(new)
-    old_rank, new_rank = _rank(before), _rank(after)
+    old_rank, new_rank = (None if side is None else side.rank for side in (before, after))
     return EntryChange(
         submission_id=entry.submission_id,
         method=entry.method,
@@ -138,10 +138,6 @@ def _row(standing: Standing | None) -> MetricRow | None:
     return None if standing is None else standing.metrics
 
 
-def _rank(standing: Standing | None) -> int | None:
-    return None if standing is None else standing.rank
-
-
 def _shifts(old: MetricRow | None, new: MetricRow | None) -> MetricRow:
     """New minus old; None where one of the two is missing."""
     if not old or not new:
@@ -193,6 +189,12 @@ _COMPARED: Memory[tuple[str, str], Compared] = Memory(4)
 """Pairs of boards: those of the open runs, a megabyte or so each at 1,000 entries."""
 
 
+def compare_to_shown(session: Session, phase: Phase, new: BoardRow | None) -> Compared | None:
+    """Return what changes from the board that a phase shows; None while one of the two is missing."""
+    old = None if phase.current_board_id is None else session.get(BoardRow, phase.current_board_id)
+    return None if new is None or old is None else compare_rows(old, new)
+
+
 def compare_rows(old: BoardRow, new: BoardRow) -> Compared:
     """Return what changes from one recorded board to another."""
     pair = old.told, new.told
@@ -209,22 +211,30 @@ def _compared(old: BoardRow, new: BoardRow) -> Compared:
 
 def difference_of(session: Session, run: RescoringRun) -> Difference:
     """Return what a run changes, in plain words, and how many sheets stand to be made again."""
-    phase = session.get_one(Phase, run.phase_id)
-    old, new = old_key(run), new_key(run)
-    before, after = (
-        find_split(session, phase.split_name, key.split_revision) for key in (old, new)
-    )
+    before, after = splits_of(session, run)
     return protocol_difference(
-        find_protocol(session, old.protocol_digest),
-        find_protocol(session, new.protocol_digest),
-        count_pairs(session, phase.id, new).total,
+        find_protocol(session, run.from_protocol_digest),
+        find_protocol(session, run.to_protocol_digest),
+        count_pairs(session, run.phase_id, new_key(run)).total,
         split=_part_change(before, after) or _revision_changes(session, before, after),
     )
 
 
-def taken_back(sentences: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the sentences of a run that was rolled back."""
-    return tuple(f"taken back: {sentence}" for sentence in sentences)
+def splits_of(session: Session, run: RescoringRun) -> tuple[SplitRow, SplitRow]:
+    """Return the split revision that a run leaves, and the one that it leads to."""
+    name = session.get_one(Phase, run.phase_id).split_name
+    before = find_split(session, name, run.from_split_revision)
+    return before, find_split(session, name, run.to_split_revision)
+
+
+def what_changed(session: Session, run: RescoringRun, *, is_taken_back: bool) -> tuple[str, ...]:
+    """Return what readers are told as a run is applied, or taken back; reasons stay with the organizers."""
+    sentences = difference_of(session, run).sentences
+    if is_taken_back:
+        return tuple(f"taken back: {sentence}" for sentence in sentences)
+    if run.from_protocol_digest == run.to_protocol_digest:
+        return sentences
+    return find_protocol(session, run.to_protocol_digest).changes, *sentences
 
 
 def split_steps(session: Session, before: SplitRow, after: SplitRow) -> tuple[SplitChange, ...]:

@@ -9,7 +9,13 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.phases.scoring_keys import ScoringKey, new_key, old_key, shadow_key
+from exceptiondrive_records.phases.scoring_keys import (
+    ScoringKey,
+    is_of_key,
+    new_key,
+    old_key,
+    shadow_key,
+)
 from exceptiondrive_records.rescoring.pairs import (
     count_pairs,
     fresh_board,
@@ -39,13 +45,12 @@ def tend_runs(database: Database, max_attempts: int) -> int:
         database: The records.
         max_attempts: Beyond this a sheet that is verified is given up.
     """
+    is_tended = RescoringRun.state.in_(_TENDED)
     with database.read() as session:
-        query = select(func.count()).where(RescoringRun.state.in_(_TENDED))
-        if not session.scalar(query):
+        if not session.scalar(select(func.count()).where(is_tended)):
             return 0
     with database.write() as session:
-        states = RescoringRun.state.in_(_TENDED)
-        runs = session.scalars(select(RescoringRun).where(states).with_for_update())
+        runs = session.scalars(select(RescoringRun).where(is_tended).with_for_update())
         return sum(_tend(session, run, max_attempts) for run in runs)
 
 
@@ -56,7 +61,8 @@ def _tend(session: Session, run: RescoringRun, max_attempts: int) -> int:
     if run.state is RunState.PAUSED:
         hold_jobs(session, run)
         return 0
-    made = sum(_insert_missing(session, run, key) for key in _sides(run))
+    sides = new_key(run), old_key(run)  # both: what is not shown now may be shown again
+    made = sum(_insert_missing(session, run, key) for key in sides)
     if run.state is RunState.APPLIED and not _missing(session, run, new_key(run)):
         want_fresh_board(session, run.phase_id, new_key(run))
     key = shadow_key(run)
@@ -70,11 +76,6 @@ def _tend(session: Session, run: RescoringRun, max_attempts: int) -> int:
         detail = {"phase": run.phase_id}
         audit(session, _ACTOR, "rescoring ready", run.id, detail)
     return made
-
-
-def _sides(run: RescoringRun) -> tuple[ScoringKey, ...]:
-    """Both: what is not shown now may be shown again."""
-    return new_key(run), old_key(run)
 
 
 def _insert_missing(session: Session, run: RescoringRun, key: ScoringKey) -> int:
@@ -138,8 +139,7 @@ def _waiting(run: RescoringRun, key: ScoringKey) -> Select[str]:
         .join(Submission, Submission.id == Job.submission_id)
         .where(
             Submission.phase_id == run.phase_id,
-            Job.protocol_digest == key.protocol_digest,
-            Job.split_revision == key.split_revision,
+            is_of_key(Job, key),
             Job.lane == Lane.RESCORE,
             Job.state.in_(WAITING_STATES),
         )

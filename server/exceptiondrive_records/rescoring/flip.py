@@ -17,18 +17,17 @@ from exceptiondrive_records.phases.quotas import WAITING
 from exceptiondrive_records.phases.scoring_keys import (
     ScoringKey,
     find_run,
+    is_of_key,
     key_of_phase,
     new_key,
     old_key,
     shadow_key,
 )
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.comparison import (
     Compared,
-    compare_rows,
-    difference_of,
-    taken_back,
+    compare_to_shown,
+    what_changed,
 )
 from exceptiondrive_records.rescoring.fan_out import cancel_jobs
 from exceptiondrive_records.rescoring.pairs import count_pairs, failed_pairs, fresh_board
@@ -41,6 +40,7 @@ from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.tables import WAITING_STATES, Job
 from exceptiondrive_schemas.api.rescoring import Comparison, NotificationKind, RunAction, RunState
 from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.printable import counted
 
 # Which sheets of a run could not be made, why as far as workers said, and what to do.
 
@@ -88,7 +88,7 @@ def _failure(code: str, ids: list[str]) -> str:
     more = [f"{len(ids) - _NAMED:,} more"] if len(ids) > _NAMED else []
     named = ", ".join([*ids[:_NAMED], *more])
     cure = _CURES.get(code, _USUAL_CURE)
-    return f"{_sheets(len(ids))} could not be made ({code}): of {named}. {cure}"
+    return f"{counted(len(ids), 'sheet')} could not be made ({code}): of {named}. {cure}"
 
 
 _BLOCKED_IN_WORDS = (RunState.DRAFT, RunState.PAUSED)
@@ -98,12 +98,7 @@ _BLOCKED_IN_WORDS = (RunState.DRAFT, RunState.PAUSED)
 def comparison_of(session: Session, run: RescoringRun) -> Compared | None:
     """Return what the next flip of a run would change; None while one of the boards is missing."""
     phase = session.get_one(Phase, run.phase_id)
-    return _compared_to(session, phase, fresh_board(session, run.phase_id, shadow_key(run)))
-
-
-def _compared_to(session: Session, phase: Phase, new: BoardRow | None) -> Compared | None:
-    old = None if phase.current_board_id is None else session.get(BoardRow, phase.current_board_id)
-    return None if new is None or old is None else compare_rows(old, new)
+    return compare_to_shown(session, phase, fresh_board(session, run.phase_id, shadow_key(run)))
 
 
 def work_out(database: Database, run_id: str) -> None:
@@ -132,7 +127,7 @@ def blockers_of(session: Session, run: RescoringRun) -> tuple[str, ...]:
     waiting = counts.missing - counts.failed
     if waiting:
         are = "is" if waiting == 1 else "are"
-        found.append(f"{_sheets(waiting)} of {counts.total:,} {are} still missing.")
+        found.append(f"{counted(waiting, 'sheet')} of {counts.total:,} {are} still missing.")
     if counts.failed:
         found += failed_words(session, run, key)
     if run.state is RunState.PAUSED:
@@ -201,11 +196,7 @@ def rollback_run(session: Session, run_id: str, *, reason: str, actor: str) -> R
 def _notify(
     session: Session, run: RescoringRun, comparison: Comparison, kind: NotificationKind
 ) -> None:
-    words = difference_of(session, run).sentences
-    if comparison.from_protocol != comparison.to_protocol and kind == "protocol_applied":
-        words = (find_protocol(session, run.to_protocol_digest).changes, *words)
-    if kind == "protocol_rolled_back":
-        words = taken_back(words)
+    words = what_changed(session, run, is_taken_back=kind == "protocol_rolled_back")
     notify_teams(session, comparison, kind, run_id=run.id, what_changed=words)
 
 
@@ -232,7 +223,7 @@ def _checked(session: Session, run_id: str, action: RunAction) -> tuple[Phase, B
     if key_of_phase(phase) != expected:
         raise Conflict("The phase no longer shows what this run began from; cancel it.")
     row = fresh_board(session, run.phase_id, shadow_key(run))
-    compared = _compared_to(session, phase, row)
+    compared = compare_to_shown(session, phase, row)
     if row is None or compared is None:
         raise Conflict("The phase has no board yet; try again in a moment.")
     return phase, row, compared
@@ -259,8 +250,7 @@ def _turn_waiting_jobs(session: Session, phase_id: str, old: ScoringKey, new: Sc
             update(Job)
             .where(
                 Job.submission_id.in_(both),
-                Job.protocol_digest == key.protocol_digest,
-                Job.split_revision == key.split_revision,
+                is_of_key(Job, key),
             )
             .values(is_first=is_first, lane=Lane.LIVE if is_first else Lane.RESCORE)
             .execution_options(synchronize_session=False)
@@ -274,12 +264,7 @@ def _waiting_under(phase_id: str, key: ScoringKey) -> Select[str]:
         .where(
             Submission.phase_id == phase_id,
             Submission.status.in_(WAITING),
-            Job.protocol_digest == key.protocol_digest,
-            Job.split_revision == key.split_revision,
+            is_of_key(Job, key),
             Job.state.in_(WAITING_STATES),
         )
     )
-
-
-def _sheets(count: int) -> str:
-    return "1 sheet" if count == 1 else f"{count:,} sheets"

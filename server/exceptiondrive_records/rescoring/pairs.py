@@ -13,7 +13,7 @@ from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_records.phases.quotas import WAITING
-from exceptiondrive_records.phases.scoring_keys import ScoringKey
+from exceptiondrive_records.phases.scoring_keys import ScoringKey, is_of_key
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
@@ -22,6 +22,7 @@ from exceptiondrive_records.work.tables import OPEN_STATES, Job
 from exceptiondrive_schemas.api.rescoring import Progress, RunState
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 
 _RATE_WINDOW = timedelta(seconds=30)
@@ -91,8 +92,7 @@ def open_jobs(session: Session, phase_id: str, key: ScoringKey) -> int:
         .join(Submission, Submission.id == Job.submission_id)
         .where(
             Submission.phase_id == phase_id,
-            Job.protocol_digest == key.protocol_digest,
-            Job.split_revision == key.split_revision,
+            is_of_key(Job, key),
             Job.state.in_(OPEN_STATES),
         )
     )
@@ -127,8 +127,7 @@ def _rate(session: Session, run: RescoringRun, key: ScoringKey) -> float | None:
         .join(Submission, Submission.id == ScoreSheetRow.submission_id)
         .where(
             Submission.phase_id == run.phase_id,
-            ScoreSheetRow.protocol_digest == key.protocol_digest,
-            ScoreSheetRow.split_revision == key.split_revision,
+            is_of_key(ScoreSheetRow, key),
             ScoreSheetRow.created_at >= since,
         )
     )
@@ -146,16 +145,14 @@ def _scored(phase_id: str) -> Select[Submission]:
 def _has_sheet(key: ScoringKey) -> ColumnElement[bool]:
     return exists().where(
         ScoreSheetRow.submission_id == Submission.id,
-        ScoreSheetRow.protocol_digest == key.protocol_digest,
-        ScoreSheetRow.split_revision == key.split_revision,
+        is_of_key(ScoreSheetRow, key),
     )
 
 
 def _jobs_of(key: ScoringKey) -> Select[str]:
     return select(Job.id).where(
         Job.submission_id == Submission.id,
-        Job.protocol_digest == key.protocol_digest,
-        Job.split_revision == key.split_revision,
+        is_of_key(Job, key),
     )
 
 
@@ -196,12 +193,12 @@ def _sample_reasons(old: SplitRow, new: SplitRow) -> Iterator[str]:
     before, after = set(old.manifest.sample_ids), set(new.manifest.sample_ids)
     if before - after:
         yield (
-            f"The new revision lacks {_samples(len(before - after))} that accepted files answer: "
+            f"The new revision lacks {counted(len(before - after), 'sample')} that accepted files answer: "
             "they could not be read under it."
         )
     if after - before:
         yield (
-            f"The new revision has {_samples(len(after - before))} that no accepted file answers: "
+            f"The new revision has {counted(len(after - before), 'sample')} that no accepted file answers: "
             "they could not be read under it."
         )
 
@@ -214,10 +211,6 @@ def _waypoint_reasons(challenge: str, old: GeometrySection, new: GeometrySection
             f"The protocol asks for {_waypoints(new)}; accepted files hold {_waypoints(old)}: "
             "they cannot be scored under it."
         )
-
-
-def _samples(count: int) -> str:
-    return "1 sample" if count == 1 else f"{count:,} samples"
 
 
 def _waypoints(geometry: GeometrySection) -> str:

@@ -1,5 +1,6 @@
 """Reveal the other part of a split: nothing but a rescoring run to the revision of that part."""
 
+from collections.abc import Iterator
 from datetime import datetime
 
 from sqlalchemy.orm import Session
@@ -9,10 +10,10 @@ from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.phases.phases import lock_phase
 from exceptiondrive_records.phases.policy import frozen_since, has_closed
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.rescoring.comparison import splits_of
 from exceptiondrive_records.rescoring.runs import create_run, start_run
 from exceptiondrive_records.rescoring.tables import RescoringRun
-from exceptiondrive_records.splits.splits import find_split, part_of, part_revision
-from exceptiondrive_records.splits.tables import SplitRow
+from exceptiondrive_records.splits.splits import part_of, part_revision
 from exceptiondrive_schemas.api.phase_settings import SplitPart
 from exceptiondrive_schemas.api.rescoring import RunState
 
@@ -39,39 +40,30 @@ def reveal_split(session: Session, phase_id: str, *, reason: str, actor: str) ->
 
 def is_reveal(session: Session, run: RescoringRun) -> bool:
     """Whether a run changes which part of the split counts."""
-    old, new = _splits_of(session, run)
+    old, new = splits_of(session, run)
     return old.part != new.part
 
 
-def _splits_of(session: Session, run: RescoringRun) -> tuple[SplitRow, SplitRow]:
-    name = session.get_one(Phase, run.phase_id).split_name
-    revisions = run.from_split_revision, run.to_split_revision
-    old, new = (find_split(session, name, revision) for revision in revisions)
-    return old, new
-
-
-def reveal_blockers(session: Session, run: RescoringRun) -> list[str]:
-    """Return what the life of the phase has against applying a run, or rolling it back."""
+def reveal_blockers(session: Session, run: RescoringRun) -> Iterator[str]:
+    """Yield what the life of the phase has against applying a run, or rolling it back."""
     phase = session.get_one(Phase, run.phase_id)
     now = database_now(session)
     if run.state is RunState.APPLIED:
-        words = _against_update(phase, now, "rolling back")
-        return [] if words is None else [words]
-    if not is_reveal(session, run):
-        words = _against_update(phase, now, "applying")
-        return [] if words is None else [words]
-    words = _against_reveal(phase, now)
-    return [] if words is None else [words, *_same_part(session, run)]
+        yield from _against_update(phase, now, "rolling back")
+    elif not is_reveal(session, run):
+        yield from _against_update(phase, now, "applying")
+    elif too_early := _against_reveal(phase, now):
+        yield too_early
+        yield from _same_part(session, run)
 
 
-def _same_part(session: Session, run: RescoringRun) -> list[str]:
+def _same_part(session: Session, run: RescoringRun) -> Iterator[str]:
     """Say what to ask for instead, where another revision was meant and not another part."""
-    old, new = _splits_of(session, run)
+    old, new = splits_of(session, run)
     same = part_revision(session, new.name, new.revision, part_of(old))
-    if same is None or same == old.revision:
-        return []
-    what = "all samples" if old.part is None else f"the {old.part} part"
-    return [f"To count {what} of that revision instead, cancel this run and name {same}."]
+    if same is not None and same != old.revision:
+        what = "all samples" if old.part is None else f"the {old.part} part"
+        yield f"To count {what} of that revision instead, cancel this run and name {same}."
 
 
 def _against_reveal(phase: Phase, now: datetime) -> str | None:
@@ -87,11 +79,10 @@ def _against_reveal(phase: Phase, now: datetime) -> str | None:
     )
 
 
-def _against_update(phase: Phase, now: datetime, what: str) -> str | None:
+def _against_update(phase: Phase, now: datetime, what: str) -> Iterator[str]:
     since = frozen_since(phase, now)
-    if since is None:
-        return None
-    return (
-        f"The board is frozen since {since:%Y-%m-%d %H:%M} UTC: {what} would show what the "
-        "freeze hides. Reveal the board first."
-    )
+    if since is not None:
+        yield (
+            f"The board is frozen since {since:%Y-%m-%d %H:%M} UTC: {what} would show what the "
+            "freeze hides. Reveal the board first."
+        )

@@ -17,6 +17,7 @@ from exceptiondrive_records.phases.scoring_keys import (
     OPEN,
     ScoringKey,
     find_run,
+    is_of_key,
     key_of_phase,
     new_key,
     old_key,
@@ -297,8 +298,7 @@ def retry_failed(session: Session, run: RescoringRun, key: ScoringKey) -> None:
         update(Job)
         .where(
             Job.submission_id.in_(failed),
-            Job.protocol_digest == key.protocol_digest,
-            Job.split_revision == key.split_revision,
+            is_of_key(Job, key),
         )
         .values(
             state=WorkState.QUEUED,

@@ -18,16 +18,16 @@ from exceptiondrive_records.protocols.protocols import (
 )
 from exceptiondrive_records.rescoring.comparison import (
     Compared,
-    compare_rows,
+    compare_to_shown,
     difference_of,
     split_steps,
-    taken_back,
+    splits_of,
+    what_changed,
 )
 from exceptiondrive_records.rescoring.flip import blockers_of, comparison_of
 from exceptiondrive_records.rescoring.pairs import count_pairs, progress_of
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.trials import trial_of
-from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_schemas.api.rescoring import (
     BoardHistoryLine,
@@ -163,9 +163,8 @@ def _unfinished_comparison(session: Session, run: RescoringRun) -> Compared | No
     """What the newest draft board says, though submissions have come since."""
     key = shadow_key(run)
     phase = session.get_one(Phase, run.phase_id)
-    new = latest_board(session, run.phase_id, key.protocol_digest, key.split_revision)
-    old = session.get(BoardRow, phase.current_board_id) if phase.current_board_id else None
-    return None if new is None or old is None else compare_rows(old, new)
+    draft = latest_board(session, run.phase_id, key.protocol_digest, key.split_revision)
+    return compare_to_shown(session, phase, draft)
 
 
 def public_run(session: Session, run_id: str, *, with_hidden: bool = False) -> PublicRun:
@@ -196,20 +195,18 @@ def public_run(session: Session, run_id: str, *, with_hidden: bool = False) -> P
         to_protocol=_protocol_ref(session, run.to_protocol_digest),
         from_split=SplitRef(name=phase.split_name, revision=run.from_split_revision),
         to_split=SplitRef(name=phase.split_name, revision=run.to_split_revision),
-        changes=_words_for_readers(session, run, phase.split_name),
+        changes=_words_for_readers(session, run),
         difference=difference_of(session, run),
         comparison=applied.comparison,
     )
 
 
-def _words_for_readers(session: Session, run: RescoringRun, split_name: str) -> str:
+def _words_for_readers(session: Session, run: RescoringRun) -> str:
     """What the makers of the new protocol and of the new split revision say of them."""
     words = []
     if run.from_protocol_digest != run.to_protocol_digest:
         words.append(find_protocol(session, run.to_protocol_digest).changes)
-    revisions = run.from_split_revision, run.to_split_revision
-    before, after = (find_split(session, split_name, revision) for revision in revisions)
-    words += [step.words for step in split_steps(session, before, after)]
+    words += [step.words for step in split_steps(session, *splits_of(session, run))]
     return " ".join(words)
 
 
@@ -278,12 +275,7 @@ def update_words(session: Session, phase_id: str) -> dict[int, tuple[str, ...]]:
 
 
 def _words_of(session: Session, run: RescoringRun, flip_id: int) -> tuple[str, ...]:
-    sentences = difference_of(session, run).sentences
-    if flip_id == run.rollback_flip_id:
-        return taken_back(sentences)
-    if run.from_protocol_digest == run.to_protocol_digest:
-        return sentences
-    return find_protocol(session, run.to_protocol_digest).changes, *sentences
+    return what_changed(session, run, is_taken_back=flip_id == run.rollback_flip_id)
 
 
 def _runs_by_flip(session: Session, phase_id: str) -> dict[int, RescoringRun]:

@@ -478,6 +478,26 @@ def list_submissions(
     return list(session.scalars(query.limit(limit)))
 
 
+def submission_page(
+    session: Session,
+    *,
+    team_id: int | None = None,
+    phase_id: str | None = None,
+    status: SubmissionStatus | None = None,
+    after: str | None,
+    limit: int,
+) -> tuple[list[Submission], str | None]:
+    """Return a page of `list_submissions`, and after which submission the next one begins, if any.
+
+    Raises:
+        NotFound: `after` is no submission that could be listed.
+    """
+    found = list_submissions(
+        session, team_id=team_id, phase_id=phase_id, status=status, after=after, limit=limit + 1
+    )
+    return found[:limit], found[limit - 1].id if len(found) > limit else None
+
+
 def counts_by_team(session: Session) -> dict[int, int]:
     """Return how many submissions each team has, whatever became of them."""
     query = select(Submission.team_id, func.count()).group_by(Submission.team_id)

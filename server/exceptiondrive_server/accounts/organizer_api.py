@@ -16,10 +16,10 @@ from exceptiondrive_records.teams.teams import (
 )
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
 from exceptiondrive_server.web.forms import Form
+from exceptiondrive_server.web.path_ids import TeamId
 
 router = APIRouter()
 PersonId = Annotated[str, Path(max_length=64, description="id of a person")]
-Slug = Annotated[str, Path(max_length=64, description="id of a team")]
 
 
 class PersonView(BaseModel):
@@ -85,7 +85,7 @@ def post_organizer(
 
 
 @router.post("/teams/{team_id}/invitations", operation_id="inviteToTeam", status_code=201)
-def post_invitation(services: ServicesOf, organizer: Organizer, team_id: Slug) -> NewInvitation:
+def post_invitation(services: ServicesOf, organizer: Organizer, team_id: TeamId) -> NewInvitation:
     """Make a link with which one person joins a team, once."""
     with services.database.write() as session:
         team = find_team(session, team_id)

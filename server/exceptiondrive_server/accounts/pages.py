@@ -26,7 +26,7 @@ from exceptiondrive_records.accounts.tokens import note_use, verify_token
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_server.accounts.sign_in_provider import CALLBACK, ProviderAway, SignInRefused
-from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.auth import ServicesOf, address_of
 from exceptiondrive_server.web.browser_session import (
     MaybeSignedIn,
     forget_session,
@@ -79,8 +79,7 @@ def sign_in(
     require_private_channel(request)
     require_same_origin(request)
     require_form_token(form_secret(request), given)
-    address = request.client.host if request.client else "unknown"
-    opened = _session_for(services, token.strip(), address)
+    opened = _session_for(services, token.strip(), address_of(request))
     if opened is None:
         return show_form(request, back, status=401, fault=REFUSED)
     return enter(request, back, *opened)
@@ -174,7 +173,7 @@ async def send_to_provider(request: Request, services: ServicesOf, back: Text = 
     """Send the browser to the provider. A link, no form: our own CSP binds forms to this site."""
     require_private_channel(request)
     provider = _provider(services)
-    await run_in_threadpool(_count, services, start_keys_of(_sender(request)))
+    await run_in_threadpool(_count, services, start_keys_of(address_of(request)))
     try:
         url = await provider.begin(request, safe_back(back))
     except ProviderAway:
@@ -229,11 +228,7 @@ def _count(services: Services, limits: Mapping[str, int]) -> None:
 
 
 def _limits(request: Request) -> dict[str, int]:
-    return keys_of(_sender(request), "")
-
-
-def _sender(request: Request) -> str:
-    return request.client.host if request.client else "unknown"
+    return keys_of(address_of(request), "")
 
 
 def _provider(services: Services) -> "Provider":

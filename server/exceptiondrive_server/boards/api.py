@@ -16,13 +16,12 @@ from exceptiondrive_records.boards.boards import (
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import shown_phase
-from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.submissions.edits import edits_of_phase
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.method_facts import PhaseFacts
 from exceptiondrive_server.boards.exports import EXPORTS
-from exceptiondrive_server.boards.queries import chosen_board, facts_on
+from exceptiondrive_server.boards.queries import asked_entries, chosen_board, facts_on
 from exceptiondrive_server.boards.query import AskedBoard, BoardQuery, documented
 from exceptiondrive_server.boards.reported import ReportedBoardView, reported_of
 from exceptiondrive_server.boards.selection import is_as_kept, selected_board
@@ -33,6 +32,7 @@ from exceptiondrive_server.web.auth import (
     sees_hidden,
 )
 from exceptiondrive_server.web.etag import REVALIDATED, conditional
+from exceptiondrive_server.web.path_ids import PhaseId
 from exceptiondrive_server.web.problems import problem_responses
 from exceptiondrive_server.web.responses import origin_of
 
@@ -144,10 +144,8 @@ def _as_kept(request: Request, row: BoardRow, max_age_s: int | None) -> Response
 def get_board_csv(request: Request, services: ServicesOf, query: AskedBoard) -> Response:
     """Give a board as CSV; cells that a spreadsheet would run as formulas are quoted."""
     with services.database.read() as session:
-        row = chosen_board(session, query)
-        protocol, whole = find_protocol(session, row.protocol_digest), parsed_board(row)
-        facts = facts_on(session, whole)
-    csv, board = EXPORTS["csv"], selected_board(whole, query, facts)
+        board, protocol, facts = asked_entries(session, query)
+    csv = EXPORTS["csv"]
     text = csv.write(board, protocol, origin_of(request), facts)
     max_age_s = services.settings.board_max_age_s
     return conditional(request, text.encode(), csv.media_type, max_age_s=max_age_s)
@@ -183,7 +181,7 @@ def get_facts(services: ServicesOf, query: AskedBoard) -> PhaseFacts:
 def get_board_by_number(
     request: Request,
     services: ServicesOf,
-    phase: Annotated[str, Path(max_length=64, description="id of a phase")],
+    phase: PhaseId,
     number: Annotated[int, Path(ge=1, lt=2**31, description="of the board")],
 ) -> Response:
     """Give a board at its permanent address; its bytes never change."""
@@ -201,7 +199,7 @@ def get_board_by_number(
 def get_reported_boards(
     services: ServicesOf,
     principal: MaybePrincipal,
-    phase_id: Annotated[str, Path(max_length=64, description="id of a phase")],
+    phase_id: PhaseId,
 ) -> list[ReportedBoardView]:
     """List boards of elsewhere beside a phase: rows that rank nowhere, each with what differs."""
     with services.database.read() as session:

@@ -252,8 +252,8 @@ def scatter_chart(
     x_values, x_intervals = [m.x for m in marks], [m.x_interval for m in marks]
     y_values, y_intervals = [m.y for m in marks], [m.y_interval for m in marks]
     if words.same_scale:
-        both = _scale([*x_values, *y_values], [*x_intervals, *y_intervals], frame.across, width)
-        x_scale, y_scale, frame = _like_along_x(both, frame, foot, y_values, y_intervals)
+        x_scale = _scale([*x_values, *y_values], [*x_intervals, *y_intervals], frame.across, width)
+        y_scale, frame = _like_along_x(x_scale, frame, foot, y_values, y_intervals)
     else:
         x_scale = _scale(x_values, x_intervals, frame.across, width)
         y_scale = _scale(y_values, y_intervals, frame.upwards, width)
@@ -320,8 +320,8 @@ def _like_along_x(
     foot: float,
     values: Sequence[float],
     intervals: Sequence[Interval | None],
-) -> tuple[Scale, Scale, Frame]:
-    """Return x, a y on which a point is as long as along x, and a frame as high as that y asks.
+) -> tuple[Scale, Frame]:
+    """Return a y on which a point is as long as along x, and a frame as high as that y asks.
 
     It ends at the first tick above all that it holds, and above a quarter of x, where labels find room.
     """
@@ -331,7 +331,7 @@ def _like_along_x(
     bottom = frame.top + (frame.right - frame.left) * top / x.domain[1]
     cut = Frame(frame.width, math.ceil(bottom + foot), frame.top, bottom, frame.left)
     ticks = tuple(tick for tick in x.ticks if tick <= top)
-    return x, Scale((0.0, top), cut.upwards, ticks), cut
+    return Scale((0.0, top), cut.upwards, ticks), cut
 
 
 def _ticks(scale: Scale) -> tuple[Tick, ...]:
@@ -521,9 +521,8 @@ def effect_arrows(
         start = by_key.get(effect.without) if effect else None
         if effect is None or start is None:
             continue
-        ends = [_values(one, metrics) for one in (start, entry)]
-        if None not in ends[0] and None not in ends[1]:
-            arrows.append(_arrow(ends[0], ends[1], effect, metrics, x, y, entry.method))
+        ends = _values(start, metrics), _values(entry, metrics)
+        arrows.append(_arrow(*ends, effect, metrics, x, y, entry.method))
     return tuple(arrow for arrow in arrows if arrow is not None)
 
 

@@ -128,9 +128,7 @@ def _findings(
 
 def _could_too(others: Sequence[BoardEntry]) -> str:
     """Say how many might lead as well, given how much the scenes vary."""
-    n = sum(
-        it.may_lead and it.rank_interval is not None and it.rank_interval[0] == 1 for it in others
-    )
+    n = sum(entry.may_lead and entry.could_be_first for entry in others)
     return f", though {counted(n, 'other', 'others')} could be first" if n else ""
 
 

@@ -17,9 +17,9 @@ from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_server.boards.reported import ReportedBoardView, reported_of, reported_view
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
 from exceptiondrive_server.web.forms import Deed, Form
+from exceptiondrive_server.web.path_ids import PhaseId
 
 router = APIRouter(prefix="/phases/{phase_id}/reported")
-PhaseId = Annotated[str, Path(max_length=64, description="id of a phase")]
 ReportedId = Annotated[str, Path(max_length=64, description="id of a reported board")]
 
 

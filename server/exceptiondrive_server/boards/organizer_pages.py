@@ -27,9 +27,9 @@ from exceptiondrive_server.web.organizer_frame import (
     organizer_page,
     step_at,
 )
+from exceptiondrive_server.web.path_ids import PhaseId
 
 router = APIRouter(prefix="/organize/phases/{phase_id}/reported", include_in_schema=False)
-PhaseId = Annotated[str, Path(max_length=64)]
 ReportedId = Annotated[str, Path(max_length=64)]
 
 

@@ -1,13 +1,11 @@
 """Routes of the board page, of the list of all boards, of exports and of the feed."""
 
-from typing import Annotated
-
-from fastapi import APIRouter, Path, Request
+from fastapi import APIRouter, Request
 from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tokens import Principal, Scope
-from exceptiondrive_records.boards.boards import late_board, leads, parsed_board
+from exceptiondrive_records.boards.boards import late_board, leads
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import shown_phase
@@ -22,8 +20,7 @@ from exceptiondrive_server.boards.headline import own_entries
 from exceptiondrive_server.boards.lead_chart import lead_chart, takers
 from exceptiondrive_server.boards.page import NARROW_PX, PhaseLink
 from exceptiondrive_server.boards.queries import (
-    chosen_board,
-    facts_on,
+    asked_entries,
     phase_link,
     read_board,
     read_history,
@@ -31,11 +28,16 @@ from exceptiondrive_server.boards.queries import (
 )
 from exceptiondrive_server.boards.query import AskedBoard, BoardQuery, asked_board, without_unknown
 from exceptiondrive_server.boards.reported import reported_of
-from exceptiondrive_server.boards.selection import selected_board
 from exceptiondrive_server.guide.client_files import client_wheel
 from exceptiondrive_server.web.auth import ServicesOf, sees_hidden
-from exceptiondrive_server.web.browser_session import Holder, holder_of, principal_of_browser
+from exceptiondrive_server.web.browser_session import (
+    Holder,
+    browser_sees_hidden,
+    holder_of,
+    principal_of_browser,
+)
 from exceptiondrive_server.web.numbers import Digits
+from exceptiondrive_server.web.path_ids import PhaseId
 from exceptiondrive_server.web.responses import (
     SECURITY_HEADERS,
     Reading,
@@ -76,7 +78,7 @@ def _signed_in_board(request: Request) -> Response:
     query = asked_board(request)
     with services_of(request).database.read() as session:
         who = principal_of_browser(session, request)
-        board = read_board(session, query, with_hidden=who is not None and who.is_organizer)
+        board = read_board(session, query, with_hidden=sees_hidden(who))
         ids = _own_submissions(session, who, board.phase)
     own = own_entries(board.board, ids, query) if board.board and ids else None
     wheel = client_wheel(services_of(request))
@@ -151,14 +153,11 @@ def show_reported(request: Request, challenge: KnownChallenge) -> Response:
 
 
 @router.get("/phases/{phase_id}/reported")
-def show_reported_boards(
-    request: Request, phase_id: Annotated[str, Path(max_length=64)]
-) -> Response:
+def show_reported_boards(request: Request, phase_id: PhaseId) -> Response:
     """Show boards of elsewhere beside a phase, each row with what differs; nothing there ranks."""
 
     def read(session: Session) -> Reading:
-        may_see = sees_hidden(principal_of_browser(session, request))
-        phase = shown_phase(session, phase_id, with_hidden=may_see)
+        phase = shown_phase(session, phase_id, with_hidden=browser_sees_hidden(session, request))
         challenge, boards = CHALLENGES[phase.challenge], reported_of(session, phase)
         protocol = find_protocol(session, phase.protocol_digest)
         shown = {
@@ -180,10 +179,7 @@ def export_board(request: Request, services: ServicesOf, query: AskedBoard, form
     if export is None:
         raise NotFound("export", form)
     with services.database.read() as session:
-        row = chosen_board(session, query)
-        protocol, whole = find_protocol(session, row.protocol_digest), parsed_board(row)
-        facts = facts_on(session, whole)
-    board = selected_board(whole, query, facts)
+        board, protocol, facts = asked_entries(session, query)
     text = export.write(board, protocol, origin_of(request), facts)
     name = f"exceptiondrive-{board.phase}-board-{board.board}.{form}"
     headers = {**SECURITY_HEADERS, "Content-Disposition": f'attachment; filename="{name}"'}

@@ -60,27 +60,23 @@ def fitted(text: str, size: float, width: float) -> str:
     return text.rstrip() + ELLIPSIS
 
 
-def in_lines(text: str, size: float, width: float, n_lines: int) -> tuple[str, ...]:
-    """Break `text` between words into at most `n_lines` of about one length; cut what is too long."""
-    lines = _broken(text, size, width, n_lines)
+def in_two_lines(text: str, size: float, width: float) -> tuple[str, ...]:
+    """Break `text` between words into two lines of about one length, or one; cut what is too long."""
+    lines = _broken(text, size, width)
     for share in (0.9, 0.8, 0.7, 0.6):
-        narrower = _broken(text, size, width * share, n_lines)
+        narrower = _broken(text, size, width * share)
         if len(narrower) > len(lines) or any(line.endswith(ELLIPSIS) for line in narrower):
             break
         lines = narrower
     return lines
 
 
-def _broken(text: str, size: float, width: float, n_lines: int) -> tuple[str, ...]:
-    lines: list[str] = []
-    words = text.split()
-    while words and len(lines) < n_lines - 1:
-        taken = 1
-        while taken < len(words) and width_of(" ".join(words[: taken + 1]), size) <= width:
-            taken += 1
-        lines.append(fitted(" ".join(words[:taken]), size, width))
-        words = words[taken:]
-    return (*lines, fitted(" ".join(words), size, width)) if words else tuple(lines)
+def _broken(text: str, size: float, width: float) -> tuple[str, ...]:
+    words, taken = text.split(), 1
+    while taken < len(words) and width_of(" ".join(words[: taken + 1]), size) <= width:
+        taken += 1
+    lines = " ".join(words[:taken]), " ".join(words[taken:])
+    return tuple(fitted(line, size, width) for line in lines if line)
 
 
 def is_latin(text: str) -> bool:
@@ -134,7 +130,7 @@ def board_picture(reading: BoardPage) -> str:
         "boards/picture_board.svg",
         picture=BoardPicture(
             subtitle=subtitle(phase.title if phase else "", reading.protocol.version),
-            title=in_lines(title, TITLE_SIZE, TITLE_WIDTH, 2),
+            title=in_two_lines(title, TITLE_SIZE, TITLE_WIDTH),
             metric=f"{challenge.metrics[0].label}, %" if board and challenge else "",
             rows=_rows(board, digits) if board else (),
             foot=foot(board) if board else "No board has been published yet.",

@@ -54,6 +54,7 @@ from exceptiondrive_server.boards.families import MAX_SHEETS, Tasks, hardest_tas
 from exceptiondrive_server.boards.headline import BoardBefore, headline, moves_on
 from exceptiondrive_server.boards.page import BoardPage, PhaseLink, of_board
 from exceptiondrive_server.boards.query import BoardQuery
+from exceptiondrive_server.boards.selection import selected_board
 from exceptiondrive_server.web.numbers import Digits, minute
 
 _NEWEST_BOARDS = 10
@@ -301,6 +302,21 @@ def chosen_board(session: Session, query: BoardQuery) -> BoardRow:
     if row is None:
         raise NotFound("such board of the phase", phase.id)
     return row
+
+
+def asked_entries(
+    session: Session, query: BoardQuery
+) -> tuple[Board, ProtocolDocument, FactsOfBoard]:
+    """Return a board with the entries that are asked for, its protocol, and what its teams tell now.
+
+    Raises:
+        NotFound: There is no such board.
+    """
+    row = chosen_board(session, query)
+    board = parsed_board(row)
+    facts = facts_on(session, board)
+    protocol = find_protocol(session, row.protocol_digest)
+    return selected_board(board, query, facts), protocol, facts
 
 
 def _board_before(session: Session, row: BoardRow) -> BoardBefore | None:

@@ -34,6 +34,7 @@ AVERAGE_TITLES: Mapping[Average, str] = {
     "macro_family": "mean of families",
     "micro": "mean of samples",
 }
+OTHER_AVERAGE: Mapping[Average, Average] = {"macro_family": "micro", "micro": "macro_family"}
 BY_RANK = "rank"
 PageRows = Literal["20", "100", "all"]
 PAGE_ROWS: Mapping[PageRows, int] = {"20": 20, "100": 100, "all": 1000}

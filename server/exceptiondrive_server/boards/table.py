@@ -124,7 +124,6 @@ class Row:
     rank: str | None
     rank_interval: str | None
     rank_words: str
-    could_be_first: bool
     movement: Movement | None
     badge: Badge
     tag: str
@@ -152,7 +151,7 @@ class RowBuilder:
     digits: Digits
     metrics: tuple[Metric, ...]
     axes: dict[str, Scale]
-    best: dict[str, str]
+    best: dict[str, str | None]
     heat_top: float
     best_by_family: dict[str, float]
     is_current: bool
@@ -200,7 +199,6 @@ class RowBuilder:
             rank=None if entry.rank is None else str(entry.rank),
             rank_interval=_rank_interval(entry),
             rank_words=_rank_words(entry),
-            could_be_first=could_be_first(entry),
             movement=_movement(entry, self.board),
             badge=BADGES[entry.source],
             tag=told.facts.tag if told else "",
@@ -313,16 +311,12 @@ def _axis(board: Board, average: Average, metric: Metric) -> Scale:
 
 def _best(
     board: Board, primary: Sequence[Metric], average: Average, digits: Digits
-) -> dict[str, str]:
-    """Best published text per primary metric, among the entries that may lead."""
-    best: dict[str, str] = {}
-    ranked = [values_of(e, board, average) for e in board.entries if e.may_lead]
-    for metric in primary:
-        known = [value for row in ranked if (value := row.get(metric.key)) is not None]
-        if known:
-            value = max(known) if metric.better == "higher" else min(known)
-            best[metric.key] = digits.text(metric, value) or ""
-    return best
+) -> dict[str, str | None]:
+    """Best published text per primary metric, among the entries that may lead; None of none."""
+    rows = [values_of(entry, board, average) for entry in board.entries if entry.may_lead]
+    return {
+        metric.key: digits.best(metric, (row.get(metric.key) for row in rows)) for metric in primary
+    }
 
 
 def _heat_top(board: Board, key: str) -> float:
@@ -365,11 +359,6 @@ def outcome_bar(challenge: Challenge, values: MetricRow, digits: Digits) -> Outc
         drawn.append((part.kind, start, share * 100))
         start += share * 100
     return OutcomeBar(tuple(drawn), words)
-
-
-def could_be_first(entry: BoardEntry) -> bool:
-    """Whether the paired intervals leave open that an entry is the first."""
-    return entry.rank_interval is not None and entry.rank_interval[0] == 1
 
 
 def _rank_interval(entry: BoardEntry) -> str | None:
@@ -531,7 +520,7 @@ class BoardTable:
     @cached_property
     def first_sentence(self) -> str:
         """Say which rows are marked: those that could be the first."""
-        found = [entry for entry in self.board.entries if could_be_first(entry)]
+        found = [entry for entry in self.board.entries if entry.could_be_first]
         if not found:
             return ""
         if len(found) == 1:

@@ -1,12 +1,11 @@
 """Entries: what a board shows of a submission, and its published score sheet."""
 
-from typing import Annotated
-
-from fastapi import APIRouter, Path
+from fastapi import APIRouter
 
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_server.entries.queries import EntryView, published_entry
 from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.path_ids import SubmissionId
 from exceptiondrive_server.web.problems import problem_responses
 
 router = APIRouter(prefix="/entries", tags=["boards"])
@@ -19,7 +18,7 @@ router = APIRouter(prefix="/entries", tags=["boards"])
 )
 def get_entry(
     services: ServicesOf,
-    submission_id: Annotated[str, Path(max_length=64, description="id of a submission")],
+    submission_id: SubmissionId,
 ) -> EntryView:
     """Show an entry of a current board or late view; what is on neither is not found."""
     with services.database.read() as session:

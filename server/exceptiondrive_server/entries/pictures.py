@@ -8,7 +8,7 @@ from exceptiondrive_server.boards.pictures import (
     TITLE_WIDTH,
     fitted,
     foot,
-    in_lines,
+    in_two_lines,
     subtitle,
 )
 from exceptiondrive_server.boards.table import RowBuilder
@@ -42,7 +42,7 @@ def entry_picture(reading: EntryData) -> str:
     return render(
         "entries/picture.svg",
         picture={"subtitle": subtitle(reading.phase_title, reading.protocol.version), "foot": foot(board)},
-        title=in_lines(entry.method, NAME_SIZE, TITLE_WIDTH, 2),
+        title=in_two_lines(entry.method, NAME_SIZE, TITLE_WIDTH),
         by=fitted(entry.team or row.badge.word, 28, RIGHT - LEFT),
         flags=fitted(f"Flagged: {flags_of(entry)}" if entry.flags else "", 26, RIGHT - LEFT),
         figures=[

@@ -168,9 +168,10 @@ def _board_with(
         if phase is None or row is None:
             raise NotFound("entry", key)
         return row, row.id in (phase.current_board_id, phase.late_board_id)
-    if submission.status == SubmissionStatus.WITHDRAWN or _is_kept_private(session, submission):
-        raise NotFound("entry", key)
     phase = find_phase(session, submission.phase_id)
+    is_private = phase.policy.entries_private and submission.published_at is None
+    if is_private or submission.status == SubmissionStatus.WITHDRAWN:
+        raise NotFound("entry", key)
     now = boards_with(session, key, (phase.current_board_id, phase.late_board_id))
     if now:
         return now[0], True
@@ -249,11 +250,6 @@ def _sheet(session: Session, key: str | None, board: Board) -> ScoreSheet | None
     return shown_sheet(phase, row, database_now(session)) if row else None
 
 
-def _is_kept_private(session: Session, submission: Submission) -> bool:
-    phase = session.get_one(Phase, submission.phase_id)
-    return phase.policy.entries_private and submission.published_at is None
-
-
 def _past(session: Session, submission: Submission) -> tuple[PastPosition, ...]:
     """Where the entry stands, or stood last, under each protocol that was ever shown; newest first."""
     rows = boards_by_protocol(session, submission, MOST_PROTOCOLS)
@@ -295,31 +291,22 @@ def published_entry(session: Session, submission_id: str) -> EntryView:
     Raises:
         NotFound: It is on neither; the same whether or not it was submitted.
     """
-    rows, sheet = _published(session, submission_id)
-    for row in rows:
-        board = parsed_board(row)
-        for entry in board.entries:
-            if entry.submission_id == submission_id and sheet is not None:
-                told = facts_of_entries(session, board.phase, [submission_id])
-                now = told.get(submission_id, EntryFacts())
-                return EntryView(
-                    phase=board.phase,
-                    board=board.board,
-                    entry=entry,
-                    sheet=sheet,
-                    facts=now.facts,
-                    edited_at=now.edited_at,
-                )
-    raise NotFound("entry", submission_id)
-
-
-def _published(session: Session, submission_id: str) -> tuple[list[BoardRow], ScoreSheet | None]:
-    """Return what shows it now, the board first, and its sheet under the protocol of that board."""
     submission = _shown_submission(session, submission_id)
     if submission is None:
-        return [], None
+        raise NotFound("entry", submission_id)
     phase = find_phase(session, submission.phase_id)
-    shown = (phase.current_board_id, phase.late_board_id)
-    rows = boards_with(session, submission_id, shown)
+    rows = boards_with(session, submission_id, (phase.current_board_id, phase.late_board_id))
     sheets = published_sheets(session, phase, {submission_id}, database_now(session))
-    return rows, sheets.get(submission_id)
+    board = parsed_board(rows[0]) if rows else None
+    entry = find_entry(board, submission_id) if board else None
+    if board is None or entry is None or submission_id not in sheets:
+        raise NotFound("entry", submission_id)
+    told = facts_of_entries(session, phase.id, [submission_id]).get(submission_id, EntryFacts())
+    return EntryView(
+        phase=phase.id,
+        board=board.board,
+        entry=entry,
+        sheet=sheets[submission_id],
+        facts=told.facts,
+        edited_at=told.edited_at,
+    )

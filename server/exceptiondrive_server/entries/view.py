@@ -19,9 +19,10 @@ from exceptiondrive_server.boards.entry_facts import (
     challenge_of,
     entry_key,
     entry_url,
+    values_of,
 )
 from exceptiondrive_server.boards.families import DOT_WIDE, DOT_WIDTH, DotPlot, dot_plot
-from exceptiondrive_server.boards.query import AVERAGE_TITLES
+from exceptiondrive_server.boards.query import AVERAGE_TITLES, OTHER_AVERAGE
 from exceptiondrive_server.boards.table import (
     SMALL_FAMILY,
     OutcomeBar,
@@ -69,11 +70,12 @@ def entry_page(reading: EntryData) -> dict[str, Any]:
     challenge, digits = challenge_of(board), Digits.of(reading.protocol.publication)
     builder = RowBuilder.of(board, board.headline, digits, is_current=reading.is_current)
     row, plausibility = builder.row(entry), reading.protocol.plausibility
-    is_macro = board.headline == "macro_family"
+    other = OTHER_AVERAGE[board.headline]
     effects = effect_table(board, entry, digits)
     curve = sheet.clearance_curve if sheet else None
     shown = panels(reading)
     curves = ((entry, curve),) if curve else ()
+    board_query = urlencode(board_fields(board, reading.is_current))
     return {
         "reading": reading,
         "challenge": challenge,
@@ -81,14 +83,14 @@ def entry_page(reading: EntryData) -> dict[str, Any]:
         "row": row,
         "position": position_of(row, board),
         "axis": WHOLE,
-        "averages": (AVERAGE_TITLES[board.headline], AVERAGE_TITLES["micro" if is_macro else "macro_family"]),
-        "other": entry.micro if is_macro else entry.macro_family,
+        "averages": (AVERAGE_TITLES[board.headline], AVERAGE_TITLES[other]),
+        "other": values_of(entry, board, other),
         "parts": tuple(_parts(reading, challenge.metrics[0])),
         "metrics": [metric for metric in challenge.metrics if metric.shown != "details"],
         "details": _details(board, entry),
         "beside_others": None if shown else _beside_others(board, entry, digits),
         "beside_wide": None if shown else _beside_others(board, entry, digits, DOT_WIDE),
-        "board_query": urlencode(board_fields(board, reading.is_current)),
+        "board_query": board_query,
         "curve": curve_chart(curves, board.headline),
         "bars": clearance_bars(curve) if curve else (),
         "narrow_curve": curve_chart(curves, board.headline, width=350, height=300),
@@ -96,13 +98,13 @@ def entry_page(reading: EntryData) -> dict[str, Any]:
         "past_axis": _past_axis(reading, challenge.metrics[0]),
         "panels": shown,
         "scenes": motions(reading, tuple(each for each in shown if each.group == "scene")),
-        "beside": urlencode([*board_fields(board, reading.is_current), ("with", entry_key(entry))]),
+        "beside": f"{board_query}&{urlencode({'with': entry_key(entry)})}",
         "tables": (
             *([effects] if effects.lines else ()),
             *(sheet_tables(sheet, reading.protocol, digits) if sheet else ()),
         ),
         "neighbours": _neighbours(reading),
-        "board_url": f"/?{urlencode(board_fields(board, reading.is_current))}#board",
+        "board_url": f"/?{board_query}#board",
         "picture_url": f"/pictures/entries/{entry_key(entry)}.png?{_picture_query(board)}",
     }  # fmt: skip
 

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Path
+from fastapi import APIRouter
 from pydantic import Field
 
 from exceptiondrive_records.accounts.sessions import require_unrevoked
@@ -13,10 +13,10 @@ from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_server.news.queries import NewsView, QuestionView, news_view, question_view
 from exceptiondrive_server.web.auth import Reader, ServicesOf, Submitter, team_of
 from exceptiondrive_server.web.forms import Form
+from exceptiondrive_server.web.path_ids import PhaseId
 from exceptiondrive_server.web.problems import problem_responses
 
 router = APIRouter(prefix="/phases", tags=["phases"])
-PhaseId = Annotated[str, Path(max_length=64, description="id of a phase")]
 _OF_TEAMS = (ProblemCode.NOT_SIGNED_IN, ProblemCode.NOT_ALLOWED, ProblemCode.NOT_FOUND)
 
 

@@ -1,9 +1,8 @@
 """Where a team asks the organizers, and reads what they answered."""
 
-from typing import Annotated
 from urllib.parse import urlencode
 
-from fastapi import APIRouter, Path, Request
+from fastapi import APIRouter, Request
 from fastapi.responses import RedirectResponse, Response
 
 from exceptiondrive_records.accounts.sessions import require_unrevoked
@@ -14,12 +13,11 @@ from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_server.news.queries import question_view
 from exceptiondrive_server.web.auth import ServicesOf, team_of
 from exceptiondrive_server.web.browser_session import Browser, PostedForm, SignedIn, require_scope
-from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
+from exceptiondrive_server.web.path_ids import PhaseId
 from exceptiondrive_server.web.responses import private_page
 from exceptiondrive_server.web.services import Services
 
 router = APIRouter(include_in_schema=False)
-PhaseId = Annotated[str, Path(max_length=64)]
 
 
 @router.get("/my/questions/{phase_id}")
@@ -68,11 +66,10 @@ def _questions(
         request,
         "news/questions.html",
         "my",
-        status=200 if refusal is None else PROBLEMS[refusal.code].status,
         phase=phase,
         questions=questions,
         text=text,
-        refusal=None if refusal is None else str(refusal),
+        refusal=refusal,
         max_length=MAX_QUESTION,
         can_ask=Scope.SUBMIT in browser.principal.scopes,
         form_token=browser.form_token,

@@ -30,8 +30,6 @@ from exceptiondrive_server.web.browser_session import (
     SignedIn,
     require_scope,
 )
-from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
-from exceptiondrive_server.web.problems import problem_of
 from exceptiondrive_server.web.responses import private_page
 from exceptiondrive_server.web.services import Services
 from exceptiondrive_server.web.templating import template_filter
@@ -183,7 +181,6 @@ def _page(
         request,
         "notifications/notices.html",
         "my",
-        status=200 if refusal is None else PROBLEMS[problem_of(refusal).code].status,
         who=browser.principal,
         notices=notices,
         has_unread=any(notice.read_at is None for notice in notices),

@@ -3,7 +3,7 @@
 from datetime import datetime
 from typing import Annotated
 
-from fastapi import APIRouter, Path
+from fastapi import APIRouter
 from pydantic import BaseModel, Field
 
 from exceptiondrive_records.phases.disqualified import disqualification_notes
@@ -20,10 +20,10 @@ from exceptiondrive_server.web.auth import (
     team_of,
 )
 from exceptiondrive_server.web.forms import Form
+from exceptiondrive_server.web.path_ids import PhaseId
 from exceptiondrive_server.web.problems import problem_responses
 
 router = APIRouter(prefix="/phases", tags=["phases"])
-PhaseId = Annotated[str, Path(max_length=64, description="id of a phase")]
 
 
 class AcceptTerms(Form):

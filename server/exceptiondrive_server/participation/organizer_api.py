@@ -36,11 +36,9 @@ from exceptiondrive_server.participation.queries import (
 )
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
 from exceptiondrive_server.web.forms import Deed, Form
+from exceptiondrive_server.web.path_ids import PhaseId, SubmissionId, TeamId
 
 router = APIRouter()
-Slug = Annotated[str, Path(max_length=64, description="id of a team")]
-PhaseId = Annotated[str, Path(max_length=64, description="id of a phase")]
-SubmissionId = Annotated[str, Path(max_length=64, description="id of a submission")]
 Quota = Annotated[int, Field(ge=1, le=1_000_000)]
 MAX_TABLE = 200_000
 
@@ -147,7 +145,7 @@ class MessageView(BaseModel):
 
 
 @router.get("/teams/{team_id}/participation", operation_id="showParticipation")
-def get_participation(services: ServicesOf, team_id: Slug) -> Participation:
+def get_participation(services: ServicesOf, team_id: TeamId) -> Participation:
     """Show people, addresses, own limits, disqualifications and accepted terms of a team."""
     with services.database.read() as session:
         return participation_of(session, find_team(session, team_id))
@@ -155,7 +153,7 @@ def get_participation(services: ServicesOf, team_id: Slug) -> Participation:
 
 @router.patch("/teams/{team_id}", operation_id="changeTeam")
 def patch_team(
-    services: ServicesOf, organizer: Organizer, team_id: Slug, change: TeamChange
+    services: ServicesOf, organizer: Organizer, team_id: TeamId, change: TeamChange
 ) -> ChangedTeam:
     """Change name or affiliation; new boards show the new name, earlier ones stay as they are."""
     with services.database.write() as session:
@@ -164,7 +162,7 @@ def patch_team(
 
 
 @router.post("/teams/{team_id}/merge", operation_id="mergeTeams")
-def post_merge(services: ServicesOf, organizer: Organizer, team_id: Slug, merge: Merge) -> Merged:
+def post_merge(services: ServicesOf, organizer: Organizer, team_id: TeamId, merge: Merge) -> Merged:
     """Make a team part of another one, with submissions, people and addresses; for good."""
     with services.database.write() as session:
         team, n_moved = merge_teams(session, team_id, **merge.model_dump(), actor=organizer.actor)
@@ -173,7 +171,7 @@ def post_merge(services: ServicesOf, organizer: Organizer, team_id: Slug, merge:
 
 @router.post("/teams/{team_id}/forget", operation_id="forgetTeam")
 def post_forgetting(
-    services: ServicesOf, organizer: Organizer, team_id: Slug, deed: Deed
+    services: ServicesOf, organizer: Organizer, team_id: TeamId, deed: Deed
 ) -> ChangedTeam:
     """Take everything personal of a team out of the records; an alias stands on every board.
 
@@ -186,7 +184,7 @@ def post_forgetting(
 
 @router.post("/teams/{team_id}/disqualify", operation_id="disqualifyTeam", status_code=201)
 def post_team_disqualification(
-    services: ServicesOf, organizer: Organizer, team_id: Slug, wanted: TeamDisqualification
+    services: ServicesOf, organizer: Organizer, team_id: TeamId, wanted: TeamDisqualification
 ) -> DisqualificationView:
     """Take a team off the boards of a phase, or of all; it submits nothing there."""
     with services.database.write() as session:
@@ -244,7 +242,7 @@ def post_reinstatement(
 def put_allowance(
     services: ServicesOf,
     organizer: Organizer,
-    team_id: Slug,
+    team_id: TeamId,
     phase_id: PhaseId,
     wanted: NewAllowance,
 ) -> AllowanceView:

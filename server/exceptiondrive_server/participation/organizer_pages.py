@@ -47,10 +47,9 @@ from exceptiondrive_server.web.organizer_frame import (
     step_page,
     take_step,
 )
+from exceptiondrive_server.web.path_ids import PhaseId, SubmissionId, TeamId
 
 router = APIRouter(prefix="/organize", include_in_schema=False)
-Slug = Annotated[str, Path(max_length=64)]
-SubmissionId = Annotated[str, Path(max_length=64)]
 TOLD_REASON = FormField(
     "reason",
     "Reason",
@@ -133,7 +132,7 @@ def _import_page(
 
 
 @step_at(router, "/teams/{team_id}/change")
-def change(services: ServicesOf, team_id: Slug) -> Step:
+def change(services: ServicesOf, team_id: TeamId) -> Step:
     """Change name or affiliation."""
 
     def kept(session: Session) -> dict[str, str]:
@@ -163,7 +162,7 @@ def _names(team: Team) -> dict[str, str]:
 
 
 @step_at(router, "/teams/{team_id}/merge")
-def merge(services: ServicesOf, team_id: Slug) -> Step:
+def merge(services: ServicesOf, team_id: TeamId) -> Step:
     """Make two teams one."""
     with services.database.read() as session:
         team = find_team(session, team_id)
@@ -191,7 +190,7 @@ def merge(services: ServicesOf, team_id: Slug) -> Step:
 
 
 @step_at(router, "/teams/{team_id}/forget")
-def forget(services: ServicesOf, team_id: Slug) -> Step:
+def forget(services: ServicesOf, team_id: TeamId) -> Step:
     """Forget a team."""
     with services.database.read() as session:
         team = find_team(session, team_id)
@@ -228,7 +227,7 @@ def _once_typed(team: Team, deed: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @step_at(router, "/teams/{team_id}/limits/{phase_id}")
-def limits(services: ServicesOf, team_id: Slug, phase_id: Slug) -> Step:
+def limits(services: ServicesOf, team_id: TeamId, phase_id: PhaseId) -> Step:
     """Set the limits of one team in a phase."""
 
     def texts(session: Session) -> dict[str, str]:
@@ -270,7 +269,7 @@ def limits(services: ServicesOf, team_id: Slug, phase_id: Slug) -> Step:
 
 
 @step_at(router, "/teams/{team_id}/disqualify")
-def team_disqualification(services: ServicesOf, team_id: Slug) -> Step:
+def team_disqualification(services: ServicesOf, team_id: TeamId) -> Step:
     """Disqualify a team."""
     with services.database.read() as session:
         team = find_team(session, team_id)

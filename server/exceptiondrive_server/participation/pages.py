@@ -1,8 +1,6 @@
 """The terms of a phase, which a team reads and accepts."""
 
-from typing import Annotated
-
-from fastapi import APIRouter, Path, Request
+from fastapi import APIRouter, Request
 from fastapi.responses import RedirectResponse, Response
 
 from exceptiondrive_records.accounts.tokens import Scope
@@ -10,10 +8,10 @@ from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_records.phases.terms import accept_terms, terms_accepted_at, terms_version
 from exceptiondrive_server.web.auth import ServicesOf, team_of
 from exceptiondrive_server.web.browser_session import Browser, PostedForm, require_scope
+from exceptiondrive_server.web.path_ids import PhaseId
 from exceptiondrive_server.web.responses import private_page
 
 router = APIRouter(include_in_schema=False)
-PhaseId = Annotated[str, Path(max_length=64)]
 
 
 @router.get("/my/terms/{phase_id}")

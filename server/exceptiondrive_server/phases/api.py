@@ -1,8 +1,6 @@
 """Phases and the manifests of their splits."""
 
-from typing import Annotated
-
-from fastapi import APIRouter, Path, Response
+from fastapi import APIRouter, Response
 
 from exceptiondrive_records.phases.phases import list_phases, phase_view, shown_phase
 from exceptiondrive_records.splits.splits import manifest_of
@@ -18,10 +16,10 @@ from exceptiondrive_server.web.auth import (
     ServicesOf,
     sees_hidden,
 )
+from exceptiondrive_server.web.path_ids import PhaseId
 from exceptiondrive_server.web.problems import QUOTA_HEADERS, problem_responses, quota_headers
 
 router = APIRouter(prefix="/phases", tags=["phases"])
-PhaseId = Annotated[str, Path(max_length=64, description="id of a phase")]
 
 
 @router.get(

@@ -1,9 +1,9 @@
 """Phases, as organizers manage them."""
 
 from collections.abc import Callable, Mapping
-from typing import Annotated, Literal
+from typing import Literal
 
-from fastapi import APIRouter, Path, Request, Response
+from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel
 from sqlalchemy.orm import Session
 
@@ -28,11 +28,11 @@ from exceptiondrive_server.phases.export import export_phase
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
 from exceptiondrive_server.web.forms import Deed
 from exceptiondrive_server.web.organizer_rights import require_order_right
+from exceptiondrive_server.web.path_ids import PhaseId
 from exceptiondrive_server.web.responses import origin_of
 from exceptiondrive_server.web.services import Services
 
 router = APIRouter()
-PhaseId = Annotated[str, Path(max_length=64, description="id of a phase")]
 
 
 class Reveal(Deed):

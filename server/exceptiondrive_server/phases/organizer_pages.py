@@ -62,6 +62,7 @@ from exceptiondrive_server.web.organizer_frame import (
     step_at,
 )
 from exceptiondrive_server.web.organizer_rights import may_change, require_order_right
+from exceptiondrive_server.web.path_ids import PhaseId
 from exceptiondrive_server.web.responses import origin_of
 from exceptiondrive_server.web.services import Services
 from exceptiondrive_server.web.templating import template_filter
@@ -155,7 +156,6 @@ PHASE_STEPS: Mapping[str, PhaseStep] = MappingProxyType(
 
 router = APIRouter(prefix="/organize/phases", include_in_schema=False)
 HERE = "/organize/phases"
-PhaseId = Annotated[str, Path(max_length=64)]
 StepKey = Annotated[str, Path(max_length=20)]
 HISTORY = 50
 SETTINGS = fields_of(PhaseSettings)

@@ -1,8 +1,6 @@
 """The page of a phase: what it asks, its rules, terms and prize, its dates, its data, whom to ask."""
 
-from typing import Annotated
-
-from fastapi import APIRouter, Path, Request
+from fastapi import APIRouter, Request
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
@@ -17,13 +15,12 @@ from exceptiondrive_schemas.flags import FLAGS
 from exceptiondrive_server.boards.queries import phase_link
 from exceptiondrive_server.news.queries import news_view
 from exceptiondrive_server.phases.report import has_ended, report_of
-from exceptiondrive_server.web.auth import sees_hidden
-from exceptiondrive_server.web.browser_session import principal_of_browser
+from exceptiondrive_server.web.browser_session import browser_sees_hidden
 from exceptiondrive_server.web.numbers import Digits
+from exceptiondrive_server.web.path_ids import PhaseId
 from exceptiondrive_server.web.responses import Reading, public_page
 
 router = APIRouter(include_in_schema=False)
-PhaseId = Annotated[str, Path(max_length=64)]
 
 
 @router.get("/phases/{phase_id}")
@@ -31,8 +28,7 @@ def show_phase(request: Request, phase_id: PhaseId) -> Response:
     """Show what a phase is about; a hidden one to organizers alone."""
 
     def read(session: Session) -> Reading:
-        may_see = sees_hidden(principal_of_browser(session, request))
-        phase = shown_phase(session, phase_id, with_hidden=may_see)
+        phase = shown_phase(session, phase_id, with_hidden=browser_sees_hidden(session, request))
         now, freezes_at = database_now(session), phase.policy.freezes_at
         shown = {
             "phase": phase_link(session, phase, True),
@@ -56,8 +52,7 @@ def show_report(request: Request, phase_id: PhaseId) -> Response:
     """Show how a phase ended; before its end there is no such page."""
 
     def read(session: Session) -> Reading:
-        may_see = sees_hidden(principal_of_browser(session, request))
-        phase = shown_phase(session, phase_id, with_hidden=may_see)
+        phase = shown_phase(session, phase_id, with_hidden=browser_sees_hidden(session, request))
         report = report_of(session, phase)
         shown = {
             "report": report,

@@ -93,9 +93,7 @@ def report_of(session: Session, phase: Phase) -> PhaseReport:
         n_listed=sum(is_listed(entry) for entry in scored),
         winners=tuple(entry for entry in leading if (entry.rank or 0) <= LAST_PLACE),
         may_be_first=tuple(
-            entry.submission_id
-            for entry in leading
-            if entry.submission_id and entry.rank_interval and entry.rank_interval[0] == 1
+            entry.submission_id for entry in leading if entry.submission_id and entry.could_be_first
         ),
         flags=dict(Counter(flag.code for entry in scored for flag in entry.flags)),
         shake_up=None if before is None else _shake_up(parsed_board(before), board),

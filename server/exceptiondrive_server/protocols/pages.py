@@ -17,8 +17,8 @@ from exceptiondrive_schemas.protocol import NEWEST, ProtocolDocument, packaged_p
 from exceptiondrive_schemas.taxonomy import Strategy
 from exceptiondrive_server.boards.queries import featured_protocol
 from exceptiondrive_server.boards.scene_drawing import scene_drawing
-from exceptiondrive_server.web.auth import ServicesOf, sees_hidden
-from exceptiondrive_server.web.browser_session import principal_of_browser
+from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.browser_session import browser_sees_hidden
 from exceptiondrive_server.web.responses import Reading, public_page
 
 router = APIRouter(include_in_schema=False)
@@ -38,8 +38,7 @@ def show_protocol(request: Request, version: str) -> Response:
     """Show the rules of a protocol; a draft to organizers alone."""
 
     def read(session: Session) -> Reading:
-        may_see = sees_hidden(principal_of_browser(session, request))
-        return _protocol(session, version, with_drafts=may_see)
+        return _protocol(session, version, with_drafts=browser_sees_hidden(session, request))
 
     return public_page(request, "protocols/protocol.html", "protocol", read)
 

@@ -48,26 +48,24 @@ def comparison_csv(comparison: Comparison, direction: FlipDirection) -> str:
     return out.getvalue()
 
 
-def _line(entry: EntryChange, columns: list[tuple[str, str]]) -> list[str]:
+def _line(entry: EntryChange, columns: list[tuple[str, str]]) -> list[str | float | None]:
+    """Cells of an entry; None is written as an empty one."""
     sides = (entry.old, entry.new)
-    cells = [
+    spans = [side.rank_interval if side else None for side in sides]
+    cells: list[str | float | None] = [
         entry.submission_id,
         spreadsheet_text(entry.team),
         spreadsheet_text(entry.method),
         entry.change,
+        "yes" if entry.newly_failing else "no",
+        entry.old_rank,
+        entry.new_rank,
+        *(f"{span[0]}..{span[1]}" if span else None for span in spans),
+        *(spreadsheet_text((side and side.unranked_because) or "") for side in sides),
     ]
-    cells.append("yes" if entry.newly_failing else "no")
-    cells += [_text(None if side is None else side.rank) for side in sides]
-    cells += ["" if not side or not side.rank_interval else _span(side) for side in sides]
-    cells += [spreadsheet_text((side and side.unranked_because) or "") for side in sides]
     for column in columns:
-        cells += [_text(_value(side, *column)) for side in sides]
+        cells += [_value(side, *column) for side in sides]
     return cells
-
-
-def _span(standing: Standing) -> str:
-    assert standing.rank_interval is not None
-    return "{}..{}".format(*standing.rank_interval)
 
 
 def _value(standing: Standing | None, family: str, key: str) -> float | None:
@@ -82,10 +80,6 @@ def _value(standing: Standing | None, family: str, key: str) -> float | None:
 def _effect(standing: Standing | None) -> MetricRow:
     effect = None if standing is None else standing.reminder_effect
     return {} if effect is None else effect.by_metric
-
-
-def _text(value: float | None) -> str:
-    return "" if value is None else str(value)
 
 
 def _families(comparison: Comparison) -> list[str]:

@@ -13,8 +13,7 @@ from exceptiondrive_schemas.api.rescoring import PublicRun
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.rescoring.preview import compared
 from exceptiondrive_server.rescoring.steps import change_words
-from exceptiondrive_server.web.auth import sees_hidden
-from exceptiondrive_server.web.browser_session import principal_of_browser
+from exceptiondrive_server.web.browser_session import browser_sees_hidden
 from exceptiondrive_server.web.responses import Reading, public_page
 
 router = APIRouter(include_in_schema=False)
@@ -29,8 +28,7 @@ def show_update(
     """Compare every entry before and after a run that was applied; others have no address."""
 
     def read(session: Session) -> Reading:
-        may_see = sees_hidden(principal_of_browser(session, request))
-        run = public_run(session, run_id, with_hidden=may_see)
+        run = public_run(session, run_id, with_hidden=browser_sees_hidden(session, request))
         phase = find_phase(session, run.phase)
         protocol = find_protocol(session, run.to_protocol.digest)
         outline = (page, phase.title, run.state, run.ended_at, run.comparison.digest)

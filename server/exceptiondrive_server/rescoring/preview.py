@@ -9,7 +9,8 @@ from exceptiondrive_schemas.api.rescoring import Comparison, EntryChange, Standi
 from exceptiondrive_schemas.challenges import CHALLENGES, Metric
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_server.web.numbers import Digits, px, unit_of
+from exceptiondrive_server.web.numbers import Digits, px
+from exceptiondrive_server.web.templating import template_filter
 
 SHOWN = 40
 """Entries on a page: it stays small, and the file has them all."""
@@ -112,8 +113,6 @@ def compared(comparison: Comparison, protocol: ProtocolDocument, page: int) -> d
         "c": comparison,
         "shown": ordered[(number - 1) * SHOWN : number * SHOWN],
         "shifts": Shifts(protocol, comparison),
-        "rank_words": rank_words,
-        "unit": unit_of,
         "number": number,
         "n_pages": n_pages,
         "wide": slope_chart(comparison, width=860, longest=28),
@@ -127,11 +126,12 @@ def worst_first(comparison: Comparison) -> list[EntryChange]:
 
     def order(one: EntryChange) -> tuple[int, bool, int]:
         place = worst.get(one.submission_id, len(worst))
-        return (place, one.change == "none", _rank(one.new) or LAST)
+        return (place, one.change == "none", one.new_rank or LAST)
 
     return sorted(comparison.entries, key=order)
 
 
+@template_filter
 def rank_words(standing: Standing | None) -> str:
     """Return the rank of an entry on one board, with its interval."""
     if standing is None:
@@ -154,18 +154,18 @@ def slope_chart(comparison: Comparison, *, width: int, longest: int) -> SlopeCha
         width: Of the drawing.
         longest: Characters of a name that have room beside the lines.
     """
-    ranked = [one for one in comparison.entries if _rank(one.old) or _rank(one.new)]
+    ranked = [one for one in comparison.entries if one.old_rank or one.new_rank]
     worst = {submission_id: place for place, submission_id in enumerate(comparison.worst_movers)}
 
     def importance(one: EntryChange) -> tuple[bool, int, int, int]:
         place = worst.get(one.submission_id, len(worst))
-        return (not one.newly_failing, -abs(one.rank_shift or 0), place, _rank(one.new) or LAST)
+        return (not one.newly_failing, -abs(one.rank_shift or 0), place, one.new_rank or LAST)
 
     drawn = sorted(ranked, key=importance)[:MOST_LINES]
     if not drawn:
         return None
-    left = _rows(drawn, [_rank(one.old) for one in drawn])
-    right = _rows(drawn, [_rank(one.new) for one in drawn])
+    left = _rows(drawn, [one.old_rank for one in drawn])
+    right = _rows(drawn, [one.new_rank for one in drawn])
     margin = round(longest * 7.6 + 34)
     changed = counted(comparison.n_ranks_changed, "rank changes", "ranks change")
     is_update = comparison.from_protocol != comparison.to_protocol
@@ -198,7 +198,7 @@ def _rows(drawn: Sequence[EntryChange], ranks: Sequence[int | None]) -> dict[str
 
 
 def _slope_line(one: EntryChange, y1: float, y2: float, longest: int) -> SlopeLine:
-    old, new = _rank(one.old), _rank(one.new)
+    old, new = one.old_rank, one.new_rank
     if new is None:
         kind = "gone"
     elif old is None:
@@ -215,7 +215,3 @@ def _slope_line(one: EntryChange, y1: float, y2: float, longest: int) -> SlopeLi
         right_text=f"{new or NOT_RANKED} {name}",
         title=f"{one.method} of {one.team}: {before} before, {after} after",
     )
-
-
-def _rank(standing: Standing | None) -> int | None:
-    return None if standing is None else standing.rank

@@ -6,7 +6,7 @@ from contextlib import suppress
 from functools import partial
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Path, Query, Request
+from fastapi import APIRouter, Header, Query, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response
 
@@ -18,7 +18,7 @@ from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.submissions.edits import edit_submission, edits_of
 from exceptiondrive_records.submissions.submissions import (
     find_submission,
-    list_submissions,
+    submission_page,
     withdraw,
 )
 from exceptiondrive_records.submissions.tables import Submission
@@ -38,11 +38,11 @@ from exceptiondrive_server.submissions.upload import (
     upload_body,
 )
 from exceptiondrive_server.web.auth import Reader, ServicesOf, Submitter, own_team
+from exceptiondrive_server.web.path_ids import SubmissionId
 from exceptiondrive_server.web.problems import QUOTA_HEADERS, problem_responses, quota_headers
 from exceptiondrive_server.web.services import Services
 
 router = APIRouter(prefix="/submissions", tags=["submissions"])
-SubmissionId = Annotated[str, Path(max_length=64, description="id of a submission")]
 IdempotencyKey = Annotated[
     str | None,
     Header(
@@ -137,16 +137,10 @@ def get_submissions(
         team_id = own_team(principal)
         if phase is not None and team_id is None:
             find_phase(session, phase)
-        found = list_submissions(
-            session,
-            team_id=team_id,
-            phase_id=phase,
-            status=status,
-            limit=limit + 1,
-            after=after,
+        found, following = submission_page(
+            session, team_id=team_id, phase_id=phase, status=status, after=after, limit=limit
         )
-        following = found[limit - 1].id if len(found) > limit else None
-        return SubmissionPage(submissions=views(session, found[:limit]), next=following)
+        return SubmissionPage(submissions=views(session, found), next=following)
 
 
 @router.get(

@@ -14,7 +14,7 @@ from exceptiondrive_records.accounts.tokens import Principal
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.errors import NotFound, StoreError, UploadTooLarge
 from exceptiondrive_records.phases.phases import find_phase
-from exceptiondrive_records.submissions.submissions import find_submission, list_submissions
+from exceptiondrive_records.submissions.submissions import find_submission, submission_page
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import views
 from exceptiondrive_records.teams.tables import Team
@@ -117,13 +117,8 @@ def _archived(
     after: str | None = None
     while True:
         with services.database.read() as session:
-            found = list_submissions(
-                session,
-                team_id=team_id,
-                phase_id=phase,
-                status=status,
-                after=after,
-                limit=BATCH,
+            found, after = submission_page(
+                session, team_id=team_id, phase_id=phase, status=status, after=after, limit=BATCH
             )
             slugs = [session.get_one(Team, one.team_id).slug for one in found]
             batch = list(zip(views(session, found), slugs, strict=True))
@@ -134,9 +129,8 @@ def _archived(
                 path = f"{one.phase}/{slug}/{one.id}{suffix_of(data)}"
                 yield path, data
             files.append(ArchivedFile(file=path, missing_because=missing, submission=one))
-        if len(found) < BATCH:
+        if after is None:
             break
-        after = found[-1].id
     manifest = ArchiveManifest(made_at=datetime.now(UTC), files=tuple(files))
     yield "manifest.json", manifest.model_dump_json(indent=2, by_alias=True).encode()
 

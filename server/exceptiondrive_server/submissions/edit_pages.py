@@ -14,7 +14,6 @@ from exceptiondrive_records.submissions.submissions import find_submission
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_schemas.method_facts import LABELS, MethodFacts, SubmissionChange, Told
-from exceptiondrive_server.submissions.api import SubmissionId
 from exceptiondrive_server.submissions.download import own_upload
 from exceptiondrive_server.submissions.facts_form import (
     FACT_FIELDS,
@@ -30,8 +29,7 @@ from exceptiondrive_server.web.browser_session import (
     require_scope,
 )
 from exceptiondrive_server.web.forms import filled, read, typed
-from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
-from exceptiondrive_server.web.problems import problem_of
+from exceptiondrive_server.web.path_ids import SubmissionId
 from exceptiondrive_server.web.responses import private_page
 from exceptiondrive_server.web.services import Services
 from exceptiondrive_server.web.templating import template_filter
@@ -108,7 +106,6 @@ def _page(
         request,
         "submissions/edit.html",
         "my",
-        status=200 if refusal is None else PROBLEMS[problem_of(refusal).code].status,
         one=seen,
         phase_title=phase.title,
         texts=now,

@@ -18,8 +18,8 @@ from exceptiondrive_records.submissions.submissions import find_submission
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.api.submission import SubmissionView
-from exceptiondrive_server.submissions.api import SubmissionId
 from exceptiondrive_server.web.auth import Reader, ServicesOf, own_team
+from exceptiondrive_server.web.path_ids import SubmissionId
 from exceptiondrive_server.web.problems import problem_responses
 from exceptiondrive_server.web.services import Services
 

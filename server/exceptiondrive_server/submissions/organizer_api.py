@@ -16,11 +16,11 @@ from exceptiondrive_records.submissions.views import view
 from exceptiondrive_schemas.api.rescoring import NotificationView, VerificationView
 from exceptiondrive_schemas.api.similarity import SimilarityReport
 from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
-from exceptiondrive_server.submissions.api import SubmissionId
 from exceptiondrive_server.submissions.download import any_upload, archive
 from exceptiondrive_server.submissions.story import SubmissionStory, story_folder, story_of
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
 from exceptiondrive_server.web.forms import Deed, Form
+from exceptiondrive_server.web.path_ids import SubmissionId
 
 router = APIRouter()
 

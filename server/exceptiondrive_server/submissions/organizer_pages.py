@@ -5,7 +5,7 @@ from functools import partial
 from typing import Annotated, Literal
 from urllib.parse import urlencode
 
-from fastapi import APIRouter, Path, Query, Request
+from fastapi import APIRouter, Query, Request
 from fastapi.responses import HTMLResponse, Response
 
 from exceptiondrive_records.participation.disqualification import disqualification_of
@@ -14,7 +14,7 @@ from exceptiondrive_records.phases.phases import find_phase, list_phases
 from exceptiondrive_records.rescoring.retry import restore_submission, retry_submission
 from exceptiondrive_records.rescoring.runs import verify_submission
 from exceptiondrive_records.submissions.similarity import similarity_report
-from exceptiondrive_records.submissions.submissions import find_submission, list_submissions
+from exceptiondrive_records.submissions.submissions import find_submission, submission_page
 from exceptiondrive_records.submissions.views import views
 from exceptiondrive_records.teams.teams import find_team, list_teams
 from exceptiondrive_schemas.api.form_fields import FormField
@@ -37,6 +37,7 @@ from exceptiondrive_server.web.organizer_frame import (
     organizer_page,
     step_at,
 )
+from exceptiondrive_server.web.path_ids import PhaseId, SubmissionId
 
 router = APIRouter(prefix="/organize", include_in_schema=False)
 SHOWN = 50
@@ -44,7 +45,6 @@ HISTORY = 200
 SHOWN_PAIRS = 100
 """Pairs on the page, the most alike; the command lists them all."""
 SHOWN_OF_A_TEAM = 10
-SubmissionId = Annotated[str, Path(max_length=64)]
 Choice = Annotated[str, Query(max_length=64)]
 
 Deed = Literal["retry", "verify", "restore", "note"]
@@ -72,20 +72,20 @@ def show_submissions(
     known = SubmissionStatus(status) if status in list(SubmissionStatus) else None
     who = browser.principal
     with services.database.read() as session:
-        found = list_submissions(
+        found, following = submission_page(
             session,
             team_id=find_team(session, team).id if team else None,
             phase_id=find_phase(session, phase).id if phase else None,
             status=known,
             after=after,
-            limit=SHOWN + 1,
+            limit=SHOWN,
         )
-        seen = views(session, found[:SHOWN])
+        seen = views(session, found)
         phases = [one for one in list_phases(session, with_hidden=True) if who.organizes(one.id)]
         lines = run_lines(seen, phase_rules(session, phases), can_decide=False)
         teams = {one.id: one for one in list_teams(session)}
     chosen = {"team": team, "phase": phase, "status": known or ""}
-    older = {**chosen, "after": found[SHOWN - 1].id} if len(found) > SHOWN else {}
+    older = {**chosen, "after": following} if following else {}
     return organizer_page(
         request,
         browser,
@@ -145,7 +145,6 @@ def show_submission(
         sentences=list(policy_sentences(seen, phase.policy)),
         now=status_of(seen),
         steps=steps_of(seen),
-        n_faults=sum(group.count for group in (seen.report.faults if seen.report else ())),
         lines=lines,
     )
 
@@ -238,7 +237,7 @@ def show_similar(
     request: Request,
     services: ServicesOf,
     browser: OrganizerBrowser,
-    phase_id: Annotated[str, Path(max_length=64)],
+    phase_id: PhaseId,
 ) -> Response:
     """Show teams whose submissions are alike, and those that probe: reasons to ask, not proof."""
     with services.database.read() as session:

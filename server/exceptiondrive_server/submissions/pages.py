@@ -9,7 +9,7 @@ from functools import partial
 from types import MappingProxyType
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Path, Query, Request
+from fastapi import APIRouter, Query, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import RedirectResponse, Response
@@ -26,6 +26,7 @@ from exceptiondrive_records.submissions.edits import edits_of
 from exceptiondrive_records.submissions.submissions import (
     find_submission,
     list_submissions,
+    submission_page,
     withdraw,
 )
 from exceptiondrive_records.submissions.views import view, views
@@ -52,8 +53,6 @@ from exceptiondrive_server.submissions.upload import (
 )
 from exceptiondrive_server.submissions.view import (
     actions_of,
-    is_spent,
-    left_words,
     policy_sentences,
     status_of,
     steps_of,
@@ -70,6 +69,7 @@ from exceptiondrive_server.web.browser_session import (
     require_scope,
 )
 from exceptiondrive_server.web.forms import filled, typed
+from exceptiondrive_server.web.path_ids import SubmissionId
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS, ApiProblem
 from exceptiondrive_server.web.problems import problem_of, wants_page
 from exceptiondrive_server.web.responses import origin_of, page, private_page
@@ -79,7 +79,6 @@ router = APIRouter(include_in_schema=False)
 SHOWN = 50
 MAX_FOLLOWED = 3
 """Browsers open six connections to a host over HTTP/1.1; the page needs some for itself."""
-SubmissionId = Annotated[str, Path(max_length=64)]
 NOTHING_TYPED: Mapping[str, str] = MappingProxyType({})
 _DECISIONS = {"publish": publish, "unpublish": unpublish}
 
@@ -169,8 +168,6 @@ def _submit_page(
         has_client=wheel is not None,
         development=_development(links, phase),
         upload=upload,
-        left_words=left_words,
-        is_spent=is_spent,
         CHALLENGES=CHALLENGES,
     )
     if refusal is not None and refusal.retry_after_s is not None:
@@ -238,8 +235,9 @@ def show_my_submissions(
     if who.phases:
         raise PhaseNeeded(min(who.phases))
     with services.database.read() as session:
-        found = list_submissions(session, team_id=own_team(who), after=after, limit=SHOWN + 1)
-        seen = views(session, found[:SHOWN])
+        team_id = own_team(who)
+        found, following = submission_page(session, team_id=team_id, after=after, limit=SHOWN)
+        seen = views(session, found)
         phases = list_phases(session, with_hidden=True)
         rules = phase_rules(session, phases)
         by_id, now = {phase.id: phase for phase in phases}, database_now(session)
@@ -263,8 +261,7 @@ def show_my_submissions(
         titles={phase.id: phase.title for phase in phases},
         labels=list(dict.fromkeys(cell.label for line in lines for cell in line.cells)),
         quotas=quotas,
-        is_spent=is_spent,
-        following=found[SHOWN - 1].id if len(found) > SHOWN else None,
+        following=following,
         followed=[one.id for one in seen if not one.status.is_terminal][:MAX_FOLLOWED],
         form_token=browser.form_token,
         has_tokens=has_tokens,
@@ -305,7 +302,6 @@ def show_submission(
         sheet=sheet,
         notices=notices,
         edits=edits,
-        n_faults=sum(group.count for group in seen.report.faults) if seen.report else 0,
         form_token=browser.form_token if Scope.SUBMIT in browser.principal.scopes else None,
         actions=actions_of(seen, phase.policy, has_closed=ended),
         can_withdraw=seen.status not in without_score,

@@ -11,7 +11,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_schemas.challenges import CHALLENGES, Metric
-from exceptiondrive_server.boards.query import AVERAGE_TITLES
+from exceptiondrive_server.boards.query import AVERAGE_TITLES, OTHER_AVERAGE
 from exceptiondrive_server.submissions.runs import PhaseRules
 from exceptiondrive_server.submissions.view import FamilyLine, ScoreLine, families_of, scores_of
 
@@ -40,7 +40,7 @@ def score_tables(session: Session, seen: SubmissionView) -> ScoreTables:
         families=families_of(seen, protocol, entry),
         columns=CHALLENGES[seen.challenge].columns,
         headline_title=AVERAGE_TITLES[headline],
-        other_title=AVERAGE_TITLES["micro" if headline == "macro_family" else "macro_family"],
+        other_title=AVERAGE_TITLES[OTHER_AVERAGE[headline]],
     )
 
 

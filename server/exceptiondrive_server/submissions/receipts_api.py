@@ -1,8 +1,6 @@
 """Receipts of scored submissions, and the public keys that check them."""
 
-from typing import Annotated
-
-from fastapi import APIRouter, Path
+from fastapi import APIRouter
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
@@ -18,11 +16,11 @@ from exceptiondrive_schemas.base import content_digest
 from exceptiondrive_schemas.receipt import Receipt, ReceiptKeys, ReceiptStatement
 from exceptiondrive_server.entries.queries import published_entry
 from exceptiondrive_server.web.auth import Reader, ServicesOf, own_team
+from exceptiondrive_server.web.path_ids import SubmissionId
 from exceptiondrive_server.web.problems import problem_responses
 from exceptiondrive_server.web.services import Services
 
 router = APIRouter(tags=["receipts"])
-SubmissionId = Annotated[str, Path(max_length=64, description="id of a submission")]
 
 
 @router.get("/receipt-keys", operation_id="listReceiptKeys", responses=problem_responses())

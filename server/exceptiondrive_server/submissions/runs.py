@@ -114,9 +114,7 @@ def _line(
 
 def headline_of(one: SubmissionView, protocol: ProtocolDocument) -> MetricRow:
     """Return the values that rank, as the team may see them; empty without a sheet."""
-    if one.sheet is None:
-        return {}
-    return one.sheet.micro if protocol.grading.headline == "micro" else one.sheet.macro_family
+    return {} if one.sheet is None else one.sheet.average(protocol.grading.headline)
 
 
 def _cell(
@@ -154,8 +152,7 @@ def _note(one: SubmissionView) -> str:
     if question := question_of(one):
         return question
     if one.status is SubmissionStatus.REJECTED and one.report is not None:
-        n_faults = sum(group.count for group in one.report.faults)
-        return f"The file is wrong: {counted(n_faults, 'fault')}. No quota was spent."
+        return f"The file is wrong: {counted(one.report.n_faults, 'fault')}. No quota was spent."
     if one.failure is not None:
         return one.failure.message
     if one.awaits_board:

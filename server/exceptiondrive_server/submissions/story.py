@@ -29,6 +29,7 @@ from exceptiondrive_schemas.method_facts import SubmissionEditView
 from exceptiondrive_schemas.receipt import Receipt, ReceiptStatement
 from exceptiondrive_schemas.score_sheet import metric_text
 from exceptiondrive_server.audit.queries import AuditLineView, line_view
+from exceptiondrive_server.boards.entry_facts import primary_metrics
 from exceptiondrive_server.submissions.download import (
     read_upload,
     suffix_of,
@@ -115,12 +116,10 @@ def _score_of(session: Session, submission: Submission, job: Job) -> str:
     if row is None:
         return ""
     protocol = find_protocol(session, job.protocol_digest)
-    values = getattr(row.sheet, protocol.grading.headline)
-    metrics = CHALLENGES[row.sheet.challenge].metrics
+    values = row.sheet.average(protocol.grading.headline)
     return ", ".join(
         f"{metric.label} {metric_text(metric, values.get(metric.key), protocol.publication)}"
-        for metric in metrics
-        if metric.role == "primary"
+        for metric in primary_metrics(CHALLENGES[row.sheet.challenge])
     )
 
 

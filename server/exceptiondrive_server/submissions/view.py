@@ -17,8 +17,9 @@ from exceptiondrive_schemas.board import BoardEntry
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_server.boards.query import OTHER_AVERAGE
 from exceptiondrive_server.web.numbers import Digits, minute, unit_of
+from exceptiondrive_server.web.templating import template_filter
 
 _MEANING = {
     SubmissionStatus.RECEIVED: "Kept. It cannot be lost any more.",
@@ -229,11 +230,7 @@ def standing(seen: SubmissionView, policy: PhasePolicy) -> str:
     return ", ".join(filter(None, words)).capitalize()
 
 
-def is_spent(quota: Quota) -> bool:
-    """Whether nothing more can be submitted today."""
-    return quota.remaining_today == 0 or quota.left_of_rejected == 0
-
-
+@template_filter
 def left_words(quota: Quota) -> str:
     """Say what is left: `3 of 5 left today, 12 of 20 in all; 20 wrong files left today`.
 
@@ -257,7 +254,8 @@ def scores_of(seen: SubmissionView, protocol: ProtocolDocument) -> tuple[ScoreLi
         return ()
     challenge: Challenge = CHALLENGES[seen.challenge]
     digits = Digits.of(protocol.publication)
-    headline, other = _averages(seen.sheet, protocol)
+    average = protocol.grading.headline
+    headline, other = seen.sheet.average(average), seen.sheet.average(OTHER_AVERAGE[average])
     ranking = {key.metric for key in challenge.primary_order}
     return tuple(
         ScoreLine(
@@ -305,11 +303,3 @@ def families_of(
         for family in protocol.families
         if (row := seen.sheet.families.get(family.id)) is not None
     )
-
-
-def _averages(
-    sheet: ScoreSheet, protocol: ProtocolDocument
-) -> tuple[dict[str, float | None], dict[str, float | None]]:
-    if protocol.grading.headline == "micro":
-        return sheet.micro, sheet.macro_family
-    return sheet.macro_family, sheet.micro

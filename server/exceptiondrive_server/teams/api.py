@@ -8,7 +8,7 @@ from pydantic import BaseModel, Field
 from exceptiondrive_records.accounts.sign_in import count_attempt, registration_keys_of
 from exceptiondrive_records.teams.teams import register_team, self_registration_is_on
 from exceptiondrive_schemas.api.problems import ProblemCode
-from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.auth import ServicesOf, address_of
 from exceptiondrive_server.web.forms import Form
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.problems import problem_responses
@@ -49,7 +49,7 @@ def post_registration(
     if not is_on:
         detail = "Teams do not register themselves here; ask an organizer for a token."
         raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
-    address = request.client.host if request.client else "unknown"
+    address = address_of(request)
     with services.database.write() as session:
         count_attempt(session, registration_keys_of(address))
     with services.database.write() as session:

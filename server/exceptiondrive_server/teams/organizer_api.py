@@ -27,9 +27,9 @@ from exceptiondrive_server.accounts.queries import IssuedToken, TokenView, token
 from exceptiondrive_server.participation.queries import standings_of_teams
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
 from exceptiondrive_server.web.forms import Deed, Form
+from exceptiondrive_server.web.path_ids import TeamId
 
 router = APIRouter()
-Slug = Annotated[str, Path(max_length=64, description="id of a team")]
 
 
 class NewTeam(Form):
@@ -93,14 +93,16 @@ def post_team(services: ServicesOf, organizer: Organizer, team: NewTeam) -> Team
 
 
 @router.post("/teams/{team_id}/approve", operation_id="approveTeam")
-def post_approval(services: ServicesOf, organizer: Organizer, team_id: Slug) -> TeamView:
+def post_approval(services: ServicesOf, organizer: Organizer, team_id: TeamId) -> TeamView:
     """Let a team that registered itself submit."""
     with services.database.write() as session:
         return _team(approve_team(session, team_id, actor=organizer.actor))
 
 
 @router.post("/teams/{team_id}/refuse", operation_id="refuseTeam")
-def post_refusal(services: ServicesOf, organizer: Organizer, team_id: Slug, deed: Deed) -> TeamView:
+def post_refusal(
+    services: ServicesOf, organizer: Organizer, team_id: TeamId, deed: Deed
+) -> TeamView:
     """Refuse a registration: the team and its tokens go, the reason stays in the audit log."""
     with services.database.write() as session:
         refused = _team(find_team(session, team_id))
@@ -109,7 +111,7 @@ def post_refusal(services: ServicesOf, organizer: Organizer, team_id: Slug, deed
 
 
 @router.get("/teams/{team_id}/tokens", operation_id="listTokens")
-def get_tokens(services: ServicesOf, team_id: Slug) -> list[TokenView]:
+def get_tokens(services: ServicesOf, team_id: TeamId) -> list[TokenView]:
     """List a team's tokens, without their secrets."""
     with services.database.read() as session:
         team = find_team(session, team_id)
@@ -118,7 +120,7 @@ def get_tokens(services: ServicesOf, team_id: Slug) -> list[TokenView]:
 
 @router.post("/teams/{team_id}/tokens", operation_id="issueToken", status_code=201)
 def post_token(
-    services: ServicesOf, organizer: Organizer, team_id: Slug, token: NewToken
+    services: ServicesOf, organizer: Organizer, team_id: TeamId, token: NewToken
 ) -> IssuedToken:
     """Issue a token for a team; its text is answered once."""
     with services.database.write() as session:

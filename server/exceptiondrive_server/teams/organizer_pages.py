@@ -44,6 +44,7 @@ from exceptiondrive_server.web.organizer_frame import (
     organizer_page,
     step_at,
 )
+from exceptiondrive_server.web.path_ids import TeamId
 from exceptiondrive_server.web.services import Services
 
 NEW_TEAM = (
@@ -68,7 +69,6 @@ USUAL = {f"may_{n}": "yes" for n in range(len(TEAM_SCOPES))}
 """The first token of a team has every right that a team may have."""
 HISTORY = 50
 router = APIRouter(prefix="/organize", include_in_schema=False)
-Slug = Annotated[str, Path(max_length=64)]
 TokenId = Annotated[str, Path(max_length=64)]
 
 
@@ -107,7 +107,7 @@ def post_team(
 
 @router.get("/teams/{team_id}")
 def show_team(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, team_id: Slug
+    request: Request, services: ServicesOf, browser: OrganizerBrowser, team_id: TeamId
 ) -> Response:
     """Show a team and its tokens."""
     return _team(request, services, browser, team_id)
@@ -119,7 +119,7 @@ def post_token(
     services: ServicesOf,
     browser: OrganizerBrowser,
     form: PostedForm,
-    team_id: Slug,
+    team_id: TeamId,
 ) -> Response:
     """Issue a token for a team, and show its text this once."""
     try:
@@ -211,7 +211,7 @@ def _team(
 
 
 @step_at(router, "/teams/{team_id}/approve")
-def approval(services: ServicesOf, team_id: Slug) -> Step:
+def approval(services: ServicesOf, team_id: TeamId) -> Step:
     """Let a team that registered itself submit."""
     with services.database.read() as session:
         team = find_team(session, team_id)
@@ -227,7 +227,7 @@ def approval(services: ServicesOf, team_id: Slug) -> Step:
 
 
 @step_at(router, "/teams/{team_id}/refuse")
-def refusal_of(services: ServicesOf, team_id: Slug) -> Step:
+def refusal_of(services: ServicesOf, team_id: TeamId) -> Step:
     """Refuse a registration."""
     with services.database.read() as session:
         team = find_team(session, team_id)

@@ -1,6 +1,6 @@
 """The team's people: members, invitations, and the choice of a team to act for."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import RedirectResponse, Response
@@ -29,7 +29,7 @@ from exceptiondrive_records.submissions.submissions import counts_by_team
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import make_pending_team, self_registration_is_on
 from exceptiondrive_schemas.api.problems import ProblemCode
-from exceptiondrive_server.web.auth import ServicesOf, team_of
+from exceptiondrive_server.web.auth import ServicesOf, address_of, team_of
 from exceptiondrive_server.web.browser_session import (
     Browser,
     MaybeSignedIn,
@@ -39,7 +39,7 @@ from exceptiondrive_server.web.browser_session import (
     require_scope,
 )
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
-from exceptiondrive_server.web.responses import private_page
+from exceptiondrive_server.web.responses import origin_of, private_page
 from exceptiondrive_server.web.services import Services
 
 router = APIRouter(include_in_schema=False)
@@ -85,7 +85,7 @@ def make_invitation(
     invited_by = who.person_name or f'the token "{who.token_name}"'
     with services.database.write() as session:
         text, _ = invite(session, team_id, invited_by, actor=who.actor)
-    return _page(request, services, browser, link=_link(request, services, text))
+    return _page(request, services, browser, link=f"{origin_of(request)}/join/{text}")
 
 
 @router.post("/my/team/invitations/{invitation_id}/withdraw")
@@ -118,7 +118,7 @@ def register(
     person_id, actor = _person_of(browser), browser.principal.actor
     if not _may_register(services):
         raise ApiProblem(ProblemCode.NOT_ALLOWED, "Teams do not register themselves here.")
-    address = request.client.host if request.client else "unknown"
+    address = address_of(request)
     with services.database.write() as session:
         count_attempt(session, registration_keys_of(address))
     texts = (str(form.get(field, "")) for field in ("id", "name", "note"))
@@ -200,7 +200,7 @@ def _page(
         )
 
 
-def _facts(session: Session, team: Team) -> dict[str, int]:
+def _facts(session: Session, team: Team) -> dict[str, Any]:
     """How much there is of a team: submissions, tokens that work, addresses that are told."""
     contacts = list_contacts(session, team.id)
     return {
@@ -235,8 +235,3 @@ def _person_of(browser: SignedIn) -> str:
         detail = "You signed in with a token. Sign out, and sign in as a person to do this."
         raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
     return browser.principal.person_id
-
-
-def _link(request: Request, services: Services, text: str) -> str:
-    base = services.settings.public_url or f"{request.url.scheme}://{request.url.netloc}"
-    return f"{base.rstrip('/')}/join/{text}"

@@ -88,6 +88,11 @@ def sees_hidden(principal: Principal | None) -> bool:
     return principal is not None and principal.is_organizer
 
 
+def address_of(request: Request) -> str:
+    """Return the network address that a request comes from."""
+    return request.client.host if request.client else "unknown"
+
+
 def team_of(principal: Principal) -> int:
     """Return the team that a principal acts for.
 

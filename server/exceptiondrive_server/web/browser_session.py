@@ -22,7 +22,7 @@ from starlette.routing import Match
 from exceptiondrive_records.accounts.sessions import LIFETIME, find_session
 from exceptiondrive_records.accounts.tokens import Principal, Scope
 from exceptiondrive_schemas.api.problems import ProblemCode
-from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.auth import ServicesOf, sees_hidden
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.services import services_of
 from exceptiondrive_server.web.settings import LOOPBACK
@@ -84,6 +84,11 @@ def principal_of_browser(session: Session, request: Request) -> Principal | None
     """Return who signed in with this browser, if anybody."""
     secret = _session_secret(request)
     return find_session(session, secret) if secret else None
+
+
+def browser_sees_hidden(session: Session, request: Request) -> bool:
+    """Whether whoever signed in with this browser may see hidden phases and drafts."""
+    return sees_hidden(principal_of_browser(session, request))
 
 
 def signed_in_or_none(request: Request, services: ServicesOf) -> SignedIn | None:

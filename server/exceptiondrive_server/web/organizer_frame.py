@@ -19,7 +19,6 @@ from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import Browser, PhaseNeeded, PostedForm, SignedIn
 from exceptiondrive_server.web.forms import filled, is_changed, read, typed
 from exceptiondrive_server.web.organizer_rights import may_change, require_right, what_lacks
-from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 from exceptiondrive_server.web.responses import private_page
 from exceptiondrive_server.web.services import Services
 
@@ -106,7 +105,6 @@ def organizer_page(
     template: str,
     section: str,
     *,
-    status: int = 200,
     refusal: RecordsError | None = None,
     **values: Any,
 ) -> Response:
@@ -117,7 +115,6 @@ def organizer_page(
         browser: Of an organizer.
         template: Its name.
         section: Of `SECTIONS`.
-        status: Of the answer; after a refusal the one that the API gives to it.
         refusal: Why what was sent was not done.
         values: What else the template reads.
     """
@@ -131,12 +128,7 @@ def organizer_page(
         "lacks": what_lacks(request, browser.principal),
         "done": DONE.get(request.query_params.get("done", "")),
     }
-    if refusal is not None:
-        status = PROBLEMS[refusal.code].status
-    words = None if refusal is None else str(refusal)
-    return private_page(
-        request, template, "organize", status=status, frame=frame, refusal=words, **values
-    )
+    return private_page(request, template, "organize", refusal=refusal, frame=frame, **values)
 
 
 def _sections(principal: Principal) -> tuple[tuple[str, str, str], ...]:

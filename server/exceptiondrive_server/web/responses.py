@@ -8,6 +8,7 @@ from fastapi import APIRouter, Form, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.api.site import SiteLinks
 from exceptiondrive_server.web.browser_session import Holder, holder_of
@@ -95,12 +96,31 @@ def safe_back(path: str) -> str:
 
 
 def private_page(
-    request: Request, template: str, current: str, *, status: int = 200, **values: Any
+    request: Request,
+    template: str,
+    current: str,
+    *,
+    status: int = 200,
+    refusal: RecordsError | None = None,
+    **values: Any,
 ) -> Response:
-    """Fill a template for one team's eyes; nothing between us and the browser may keep it."""
+    """Fill a template for one team's eyes; nothing between us and the browser may keep it.
+
+    Args:
+        request: What was asked.
+        template: Its name.
+        current: Where it stands in the navigation.
+        status: Of the answer; after a refusal the one that the API gives to it.
+        refusal: Why what was sent was not done, which the template says in words.
+        values: What else the template reads.
+    """
     site = site_of(request, current)
+    if refusal is not None:
+        status = PROBLEMS[refusal.code].status
+    words = None if refusal is None else str(refusal)
+    body = render(template, site=site, refusal=words, **values)
     headers = {**SECURITY_HEADERS, "Cache-Control": "no-store"}
-    return HTMLResponse(render(template, site=site, **values), status_code=status, headers=headers)
+    return HTMLResponse(body, status_code=status, headers=headers)
 
 
 def page(

@@ -9,7 +9,7 @@ import pytest
 from exceptiondrive_server.boards.pictures import (
     FONTS,
     fitted,
-    in_lines,
+    in_two_lines,
     is_latin,
     painted,
     width_of,
@@ -119,9 +119,9 @@ def test_long_names_are_cut_and_titles_broken_between_words() -> None:
     name = fitted("An exceedingly long name of a planner " * 3, 26, 480)
     assert name.endswith("…")
     assert width_of(name, 26) <= 480
-    lines = in_lines("The safest planner still meets 3 hazards in 10.", 58, 960, 2)
+    lines = in_two_lines("The safest planner still meets 3 hazards in 10.", 58, 960)
     assert lines == ("The safest planner still", "meets 3 hazards in 10.")
-    assert in_lines("W" * 90, 64, 960, 2)[0].endswith("…")
+    assert in_two_lines("W" * 90, 64, 960)[0].endswith("…")
     assert fitted("a\x00b\x1b c", 20, 500) == "a b c"
 
 

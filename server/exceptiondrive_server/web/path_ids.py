@@ -1,0 +1,9 @@
+"""Ids that stand in the addresses of several nouns, of pages and API alike."""
+
+from typing import Annotated
+
+from fastapi import Path
+
+PhaseId = Annotated[str, Path(max_length=64, description="id of a phase")]
+SubmissionId = Annotated[str, Path(max_length=64, description="id of a submission")]
+TeamId = Annotated[str, Path(max_length=64, description="id of a team")]
