@@ -72,15 +72,25 @@ def withdraw_news(session: Session, news_id: str, *, reason: str, actor: str) ->
         InvalidRecord: The reason is empty.
         Conflict: They are withdrawn already.
     """
-    row = session.get(News, news_id, with_for_update=True, populate_existing=True)
-    if row is None:
-        raise NotFound("news", news_id)
+    row = find_news(session, news_id, lock=True)
     reason = checked_reason(reason)
     if row.withdrawn_at is not None:
         raise Conflict("These news are withdrawn already.")
     row.withdrawn_at = database_now(session)
     detail = {"phase": row.phase_id, "title": row.title, "reason": reason}
     audit(session, actor, "news withdrawn", row.id, detail)
+    return row
+
+
+def find_news(session: Session, news_id: str, *, lock: bool = False) -> News:
+    """Return news, withdrawn ones too.
+
+    Raises:
+        NotFound: There are none of this id.
+    """
+    row = session.get(News, news_id, with_for_update=lock, populate_existing=lock)
+    if row is None:
+        raise NotFound("news", news_id)
     return row
 
 

@@ -98,9 +98,7 @@ def answer_question(
         InvalidRecord: The text cannot be used.
         Conflict: It is answered already.
     """
-    row = session.get(Question, question_id, with_for_update=True, populate_existing=True)
-    if row is None:
-        raise NotFound("question", question_id)
+    row = find_question(session, question_id, lock=True)
     if row.answered_at is not None:
         raise Conflict("The question is answered already.")
     lines = row.text.splitlines()
@@ -136,6 +134,18 @@ def answer_question(
 def _as_words(line: str) -> str:
     """Escape Markdown: no link, heading or definition of a question changes what the answer says."""
     return _NUMBER.sub(r"\1\\\2", _MARKS.sub(r"\\\g<0>", line.strip()))
+
+
+def find_question(session: Session, question_id: str, *, lock: bool = False) -> Question:
+    """Return a question, answered or not.
+
+    Raises:
+        NotFound: There is none.
+    """
+    row = session.get(Question, question_id, with_for_update=lock, populate_existing=lock)
+    if row is None:
+        raise NotFound("question", question_id)
+    return row
 
 
 def questions_of(session: Session, team_id: int, phase_id: str) -> list[Question]:

@@ -87,7 +87,7 @@ def find_run(session: Session, run_id: str, *, lock: bool = False) -> RescoringR
 
 
 def list_runs(
-    session: Session, phase_id: str | None = None, kind: RunKind = RunKind.UPDATE
+    session: Session, phase_id: str | None, kind: RunKind = RunKind.UPDATE
 ) -> list[RescoringRun]:
     """Return runs of a kind, newest first."""
     query = select(RescoringRun).where(RescoringRun.kind == kind)

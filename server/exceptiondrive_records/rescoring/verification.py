@@ -33,7 +33,7 @@ _UNANSWERED = "recomputing did not finish in any of its attempts"
 
 
 def ask_for_rechecks(
-    session: Session, run: RescoringRun, sample: int | None, submission_id: str | None = None
+    session: Session, run: RescoringRun, sample: int | None, submission_id: str | None
 ) -> int:
     """Ask for sheets of a run to be recomputed, drawn by the database; return how many.
 

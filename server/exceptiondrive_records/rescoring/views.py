@@ -86,13 +86,13 @@ def run_views(session: Session, phase_id: str | None = None) -> list[RunView]:
     return [run_view(session, run) for run in list_runs(session, phase_id)]
 
 
-def protocol_check(session: Session, toml: str, phase_id: str | None = None) -> Difference:
+def protocol_check(session: Session, toml: str, phase_id: str | None) -> Difference:
     """Return what a protocol document would change, without keeping it.
 
     Args:
         session: To read with.
         toml: The document.
-        phase_id: Against the protocol of this phase; by default against the one added last.
+        phase_id: Against the protocol of this phase; None: against the one added last.
 
     Raises:
         InvalidRecord: Not a valid protocol document; every problem is listed.

@@ -7,11 +7,11 @@ from urllib.parse import urlencode
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 
-from exceptiondrive_records.db.errors import NotFound
-from exceptiondrive_records.news.news import all_news, publish_news, withdraw_news
-from exceptiondrive_records.news.questions import all_questions, answer_question
+from exceptiondrive_records.news.news import all_news, find_news, publish_news, withdraw_news
+from exceptiondrive_records.news.questions import all_questions, answer_question, find_question
 from exceptiondrive_records.participation.messages import MAX_TEXT, MAX_TITLE
 from exceptiondrive_records.phases.phases import find_phase, list_phases, titles_of_phases
+from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_server.news.queries import asked_question, news_view
 from exceptiondrive_server.web.auth import ServicesOf
@@ -89,9 +89,7 @@ def publication(services: ServicesOf, browser: OrganizerBrowser, phase_id: Id) -
 def withdrawal(services: ServicesOf, browser: OrganizerBrowser, news_id: Id) -> Step:
     """Withdraw news."""
     with services.database.read() as session:
-        found = next((row for row in all_news(session) if row.id == news_id), None)
-    if found is None:
-        raise NotFound("news", news_id)
+        found = find_news(session, news_id)
     return _step(
         browser,
         found.phase_id,
@@ -111,11 +109,8 @@ def withdrawal(services: ServicesOf, browser: OrganizerBrowser, news_id: Id) -> 
 def answer(services: ServicesOf, browser: OrganizerBrowser, question_id: Id) -> Step:
     """Answer a question."""
     with services.database.read() as session:
-        asked = all_questions(session)
-    found = next(((row, team) for row, team in asked if row.id == question_id), None)
-    if found is None:
-        raise NotFound("question", question_id)
-    row, team = found
+        row = find_question(session, question_id)
+        team = session.get_one(Team, row.team_id).slug
     of_site = browser.principal.is_organizer
     told = "" if of_site else ", told to the teams that submitted to it"
     return _step(

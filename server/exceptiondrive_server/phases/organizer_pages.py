@@ -31,7 +31,6 @@ from exceptiondrive_records.phases.phases import (
     lock_phase,
     phase_view,
 )
-from exceptiondrive_records.phases.policy import phase_now
 from exceptiondrive_records.phases.scoring_keys import list_runs
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol, list_protocols
@@ -371,7 +370,7 @@ def _phase(
         phase = find_phase(session, phase_id)
         kept, has_board = _texts(phase), phase.current_board_id is not None
         seen = phase_view(session, phase, max_upload_bytes=services.settings.max_upload_bytes)
-        now, seen_at = phase_now(session, phase), database_now(session)
+        seen_at = database_now(session)
         lines = history(session, phase_id, limit=HISTORY)
         n_questions = count_waiting(session, phase_id)
         runs = list_runs(session, phase_id)
@@ -388,7 +387,7 @@ def _phase(
         has_board=has_board,
         n_questions=n_questions,
         newest_run=next(iter(runs), None),
-        now=now,
+        now=seen.now,
         seen_at=seen_at,
         steps=[
             step

@@ -229,9 +229,9 @@ def page_of_step(
     step: RunStep,
     run: RunView,
     phase_title: str,
-    preview: str = "",
-    comparison: Comparison | None = None,
-    blockers: tuple[str, ...] = (),
+    preview: str,
+    comparison: Comparison | None,
+    blockers: tuple[str, ...],
 ) -> Step:
     """Return the page that asks for a step.
 
