@@ -61,8 +61,7 @@ def _tend(session: Session, run: RescoringRun, max_attempts: int) -> int:
     if run.state is RunState.PAUSED:
         hold_jobs(session, run)
         return 0
-    sides = new_key(run), old_key(run)  # both: what is not shown now may be shown again
-    made = sum(_insert_missing(session, run, key) for key in sides)
+    made = sum(_insert_missing(session, run, key) for key in _sides(run))
     if run.state is RunState.APPLIED and not _missing(session, run, new_key(run)):
         want_fresh_board(session, run.phase_id, new_key(run))
     key = shadow_key(run)
@@ -76,6 +75,11 @@ def _tend(session: Session, run: RescoringRun, max_attempts: int) -> int:
         detail = {"phase": run.phase_id}
         audit(session, _ACTOR, "rescoring ready", run.id, detail)
     return made
+
+
+def _sides(run: RescoringRun) -> tuple[ScoringKey, ...]:
+    """Both: what is not shown now may be shown again."""
+    return new_key(run), old_key(run)
 
 
 def _insert_missing(session: Session, run: RescoringRun, key: ScoringKey) -> int:
