@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from exceptiondrive.credentials import credentials_path
 from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive.inputs import given_bytes
+from exceptiondrive.settings import write_settings_file
 from exceptiondrive_schemas.receipt import (
     Receipt,
     ReceiptKey,
@@ -134,21 +135,11 @@ def remember_keys(found: ReceiptKeys) -> Path:
             written.
     """
     require_true_ids(found, found.server or "The server")
-    path = keys_path()
     held = {(key.key_id, key.server): key for key in remembered_keys()}
     for key in found.keys:
         held.setdefault((key.key_id, found.server), _known(key, found.server))
     kept = KnownKeys(keys=tuple(held.values()))
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    try:
-        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        part.write_text(kept.model_dump_json(by_alias=True), encoding="utf-8")
-        part.replace(path)
-    except OSError as error:
-        raise InvalidArgumentError(
-            "unwritable_file", f"{path} cannot be written: {error.strerror}."
-        ) from None
-    return path
+    return write_settings_file(keys_path(), kept.model_dump_json(by_alias=True))
 
 
 def require_true_ids(found: ReceiptKeys, whose: str) -> None:

@@ -81,11 +81,19 @@ def keep_setting(name: str, value: str | None) -> Path:
     settings.pop(name, None)
     settings |= {} if value is None else {name: value}
     lines = (f"{key} = {json.dumps(each, ensure_ascii=False)}\n" for key, each in settings.items())
-    path = config_path()
+    return write_settings_file(config_path(), "".join(sorted(lines, reverse=True)))
+
+
+def write_settings_file(path: Path, text: str) -> Path:
+    """Write a file of the user's settings, whole or not at all; return it.
+
+    Raises:
+        InvalidArgumentError: It cannot be written.
+    """
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         part = path.with_name(f".{path.name}.{os.getpid()}.part")
-        part.write_text("".join(sorted(lines, reverse=True)), encoding="utf-8")
+        part.write_text(text, encoding="utf-8")
         os.replace(part, path)
     except OSError as error:
         raise InvalidArgumentError(

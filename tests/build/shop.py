@@ -15,7 +15,7 @@ from exceptiondrive_build.candidates import (
 )
 from exceptiondrive_build.prompts import Prompts
 from exceptiondrive_build.records import Author, Kind, Record
-from exceptiondrive_build.scenes.cameras import ground_polygon
+from exceptiondrive_build.scenes.cameras import NEAR_M, projection
 from exceptiondrive_build.scenes.generated import make_scenes
 from exceptiondrive_build.scenes.keyframe import Camera
 from exceptiondrive_build.scenes.read_in import read_in
@@ -31,6 +31,7 @@ from exceptiondrive_build.values import (
 )
 from exceptiondrive_build.workshop import Workshop, new_workshop
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_scoring.aliases import FloatArray
 
 VIEWS = ("CAM_FRONT", "CAM_FRONT_LEFT")
 TARGET_M = (14.0, 1.0)
@@ -126,3 +127,26 @@ class _Painter:
             file = BytesIO()
             picture.save(file, "PNG")
         return file.getvalue()
+
+
+def ground_polygon(camera: Camera, corners_m: FloatArray) -> FloatArray:
+    """The part of a polygon on the ground that is in front of a camera, in pixels.
+
+    Args:
+        camera: Calibration.
+        corners_m: (n, 2) in the ego frame, in order round it.
+
+    Returns:
+        (k, 2) corners, inside of the picture or not; k = 0 where all of it is behind the camera.
+    """
+    on_ground = np.array([(x, y, 0, 1) for x, y in corners_m])
+    seen = on_ground @ projection(camera).T
+    cut = []
+    for here, there in zip(seen, np.roll(seen, -1, axis=0), strict=True):
+        if here[2] >= NEAR_M:
+            cut.append(here)
+        if (here[2] >= NEAR_M) != (there[2] >= NEAR_M):
+            cut.append(here + (there - here) * (NEAR_M - here[2]) / (there[2] - here[2]))
+    found = np.array(cut).reshape(-1, 3)
+    pixels: FloatArray = found[:, :2] / found[:, 2:]
+    return pixels

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, ViewportSize, expect
 from playwright.sync_api import Error as PlaywrightError
-from tests.build.shop import make_shop
+from tests.build.shop import ground_polygon, make_shop
 from tests.support.browser import NAMES, axe_violations
 from tests.support.serving import served
 
@@ -20,7 +20,6 @@ from exceptiondrive_build.records import Kind, Record
 from exceptiondrive_build.review_page.app import review_app
 from exceptiondrive_build.review_page.desk import Desk
 from exceptiondrive_build.review_page.leases import Holder
-from exceptiondrive_build.scenes.cameras import ground_polygon
 from exceptiondrive_build.values import Corners, Verified
 from exceptiondrive_build.workshop import Workshop, new_workshop
 

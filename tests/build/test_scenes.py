@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 import shapely
 from PIL import Image
-from tests.build.shop import make_shop
+from tests.build.shop import ground_polygon, make_shop
 from typer.testing import CliRunner
 
 from exceptiondrive_build.cli import app
 from exceptiondrive_build.errors import BuildError
-from exceptiondrive_build.scenes.cameras import ground_polygon, project
+from exceptiondrive_build.scenes.cameras import project
 from exceptiondrive_build.scenes.generated import MARK, MARK_RADIUS_M, VERSION, make_scenes
 from exceptiondrive_build.scenes.keyframe import Keyframe
 from exceptiondrive_build.scenes.nuscenes import CAMERAS, rigid

@@ -206,7 +206,7 @@ def convert_advice(manifest: Manifest | None) -> str:
     return f"{CONVERT} --split {name}` makes a submission of it"
 
 
-def two_runs_advice(manifest: Manifest | None = None) -> str:
+def two_runs_advice(manifest: Manifest | None) -> str:
     """Say how two runs of a planner, on the source and on the edited inputs, become a submission."""
     name = manifest.name if manifest else "NAME"
     return (

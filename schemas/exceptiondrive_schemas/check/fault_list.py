@@ -233,7 +233,7 @@ UNKEEPABLE = frozenset({"Cc", "Cs"})
 LINE_BREAKS = frozenset("\t\n\r")
 
 
-def has_unkeepable(text: str, allowed: frozenset[str] = frozenset()) -> bool:
+def has_unkeepable(text: str, allowed: frozenset[str]) -> bool:
     """Whether a text holds control characters or lone surrogates other than `allowed`."""
     return not text.isprintable() and any(
         unicodedata.category(character) in UNKEEPABLE and character not in allowed

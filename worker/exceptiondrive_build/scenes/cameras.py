@@ -25,35 +25,8 @@ def project(camera: Camera, points_m: FloatArray) -> FloatArray:
     Returns:
         (n, 2) pixels, inside of the picture or not; NaN behind the camera.
     """
-    seen = _seen(camera, points_m)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(seen[:, 2:] >= NEAR_M, seen[:, :2] / seen[:, 2:], np.nan)
-
-
-def ground_polygon(camera: Camera, corners_m: FloatArray) -> FloatArray:
-    """The part of a polygon on the ground that is in front of a camera, in pixels.
-
-    Args:
-        camera: Calibration.
-        corners_m: (n, 2) in the ego frame, in order round it.
-
-    Returns:
-        (k, 2) corners, inside of the picture or not; k = 0 where all of it is behind the camera.
-    """
-    seen = _seen(camera, corners_m)
-    cut = []
-    for here, there in zip(seen, np.roll(seen, -1, axis=0), strict=True):
-        if here[2] >= NEAR_M:
-            cut.append(here)
-        if (here[2] >= NEAR_M) != (there[2] >= NEAR_M):
-            cut.append(here + (there - here) * (NEAR_M - here[2]) / (there[2] - here[2]))
-    found = np.array(cut).reshape(-1, 3)
-    pixels: FloatArray = found[:, :2] / found[:, 2:]
-    return pixels
-
-
-def _seen(camera: Camera, points_m: FloatArray) -> FloatArray:
     n_points, n_axes = points_m.shape
     rest = np.zeros((n_points, 3 - n_axes))
-    seen: FloatArray = np.hstack([points_m, rest, np.ones((n_points, 1))]) @ projection(camera).T
-    return seen
+    seen = np.hstack([points_m, rest, np.ones((n_points, 1))]) @ projection(camera).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(seen[:, 2:] >= NEAR_M, seen[:, :2] / seen[:, 2:], np.nan)

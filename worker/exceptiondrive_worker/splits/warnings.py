@@ -9,14 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.printable import first_of
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring.arrays import split_arrays
 from exceptiondrive_scoring.split_lint import LintedSplit, LintWarning, lint
 from exceptiondrive_worker.splits.faults import SplitFault
-
-_SHOWN = 5
 
 
 def split_warnings(split: Split, protocol: ProtocolDocument) -> tuple[LintWarning, ...]:
@@ -35,7 +33,7 @@ def warning_lines(warnings: Sequence[LintWarning], *, with_samples: bool) -> lis
     """One line a warning, for a terminal."""
     return [
         f"warning {found.code} ({found.count:,}): {found.what}"
-        + (_first(found.sample_ids) if with_samples and found.sample_ids else "")
+        + (f": {first_of(found.sample_ids)}" if with_samples and found.sample_ids else "")
         for found in warnings
     ]
 
@@ -54,9 +52,3 @@ def check_report(
         ],
         "warnings": [asdict(found) for found in warnings],
     }
-
-
-def _first(sample_ids: Sequence[str]) -> str:
-    more = len(sample_ids) - _SHOWN
-    rest = f" and {counted(more, 'more', 'more')}" if more > 0 else ""
-    return f": {', '.join(sample_ids[:_SHOWN])}{rest}"
