@@ -260,6 +260,20 @@ def test_a_role_for_one_phase_lists_its_submissions_and_names_no_other_phase_or_
         assert "Your role is confined to dev; this is for organizers of" in refused.text
 
 
+@pytest.mark.parametrize("who", ["owner of dev", "reader of dev"])
+def test_a_role_for_one_phase_asks_for_the_submissions_of_that_phase_with_its_token(
+    site: "Api", who: str
+) -> None:
+    own = site.submit("a").json()["id"]
+    site.submit("b", "beta", phase="other")
+    listed = site.get("/submissions?phase=dev", who)
+    assert [one["id"] for one in listed.json()["submissions"]] == [own]
+    for query in ("", "?phase=other", "?phase="):
+        refused = site.get(f"/submissions{query}", who)
+        assert refused.status_code == 403
+        assert "Your role is for dev alone" in refused.json()["detail"]
+
+
 @pytest.mark.parametrize("who", ["owner of dev", "reader of dev", "helper"])
 def test_links_of_a_page_lead_to_no_refusal(
     site: "Api", browse: Callable[..., "TeamBrowser"], who: str

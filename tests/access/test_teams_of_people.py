@@ -207,8 +207,11 @@ def test_a_removed_member_is_out_at_once(
     assert "You are out of Alpha at once" in ada.get("/my/team").text
     keeper = browse(site)
     keeper.sign_in("alpha")
+    ada.post("/my/tokens", {"name": "kept", "scope": "submit", "days": ""}, page="/my/tokens")
     asked = keeper.get("/my/team").text.split('<details class="danger">')[1]
     assert "Ada Example is out of Alpha at once" in asked
+    assert "What was made by Ada Example works on: <b>kept</b>" in " ".join(asked.split())
+    assert '<td data-k="made by">Ada Example</td>' in keeper.get("/my/tokens").text
     assert keeper.post(path, {}, page="/my/team").status_code == 303
     for page in ("/my", "/my/tokens", "/submissions/x"):
         assert ada.get(page).headers["location"] == "/my/team"
@@ -216,6 +219,7 @@ def test_a_removed_member_is_out_at_once(
     refused = ada.browser.send("/submit", {}, files={"file": ("planner.json", b"a")})
     assert refused.headers["location"] == "/my/team"
     assert "member removed" in actions(site)
+    assert '<td data-k="made by">Ada Example, no member now</td>' in keeper.get("/my/tokens").text
 
 
 def test_no_invitation_that_a_removed_member_made_leads_back_in(

@@ -43,6 +43,22 @@ def test_a_token_is_created_rotated_and_revoked(running: "Running", keeper: str)
     assert tokens(running, keeper, "revoke", second.split("_")[2]).exit_code == 4
 
 
+def test_a_revoked_token_leaves_behind_what_it_made(running: "Running", keeper: str) -> None:
+    lost = tokens(running, keeper, "create", "lost", "--scope", "tokens").stdout.strip()
+    door = tokens(running, lost, "create", "door", "--scope", "tokens").stdout.strip()
+    door_id = door.split("_")[2]
+    revoked = tokens(running, keeper, "revoke", lost.split("_")[2])
+    assert revoked.exit_code == 0, revoked.output
+    assert "revoke these too, if they are not yours" in revoked.stderr
+    assert f"{door_id}  door  (edk_s_{door_id}, made by lost (" in revoked.stderr
+    environment = {
+        "EXCEPTIONDRIVE_SERVER": running.url,
+        "EXCEPTIONDRIVE_TOKEN": running.organizer_token,
+    }
+    words = ["organizer", "teams", "revoke-token", keeper.split("_")[2]]
+    assert f"{door_id}  door" in CliRunner().invoke(app, words, env=environment).stderr
+
+
 def test_a_token_without_the_scope_is_told_which_it_needs(running: "Running") -> None:
     done = tokens(running, running.token, "list")
     assert done.exit_code == 4

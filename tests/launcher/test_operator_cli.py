@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 from fastapi import FastAPI
 
-from exceptiondrive_records.accounts.tokens import list_tokens, verify_token
+from exceptiondrive_records.accounts.tokens import issue_token, list_tokens, verify_token
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_server.operations import cli as operator_cli
 from exceptiondrive_server.web.settings import ServerSettings
@@ -52,8 +52,14 @@ def test_a_lost_token_is_found_and_revoked(
     assert command(monkeypatch, "list-tokens", "--data", str(data)) == 0
     token_id, *rest = capsys.readouterr().out.strip().split("\t")
     assert (rest[0], rest[-1]) == ("Ann", "live")
-    assert command(monkeypatch, "revoke-token", token_id, "--data", str(data)) == 0
     database = Database(f"sqlite:///{data}/records.sqlite3")
+    with database.write() as session:
+        _, made = issue_token(session, None, "made by Ann", actor=f"token:{token_id}")
+        made_id = made.id
+    assert command(monkeypatch, "revoke-token", token_id, "--data", str(data)) == 0
+    told = capsys.readouterr()
+    assert told.out == f"{made_id}\tmade by Ann\n"
+    assert "revoke these too, if they are not wanted" in told.err
     with database.read() as session:
         assert verify_token(session, token) is None
     database.dispose()

@@ -175,3 +175,60 @@ def test_the_page_takes_a_number_of_days_that_can_be_meant(
     browser.sign_in("alpha")
     form = {"name": "cluster", "scope": ["submit"], "days": days}
     assert browser.post("/my/tokens", form, page="/my/tokens").status_code == 400
+
+
+def test_whoever_revokes_a_token_is_told_what_it_made(
+    api_on_both: "Api", browse: Callable[..., "TeamBrowser"]
+) -> None:
+    """What a thief made with a stolen token works on, also where a token between was revoked."""
+    api = api_on_both
+    every = {"scopes": ["submit", "read:own", "tokens"]}
+    lost = api.post("/tokens", "alpha", json={"name": "lost", **every}).json()
+    api.tokens["lost"] = lost["token"]
+    between = api.post("/tokens", "lost", json={"name": "between", **every}).json()
+    api.tokens["between"] = between["token"]
+    door = api.post("/tokens", "between", json={"name": "door"}).json()
+    own_name = api.get("/me", "alpha").json()["token_name"]
+    assert lost["view"]["made_by"] == f"{own_name} (edk_s_{own_id(api)})"
+    assert door["view"]["made_by"] == f"between ({between['view']['prefix']})"
+    first = api.post(f"/tokens/{between['view']['id']}/revoke", "alpha").json()
+    assert [one["name"] for one in first["still_work"]] == ["door"]
+
+    browser = browse(api)
+    browser.sign_in("alpha")
+    page = " ".join(browser.get("/my/tokens").text.split())
+    told = f"What was made with it works on: <b>door</b> (<code>{door['view']['prefix']}</code>)."
+    assert told in page
+    assert f'<td data-k="made by">lost ({lost["view"]["prefix"]})</td>' in page
+
+    revoked = api.post(f"/tokens/{lost['view']['id']}/revoke", "alpha").json()
+    assert revoked["revoked_at"] is not None
+    assert [one["prefix"] for one in revoked["still_work"]] == [door["view"]["prefix"]]
+    own = api.post(f"/tokens/{door['view']['id']}/revoke", "alpha").json()
+    assert own["still_work"] == []
+
+
+def test_a_team_reads_no_name_of_an_organizer_on_its_tokens(api: "Api") -> None:
+    made = api.post("/organizer/teams/alpha/tokens", "organizer", json={"name": "handed"}).json()
+    seen = {one["name"]: one["made_by"] for one in api.get("/tokens", "alpha").json()}
+    assert seen["handed"] == "organizers"
+    by_organizers = api.get("/organizer/teams/alpha/tokens", "organizer").json()
+    name = api.get("/me", "organizer").json()["token_name"]
+    assert {one["name"]: one["made_by"] for one in by_organizers}["handed"] == name
+    assert made["view"]["made_by"] == name
+
+
+def test_an_organizer_who_revokes_is_told_what_the_token_made(
+    api: "Api", browse: Callable[..., "TeamBrowser"]
+) -> None:
+    door = api.post("/tokens", "alpha", json={"name": "door"}).json()["view"]
+    browser = browse(api)
+    browser.sign_in("organizer")
+    asked = browser.get(f"/organize/tokens/{own_id(api)}/revoke").text
+    assert f"door ({door['prefix']})" in asked
+    assert "What was made with it works on" in asked
+    last = browser.get(f"/organize/tokens/{door['id']}/revoke").text
+    assert "What was made with it works on" not in last
+    path = f"/organizer/tokens/{api.tokens['organizer'].split('_')[2]}/revoke"
+    api.post("/organizer/teams/beta/tokens", "organizer", json={"name": "handed"})
+    assert [one["name"] for one in api.post(path, "organizer").json()["still_work"]] == ["handed"]

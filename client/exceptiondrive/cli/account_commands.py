@@ -13,10 +13,20 @@ from exceptiondrive.cli.tables import records_table
 from exceptiondrive.client import Client, TeamTokens
 from exceptiondrive.credentials import find_server, forget_token, is_sent_in_clear, keep_token
 from exceptiondrive.errors import NotSignedInError, utc_text
+from exceptiondrive.transport import Record
 from exceptiondrive_schemas.api.submission import Me
 
 TokenId = Annotated[str, typer.Argument(metavar="ID", help="Id of the token: see `tokens list`.")]
-COLUMNS = ("id", "name", "scopes", "created_at", "expires_at", "revoked_at", "last_used_at")
+COLUMNS = (
+    "id",
+    "name",
+    "scopes",
+    "created_at",
+    "expires_at",
+    "revoked_at",
+    "last_used_at",
+    "made_by",
+)
 
 
 def login(server: options.Server = None) -> None:
@@ -126,7 +136,17 @@ def revoke_token(
     """Revoke a token of your team for good."""
     with _tokens(server) as tokens:
         token = tokens.revoke(token_id)
+    show_revoked(token, json)
+
+
+def show_revoked(token: Record, json: bool) -> None:
+    """Say that a token is revoked, and which that were made with it work on."""
     show_result(token, json, f"token {token['id']} revoked")
+    made = token.get("still_work", [])
+    if made and not json:
+        say("what was made with it works on; revoke these too, if they are not yours:")
+        for one in made:
+            say(f"  {one['id']}  {one['name']}  ({one['prefix']}, made by {one['made_by']})")
 
 
 def _tokens(server: str | None) -> TeamTokens:

@@ -18,7 +18,13 @@ from exceptiondrive_records.accounts.tokens import (
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.api.submission import Me
 from exceptiondrive_schemas.datetimes import Time
-from exceptiondrive_server.accounts.queries import IssuedToken, TokenView, token_view
+from exceptiondrive_server.accounts.queries import (
+    IssuedToken,
+    RevokedToken,
+    TokenView,
+    left_behind,
+    team_token_views,
+)
 from exceptiondrive_server.web.auth import MaybePrincipal, ServicesOf, TokenKeeper, team_of
 from exceptiondrive_server.web.forms import Form
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
@@ -48,20 +54,21 @@ class Rotation(Form):
 @router.get("", operation_id="listOwnTokens")
 def get_own_tokens(services: ServicesOf, keeper: TokenKeeper) -> list[TokenView]:
     """List the team's tokens, newest first, without their secrets."""
-    team_of(keeper)
+    team_id = team_of(keeper)
     with services.database.read() as session:
-        return [token_view(token) for token in team_tokens(session, keeper)]
+        return team_token_views(session, team_id, team_tokens(session, keeper))
 
 
 @router.post("", operation_id="issueOwnToken", status_code=201, responses=_MISSING)
 def post_own_token(services: ServicesOf, keeper: TokenKeeper, token: NewTeamToken) -> IssuedToken:
     """Issue a token with no more rights than one's own; its text is answered once."""
-    team_of(keeper)
+    team_id = team_of(keeper)
     with services.database.write() as session:
         text, made = issue_team_token(
             session, keeper, token.name, tuple(token.scopes), token.expires_at
         )
-        return IssuedToken(token=text, view=token_view(made))
+        (view,) = team_token_views(session, team_id, [made], made_now_by=keeper.actor)
+        return IssuedToken(token=text, view=view)
 
 
 @router.post(
@@ -71,16 +78,23 @@ def post_rotation(
     services: ServicesOf, keeper: TokenKeeper, token_id: TokenId, rotation: Rotation
 ) -> IssuedToken:
     """Issue the successor of a token; the old one works on for `keep_days`."""
+    team_id = team_of(keeper)
     with services.database.write() as session:
         text, made = rotate_team_token(session, keeper, token_id, rotation.keep_days)
-        return IssuedToken(token=text, view=token_view(made))
+        (view,) = team_token_views(session, team_id, [made], made_now_by=keeper.actor)
+        return IssuedToken(token=text, view=view)
 
 
 @router.post("/{token_id}/revoke", operation_id="revokeOwnToken", responses=_MISSING)
-def post_own_revocation(services: ServicesOf, keeper: TokenKeeper, token_id: TokenId) -> TokenView:
-    """Revoke a token of the team for good, one's own included."""
+def post_own_revocation(
+    services: ServicesOf, keeper: TokenKeeper, token_id: TokenId
+) -> RevokedToken:
+    """Revoke a token of the team for good, one's own included; `still_work` says what it made."""
+    team_id = team_of(keeper)
     with services.database.write() as session:
-        return token_view(revoke_team_token(session, keeper, token_id))
+        token = revoke_team_token(session, keeper, token_id)
+        view, *made = team_token_views(session, team_id, [token, *left_behind(session, token)])
+        return RevokedToken(**dict(view), still_work=tuple(made))
 
 
 # Who a token speaks for.

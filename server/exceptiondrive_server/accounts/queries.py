@@ -1,10 +1,20 @@
 """Tokens as answers show them: never with a secret, save once when they are new."""
 
+from collections.abc import Sequence
 from datetime import datetime
 
 from pydantic import BaseModel
+from sqlalchemy.orm import Session
 
+from exceptiondrive_records.accounts.makers import (
+    live_tokens_by_maker,
+    makers_in_words,
+    makers_of_tokens,
+)
 from exceptiondrive_records.accounts.tables import Token
+from exceptiondrive_records.accounts.tokens import names_of_actors
+
+_UNKNOWN = "not recorded"
 
 
 class TokenView(BaseModel):
@@ -18,6 +28,15 @@ class TokenView(BaseModel):
     expires_at: datetime | None
     revoked_at: datetime | None
     last_used_at: datetime | None
+    made_by: str
+    """With which token, or by whom, in words; teams read the names of their own tokens and people alone."""
+
+
+class RevokedToken(TokenView):
+    """A token that works no more, and what it leaves behind."""
+
+    still_work: tuple[TokenView, ...]
+    """What was made with it, or with a token that it made: none of these ended with it."""
 
 
 class IssuedToken(BaseModel):
@@ -27,8 +46,37 @@ class IssuedToken(BaseModel):
     view: TokenView
 
 
-def token_view(token: Token) -> TokenView:
-    """Return a token as it is shown."""
+def team_token_views(
+    session: Session, team_id: int, tokens: Sequence[Token], *, made_now_by: str = ""
+) -> list[TokenView]:
+    """Return tokens of a team as it sees them; `made_now_by`: who makes them in this transaction."""
+    makers = makers_of_tokens(session, team_id) | _made_now(tokens, made_now_by)
+    words = makers_in_words(session, team_id, makers)
+    return [_view(token, words.get(token.id, _UNKNOWN)) for token in tokens]
+
+
+def token_views(
+    session: Session, tokens: Sequence[Token], team_id: int | None, *, made_now_by: str = ""
+) -> list[TokenView]:
+    """Return tokens, of one team if given, as organizers see them."""
+    makers = makers_of_tokens(session, team_id) | _made_now(tokens, made_now_by)
+    names = names_of_actors(session, makers.values())
+    words = {token_id: names.get(actor, actor) for token_id, actor in makers.items()}
+    return [_view(token, words.get(token.id, _UNKNOWN)) for token in tokens]
+
+
+def left_behind(session: Session, token: Token) -> list[Token]:
+    """Return the tokens that work on when one is revoked, though it made them."""
+    actor = f"token:{token.id}"
+    return live_tokens_by_maker(session, [actor], token.team_id)[actor]
+
+
+def _made_now(tokens: Sequence[Token], actor: str) -> dict[str, str]:
+    """The audit lines of a transaction are written as it ends."""
+    return {token.id: actor for token in tokens} if actor else {}
+
+
+def _view(token: Token, made_by: str) -> TokenView:
     return TokenView(
         id=token.id,
         name=token.name,
@@ -38,4 +86,5 @@ def token_view(token: Token) -> TokenView:
         expires_at=token.expires_at,
         revoked_at=token.revoked_at,
         last_used_at=token.last_used_at,
+        made_by=made_by,
     )

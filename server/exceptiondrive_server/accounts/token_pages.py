@@ -9,6 +9,7 @@ from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
 from starlette.datastructures import FormData
 
+from exceptiondrive_records.accounts.makers import live_tokens_by_maker
 from exceptiondrive_records.accounts.tables import Token
 from exceptiondrive_records.accounts.tokens import (
     DEFAULT_KEEP_DAYS,
@@ -26,6 +27,7 @@ from exceptiondrive_records.accounts.tokens import (
 )
 from exceptiondrive_records.db.database import database_now
 from exceptiondrive_records.db.errors import InvalidRecord
+from exceptiondrive_server.accounts.queries import team_token_views
 from exceptiondrive_server.web.auth import ServicesOf, team_of
 from exceptiondrive_server.web.browser_session import Browser, PostedForm, SignedIn, require_scope
 from exceptiondrive_server.web.responses import private_page
@@ -88,16 +90,21 @@ def _page(
     request: Request, services: Services, browser: SignedIn, issued: str | None = None
 ) -> Response:
     require_scope(browser, Scope.TOKENS)
-    team_of(browser.principal)
+    team_id = team_of(browser.principal)
     with services.database.read() as session:
         now = database_now(session)
         tokens = team_tokens(session, browser.principal)
+        views = team_token_views(session, team_id, tokens)
+        actors = [f"token:{token.id}" for token in tokens]
+        made_with = live_tokens_by_maker(session, actors, team_id)
     return private_page(
         request,
         "accounts/tokens.html",
         "my",
         who=browser.principal,
         tokens=sorted(tokens, key=lambda token: not is_live(token, now)),
+        made_by={view.id: view.made_by for view in views},
+        made_with=made_with,
         live={token.id for token in tokens if is_live(token, now)},
         scopes=[scope for scope in TEAM_SCOPES if scope in browser.principal.scopes],
         chosen=PARTICIPANT_SCOPES,

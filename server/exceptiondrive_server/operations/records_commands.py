@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 
 from exceptiondrive_records.accounts import tokens
+from exceptiondrive_records.accounts.makers import live_tokens_by_maker
 from exceptiondrive_records.accounts.people import list_people, set_organizer
 from exceptiondrive_records.accounts.roles import OrganizerRole
 from exceptiondrive_records.db.clock import database_now
@@ -91,8 +92,16 @@ def revoke_token(
 ) -> None:
     """Revoke a token for good."""
     with opened(load_settings(RecordsSettings, data)) as database, database.write() as session:
-        tokens.revoke_token(session, token_id, actor=ACTOR)
+        team_id = tokens.revoke_token(session, token_id, actor=ACTOR).team_id
+        maker = f"token:{token_id}"
+        made = [
+            (one.id, one.name) for one in live_tokens_by_maker(session, [maker], team_id)[maker]
+        ]
     say(f"token {token_id} revoked")
+    if made:
+        say("what was made with it works on; revoke these too, if they are not wanted:")
+    for made_id, name in made:
+        typer.echo(f"{made_id}\t{name}")
 
 
 # Operator commands on people and self-registration.

@@ -124,7 +124,7 @@ def get_submissions(
     limit: Annotated[int, Query(ge=1, le=200)] = 50,
     after: Annotated[str | None, Query(max_length=64, description="`next` of a page")] = None,
 ) -> SubmissionPage:
-    """List the team's submissions, newest first; organizers see every team's.
+    """List the team's submissions, newest first; organizers see every team's, those of single phases with `phase`.
 
     Of one phase the headers say what the team may still submit in it. Of a phase that there is not a
     team has none, and organizers are told.
@@ -134,7 +134,7 @@ def get_submissions(
             with suppress(NotFound):  # then the list is empty
                 quota = quota_of(session, principal.team_id, shown_phase(session, phase))
                 response.headers.update(quota_headers(quota))
-        team_id = own_team(principal)
+        team_id = own_team(principal, phase)
         if phase is not None and team_id is None:
             find_phase(session, phase)
         found, following = submission_page(

@@ -23,7 +23,13 @@ from exceptiondrive_records.teams.teams import (
     refuse_team,
 )
 from exceptiondrive_schemas.datetimes import Time
-from exceptiondrive_server.accounts.queries import IssuedToken, TokenView, token_view
+from exceptiondrive_server.accounts.queries import (
+    IssuedToken,
+    RevokedToken,
+    TokenView,
+    left_behind,
+    token_views,
+)
 from exceptiondrive_server.participation.queries import standings_of_teams
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
 from exceptiondrive_server.web.forms import Deed, Form
@@ -115,7 +121,7 @@ def get_tokens(services: ServicesOf, team_id: TeamId) -> list[TokenView]:
     """List a team's tokens, without their secrets."""
     with services.database.read() as session:
         team = find_team(session, team_id)
-        return [token_view(token) for token in list_tokens(session, team.id)]
+        return token_views(session, list_tokens(session, team.id), team.id)
 
 
 @router.post("/teams/{team_id}/tokens", operation_id="issueToken", status_code=201)
@@ -132,16 +138,19 @@ def post_token(
             token.expires_at,
             actor=organizer.actor,
         )
-        return IssuedToken(token=text, view=token_view(made))
+        (view,) = token_views(session, [made], made.team_id, made_now_by=organizer.actor)
+        return IssuedToken(token=text, view=view)
 
 
 @router.post("/tokens/{token_id}/revoke", operation_id="revokeToken")
 def post_revocation(
     services: ServicesOf, organizer: Organizer, token_id: Annotated[str, Path(max_length=64)]
-) -> TokenView:
-    """Revoke a token for good."""
+) -> RevokedToken:
+    """Revoke a token for good; `still_work` says which it made."""
     with services.database.write() as session:
-        return token_view(revoke_token(session, token_id, actor=organizer.actor))
+        token = revoke_token(session, token_id, actor=organizer.actor)
+        view, *made = token_views(session, [token, *left_behind(session, token)], token.team_id)
+        return RevokedToken(**dict(view), still_work=tuple(made))
 
 
 def _team(team: Team, standing: str = "") -> TeamView:

@@ -32,6 +32,7 @@ from exceptiondrive_records.teams.teams import (
     refuse_team,
 )
 from exceptiondrive_schemas.api.form_fields import FormField
+from exceptiondrive_server.accounts.queries import left_behind, token_views
 from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.participation.queries import participation_of, standings_of_teams
 from exceptiondrive_server.web.auth import ServicesOf
@@ -187,6 +188,10 @@ def _team(
         tokens = [(token, is_live(token, now)) for token in list_tokens(session, team.id)]
         lines = history(session, team.slug, limit=HISTORY)
         n_submissions = counts_by_team(session).get(team.id, 0)
+        made_by = {
+            view.id: view.made_by
+            for view in token_views(session, [token for token, _ in tokens], team.id)
+        }
         seen = participation_of(session, team)
         phases = list_phases(session, with_hidden=True)
         part_of = session.get(Team, team.merged_into_id) if team.merged_into_id else None
@@ -199,6 +204,7 @@ def _team(
         team=team,
         part_of=part_of,
         tokens=sorted(tokens, key=lambda one: not one[1]),
+        made_by=made_by,
         rights_of=lambda token: [MEANING_OF_SCOPE[Scope(scope)] for scope in token.scopes],
         issued=issued,
         lines=lines,
@@ -262,10 +268,16 @@ def revocation(services: ServicesOf, token_id: TokenId) -> Step:
     with services.database.read() as session:
         token = find_token(session, token_id)
         team = None if token.team_id is None else session.get(Team, token.team_id)
+        (seen,) = token_views(session, [token], token.team_id)
+        made = [f"{one.name} ({one.prefix})" for one in left_behind(session, token)]
     return Step(
         section="teams",
         title=f"Revoke {token.name}",
-        meaning="It stops working for good; browsers that signed in with it are signed out.",
+        meaning="It stops working for good; browsers that signed in with it are signed out."
+        + (
+            " What was made with it works on: revoke these too, if they are not wanted."
+            * bool(made)
+        ),
         button="Revoke",
         back="/organize/teams" if team is None else f"/organize/teams/{team.slug}",
         back_words="Teams" if team is None else "The team",
@@ -273,6 +285,8 @@ def revocation(services: ServicesOf, token_id: TokenId) -> Step:
             ("Begins with", token.prefix),
             ("Team", "none: an organizer's" if team is None else team.name),
             ("May", ", ".join(token.scopes)),
+            ("Made by", seen.made_by),
+            *([("Made with it, and works on", ", ".join(made))] if made else ()),
         ),
         command=f"exceptiondrive organizer teams revoke-token {token.id}",
         is_grave=True,

@@ -6,6 +6,7 @@ from fastapi import APIRouter, Path, Request
 from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.accounts.makers import live_tokens_by_maker
 from exceptiondrive_records.accounts.people import (
     accept_invitation,
     add_member,
@@ -182,6 +183,8 @@ def _page(
     with services.database.read() as session:
         team = None if who.team_id is None else session.get_one(Team, who.team_id)
         person = None if who.person_id is None else find_person(session, who.person_id)
+        members = [] if team is None else members_of(session, team.id)
+        people = [f"person:{member.id}" for member, _ in members]
         return private_page(
             request,
             "teams/team.html",
@@ -189,7 +192,8 @@ def _page(
             who=who,
             team=team,
             **({} if team is None else _facts(session, team)),
-            members=[] if team is None else members_of(session, team.id),
+            members=members,
+            made_by={} if team is None else live_tokens_by_maker(session, people, team.id),
             invitations=[] if team is None else open_invitations(session, team.id),
             may_invite=may_invite(who),
             roles=[] if person is None else _roles(person, who, teams_of(session, person.id)),

@@ -104,6 +104,16 @@ def team_of(principal: Principal) -> int:
     return principal.team_id
 
 
-def own_team(principal: Principal) -> int | None:
-    """Return the team that a principal is confined to; None for an organizer."""
-    return None if principal.is_organizer else team_of(principal)
+def own_team(principal: Principal, phase_id: str | None = None) -> int | None:
+    """Return the team that a principal is confined to; None for an organizer, of the phase if given.
+
+    Raises:
+        ApiProblem: It has no team, and organizes other phases or none.
+    """
+    if principal.organizes(phase_id):
+        return None
+    if principal.role is not None and principal.team_id is None:
+        own = ", ".join(sorted(principal.phases))
+        detail = f"Your role is for {own} alone: ask for the submissions of that phase (`--phase`)."
+        raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
+    return team_of(principal)

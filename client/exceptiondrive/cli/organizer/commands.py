@@ -8,6 +8,7 @@ import typer
 
 from exceptiondrive.checking import write_file
 from exceptiondrive.cli import completion, group, news_commands, options
+from exceptiondrive.cli.account_commands import show_revoked
 from exceptiondrive.cli.organizer import participation, phases, rescoring
 from exceptiondrive.cli.output import say, show_result, show_saved, upload_name
 from exceptiondrive.cli.session import open_organizer
@@ -304,7 +305,16 @@ def list_tokens(
     team_id: options.TeamId, server: options.Server = None, json: options.Json = False
 ) -> None:
     """List a team's tokens, without their secrets."""
-    columns = ("id", "name", "scopes", "created_at", "expires_at", "revoked_at", "last_used_at")
+    columns = (
+        "id",
+        "name",
+        "scopes",
+        "created_at",
+        "expires_at",
+        "revoked_at",
+        "last_used_at",
+        "made_by",
+    )
     with open_organizer(server) as organizer:
         found = organizer.tokens(team_id)
     show_result(found, json, records_table(found, columns))
@@ -333,7 +343,7 @@ def revoke_token(
     """Revoke a token for good."""
     with open_organizer(server) as organizer:
         token = organizer.revoke_token(token_id)
-    show_result(token, json, f"token {token['id']} revoked")
+    show_revoked(token, json)
 
 
 def list_protocols(server: options.Server = None, json: options.Json = False) -> None:

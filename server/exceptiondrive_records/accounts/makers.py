@@ -1,0 +1,78 @@
+"""Which token or person made which token, as the audit log knows it.
+
+A token outlives the one that made it: a successor does so on purpose. So whoever ends one is told which
+that it made go on working.
+"""
+
+from collections.abc import Collection, Iterable, Mapping
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.accounts.people import members_of
+from exceptiondrive_records.accounts.tables import Person, Token
+from exceptiondrive_records.accounts.tokens import is_live, list_tokens
+from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.teams.tables import Team
+
+
+def makers_of_tokens(session: Session, team_id: int | None = None) -> dict[str, str]:
+    """Return for each token the actor that issued it; for those of one team, if given."""
+    query = (
+        select(AuditLine.subject, AuditLine.actor)
+        .join(Token, Token.id == AuditLine.subject)
+        .where(AuditLine.action == "token issued")
+    )
+    if team_id is not None:
+        query = query.where(Token.team_id == team_id)
+    return {token_id: actor for token_id, actor in session.execute(query)}
+
+
+def live_tokens_by_maker(
+    session: Session, actors: Iterable[str], team_id: int | None = None
+) -> dict[str, list[Token]]:
+    """Return for each actor the tokens that work and were made by it, or with a token that it made.
+
+    Of one team, if given, else of all; newest first.
+    """
+    makers, now = makers_of_tokens(session, team_id), database_now(session)
+    live = [token for token in list_tokens(session, team_id) if is_live(token, now)]
+    return {actor: _made(actor, makers, live) for actor in actors}
+
+
+def _made(actor: str, makers: Mapping[str, str], live: Iterable[Token]) -> list[Token]:
+    reached, before = {actor}, 0
+    while len(reached) > before:
+        before = len(reached)
+        reached |= {f"token:{made}" for made, maker in makers.items() if maker in reached}
+    return [token for token in live if f"token:{token.id}" in reached - {actor}]
+
+
+def makers_in_words(session: Session, team_id: int, makers: Mapping[str, str]) -> dict[str, str]:
+    """Return who made each token in words for the team: its tokens and its people by name alone."""
+    own = {f"token:{one.id}": f"{one.name} ({one.prefix})" for one in list_tokens(session, team_id)}
+    own |= _people(session, team_id, set(makers.values()))
+    others = {"registration": "registration"}
+    return {
+        token_id: own.get(actor) or others.get(actor) or _stranger(actor)
+        for token_id, actor in makers.items()
+    }
+
+
+def _people(session: Session, team_id: int, actors: Collection[str]) -> dict[str, str]:
+    """Return the names of those who belong to a team, or did."""
+    names = {f"person:{person.id}": person.name for person, _ in members_of(session, team_id)}
+    if any(actor.startswith("person:") and actor not in names for actor in actors):
+        removals = select(AuditLine.detail).where(
+            AuditLine.subject == session.get_one(Team, team_id).slug,
+            AuditLine.action == "member removed",
+        )
+        gone = {str(detail["person"]) for detail in session.scalars(removals)}
+        for person in session.scalars(select(Person).where(Person.id.in_(gone))):
+            names.setdefault(f"person:{person.id}", f"{person.name}, no member now")
+    return names
+
+
+def _stranger(actor: str) -> str:
+    return "somebody else" if actor.startswith("person:") else "organizers"
