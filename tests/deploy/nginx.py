@@ -14,6 +14,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 
 import httpx
@@ -34,11 +35,18 @@ _QUESTION = b"\x06server\x00" + struct.pack("!HH", 1, 1)
 
 
 def find_nginx() -> str:
-    """Return where nginx is; skip the test where it is not."""
+    """Return where nginx is, once it has told its version; skip the test where it is not."""
     found = shutil.which("nginx", path=_PLACES)
     if found is None:
         pytest.skip("no nginx: as root, apt-get install nginx")
+    _knows_http2(found)
     return found
+
+
+@cache
+def _knows_http2(nginx: str) -> bool:
+    """Ask once, while no server of a test runs: `nginx -v` was seen to hang beside them, twice."""
+    return speaks_http2_by_itself(Path(nginx))
 
 
 class Names:
@@ -97,8 +105,9 @@ class Nginx:
         self.renew_certificate()
         changes = {**self._changes(names.port, server_port), **(more or {})}
         text = replaced(CONF.read_text("utf-8"), changes)
-        known = speaks_http2_by_itself(Path(self.binary))
-        (self.folder / "nginx.conf").write_text(text if known else older_http2(text))
+        (self.folder / "nginx.conf").write_text(
+            text if _knows_http2(self.binary) else older_http2(text)
+        )
         if user is not None:
             for path in (self.folder, *self.folder.iterdir()):
                 os.chown(path, user, user)
