@@ -17,15 +17,9 @@ from exceptiondrive.transport import Record
 from exceptiondrive_schemas.api.submission import Me
 
 TokenId = Annotated[str, typer.Argument(metavar="ID", help="Id of the token: see `tokens list`.")]
-COLUMNS = (
-    "id",
-    "name",
-    "scopes",
-    "created_at",
-    "expires_at",
-    "revoked_at",
-    "last_used_at",
-    "made_by",
+TOKEN_COLUMNS = (
+    *("id", "name", "scopes", "created_at", "expires_at"),
+    *("revoked_at", "last_used_at", "made_by"),
 )
 
 
@@ -87,7 +81,7 @@ def list_tokens(server: options.Server = None, json: options.Json = False) -> No
     """List the team's tokens, without their secrets."""
     with _tokens(server) as tokens:
         found = tokens.all()
-    show_result(found, json, records_table(found, COLUMNS))
+    show_result(found, json, records_table(found, TOKEN_COLUMNS))
 
 
 def create_token(

@@ -8,7 +8,7 @@ import typer
 
 from exceptiondrive.checking import write_file
 from exceptiondrive.cli import completion, group, news_commands, options
-from exceptiondrive.cli.account_commands import show_revoked
+from exceptiondrive.cli.account_commands import TOKEN_COLUMNS, show_revoked
 from exceptiondrive.cli.organizer import participation, phases, rescoring
 from exceptiondrive.cli.output import say, show_result, show_saved, upload_name
 from exceptiondrive.cli.session import open_organizer
@@ -305,19 +305,9 @@ def list_tokens(
     team_id: options.TeamId, server: options.Server = None, json: options.Json = False
 ) -> None:
     """List a team's tokens, without their secrets."""
-    columns = (
-        "id",
-        "name",
-        "scopes",
-        "created_at",
-        "expires_at",
-        "revoked_at",
-        "last_used_at",
-        "made_by",
-    )
     with open_organizer(server) as organizer:
         found = organizer.tokens(team_id)
-    show_result(found, json, records_table(found, columns))
+    show_result(found, json, records_table(found, TOKEN_COLUMNS))
 
 
 def issue_token(
