@@ -219,7 +219,7 @@ def approve_team(session: Session, slug: str, *, actor: str) -> Team:
     return team
 
 
-IS_PENDING = "Your team is not approved yet; an organizer has to look at it first."
+NOT_APPROVED = "Your team is not approved yet; an organizer has to look at it first."
 
 
 def require_approved(team: Team) -> None:
@@ -227,7 +227,7 @@ def require_approved(team: Team) -> None:
     if team.is_gone:
         raise NotAllowed("Your team was forgotten, or became part of another one, meanwhile.")
     if team.pending_since is not None:
-        raise NotAllowed(IS_PENDING)
+        raise NotAllowed(NOT_APPROVED)
 
 
 # What organizers switch while the server runs. Every change is an audit line.

@@ -36,7 +36,7 @@ from exceptiondrive_records.submissions.submissions import (
 )
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.teams.tables import Team
-from exceptiondrive_records.teams.teams import IS_PENDING
+from exceptiondrive_records.teams.teams import NOT_APPROVED
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.api.submission import Quota, SubmissionView
 from exceptiondrive_schemas.base import faults_in, pieces_digest
@@ -163,7 +163,7 @@ async def received_upload(
 def _require_sender(principal: Principal) -> None:
     """Let no team take a place that nobody approved: strangers may register as many as they like."""
     if principal.team_is_pending:
-        raise problem_of(NotAllowed(IS_PENDING))
+        raise problem_of(NotAllowed(NOT_APPROVED))
 
 
 def _require_form(request: Request) -> None:
