@@ -71,13 +71,13 @@ class Split(Document):
     def counted(self) -> tuple[SplitSample, ...]:
         """The N samples that count, by sample id."""
         found = [each for each in self.samples if each.counts]
-        return tuple(sorted(found, key=lambda each: each.sample_id))
+        return tuple(sorted(found, key=attrgetter("sample_id")))
 
     @property
     def controls(self) -> tuple[SplitSample, ...]:
         """The controls that are not withdrawn, by sample id."""
         found = [each for each in self.samples if each.control and each.withdrawn is None]
-        return tuple(sorted(found, key=lambda each: each.sample_id))
+        return tuple(sorted(found, key=attrgetter("sample_id")))
 
     @property
     def has_parts(self) -> bool:

@@ -24,7 +24,7 @@ def motion_flags(
     section = protocol.plausibility
     source, edited, n_both = tracks.source, tracks.edited, tracks.n_both
     wrong = wrong_first_steps(
-        source.steps[0].length_m[:n_both], edited.steps[0].length_m[:n_both], protocol
+        source.step_lengths_m[0][:n_both], edited.step_lengths_m[0][:n_both], protocol
     )
     impossible = _share(len(wrong | _undrivable(edited, protocol)), edited.n)
     first_step = _share(len(wrong), n_both)

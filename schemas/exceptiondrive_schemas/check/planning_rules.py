@@ -119,9 +119,11 @@ class PlanningRules:
         """Whether certainly no coordinate and no step is too large."""
         if not tracks.n:
             return True
-        longest_m = max(max(step.length_m) for step in tracks.steps)
+        longest_m = max(map(max, tracks.step_lengths_m))
         most_m = self._geometry.max_coordinate_m
-        is_near = longest_m * len(tracks.steps) < most_m * (1 - STEP_MARGIN)  # no path reaches it
+        is_near = longest_m * len(tracks.step_lengths_m) < most_m * (
+            1 - STEP_MARGIN
+        )  # no path reaches it
         columns = () if is_near else (*tracks.x_m, *tracks.y_m)
         return longest_m < self._geometry.max_step_m * (1 - STEP_MARGIN) and all(
             -most_m <= min(column) and max(column) <= most_m for column in columns
@@ -197,7 +199,7 @@ class PlanningRules:
         if self._tracks is None:
             return
         source, edited, n_both = self._tracks
-        lengths_m, firsts_m = edited.lengths_m[:n_both], source.steps[0].length_m[:n_both]
+        lengths_m, firsts_m = edited.lengths_m[:n_both], source.step_lengths_m[0][:n_both]
         sources_m = [first for first, length in zip(firsts_m, lengths_m, strict=True) if not length]
         n_zeros = len(wrong_first_steps(sources_m, [0.0] * len(sources_m), self._protocol))
         if n_zeros:

@@ -202,7 +202,7 @@ def _same_share(edited: Tracks, plausibility: PlausibilitySection) -> float | No
     """
     if len(edited.ends_m) < plausibility.flag_family_min_samples:
         return None
-    told = (edited.ends_m, edited.x_m[-1], edited.steps[0].length_m)
+    told = (edited.ends_m, edited.x_m[-1], edited.step_lengths_m[0])
     end_m, ahead_m, first_m = map(statistics.median, told)
     if end_m < plausibility.progress_min_path_m:
         return None
@@ -387,7 +387,7 @@ def _start_mend(
     for of_side in sides:
         begins = [
             first_m <= AT_ORIGIN_M
-            for first_m, end_m in zip(of_side.steps[0].length_m, of_side.ends_m, strict=True)
+            for first_m, end_m in zip(of_side.step_lengths_m[0], of_side.ends_m, strict=True)
             if end_m > plausibility.frame_check_min_motion_m
         ]
         if len(begins) >= MIN_COMPARED:
@@ -540,7 +540,7 @@ def _edited_mend(sources: Tracks, edited: Tracks, plausibility: PlausibilitySect
 
     Told by the first waypoint: no braking and no swerve moves it far.
     """
-    at_edit, at_source = edited.steps[0], sources.steps[0]
+    at_edit, at_source = next(edited.steps), next(sources.steps)
     is_moving = [length_m > plausibility.stationary_below_m for length_m in at_source.length_m]
     if sum(is_moving) < MIN_COMPARED:
         return None

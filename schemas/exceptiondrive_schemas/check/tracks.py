@@ -58,27 +58,33 @@ class Tracks:
         return cls(columns[::2], columns[1::2])
 
     def first(self, n: int) -> Tracks:
-        """Return the first n of them; all are the same object, which knows its steps already."""
+        """Return the first n of them; all are the same object, which knows its lengths already."""
         if n == self.n:
             return self
         return Tracks([x[:n] for x in self.x_m], [y[:n] for y in self.y_m])
 
     @cached_property
-    def steps(self) -> tuple[Steps, ...]:
-        """T steps, the first one from the origin."""
+    def step_lengths_m(self) -> tuple[Column, ...]:
+        """How long T steps are, the first one from the origin."""
+        return tuple(list(map(math.hypot, x, y)) for x, y in self._moved())
+
+    @property
+    def steps(self) -> Iterator[Steps]:
+        """Yield these steps."""
+        for (x, y), length_m in zip(self._moved(), self.step_lengths_m, strict=True):
+            yield Steps(list(x), list(y), length_m)
+
+    def _moved(self) -> Iterator[tuple[Iterable[float], Iterable[float]]]:
         origin = [0.0] * self.n
-        moved = [
-            (list(map(sub, x, x_before)), list(map(sub, y, y_before)))
-            for x, x_before, y, y_before in zip(
-                self.x_m, (origin, *self.x_m), self.y_m, (origin, *self.y_m), strict=False
-            )
-        ]
-        return tuple(Steps(x, y, list(map(math.hypot, x, y))) for x, y in moved)
+        for x, x_before, y, y_before in zip(
+            self.x_m, (origin, *self.x_m), self.y_m, (origin, *self.y_m), strict=False
+        ):
+            yield map(sub, x, x_before), map(sub, y, y_before)
 
     @cached_property
     def lengths_m(self) -> Column:
         """How long each path is."""
-        return list(map(sum, zip(*(step.length_m for step in self.steps), strict=True)))
+        return list(map(sum, zip(*self.step_lengths_m, strict=True)))
 
     @property
     def n(self) -> int:
