@@ -21,10 +21,7 @@ Exit codes: 0 done, 2 invalid file or arguments, 3 quota used up, 4 not allowed,
 COMMANDS = {
     "check": (".local_commands", "Check a file, list every fault, and say what it looks like."),
     "evaluate": (".local_commands", "Score a file on this machine."),
-    "plot": (
-        ".local_commands",
-        "Draw samples: trajectories, footprints, tube, region, clearance.",
-    ),
+    "plot": (".local_commands", "Draw samples: trajectories, footprints, tube, region, clearance."),
     "convert": (".convert_command", "Make a submission of a planner's own files."),
     "version": (".local_commands", "Print the versions of client and protocol."),
     "config": (".config_command", "Show or keep the usual server and phase."),
@@ -32,15 +29,9 @@ COMMANDS = {
     "logout": (".account_commands", "Forget the token of a server."),
     "whoami": (".account_commands", "Show whose token is in use."),
     "manifest": (".split_commands", "Fetch the sample ids of a phase."),
-    "submit": (
-        ".submission_commands",
-        "Check a file, say what an upload will do, then upload it.",
-    ),
+    "submit": (".submission_commands", "Check a file, say what an upload will do, then upload it."),
     "status": (".submission_commands", "Show one submission."),
-    "submissions": (
-        ".submission_commands",
-        "List the team's submissions, newest first.",
-    ),
+    "submissions": (".submission_commands", "List the team's submissions, newest first."),
     "quota": (
         ".submission_commands",
         "Show what the team may still submit, and when the count resets.",
@@ -55,10 +46,7 @@ COMMANDS = {
         ".submission_commands",
         "Take a submission off the board; on a terminal it asks first.",
     ),
-    "choose": (
-        ".submission_commands",
-        "Say which run stands, in a phase that lets teams choose.",
-    ),
+    "choose": (".submission_commands", "Say which run stands, in a phase that lets teams choose."),
     "publish": (
         ".submission_commands",
         "Put an entry on the board of a phase that keeps entries private.",
@@ -88,10 +76,7 @@ COMMANDS = {
         "exceptiondrive_agent.cli",
         "Choose a strategy per sample, with or without reminders, and write a strategy submission.",
     ),
-    "tokens": (
-        ".account_commands",
-        "Your team's tokens; needs a token with the scope `tokens`.",
-    ),
+    "tokens": (".account_commands", "Your team's tokens; needs a token with the scope `tokens`."),
     "data": (".data_command", "Show and download what the phase's data link offers."),
     "split": (".split_commands", "Development splits, whose regions are public."),
     "receipt": (".receipt_commands", "Signed receipts of scored submissions."),

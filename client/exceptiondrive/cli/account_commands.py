@@ -6,7 +6,9 @@ from typing import Annotated
 
 import typer
 
-from exceptiondrive.cli import completion, group, options
+from exceptiondrive.cli import group, options
+from exceptiondrive.cli.completion import choices
+from exceptiondrive.cli.options import argument, option
 from exceptiondrive.cli.output import can_ask, say, show, show_result
 from exceptiondrive.cli.session import open_client, prepare, say_retry
 from exceptiondrive.cli.tables import records_table
@@ -16,7 +18,7 @@ from exceptiondrive.errors import NotSignedInError, utc_text
 from exceptiondrive.transport import Record
 from exceptiondrive_schemas.api.submission import Me
 
-TokenId = Annotated[str, typer.Argument(metavar="ID", help="Id of the token: see `tokens list`.")]
+TokenId = Annotated[str, argument("ID", "Id of the token: see `tokens list`.")]
 TOKEN_COLUMNS = (
     *("id", "name", "scopes", "created_at", "expires_at"),
     *("revoked_at", "last_used_at", "made_by"),
@@ -85,18 +87,18 @@ def list_tokens(server: options.Server = None, json: options.Json = False) -> No
 
 
 def create_token(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="What it is for.")],
+    name: Annotated[str, argument("NAME", "What it is for.")],
     scope: Annotated[
         list[str] | None,
-        typer.Option(
+        option(
             "--scope",
-            metavar="S",
-            autocompletion=completion.choices("submit", "read:own", "tokens"),
-            help="submit, read:own or tokens; may be repeated.",
+            "S",
+            "submit, read:own or tokens; may be repeated.",
+            offer=choices("submit", "read:own", "tokens"),
         ),
     ] = None,
     expires_at: Annotated[
-        str | None, typer.Option("--expires-at", metavar="TIME", help="2027-01-31T00:00:00Z")
+        str | None, option("--expires-at", "TIME", "2027-01-31T00:00:00Z")
     ] = None,
     server: options.Server = None,
     json: options.Json = False,

@@ -9,6 +9,7 @@ import typer
 from exceptiondrive.cli import options
 from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.fitted_table import Column, FittedTable
+from exceptiondrive.cli.options import flag, option
 from exceptiondrive.cli.output import show, show_json, show_result
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.cli.tables import board_view, left_words
@@ -29,41 +30,38 @@ def leaderboard(
     phase: options.DefaultPhase = None,
     challenge: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--challenge",
-            metavar="planning|strategy",
-            autocompletion=choices(*CHALLENGES),
-            help="Its first phase; where no phase is meant.",
+            "planning|strategy",
+            "Its first phase; where no phase is meant.",
+            offer=choices(*CHALLENGES),
         ),
     ] = None,
     protocol: Annotated[
-        str | None, typer.Option("--protocol", metavar="V", help="Version; else the one in force.")
+        str | None, option("--protocol", "V", "Version; else the one in force.")
     ] = None,
     as_of: Annotated[
-        str | None,
-        typer.Option("--as-of", metavar="TIME", help="As it stood then: 2026-11-21[T18:00:00Z]."),
+        str | None, option("--as-of", "TIME", "As it stood then: 2026-11-21[T18:00:00Z].")
     ] = None,
     sort: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--sort",
-            metavar="METRIC",
-            autocompletion=choices(
-                *(key for each in CHALLENGES.values() for key in each.metric_keys)
-            ),
-            help="Order of rows, by hcc or another; ranks stay.",
+            "METRIC",
+            "Order of rows, by hcc or another; ranks stay.",
+            offer=choices(*(key for each in CHALLENGES.values() for key in each.metric_keys)),
         ),
     ] = None,
     view: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--view",
-            metavar="main|late",
-            autocompletion=choices("main", "late"),
-            help="late: with what came after the deadline.",
+            "main|late",
+            "late: with what came after the deadline.",
+            offer=choices("main", "late"),
         ),
     ] = None,
-    csv: Annotated[bool, typer.Option("--csv", help="The server's CSV on stdout.")] = False,
+    csv: Annotated[bool, flag("--csv", "The server's CSV on stdout.")] = False,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -106,9 +104,7 @@ def phases(server: options.Server = None, json: options.Json = False) -> None:
 
 
 def report(
-    phase: options.PhaseArgument = None,
-    server: options.Server = None,
-    json: options.Json = False,
+    phase: options.PhaseArgument = None, server: options.Server = None, json: options.Json = False
 ) -> None:
     """Show how a phase ended: the first places, and what a reveal changed."""
     with open_client(server) as client:
@@ -119,8 +115,7 @@ def report(
 def terms(
     phase: options.DefaultPhase = None,
     accept: Annotated[
-        str | None,
-        typer.Option("--accept", metavar="VERSION", help="Accept them, in the version you read."),
+        str | None, option("--accept", "VERSION", "Accept them, in the version you read.")
     ] = None,
     server: options.Server = None,
     json: options.Json = False,

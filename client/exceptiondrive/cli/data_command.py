@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from exceptiondrive.cli import options
+from exceptiondrive.cli.options import flag
 from exceptiondrive.cli.output import can_ask, say, show_result
 from exceptiondrive.cli.progress import TransferBar
 from exceptiondrive.cli.session import open_client
@@ -17,15 +18,11 @@ from exceptiondrive_schemas.api.data_manifest import DataManifest
 
 def data(
     phase: options.PhaseArgument = None,
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the files are written.")
-    ] = Path("data"),
-    list_only: Annotated[
-        bool, typer.Option("--list", help="Show licence and files; download nothing.")
-    ] = False,
-    accept_licence: Annotated[
-        bool, typer.Option("--accept-licence", help="Download without asking.")
-    ] = False,
+    output: Annotated[Path, options.output("Where the files are written.", "FOLDER")] = Path(
+        "data"
+    ),
+    list_only: Annotated[bool, flag("--list", "Show licence and files; download nothing.")] = False,
+    accept_licence: Annotated[bool, flag("--accept-licence", "Download without asking.")] = False,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:

@@ -13,15 +13,11 @@ import typer
 from exceptiondrive.checking import check_file, csv_text, parquet_bytes, write_file
 from exceptiondrive.cli import options
 from exceptiondrive.cli.file_tables import file_view, report_view, sheet_view
+from exceptiondrive.cli.options import flag, option
 from exceptiondrive.cli.output import has_terminal, say, show, show_result
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
-from exceptiondrive.evaluation import (
-    SampleResult,
-    sample_results,
-    score,
-    sound_file,
-)
+from exceptiondrive.evaluation import SampleResult, sample_results, score, sound_file
 from exceptiondrive.inputs import GivenFile, ProtocolLike, given_split
 from exceptiondrive.outlook import Outlook
 from exceptiondrive.settings import find_setting
@@ -38,22 +34,17 @@ def check(
     context: typer.Context,
     file: options.File,
     split: Annotated[
-        Path | None,
-        typer.Option("--split", metavar="SPLIT_FILE", help="Check its samples: a split file."),
+        Path | None, option("--split", "SPLIT_FILE", "Check its samples: a split file.")
     ] = None,
     manifest: Annotated[
-        Path | None,
-        typer.Option("--manifest", metavar="M", help="Check its samples: a manifest file."),
+        Path | None, option("--manifest", "M", "Check its samples: a manifest file.")
     ] = None,
     phase: options.DefaultPhase = None,
     method: Annotated[
-        str | None,
-        typer.Option("--method", metavar="NAME", help="With a phase: say which entry it replaces."),
+        str | None, option("--method", "NAME", "With a phase: say which entry it replaces.")
     ] = None,
     protocol: options.ProtocolOption = None,
-    name_all: Annotated[
-        bool, typer.Option("--all", help="Name every sample that has a fault.")
-    ] = False,
+    name_all: Annotated[bool, flag("--all", "Name every sample that has a fault.")] = False,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -117,15 +108,13 @@ def _outlook(
 def evaluate(
     context: typer.Context,
     file: options.File,
-    split: Annotated[
-        Path, typer.Option("--split", metavar="SPLIT", help="Split file with its regions.")
-    ],
+    split: Annotated[Path, option("--split", "SPLIT", "Split file with its regions.")],
     per_sample: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--per-sample",
-            metavar="FILE",
-            help="Write the result of every sample, unsafe ones first, in turn of each family the "
+            "FILE",
+            "Write the result of every sample, unsafe ones first, in turn of each family the "
             "worst; its name ends in .csv, .csv.gz or .parquet.",
         ),
     ] = None,
@@ -181,26 +170,17 @@ def _steps(*, is_shown: bool) -> AbstractContextManager[Callable[[str], None]]:
 def plot(
     context: typer.Context,
     file: options.File,
-    split: Annotated[
-        Path, typer.Option("--split", metavar="SPLIT", help="Split file with its regions.")
-    ],
+    split: Annotated[Path, option("--split", "SPLIT", "Split file with its regions.")],
     samples: Annotated[
-        list[str] | None,
-        typer.Option("--sample", metavar="ID", help="A sample to draw; may be repeated."),
+        list[str] | None, option("--sample", "ID", "A sample to draw; may be repeated.")
     ] = None,
     worst: Annotated[
         int,
-        typer.Option(
-            "--worst",
-            metavar="N",
-            min=1,
-            max=60,
-            help="Draw N samples: the worst of each family, in turn.",
-        ),
+        option("--worst", "N", "Draw N samples: the worst of each family, in turn.", min=1, max=60),
     ] = 6,
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="OUT", help="Picture to write: .svg or .png.")
-    ] = Path("samples.svg"),
+    output: Annotated[Path, options.output("Picture to write: .svg or .png.", "OUT")] = Path(
+        "samples.svg"
+    ),
     protocol: options.ProtocolOption = None,
     json: options.Json = False,
 ) -> None:

@@ -6,16 +6,17 @@ from typing import Annotated
 import typer
 
 from exceptiondrive.cli import options
+from exceptiondrive.cli.options import argument, flag, option
 from exceptiondrive.cli.output import show_result
 from exceptiondrive.cli.session import open_client, open_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.settings import default_phase
 
-Text = Annotated[str, typer.Option("--text", metavar="TEXT", help="Markdown.")]
+Text = Annotated[str, option("--text", "TEXT", "Markdown.")]
 
 
 def ask(
-    text: Annotated[str, typer.Argument(metavar="TEXT", help="The question.")],
+    text: Annotated[str, argument("TEXT", "The question.")],
     phase: options.DefaultPhase = None,
     server: options.Server = None,
     json: options.Json = False,
@@ -58,7 +59,7 @@ def list_news(
 
 def publish_news(
     phase: options.PhaseId,
-    title: Annotated[str, typer.Option("--title", metavar="TEXT", help="One line.")],
+    title: Annotated[str, option("--title", "TEXT", "One line.")],
     text: Text,
     server: options.Server = None,
     json: options.Json = False,
@@ -70,7 +71,7 @@ def publish_news(
 
 
 def withdraw_news(
-    news_id: Annotated[str, typer.Argument(metavar="ID", help="Id of the news.")],
+    news_id: Annotated[str, argument("ID", "Id of the news.")],
     reason: options.Reason,
     server: options.Server = None,
     json: options.Json = False,
@@ -92,11 +93,10 @@ def list_questions(
 
 
 def answer_question(
-    question_id: Annotated[str, typer.Argument(metavar="ID", help="Id of the question.")],
-    text: Annotated[str, typer.Option("--text", metavar="TEXT", help="The answer.")],
+    question_id: Annotated[str, argument("ID", "Id of the question.")],
+    text: Annotated[str, option("--text", "TEXT", "The answer.")],
     to_all: Annotated[
-        bool,
-        typer.Option("--to-all", help="Question and answer become news, without the team's name."),
+        bool, flag("--to-all", "Question and answer become news, without the team's name.")
     ] = False,
     server: options.Server = None,
     json: options.Json = False,

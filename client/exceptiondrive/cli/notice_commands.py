@@ -5,7 +5,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from exceptiondrive.cli import completion, group, options
+from exceptiondrive.cli import group, options
+from exceptiondrive.cli.completion import choices
+from exceptiondrive.cli.options import argument, flag, option
 from exceptiondrive.cli.output import show, show_json, show_result
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.cli.tables import notices_view, records_table
@@ -21,22 +23,20 @@ MAIL_WAIT_S, MAIL_PAUSE_S = 3.0, 0.3
 COLUMNS = ("id", "address", "last_message", "wishes", "is_confirmed", "channel", "created_at")
 Wishes = Annotated[
     list[str] | None,
-    typer.Option(
+    option(
         "--tell",
-        metavar="WHAT",
-        autocompletion=completion.choices(*WISHES, "none"),
-        help=f"As often as needed: {', '.join(WISHES)}; or none.",
+        "WHAT",
+        f"As often as needed: {', '.join(WISHES)}; or none.",
+        offer=choices(*WISHES, "none"),
     ),
 ]
-ContactId = Annotated[str, typer.Argument(metavar="ID", help="Id, from `contacts list`.")]
+ContactId = Annotated[str, argument("ID", "Id, from `contacts list`.")]
 
 
 def notices(
-    unread: Annotated[bool, typer.Option("--unread", help="Only what was not read yet.")] = False,
-    read: Annotated[bool, typer.Option("--read", help="Mark what is shown as read.")] = False,
-    limit: Annotated[
-        int, typer.Option("--limit", metavar="N", min=1, max=500, help="At most so many.")
-    ] = 20,
+    unread: Annotated[bool, flag("--unread", "Only what was not read yet.")] = False,
+    read: Annotated[bool, flag("--read", "Mark what is shown as read.")] = False,
+    limit: Annotated[int, option("--limit", "N", "At most so many.", min=1, max=500)] = 20,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -68,9 +68,7 @@ def list_contacts(server: options.Server = None, json: options.Json = False) -> 
 
 
 def add(
-    address: Annotated[
-        str, typer.Argument(metavar="ADDRESS", help="E-mail address, or https of a webhook.")
-    ],
+    address: Annotated[str, argument("ADDRESS", "E-mail address, or https of a webhook.")],
     tell: Wishes = None,
     server: options.Server = None,
     json: options.Json = False,
@@ -93,11 +91,7 @@ def tell(
     contact_id: ContactId,
     what: Annotated[
         list[str],
-        typer.Argument(
-            metavar="WHAT...",
-            autocompletion=completion.choices(*WISHES, "none"),
-            help=f"{', '.join(WISHES)}; or none.",
-        ),
+        argument("WHAT...", f"{', '.join(WISHES)}; or none.", offer=choices(*WISHES, "none")),
     ],
     server: options.Server = None,
     json: options.Json = False,

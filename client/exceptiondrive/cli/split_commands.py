@@ -7,14 +7,13 @@ import typer
 
 from exceptiondrive.checking import write_file
 from exceptiondrive.cli import completion, group, options
+from exceptiondrive.cli.options import argument
 from exceptiondrive.cli.output import show_result
 from exceptiondrive.cli.progress import TransferBar
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.settings import default_phase
 
-Output = Annotated[
-    Path | None, typer.Option("--output", "-o", metavar="FILE", help="Where to write it.")
-]
+Output = Annotated[Path | None, options.output("Where to write it.")]
 
 
 def manifest(
@@ -42,12 +41,7 @@ def manifest(
 
 def download(
     name: Annotated[
-        str,
-        typer.Argument(
-            metavar="NAME",
-            autocompletion=completion.public_splits,
-            help="Name of a development split.",
-        ),
+        str, argument("NAME", "Name of a development split.", offer=completion.public_splits)
     ],
     revision: Annotated[
         str | None,

@@ -9,6 +9,7 @@ import typer
 from exceptiondrive.cli import options
 from exceptiondrive.cli.completion import choices, submission_ids
 from exceptiondrive.cli.file_tables import file_view
+from exceptiondrive.cli.options import flag, option
 from exceptiondrive.cli.output import (
     be_sure,
     can_ask,
@@ -53,47 +54,31 @@ UNANSWERED = (
 def submit(
     context: typer.Context,
     file: options.File,
-    method: Annotated[
-        str,
-        typer.Option("--method", metavar="NAME", help="Name of the method, as the board has it."),
-    ],
+    method: Annotated[str, option("--method", "NAME", "Name of the method, as the board has it.")],
     phase: options.DefaultPhase = None,
-    description: Annotated[
-        str, typer.Option("--description", metavar="TEXT", help="One or two sentences.")
-    ] = "",
-    paper: Annotated[
-        str | None, typer.Option("--paper", metavar="URL", help="https link to the paper.")
-    ] = None,
-    code: Annotated[
-        str | None, typer.Option("--code", metavar="URL", help="https link to the code.")
-    ] = None,
+    description: Annotated[str, option("--description", "TEXT", "One or two sentences.")] = "",
+    paper: Annotated[str | None, option("--paper", "URL", "https link to the paper.")] = None,
+    code: Annotated[str | None, option("--code", "URL", "https link to the code.")] = None,
     facts: options.FactsFile = None,
     fact: options.Fact = None,
     without_reminder: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--without-reminder",
-            metavar="SUBMISSION_ID",
-            autocompletion=submission_ids,
-            help="Strategy phases: your submission of the same agent without reminder.",
+            "SUBMISSION_ID",
+            "Strategy phases: your submission of the same agent without reminder.",
+            offer=submission_ids,
         ),
     ] = None,
     replace: Annotated[
-        bool,
-        typer.Option("--replace", help="Replace the entry of the method, without asking."),
+        bool, flag("--replace", "Replace the entry of the method, without asking.")
     ] = False,
     allow_unranked: Annotated[
-        bool,
-        typer.Option(
-            "--allow-unranked", help="Send what will be scored but not ranked, without asking."
-        ),
+        bool, flag("--allow-unranked", "Send what will be scored but not ranked, without asking.")
     ] = False,
-    wait: Annotated[
-        bool, typer.Option("--wait", help="Wait for score and rank, and show them.")
-    ] = False,
+    wait: Annotated[bool, flag("--wait", "Wait for score and rank, and show them.")] = False,
     timeout: Annotated[
-        float | None,
-        typer.Option("--timeout", metavar="S", min=0, help="With --wait: give up after S seconds."),
+        float | None, option("--timeout", "S", "With --wait: give up after S seconds.", min=0)
     ] = None,
     server: options.Server = None,
     json: options.Json = False,
@@ -176,9 +161,7 @@ def _require_consent(outlook: Outlook, *, replace: bool, allow_unranked: bool) -
 
 
 def status(
-    submission_id: options.SubmissionId,
-    server: options.Server = None,
-    json: options.Json = False,
+    submission_id: options.SubmissionId, server: options.Server = None, json: options.Json = False
 ) -> None:
     """Show one submission.
 
@@ -197,16 +180,14 @@ def submissions(
     phase: options.Phase = None,
     only: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--status",
-            metavar="STATUS",
-            autocompletion=choices(*SubmissionStatus),
-            help=f"Only {', '.join(SubmissionStatus)}.",
+            "STATUS",
+            f"Only {', '.join(SubmissionStatus)}.",
+            offer=choices(*SubmissionStatus),
         ),
     ] = None,
-    limit: Annotated[
-        int, typer.Option("--limit", metavar="N", min=1, help="At most so many.")
-    ] = 100,
+    limit: Annotated[int, option("--limit", "N", "At most so many.", min=1)] = 100,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -222,9 +203,7 @@ def submissions(
 
 
 def quota(
-    phase: options.Phase = None,
-    server: options.Server = None,
-    json: options.Json = False,
+    phase: options.Phase = None, server: options.Server = None, json: options.Json = False
 ) -> None:
     """Show what the team may still submit, and when the count resets."""
     with open_client(server) as client:
@@ -236,18 +215,13 @@ def quota(
 def edit(
     submission_id: options.SubmissionId,
     method: Annotated[
-        str | None,
-        typer.Option("--method", metavar="NAME", help="New name, of all runs of the method."),
+        str | None, option("--method", "NAME", "New name, of all runs of the method.")
     ] = None,
     description: Annotated[
-        str | None, typer.Option("--description", metavar="TEXT", help="One or two sentences.")
+        str | None, option("--description", "TEXT", "One or two sentences.")
     ] = None,
-    paper: Annotated[
-        str | None, typer.Option("--paper", metavar="URL", help="https link; empty: none.")
-    ] = None,
-    code: Annotated[
-        str | None, typer.Option("--code", metavar="URL", help="https link; empty: none.")
-    ] = None,
+    paper: Annotated[str | None, option("--paper", "URL", "https link; empty: none.")] = None,
+    code: Annotated[str | None, option("--code", "URL", "https link; empty: none.")] = None,
     facts: options.FactsFile = None,
     fact: options.Fact = None,
     server: options.Server = None,
@@ -273,10 +247,7 @@ def edit(
 
 def download(
     submission_id: options.SubmissionId,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="Else ID.json or ID.json.gz."),
-    ] = None,
+    output: Annotated[Path | None, options.output("Else ID.json or ID.json.gz.")] = None,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -315,10 +286,10 @@ def withdraw(
 def choose(
     submission_id: options.SubmissionId,
     best: Annotated[
-        bool, typer.Option("--best", help="Let the best run of its method stand, not this one.")
+        bool, flag("--best", "Let the best run of its method stand, not this one.")
     ] = False,
     newest: Annotated[
-        bool, typer.Option("--newest", help="Let the newest run of its method stand again.")
+        bool, flag("--newest", "Let the newest run of its method stand again.")
     ] = False,
     server: options.Server = None,
     json: options.Json = False,
@@ -339,9 +310,7 @@ def choose(
 
 def publish(
     submission_id: options.SubmissionId,
-    undo: Annotated[
-        bool, typer.Option("--undo", help="Make it private again; earlier boards keep it.")
-    ] = False,
+    undo: Annotated[bool, flag("--undo", "Make it private again; earlier boards keep it.")] = False,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:

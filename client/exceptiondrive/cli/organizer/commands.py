@@ -9,6 +9,8 @@ import typer
 from exceptiondrive.checking import write_file
 from exceptiondrive.cli import completion, group, news_commands, options
 from exceptiondrive.cli.account_commands import TOKEN_COLUMNS, show_revoked
+from exceptiondrive.cli.completion import choices
+from exceptiondrive.cli.options import argument, flag, option
 from exceptiondrive.cli.organizer import participation, phases, rescoring
 from exceptiondrive.cli.output import say, show_result, show_saved, upload_name
 from exceptiondrive.cli.session import open_organizer
@@ -23,12 +25,9 @@ from exceptiondrive_schemas.protocols.sense import nonsense
 from exceptiondrive_schemas.split import SplitRef
 
 SubmissionId = Annotated[
-    str,
-    typer.Argument(
-        metavar="ID", autocompletion=completion.submission_ids, help="Id of the submission."
-    ),
+    str, argument("ID", "Id of the submission.", offer=completion.submission_ids)
 ]
-FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="Protocol document, TOML.")]
+FileArgument = Annotated[Path, argument("FILE", "Protocol document, TOML.")]
 
 
 def _meant_protocol(file: Path) -> ProtocolDocument:
@@ -51,12 +50,7 @@ def diff_protocol(
     file: FileArgument,
     phase: Annotated[
         str | None,
-        typer.Option(
-            "--phase",
-            metavar="ID",
-            autocompletion=completion.phases,
-            help="Against the protocol this phase shows.",
-        ),
+        option("--phase", "ID", "Against the protocol this phase shows.", offer=completion.phases),
     ] = None,
     server: options.Server = None,
     json: options.Json = False,
@@ -73,9 +67,7 @@ def diff_protocol(
 
 
 def similar(
-    phase: options.PhaseId,
-    server: options.Server = None,
-    json: options.Json = False,
+    phase: options.PhaseId, server: options.Server = None, json: options.Json = False
 ) -> None:
     """Show teams with equal or near-equal submissions, and teams that may be probing.
 
@@ -122,22 +114,17 @@ def list_teams(server: options.Server = None, json: options.Json = False) -> Non
 
 
 def create_team(
-    team_id: Annotated[str, typer.Argument(metavar="ID", help="Small letters, digits, dashes.")],
-    name: Annotated[str, typer.Argument(metavar="NAME", help="As the board shows it.")],
-    affiliation: Annotated[
-        str, typer.Option("--affiliation", metavar="TEXT", help="For organizers.")
-    ] = "",
+    team_id: Annotated[str, argument("ID", "Small letters, digits, dashes.")],
+    name: Annotated[str, argument("NAME", "As the board shows it.")],
+    affiliation: Annotated[str, option("--affiliation", "TEXT", "For organizers.")] = "",
     email: Annotated[
-        str,
-        typer.Option(
-            "--email", metavar="ADDRESS", help="For its notices, once somebody there confirms it."
-        ),
+        str, option("--email", "ADDRESS", "For its notices, once somebody there confirms it.")
     ] = "",
     reference: Annotated[
-        bool, typer.Option("--reference", help="Its entries are shown and never ranked.")
+        bool, flag("--reference", "Its entries are shown and never ranked.")
     ] = False,
     with_token: Annotated[
-        bool, typer.Option("--with-token", help="Issue its first token too; shown this once.")
+        bool, flag("--with-token", "Issue its first token too; shown this once.")
     ] = False,
     server: options.Server = None,
     json: options.Json = False,
@@ -237,10 +224,7 @@ def restore_submission(
 
 def write_about(
     submission_id: SubmissionId,
-    words: Annotated[
-        str,
-        typer.Option("--words", metavar="TEXT", help="What the team is told; no address shows."),
-    ],
+    words: Annotated[str, option("--words", "TEXT", "What the team is told; no address shows.")],
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -276,20 +260,12 @@ def download_story(
 
 def download_archive(
     team: Annotated[
-        str | None,
-        typer.Option(
-            "--team", metavar="TEAM", autocompletion=completion.teams, help="Only of this team."
-        ),
+        str | None, option("--team", "TEAM", "Only of this team.", offer=completion.teams)
     ] = None,
     phase: options.Phase = None,
     status: Annotated[
         str | None,
-        typer.Option(
-            "--status",
-            metavar="STATUS",
-            autocompletion=completion.choices(*SubmissionStatus),
-            help="Only in this status.",
-        ),
+        option("--status", "STATUS", "Only in this status.", offer=choices(*SubmissionStatus)),
     ] = None,
     output: options.Output = None,
     server: options.Server = None,
@@ -312,9 +288,9 @@ def list_tokens(
 
 def issue_token(
     team_id: options.TeamId,
-    name: Annotated[str, typer.Option("--name", metavar="NAME", help="What it is for.")],
+    name: Annotated[str, option("--name", "NAME", "What it is for.")],
     expires_at: Annotated[
-        str | None, typer.Option("--expires-at", metavar="TIME", help="2027-01-31T00:00:00Z")
+        str | None, option("--expires-at", "TIME", "2027-01-31T00:00:00Z")
     ] = None,
     server: options.Server = None,
     json: options.Json = False,
@@ -326,7 +302,7 @@ def issue_token(
 
 
 def revoke_token(
-    token_id: Annotated[str, typer.Argument(metavar="TOKEN_ID", help="Id of the token.")],
+    token_id: Annotated[str, argument("TOKEN_ID", "Id of the token.")],
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -345,7 +321,7 @@ def list_protocols(server: options.Server = None, json: options.Json = False) ->
 
 
 def add_protocol(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Protocol document, TOML.")],
+    file: Annotated[Path, argument("FILE", "Protocol document, TOML.")],
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -360,8 +336,7 @@ def add_protocol(
 
 
 KeyOption = Annotated[
-    Path | None,
-    typer.Option("--key", metavar="FILE", help="Your private key; it stays on this machine."),
+    Path | None, option("--key", "FILE", "Your private key; it stays on this machine.")
 ]
 
 
@@ -375,16 +350,10 @@ def protocol_key(key: KeyOption = None, json: options.Json = False) -> None:
 
 def confirm_protocol(
     file: FileArgument,
-    split: Annotated[str, typer.Option("--split", metavar="NAME", help="Name of the split.")],
-    revision: Annotated[
-        str,
-        typer.Option("--revision", metavar="REVISION", help="As `register-splits` printed it."),
-    ],
+    split: Annotated[str, option("--split", "NAME", "Name of the split.")],
+    revision: Annotated[str, option("--revision", "REVISION", "As `register-splits` printed it.")],
     key: KeyOption = None,
-    to_file: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", metavar="FILE", help="Write it here; send nothing."),
-    ] = None,
+    to_file: Annotated[Path | None, options.output("Write it here; send nothing.")] = None,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -419,7 +388,7 @@ def list_confirmations(server: options.Server = None, json: options.Json = False
 
 
 def withdraw_confirmation(
-    confirmation_id: Annotated[str, typer.Argument(metavar="ID", help="`confirmations` shows it.")],
+    confirmation_id: Annotated[str, argument("ID", "`confirmations` shows it.")],
     reason: options.Reason,
     server: options.Server = None,
     json: options.Json = False,
@@ -431,7 +400,7 @@ def withdraw_confirmation(
 
 
 def delete_protocol(
-    version: Annotated[str, typer.Argument(metavar="VERSION", help="Version or digest.")],
+    version: Annotated[str, argument("VERSION", "Version or digest.")],
     reason: options.Reason,
     server: options.Server = None,
     json: options.Json = False,
@@ -460,9 +429,7 @@ def _counts(warnings: Iterable[Mapping[str, Any]]) -> str:
 def verify_audit(
     head: Annotated[
         str | None,
-        typer.Option(
-            "--head", metavar="HASH", help="Kept from an earlier time: finds lines cut off since."
-        ),
+        option("--head", "HASH", "Kept from an earlier time: finds lines cut off since."),
     ] = None,
     server: options.Server = None,
     json: options.Json = False,
@@ -492,31 +459,20 @@ def _verdict_words(verdict: dict[str, Any], is_cut: bool) -> str:
 
 
 def read_audit(
-    limit: Annotated[
-        int, typer.Option("--limit", metavar="N", min=1, max=500, help="At most so many.")
-    ] = 50,
-    actor: Annotated[
-        str | None, typer.Option("--actor", metavar="WHO", help="Only by this one.")
-    ] = None,
-    subject: Annotated[
-        str | None, typer.Option("--subject", metavar="ID", help="Only about this.")
-    ] = None,
+    limit: Annotated[int, option("--limit", "N", "At most so many.", min=1, max=500)] = 50,
+    actor: Annotated[str | None, option("--actor", "WHO", "Only by this one.")] = None,
+    subject: Annotated[str | None, option("--subject", "ID", "Only about this.")] = None,
     by_people: Annotated[
-        bool, typer.Option("--by-people", help="Without what worker and server write.")
+        bool, flag("--by-people", "Without what worker and server write.")
     ] = False,
     since: Annotated[
-        str | None,
-        typer.Option(
-            "--since", metavar="TIME", help="2027-01-31T00:00:00Z, or a day: from then on."
-        ),
+        str | None, option("--since", "TIME", "2027-01-31T00:00:00Z, or a day: from then on.")
     ] = None,
     until: Annotated[
-        str | None,
-        typer.Option("--until", metavar="TIME", help="Before this time, or to the end of a day."),
+        str | None, option("--until", "TIME", "Before this time, or to the end of a day.")
     ] = None,
     action: Annotated[
-        str | None,
-        typer.Option("--action", metavar="KIND", help="Only of this kind, as 'phase changed'."),
+        str | None, option("--action", "KIND", "Only of this kind, as 'phase changed'.")
     ] = None,
     server: options.Server = None,
     json: options.Json = False,
@@ -546,23 +502,20 @@ def list_people(server: options.Server = None, json: options.Json = False) -> No
 
 
 def set_role(
-    person: Annotated[str, typer.Argument(metavar="PERSON", help="Id of the person.")],
+    person: Annotated[str, argument("PERSON", "Id of the person.")],
     role: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--role",
-            metavar="ROLE",
-            autocompletion=completion.choices("owner", "helper", "read-only"),
-            help="owner, helper or read-only; else none.",
+            "ROLE",
+            "owner, helper or read-only; else none.",
+            offer=choices("owner", "helper", "read-only"),
         ),
     ] = None,
     phase_ids: Annotated[
         list[str] | None,
-        typer.Option(
-            "--phase",
-            metavar="ID",
-            autocompletion=completion.phases,
-            help="Confines the role to it; may stand again.",
+        option(
+            "--phase", "ID", "Confines the role to it; may stand again.", offer=completion.phases
         ),
     ] = None,
     server: options.Server = None,
@@ -607,10 +560,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             **participation.TEAM_COMMANDS,
         },
     ),
-    "phases": (
-        "Phases; everyone lists them with `exceptiondrive phases`.",
-        phases.COMMANDS,
-    ),
+    "phases": ("Phases; everyone lists them with `exceptiondrive phases`.", phases.COMMANDS),
     "protocols": (
         "Protocol documents.",
         {
@@ -625,10 +575,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "withdraw-confirmation": withdraw_confirmation,
         },
     ),
-    "rescore": (
-        "Protocol updates: score in the background, compare, apply.",
-        rescoring.COMMANDS,
-    ),
+    "rescore": ("Protocol updates: score in the background, compare, apply.", rescoring.COMMANDS),
     "submissions": (
         "Submissions of all teams; `exceptiondrive submissions` lists them with their scores.",
         {

@@ -4,9 +4,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from exceptiondrive.cli import completion, options
+from exceptiondrive.cli.options import argument, flag, option
 from exceptiondrive.cli.output import be_sure, say, show_result
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.cli.tables import records_table
@@ -14,12 +13,10 @@ from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive_schemas.printable import counted
 
 ToldReason = Annotated[
-    str,
-    typer.Option("--reason", metavar="TEXT", help="Why; told to the team, and in the audit log."),
+    str, option("--reason", "TEXT", "Why; told to the team, and in the audit log.")
 ]
 PublicNote = Annotated[
-    str | None,
-    typer.Option("--public-note", metavar="TEXT", help="What readers are told; else nothing."),
+    str | None, option("--public-note", "TEXT", "What readers are told; else nothing.")
 ]
 
 
@@ -47,12 +44,8 @@ def show_team(
 def change_team(
     team_id: options.TeamId,
     reason: options.Reason,
-    name: Annotated[
-        str | None, typer.Option("--name", metavar="NAME", help="As new boards show it.")
-    ] = None,
-    affiliation: Annotated[
-        str | None, typer.Option("--affiliation", metavar="TEXT", help="For organizers.")
-    ] = None,
+    name: Annotated[str | None, option("--name", "NAME", "As new boards show it.")] = None,
+    affiliation: Annotated[str | None, option("--affiliation", "TEXT", "For organizers.")] = None,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -68,12 +61,7 @@ def change_team(
 
 def merge_teams(
     team_id: options.TeamId,
-    into: Annotated[
-        str,
-        typer.Option(
-            "--into", metavar="TEAM", autocompletion=completion.teams, help="The team that stays."
-        ),
-    ],
+    into: Annotated[str, option("--into", "TEAM", "The team that stays.", offer=completion.teams)],
     reason: options.Reason,
     yes: options.Yes = False,
     server: options.Server = None,
@@ -103,9 +91,7 @@ def forget_team(
 
 
 def import_teams(
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="CSV: id, name, affiliation, email; - is stdin.")
-    ],
+    file: Annotated[Path, argument("FILE", "CSV: id, name, affiliation, email; - is stdin.")],
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -122,15 +108,11 @@ def set_limits(
     team_id: options.TeamId,
     phase: options.PhaseId,
     reason: ToldReason,
-    closes_at: Annotated[
-        str | None, typer.Option("--closes-at", metavar="TIME", help="2027-01-31T00:00:00Z")
-    ] = None,
+    closes_at: Annotated[str | None, option("--closes-at", "TIME", "2027-01-31T00:00:00Z")] = None,
     quota_per_day: Annotated[
-        int | None, typer.Option("--quota-per-day", metavar="N", min=1, help="Else as all.")
+        int | None, option("--quota-per-day", "N", "Else as all.", min=1)
     ] = None,
-    quota_total: Annotated[
-        int | None, typer.Option("--quota-total", metavar="N", min=1, help="Else as all.")
-    ] = None,
+    quota_total: Annotated[int | None, option("--quota-total", "N", "Else as all.", min=1)] = None,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -148,12 +130,7 @@ def disqualify_team(
     public_note: PublicNote = None,
     phase: Annotated[
         str | None,
-        typer.Option(
-            "--phase",
-            metavar="PHASE",
-            autocompletion=completion.phases,
-            help="There alone; else everywhere.",
-        ),
+        option("--phase", "PHASE", "There alone; else everywhere.", offer=completion.phases),
     ] = None,
     server: options.Server = None,
     json: options.Json = False,
@@ -186,9 +163,7 @@ def list_disqualified(server: options.Server = None, json: options.Json = False)
 
 
 def reinstate(
-    number: Annotated[
-        int, typer.Argument(metavar="NUMBER", min=1, help="From `teams disqualified`.")
-    ],
+    number: Annotated[int, argument("NUMBER", "From `teams disqualified`.", min=1)],
     reason: ToldReason,
     server: options.Server = None,
     json: options.Json = False,
@@ -200,35 +175,28 @@ def reinstate(
 
 
 def send_message(
-    title: Annotated[str, typer.Argument(metavar="TITLE", help="Subject of mails.")],
+    title: Annotated[str, argument("TITLE", "Subject of mails.")],
     text: Annotated[
         Path,
-        typer.Option(
-            "--text",
-            metavar="FILE",
-            help="Plain words, no Markdown; a blank line parts paragraphs; - is stdin.",
+        option(
+            "--text", "FILE", "Plain words, no Markdown; a blank line parts paragraphs; - is stdin."
         ),
     ],
     to: Annotated[
         list[str] | None,
-        typer.Option(
-            "--to",
-            metavar="TEAM",
-            autocompletion=completion.teams,
-            help="As often as needed; else every team.",
-        ),
+        option("--to", "TEAM", "As often as needed; else every team.", offer=completion.teams),
     ] = None,
     phase: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--phase",
-            metavar="PHASE",
-            autocompletion=completion.phases,
-            help="Of every team: those that submitted to it.",
+            "PHASE",
+            "Of every team: those that submitted to it.",
+            offer=completion.phases,
         ),
     ] = None,
     preview: Annotated[
-        bool, typer.Option("--preview", help="Show whom it would reach, and send nothing.")
+        bool, flag("--preview", "Show whom it would reach, and send nothing.")
     ] = False,
     server: options.Server = None,
     json: options.Json = False,

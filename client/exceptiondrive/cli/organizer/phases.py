@@ -13,6 +13,8 @@ from typing import Annotated, Any
 import typer
 
 from exceptiondrive.cli import completion, options
+from exceptiondrive.cli.completion import choices
+from exceptiondrive.cli.options import argument, option
 from exceptiondrive.cli.output import show_result, show_saved
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.cli.tables import records_table
@@ -24,9 +26,7 @@ from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.printable import counted
 
-PhaseArgument = Annotated[
-    str, typer.Argument(metavar="ID", autocompletion=completion.phases, help="Id of the phase.")
-]
+PhaseArgument = Annotated[str, argument("ID", "Id of the phase.", offer=completion.phases)]
 LONGEST_SHOWN = 100
 """Characters of a text that `show` prints; `--json` prints all."""
 REVEALED = {
@@ -49,41 +49,24 @@ def show_phase(
 
 
 def create(
-    phase_id: Annotated[str, typer.Argument(metavar="ID", help="Stands in addresses.")],
+    phase_id: Annotated[str, argument("ID", "Stands in addresses.")],
     split: Annotated[
-        str,
-        typer.Option(
-            "--split", metavar="NAME", help="A registered split: see `organizer splits list`."
-        ),
+        str, option("--split", "NAME", "A registered split: see `organizer splits list`.")
     ],
     split_revision: Annotated[
         str | None,
-        typer.Option(
-            "--split-revision",
-            metavar="REVISION",
-            help="Else that of --like, or the one registered last.",
-        ),
+        option("--split-revision", "REVISION", "Else that of --like, or the one registered last."),
     ] = None,
     challenge: Annotated[
-        str,
-        typer.Option(
-            "--challenge",
-            metavar="C",
-            autocompletion=completion.choices(*CHALLENGES),
-            help="planning or strategy.",
-        ),
+        str, option("--challenge", "C", "planning or strategy.", offer=choices(*CHALLENGES))
     ] = "planning",
     protocol: Annotated[
-        str | None,
-        typer.Option("--protocol", metavar="V", help="Version or digest; else the usual one."),
+        str | None, option("--protocol", "V", "Version or digest; else the usual one.")
     ] = None,
     like: Annotated[
         str | None,
-        typer.Option(
-            "--like",
-            metavar="ID",
-            autocompletion=completion.phases,
-            help="Take over settings of this phase, not dates.",
+        option(
+            "--like", "ID", "Take over settings of this phase, not dates.", offer=completion.phases
         ),
     ] = None,
     server: options.Server = None,
@@ -187,17 +170,12 @@ def import_reported(
     phase_id: PhaseArgument,
     file: Annotated[
         Path,
-        typer.Argument(
-            metavar="FILE",
-            help="CSV or JSON rows, an exported board, or Every Eval Ever records; - is stdin.",
+        argument(
+            "FILE", "CSV or JSON rows, an exported board, or Every Eval Ever records; - is stdin."
         ),
     ],
-    title: Annotated[
-        str, typer.Option("--title", metavar="TEXT", help="What the other board is called.")
-    ],
-    cite: Annotated[
-        str, typer.Option("--cite", metavar="TEXT", help="Where it is: address or citation.")
-    ],
+    title: Annotated[str, option("--title", "TEXT", "What the other board is called.")],
+    cite: Annotated[str, option("--cite", "TEXT", "Where it is: address or citation.")],
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -212,9 +190,7 @@ def import_reported(
 
 def withdraw_reported(
     phase_id: PhaseArgument,
-    reported_id: Annotated[
-        str, typer.Argument(metavar="IMPORT", help="Id of the import: see `reported`.")
-    ],
+    reported_id: Annotated[str, argument("IMPORT", "Id of the import: see `reported`.")],
     reason: options.Reason,
     server: options.Server = None,
     json: options.Json = False,
@@ -244,13 +220,7 @@ def freeze(
 def reveal(
     phase_id: PhaseArgument,
     what: Annotated[
-        str,
-        typer.Option(
-            "--what",
-            metavar="|".join(WHAT),
-            autocompletion=completion.choices(*WHAT),
-            help="What readers are to see.",
-        ),
+        str, option("--what", "|".join(WHAT), "What readers are to see.", offer=choices(*WHAT))
     ],
     reason: options.Reason,
     server: options.Server = None,
@@ -291,10 +261,10 @@ def _option(field: FormField) -> Parameter:
     metavar = words.get(field.kind, "TEXT") + ("|none" if field.may_be_none else "")
     hint = f"{field.hint} `@FILE` reads it from a file." if field.kind == "lines" else field.hint
     values = [value for value, _ in field.options] + ["none"] * field.may_be_none
-    offer = completion.choices(*values) if field.kind == "choice" else None
-    option = typer.Option(name, metavar=metavar, autocompletion=offer, help=hint)
+    offer = choices(*values) if field.kind == "choice" else None
+    asked = option(name, metavar, hint, offer=offer)
     kind = str if default is Parameter.empty else str | None
-    return _parameter(field.name, Annotated[kind, option], default)
+    return _parameter(field.name, Annotated[kind, asked], default)
 
 
 def _parameter(name: str, annotation: Any, default: Any) -> Parameter:

@@ -17,6 +17,7 @@ from exceptiondrive.checking import write_file
 from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.file_tables import metric_head
 from exceptiondrive.cli.fitted_table import Column, FittedTable
+from exceptiondrive.cli.options import argument, flag, option
 from exceptiondrive.cli.output import console, has_terminal, say, show_result
 from exceptiondrive.cli.session import open_organizer
 from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, utc_text
@@ -27,11 +28,9 @@ from exceptiondrive_schemas.challenges import Metric
 from exceptiondrive_schemas.python310 import Self
 from exceptiondrive_schemas.score_sheet import metric_text
 
-RunArgument = Annotated[
-    str, typer.Argument(metavar="RUN", autocompletion=completion.runs, help="Id of the run.")
-]
+RunArgument = Annotated[str, argument("RUN", "Id of the run.", offer=completion.runs)]
 WatchOption = Annotated[
-    bool, typer.Option("--watch", help="Follow until scoring has ended; exit code 6 on failures.")
+    bool, flag("--watch", "Follow until scoring has ended; exit code 6 on failures.")
 ]
 _SCORING = ("scoring",)
 DIRECTIONS = {
@@ -48,24 +47,14 @@ _ENDED = ("closed", "rolled_back", "cancelled")
 
 def start(
     phase: Annotated[
-        str,
-        typer.Option(
-            "--phase",
-            metavar="ID",
-            autocompletion=completion.phases,
-            help="Whose board is to change.",
-        ),
+        str, option("--phase", "ID", "Whose board is to change.", offer=completion.phases)
     ],
     reason: options.Reason,
-    protocol: Annotated[
-        str | None, typer.Option("--protocol", metavar="V", help="Version or digest to come.")
-    ] = None,
+    protocol: Annotated[str | None, option("--protocol", "V", "Version or digest to come.")] = None,
     split_revision: Annotated[
-        str | None, typer.Option("--split-revision", metavar="R", help="Revision to come.")
+        str | None, option("--split-revision", "R", "Revision to come.")
     ] = None,
-    draft: Annotated[
-        bool, typer.Option("--draft", help="Only draft it; score nothing yet.")
-    ] = False,
+    draft: Annotated[bool, flag("--draft", "Only draft it; score nothing yet.")] = False,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -82,8 +71,7 @@ def start(
 
 def status(
     run_id: Annotated[
-        str | None,
-        typer.Argument(metavar="[RUN]", autocompletion=completion.runs, help="Else all runs."),
+        str | None, argument("[RUN]", "Else all runs.", offer=completion.runs)
     ] = None,
     phase: options.Phase = None,
     watch: WatchOption = False,
@@ -104,12 +92,8 @@ def status(
 
 def preview(
     run_id: RunArgument,
-    csv: Annotated[
-        Path | None, typer.Option("--csv", metavar="FILE", help="Write it as CSV besides.")
-    ] = None,
-    seen: Annotated[
-        str | None, typer.Option("--seen", metavar="DIGEST", help="Of an earlier preview.")
-    ] = None,
+    csv: Annotated[Path | None, option("--csv", "FILE", "Write it as CSV besides.")] = None,
+    seen: Annotated[str | None, option("--seen", "DIGEST", "Of an earlier preview.")] = None,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -127,8 +111,7 @@ def apply(
     run_id: RunArgument,
     reason: options.Reason,
     digest: Annotated[
-        str | None,
-        typer.Option("--preview", metavar="DIGEST", help="Of the preview that you looked at."),
+        str | None, option("--preview", "DIGEST", "Of the preview that you looked at.")
     ] = None,
     server: options.Server = None,
     json: options.Json = False,
@@ -143,15 +126,10 @@ def apply(
 
 
 def verify(
-    phase: Annotated[
-        str,
-        typer.Option(
-            "--phase", metavar="ID", autocompletion=completion.phases, help="Whose sheets."
-        ),
-    ],
+    phase: Annotated[str, option("--phase", "ID", "Whose sheets.", offer=completion.phases)],
     reason: options.Reason,
     sample: Annotated[
-        str, typer.Option("--sample", metavar="all|K", help="All sheets, or K drawn at random.")
+        str, option("--sample", "all|K", "All sheets, or K drawn at random.")
     ] = "all",
     server: options.Server = None,
     json: options.Json = False,
