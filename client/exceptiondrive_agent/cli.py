@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from exceptiondrive.cli import options
-from exceptiondrive.cli.output import say, show_document
+from exceptiondrive.cli.output import say, show_json
 from exceptiondrive.errors import NetworkError
 from exceptiondrive_agent.errors import AgentError
 from exceptiondrive_schemas.printable import counted
@@ -185,7 +185,7 @@ def _command(work: "Callable[[], RunReport]", as_json: bool) -> None:
         say("\nInterrupted. Answers so far are kept; run the same command to go on.")
         raise
     if as_json:
-        show_document(report)
+        show_json(report)
     else:
         typer.echo(report.text)
     if report.unreachable:

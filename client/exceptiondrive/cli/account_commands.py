@@ -9,8 +9,8 @@ import typer
 from exceptiondrive.cli import group, options
 from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.options import argument, option
-from exceptiondrive.cli.output import can_ask, say, show, show_result
-from exceptiondrive.cli.session import open_client, prepare, say_retry
+from exceptiondrive.cli.output import Answer, can_ask, say, show, show_result
+from exceptiondrive.cli.session import command_of, prepare, say_retry, with_client
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.client import Client, TeamTokens
 from exceptiondrive.credentials import find_server, forget_token, is_sent_in_clear, keep_token
@@ -49,14 +49,14 @@ def logout(server: options.Server = None) -> None:
     show(f"token of {address} forgotten" if was_there else f"no token of {address} was kept")
 
 
-def whoami(server: options.Server = None, json: options.Json = False) -> None:
+@with_client
+def whoami(client: Client) -> Answer:
     """Show whose token is in use."""
-    with open_client(server) as client:
-        me = client.me()
-        address = client.server
+    me = client.me()
+    address = client.server
     until = "" if me.expires_at is None else f", valid until {utc_text(me.expires_at)}"
     token = f"token {me.token_name!r}, scopes: {', '.join(me.scopes)}{until}"
-    show_result(me, json, f"{_name(me)} at {address}", token)
+    return me, f"{_name(me)} at {address}", token
 
 
 def _token(server: str) -> str:
@@ -79,14 +79,23 @@ def _name(me: Me) -> str:
     return f"organizer ({me.role}, {confined})"
 
 
-def list_tokens(server: options.Server = None, json: options.Json = False) -> None:
+def _tokens(server: str | None) -> TeamTokens:
+    return TeamTokens(prepare(server), on_retry=say_retry)
+
+
+with_tokens = command_of(_tokens)
+
+
+@with_tokens
+def list_tokens(tokens: TeamTokens) -> Answer:
     """List the team's tokens, without their secrets."""
-    with _tokens(server) as tokens:
-        found = tokens.all()
-    show_result(found, json, records_table(found, TOKEN_COLUMNS))
+    found = tokens.all()
+    return found, records_table(found, TOKEN_COLUMNS)
 
 
+@with_tokens
 def create_token(
+    tokens: TeamTokens,
     name: Annotated[str, argument("NAME", "What it is for.")],
     scope: Annotated[
         list[str] | None,
@@ -100,13 +109,10 @@ def create_token(
     expires_at: Annotated[
         str | None, option("--expires-at", "TIME", "2027-01-31T00:00:00Z")
     ] = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Issue a token of your team; it is shown this once."""
-    with _tokens(server) as tokens:
-        issued = tokens.create(name, scope, expires_at)
-    show_result(issued, json, issued["token"])
+    issued = tokens.create(name, scope, expires_at)
+    return issued, issued["token"]
 
 
 def rotate_token(
@@ -143,10 +149,6 @@ def show_revoked(token: Record, json: bool) -> None:
         say("what was made with it works on; revoke these too, if they are not yours:")
         for one in made:
             say(f"  {one['id']}  {one['name']}  ({one['prefix']}, made by {one['made_by']})")
-
-
-def _tokens(server: str | None) -> TeamTokens:
-    return TeamTokens(prepare(server), on_retry=say_retry)
 
 
 def register(app: typer.Typer) -> None:

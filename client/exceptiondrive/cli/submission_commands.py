@@ -11,19 +11,18 @@ from exceptiondrive.cli.completion import choices, submission_ids
 from exceptiondrive.cli.file_tables import file_view
 from exceptiondrive.cli.options import flag, option
 from exceptiondrive.cli.output import (
+    Answer,
     be_sure,
     can_ask,
+    saved,
     say,
     say_view,
     show,
-    show_document,
     show_json,
-    show_result,
-    show_saved,
     upload_name,
 )
 from exceptiondrive.cli.progress import TransferBar, WaitLine
-from exceptiondrive.cli.session import open_client
+from exceptiondrive.cli.session import open_client, with_client
 from exceptiondrive.cli.tables import (
     edits_table,
     outlook_view,
@@ -41,7 +40,7 @@ from exceptiondrive_schemas.api.phase_settings import RunRule
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 
 if TYPE_CHECKING:
-    from exceptiondrive.client import Submission
+    from exceptiondrive.client import Client, Submission
 
 INTERRUPTED = 130
 """The exit code of what Ctrl-C ended, as shells have it."""
@@ -121,7 +120,7 @@ def submit(
         if wait:
             _wait(submission, timeout)
         if json:
-            show_document(submission.view)
+            show_json(submission.view)
             return
         show(*submission_view(submission.view, submission.page_url, with_file=False))
         left = None
@@ -160,23 +159,20 @@ def _require_consent(outlook: Outlook, *, replace: bool, allow_unranked: bool) -
             raise InvalidArgumentError("not_confirmed", "Nothing was sent.")
 
 
-def status(
-    submission_id: options.SubmissionId, server: options.Server = None, json: options.Json = False
-) -> None:
+@with_client
+def status(client: "Client", submission_id: options.SubmissionId) -> Answer:
     """Show one submission.
 
     Where it stands, and then its score or its faults.
     Exit code 0 whenever it could be shown, whatever its status.
     """
-    with open_client(server) as client:
-        view = client.status(submission_id, profile=True)
-        if json:
-            show_document(view)
-        else:
-            show(*submission_view(view, client.page_url(view.id)))
+    view = client.status(submission_id, profile=True)
+    return view, submission_view(view, client.page_url(view.id))
 
 
+@with_client
 def submissions(
+    client: "Client",
     phase: options.Phase = None,
     only: Annotated[
         str | None,
@@ -188,31 +184,22 @@ def submissions(
         ),
     ] = None,
     limit: Annotated[int, option("--limit", "N", "At most so many.", min=1)] = 100,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """List the team's submissions, newest first."""
-    with open_client(server) as client:
-        views = client.submissions(phase=phase, status=_status(only), limit=limit)
-    if json:
-        show_json([view.model_dump(mode="json", by_alias=True) for view in views])
-    elif views:
-        show(*submissions_view(views))
-    else:
-        show("no submissions")
+    views = client.submissions(phase=phase, status=_status(only), limit=limit)
+    return views, submissions_view(views) if views else "no submissions"
 
 
-def quota(
-    phase: options.Phase = None, server: options.Server = None, json: options.Json = False
-) -> None:
+@with_client
+def quota(client: "Client", phase: options.Phase = None) -> Answer:
     """Show what the team may still submit, and when the count resets."""
-    with open_client(server) as client:
-        found = client.quota(phase)
-    as_json = {name: each.model_dump(mode="json", by_alias=True) for name, each in found.items()}
-    show_result(as_json, json, quota_table(found))
+    found = client.quota(phase)
+    return found, quota_table(found)
 
 
+@with_client
 def edit(
+    client: "Client",
     submission_id: options.SubmissionId,
     method: Annotated[
         str | None, option("--method", "NAME", "New name, of all runs of the method.")
@@ -224,9 +211,7 @@ def edit(
     code: Annotated[str | None, option("--code", "URL", "https link; empty: none.")] = None,
     facts: options.FactsFile = None,
     fact: options.Fact = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Change name, links, description or facts of a submission; without options, list its changes.
 
     Score, time and quota stay as they are. Boards that were published keep the old name.
@@ -234,56 +219,50 @@ def edit(
     said = {"method": method, "description": description, "paper": paper, "code": code}
     said = {name: value for name, value in said.items() if value is not None}
     told = facts_of_pairs(fact or (), facts)
-    with open_client(server) as client:
-        if told is not None or said:
-            client.edit(submission_id, **said, facts=told)
-        view, edits = client.status(submission_id), client.edits(submission_id)
-    if json:
-        show_json([each.model_dump(mode="json") for each in edits])
-        return
-    show(f"{view.id}  {view.method}")
-    show(edits_table(edits) if edits else "nothing was changed since it was submitted")
+    if told is not None or said:
+        client.edit(submission_id, **said, facts=told)
+    view, edits = client.status(submission_id), client.edits(submission_id)
+    changes = edits_table(edits) if edits else "nothing was changed since it was submitted"
+    return edits, f"{view.id}  {view.method}", changes
 
 
+@with_client
 def download(
+    client: "Client",
     submission_id: options.SubmissionId,
     output: Annotated[Path | None, options.output("Else ID.json or ID.json.gz.")] = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Get the team's own upload again, bit by bit."""
-    with open_client(server) as client:
-        data = client.download(submission_id)
-    show_saved(output or Path(upload_name(submission_id, data)), data, json)
+    data = client.download(submission_id)
+    return saved(output or Path(upload_name(submission_id, data)), data)
 
 
+@with_client
 def withdraw(
-    submission_id: options.SubmissionId,
-    yes: options.Yes = False,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+    client: "Client", submission_id: options.SubmissionId, yes: options.Yes = False
+) -> Answer:
     """Take a submission off the board; on a terminal it asks first.
 
     It stays in the team's own list; the run of the method that it had replaced stands again.
     """
-    with open_client(server) as client:
-        asked = client.status(submission_id)
-        stands = asked.status is not SubmissionStatus.WITHDRAWN
-        be_sure(f"Withdraw {entry_words(asked)}?", yes or not stands)
-        own = client.submissions(phase=asked.phase, limit=None)
-        view = client.withdraw(submission_id)
-        before = next((each for each in own if each.replaced_by == view.id), None)
-        again = None if before is None else client.status(before.id)
+    asked = client.status(submission_id)
+    stands = asked.status is not SubmissionStatus.WITHDRAWN
+    be_sure(f"Withdraw {entry_words(asked)}?", yes or not stands)
+    own = client.submissions(phase=asked.phase, limit=None)
+    view = client.withdraw(submission_id)
+    before = next((each for each in own if each.replaced_by == view.id), None)
+    again = None if before is None else client.status(before.id)
     words = "no other run takes its place on the board"
     if again is not None and again.replaced_by is None:
         words = f"with the next board there stands again {entry_words(again)}"
     if not stands:
         words = "it was so before, and nothing changed"
-    show_result(view, json, f"{view.id} {view.status}: {words}")
+    return view, f"{view.id} {view.status}: {words}"
 
 
+@with_client
 def choose(
+    client: "Client",
     submission_id: options.SubmissionId,
     best: Annotated[
         bool, flag("--best", "Let the best run of its method stand, not this one.")
@@ -291,9 +270,7 @@ def choose(
     newest: Annotated[
         bool, flag("--newest", "Let the newest run of its method stand again.")
     ] = False,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Say which run stands, in a phase that lets teams choose.
 
     The last word before the deadline counts; until then it is the newest scored one. In a phase that
@@ -302,22 +279,20 @@ def choose(
     if best and newest:
         raise InvalidArgumentError("wrong_option", "Choose one of --best and --newest.")
     rule: RunRule = "best" if best else "newest" if newest else "this"
-    with open_client(server) as client:
-        view = client.choose(submission_id, rule)
+    view = client.choose(submission_id, rule)
     stands = f"{view.id} stands" if rule == "this" else f"the {rule} run of {view.method} stands"
-    show_result(view, json, stands)
+    return view, stands
 
 
+@with_client
 def publish(
+    client: "Client",
     submission_id: options.SubmissionId,
     undo: Annotated[bool, flag("--undo", "Make it private again; earlier boards keep it.")] = False,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Put an entry on the board of a phase that keeps entries private."""
-    with open_client(server) as client:
-        view = client.unpublish(submission_id) if undo else client.publish(submission_id)
-    show_result(view, json, f"{view.id} is {'public' if view.is_published else 'private'}")
+    view = client.unpublish(submission_id) if undo else client.publish(submission_id)
+    return view, f"{view.id} is {'public' if view.is_published else 'private'}"
 
 
 def _status(name: str | None) -> SubmissionStatus | None:

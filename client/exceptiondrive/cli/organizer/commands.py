@@ -12,12 +12,13 @@ from exceptiondrive.cli.account_commands import TOKEN_COLUMNS, show_revoked
 from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.options import argument, flag, option
 from exceptiondrive.cli.organizer import participation, phases, rescoring
-from exceptiondrive.cli.output import say, show_result, show_saved, upload_name
-from exceptiondrive.cli.session import open_organizer
+from exceptiondrive.cli.output import Answer, saved, say, show_result, upload_name
+from exceptiondrive.cli.session import open_organizer, with_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.confirmations import confirm, default_key_path, make_key
 from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, utc_text
 from exceptiondrive.inputs import given_bytes, given_protocol
+from exceptiondrive.organizer import Organizer
 from exceptiondrive_schemas.api.site import SiteLinks
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.protocol import ProtocolDocument, ProtocolError
@@ -46,35 +47,32 @@ def check_protocol(file: FileArgument, json: options.Json = False) -> None:
     show_result(facts, json, f"protocol {protocol.version} is valid, {protocol.digest}")
 
 
+@with_organizer
 def diff_protocol(
+    organizer: Organizer,
     file: FileArgument,
     phase: Annotated[
         str | None,
         option("--phase", "ID", "Against the protocol this phase shows.", offer=completion.phases),
     ] = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Say in plain words what a document would change, and what would be repeated."""
     _meant_protocol(file)
     toml = given_bytes(file).text()
-    with open_organizer(server) as organizer:
-        found = organizer.rescoring.check_protocol(toml, phase)
+    found = organizer.rescoring.check_protocol(toml, phase)
     changes = [f"- {change['sentence']} ({change['stage']})" for change in found["changes"]]
     lines = [*(changes or ["nothing that scores is changed"]), found["sentence"]]
     lines += [f"note: {found['remark']}"] if found.get("remark") else []
-    show_result(found, json, *lines)
+    return found, *lines
 
 
-def similar(
-    phase: options.PhaseId, server: options.Server = None, json: options.Json = False
-) -> None:
+@with_organizer
+def similar(organizer: Organizer, phase: options.PhaseId) -> Answer:
     """Show teams with equal or near-equal submissions, and teams that may be probing.
 
     Reasons to ask a team, not proof: planners that both stand still are alike, too.
     """
-    with open_organizer(server) as organizer:
-        report = organizer.similar(phase)
+    report = organizer.similar(phase)
     rows = [
         {
             "alike": pair["kind"].replace("_", " "),
@@ -92,28 +90,26 @@ def similar(
         f"{found['first_at']} to {found['last_at']}"
         for found in report["probing"]
     )
-    show_result(
-        report,
-        json,
-        records_table(rows, tuple(rows[0])) if rows else "no submissions of two teams are alike",
-        *probing,
-        f"{report['n_compared']} submissions compared, {report['n_waiting']} more after the next board",
-    )
+    pairs = records_table(rows, tuple(rows[0])) if rows else "no submissions of two teams are alike"
+    compared = f"{report['n_compared']} submissions compared"
+    return report, pairs, *probing, f"{compared}, {report['n_waiting']} more after the next board"
 
 
 def _named(submission: dict[str, Any]) -> str:
     return f"{submission['team']}: {submission['method']} ({submission['id']})"
 
 
-def list_teams(server: options.Server = None, json: options.Json = False) -> None:
+@with_organizer
+def list_teams(organizer: Organizer) -> Answer:
     """List all teams."""
     columns = ("id", "name", "standing", "affiliation", "is_reference", "created_at")
-    with open_organizer(server) as organizer:
-        found = organizer.teams()
-    show_result(found, json, records_table(found, columns))
+    found = organizer.teams()
+    return found, records_table(found, columns)
 
 
+@with_organizer
 def create_team(
+    organizer: Organizer,
     team_id: Annotated[str, argument("ID", "Small letters, digits, dashes.")],
     name: Annotated[str, argument("NAME", "As the board shows it.")],
     affiliation: Annotated[str, option("--affiliation", "TEXT", "For organizers.")] = "",
@@ -126,76 +122,58 @@ def create_team(
     with_token: Annotated[
         bool, flag("--with-token", "Issue its first token too; shown this once.")
     ] = False,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Make a team."""
-    with open_organizer(server) as organizer:
-        team = organizer.create_team(
-            team_id, name, affiliation=affiliation, email=email, is_reference=reference
-        )
-        if with_token:
-            team["token"] = organizer.issue_token(team_id, "first token")["token"]
-            say(f"team {team['id']} made; its token, shown this once:")
-    show_result(team, json, team.get("token") or f"team {team['id']} made")
+    team = organizer.create_team(
+        team_id, name, affiliation=affiliation, email=email, is_reference=reference
+    )
+    if with_token:
+        team["token"] = organizer.issue_token(team_id, "first token")["token"]
+        say(f"team {team['id']} made; its token, shown this once:")
+    return team, team.get("token") or f"team {team['id']} made"
 
 
-def approve_team(
-    team_id: options.TeamId, server: options.Server = None, json: options.Json = False
-) -> None:
+@with_organizer
+def approve_team(organizer: Organizer, team_id: options.TeamId) -> Answer:
     """Let a team that registered itself submit."""
-    with open_organizer(server) as organizer:
-        team = organizer.approve_team(team_id)
-    show_result(team, json, f"team {team['id']} approved")
+    team = organizer.approve_team(team_id)
+    return team, f"team {team['id']} approved"
 
 
-def refuse_team(
-    team_id: options.TeamId,
-    reason: options.Reason,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+@with_organizer
+def refuse_team(organizer: Organizer, team_id: options.TeamId, reason: options.Reason) -> Answer:
     """Refuse a team that registered itself: it goes, with its tokens."""
-    with open_organizer(server) as organizer:
-        team = organizer.refuse_team(team_id, reason)
-    show_result(team, json, f"team {team['id']} refused")
+    team = organizer.refuse_team(team_id, reason)
+    return team, f"team {team['id']} refused"
 
 
+@with_organizer
 def retry_submission(
-    submission_id: SubmissionId,
-    reason: options.Reason,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+    organizer: Organizer, submission_id: SubmissionId, reason: options.Reason
+) -> Answer:
     """Queue a failed submission again, with all its attempts."""
-    with open_organizer(server) as organizer:
-        submission = organizer.retry_submission(submission_id, reason)
-    show_result(submission, json, f"submission {submission['id']} queued again")
+    submission = organizer.retry_submission(submission_id, reason)
+    return submission, f"submission {submission['id']} queued again"
 
 
-def show_story(
-    submission_id: SubmissionId, server: options.Server = None, json: options.Json = False
-) -> None:
+@with_organizer
+def show_story(organizer: Organizer, submission_id: SubmissionId) -> Answer:
     """Show a submission and everything that ever happened to it.
 
     Scores of all submissions are listed by `exceptiondrive submissions` with an organizer's token.
     """
-    with open_organizer(server) as organizer:
-        story = organizer.story(submission_id)
+    story = organizer.story(submission_id)
     one = story["submission"]
     recomputed = (
         f"recomputed {utc_text(item['asked_at'])}: {item['state']}" for item in story["recomputed"]
     )
     told = (f"told {utc_text(item['created_at'])}: {item['title']}" for item in story["notices"])
-    show_result(
-        story,
-        json,
+    head = (
         f"{one['id']}  {one['method']} of {one['team']}, {one['phase']}, {one['status']}, "
-        f"rank {one['rank'] or '-'}",
-        *recomputed,
-        *told,
-        records_table(story["audit"], ("id", "at", "actor", "action")),
+        f"rank {one['rank'] or '-'}"
     )
+    audit = records_table(story["audit"], ("id", "at", "actor", "action"))
+    return story, head, *recomputed, *told, audit
 
 
 def verify_submission(
@@ -210,55 +188,47 @@ def verify_submission(
         rescoring.follow_verification(organizer.rescoring, found, json)
 
 
+@with_organizer
 def restore_submission(
-    submission_id: SubmissionId,
-    reason: options.Reason,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+    organizer: Organizer, submission_id: SubmissionId, reason: options.Reason
+) -> Answer:
     """Let a withdrawn submission stand again, at its old place in time."""
-    with open_organizer(server) as organizer:
-        submission = organizer.restore_submission(submission_id, reason)
-    show_result(submission, json, f"submission {submission['id']} is {submission['status']}")
+    submission = organizer.restore_submission(submission_id, reason)
+    return submission, f"submission {submission['id']} is {submission['status']}"
 
 
+@with_organizer
 def write_about(
+    organizer: Organizer,
     submission_id: SubmissionId,
     words: Annotated[str, option("--words", "TEXT", "What the team is told; no address shows.")],
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Tell its team something about it: in its inbox, and at every confirmed address."""
-    with open_organizer(server) as organizer:
-        notice = organizer.write_about(submission_id, words)
-    show_result(notice, json, f"{notice['team']} is told: notice {notice['id']}")
+    notice = organizer.write_about(submission_id, words)
+    return notice, f"{notice['team']} is told: notice {notice['id']}"
 
 
+@with_organizer
 def download_upload(
-    submission_id: SubmissionId,
-    output: options.Output = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+    organizer: Organizer, submission_id: SubmissionId, output: options.Output = None
+) -> Answer:
     """Get the bytes that a team sent; the audit log says who had them."""
-    with open_organizer(server) as organizer:
-        data = organizer.download_upload(submission_id)
-    show_saved(output or Path(upload_name(submission_id, data)), data, json)
+    data = organizer.download_upload(submission_id)
+    return saved(output or Path(upload_name(submission_id, data)), data)
 
 
+@with_organizer
 def download_story(
-    submission_id: SubmissionId,
-    output: options.Output = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+    organizer: Organizer, submission_id: SubmissionId, output: options.Output = None
+) -> Answer:
     """Get the whole story for a committee, as a tar: upload, receipt, records and a README."""
-    with open_organizer(server) as organizer:
-        data = organizer.download_story(submission_id)
-    show_saved(output or Path(f"submission-{submission_id}.tar"), data, json)
+    data = organizer.download_story(submission_id)
+    return saved(output or Path(f"submission-{submission_id}.tar"), data)
 
 
+@with_organizer
 def download_archive(
+    organizer: Organizer,
     team: Annotated[
         str | None, option("--team", "TEAM", "Only of this team.", offer=completion.teams)
     ] = None,
@@ -268,37 +238,31 @@ def download_archive(
         option("--status", "STATUS", "Only in this status.", offer=choices(*SubmissionStatus)),
     ] = None,
     output: options.Output = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Get the uploads that match as a tar; its last member, manifest.json, says what each is."""
-    with open_organizer(server) as organizer:
-        data = organizer.download_archive(team, phase, status)
-    show_saved(output or Path("submissions.tar"), data, json)
+    data = organizer.download_archive(team, phase, status)
+    return saved(output or Path("submissions.tar"), data)
 
 
-def list_tokens(
-    team_id: options.TeamId, server: options.Server = None, json: options.Json = False
-) -> None:
+@with_organizer
+def list_tokens(organizer: Organizer, team_id: options.TeamId) -> Answer:
     """List a team's tokens, without their secrets."""
-    with open_organizer(server) as organizer:
-        found = organizer.tokens(team_id)
-    show_result(found, json, records_table(found, TOKEN_COLUMNS))
+    found = organizer.tokens(team_id)
+    return found, records_table(found, TOKEN_COLUMNS)
 
 
+@with_organizer
 def issue_token(
+    organizer: Organizer,
     team_id: options.TeamId,
     name: Annotated[str, option("--name", "NAME", "What it is for.")],
     expires_at: Annotated[
         str | None, option("--expires-at", "TIME", "2027-01-31T00:00:00Z")
     ] = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Issue a token for a team; it is shown this once."""
-    with open_organizer(server) as organizer:
-        issued = organizer.issue_token(team_id, name, expires_at)
-    show_result(issued, json, issued["token"])
+    issued = organizer.issue_token(team_id, name, expires_at)
+    return issued, issued["token"]
 
 
 def revoke_token(
@@ -312,27 +276,25 @@ def revoke_token(
     show_revoked(token, json)
 
 
-def list_protocols(server: options.Server = None, json: options.Json = False) -> None:
+@with_organizer
+def list_protocols(organizer: Organizer) -> Answer:
     """List all protocols, drafts too, oldest first."""
-    with open_organizer(server) as organizer:
-        found = organizer.protocols()
+    found = organizer.protocols()
     rows = [one | {"readers": "no, a draft" if one["is_draft"] else "yes"} for one in found]
-    show_result(found, json, records_table(rows, ("version", "title", "readers", "digest")))
+    return found, records_table(rows, ("version", "title", "readers", "digest"))
 
 
+@with_organizer
 def add_protocol(
-    file: Annotated[Path, argument("FILE", "Protocol document, TOML.")],
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+    organizer: Organizer, file: Annotated[Path, argument("FILE", "Protocol document, TOML.")]
+) -> Answer:
     """Add a protocol document; it is immutable from then on."""
     given_protocol(str(file))
     toml = given_bytes(file).text()
-    with open_organizer(server) as organizer:
-        known = {one["digest"] for one in organizer.protocols()}
-        added = organizer.add_protocol(toml)
+    known = {one["digest"] for one in organizer.protocols()}
+    added = organizer.add_protocol(toml)
     what = "is there already, nothing was added" if added["digest"] in known else "added"
-    show_result(added, json, f"protocol {added['version']} {what}, {added['digest']}")
+    return added, f"protocol {added['version']} {what}, {added['digest']}"
 
 
 KeyOption = Annotated[
@@ -374,52 +336,50 @@ def confirm_protocol(
     show_result(kept, json, f"confirmed: {words}")
 
 
-def list_confirmations(server: options.Server = None, json: options.Json = False) -> None:
+@with_organizer
+def list_confirmations(organizer: Organizer) -> Answer:
     """List what organizers signed: which split may be scored under which protocol."""
-    with open_organizer(server) as organizer:
-        found = organizer.confirmations()
+    found = organizer.confirmations()
     rows = [
         {"id": one["id"], "protocol": said["protocol"], "key": said["public_key"], **said["split"]}
         for one in found
         for said in [one["confirmation"]]
     ]
     columns = ("id", "name", "revision", "protocol", "key")
-    show_result(found, json, records_table(rows, columns))
+    return found, records_table(rows, columns)
 
 
+@with_organizer
 def withdraw_confirmation(
+    organizer: Organizer,
     confirmation_id: Annotated[str, argument("ID", "`confirmations` shows it.")],
     reason: options.Reason,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Take a confirmation back: workers score and publish nothing more that needs it."""
-    with open_organizer(server) as organizer:
-        left = organizer.withdraw_confirmation(confirmation_id, reason)
-    show_result(left, json, f"confirmation {confirmation_id} withdrawn")
+    left = organizer.withdraw_confirmation(confirmation_id, reason)
+    return left, f"confirmation {confirmation_id} withdrawn"
 
 
+@with_organizer
 def delete_protocol(
+    organizer: Organizer,
     version: Annotated[str, argument("VERSION", "Version or digest.")],
     reason: options.Reason,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Delete a protocol that nothing was made of: neither phase, run, board nor sheet."""
-    with open_organizer(server) as organizer:
-        gone = organizer.delete_protocol(version, reason)
-    show_result(gone, json, f"protocol {gone['version']} deleted")
+    gone = organizer.delete_protocol(version, reason)
+    return gone, f"protocol {gone['version']} deleted"
 
 
-def list_splits(server: options.Server = None, json: options.Json = False) -> None:
+@with_organizer
+def list_splits(organizer: Organizer) -> Answer:
     """List the registered split revisions: what a phase may use."""
-    with open_organizer(server) as organizer:
-        found = organizer.splits()
+    found = organizer.splits()
     rows = [one | {"warnings": _counts(one.get("warnings", ()))} for one in found]
     columns = (
         "name", "revision", "part", "n_samples", "is_public", "registered_at", "words", "warnings"
     )  # fmt: skip
-    show_result(found, json, records_table(rows, columns))
+    return found, records_table(rows, columns)
 
 
 def _counts(warnings: Iterable[Mapping[str, Any]]) -> str:
@@ -458,7 +418,9 @@ def _verdict_words(verdict: dict[str, Any], is_cut: bool) -> str:
     return f"the audit log is whole: {whole}"
 
 
+@with_organizer
 def read_audit(
+    organizer: Organizer,
     limit: Annotated[int, option("--limit", "N", "At most so many.", min=1, max=500)] = 50,
     actor: Annotated[str | None, option("--actor", "WHO", "Only by this one.")] = None,
     subject: Annotated[str | None, option("--subject", "ID", "Only about this.")] = None,
@@ -474,34 +436,33 @@ def read_audit(
     action: Annotated[
         str | None, option("--action", "KIND", "Only of this kind, as 'phase changed'.")
     ] = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Show the newest lines of the audit log."""
-    with open_organizer(server) as organizer:
-        found = organizer.audit(
-            limit,
-            actor=actor,
-            subject=subject,
-            by_people=by_people,
-            since=since,
-            until=until,
-            action=action,
-        )
+    found = organizer.audit(
+        limit,
+        actor=actor,
+        subject=subject,
+        by_people=by_people,
+        since=since,
+        until=until,
+        action=action,
+    )
     lines = [{**line, "reason": line["detail"].get("reason", "")} for line in found]
     columns = ("id", "at", "actor", "action", "subject", "reason")
-    show_result(found, json, records_table(lines, columns))
+    return found, records_table(lines, columns)
 
 
-def list_people(server: options.Server = None, json: options.Json = False) -> None:
+@with_organizer
+def list_people(organizer: Organizer) -> Answer:
     """List everybody who signed in through the provider, with their roles."""
-    with open_organizer(server) as organizer:
-        found = organizer.people()
+    found = organizer.people()
     columns = ("id", "name", "role", "phases", "signed_in_at")
-    show_result(found, json, records_table(found, columns))
+    return found, records_table(found, columns)
 
 
+@with_organizer
 def set_role(
+    organizer: Organizer,
     person: Annotated[str, argument("PERSON", "Id of the person.")],
     role: Annotated[
         str | None,
@@ -518,32 +479,29 @@ def set_role(
             "--phase", "ID", "Confines the role to it; may stand again.", offer=completion.phases
         ),
     ] = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Give a person a role of organizers, or take it; it counts from their next request on."""
-    with open_organizer(server) as organizer:
-        told = organizer.set_role(person, role, phase_ids or ())
-    show_result(told, json, f"{told['name']}: {told['role'] or 'no organizer'}")
+    told = organizer.set_role(person, role, phase_ids or ())
+    return told, f"{told['name']}: {told['role'] or 'no organizer'}"
 
 
-def show_site(server: options.Server = None, json: options.Json = False) -> None:
+@with_organizer
+def show_site(organizer: Organizer) -> Answer:
     """Show the links of the site."""
-    with open_organizer(server) as organizer:
-        _show_site(organizer.site(), json)
+    return _links(organizer.site())
 
 
-def set_site(server: options.Server = None, json: options.Json = False, **links: Any) -> None:
+@with_organizer
+def set_site(organizer: Organizer, **links: Any) -> Answer:
     """Set links of the site; what is left out stays, an empty one is not shown."""
     changes = phases.setting_document(SiteLinks, links)
     if not changes:
         raise InvalidArgumentError("nothing_to_set", "Say what to set: `--help` lists the links.")
-    with open_organizer(server) as organizer:
-        _show_site(organizer.set_site(changes), json)
+    return _links(organizer.set_site(changes))
 
 
-def _show_site(links: dict[str, Any], json: bool) -> None:
-    show_result(links, json, *(f"{name:<9}  {text or '-'}" for name, text in links.items()))
+def _links(links: dict[str, Any]) -> Answer:
+    return links, *(f"{name:<9}  {text or '-'}" for name, text in links.items())
 
 
 GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {

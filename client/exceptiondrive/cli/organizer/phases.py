@@ -15,11 +15,12 @@ import typer
 from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.options import argument, option
-from exceptiondrive.cli.output import show_result, show_saved
-from exceptiondrive.cli.session import open_organizer
+from exceptiondrive.cli.output import Answer, saved
+from exceptiondrive.cli.session import with_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive.inputs import given_bytes
+from exceptiondrive.organizer import Organizer
 from exceptiondrive_schemas.api.form_fields import FormField, document_of, fields_of, values_of
 from exceptiondrive_schemas.api.phase_settings import PhaseChange, PhaseSettings
 from exceptiondrive_schemas.base import Document
@@ -39,16 +40,18 @@ REVEALED = {
 WHAT = tuple(REVEALED)
 
 
-def show_phase(
-    phase_id: PhaseArgument, server: options.Server = None, json: options.Json = False
-) -> None:
+@with_organizer
+def show_phase(organizer: Organizer, phase_id: PhaseArgument) -> Answer:
     """Show the settings of a phase and where it stands."""
-    with open_organizer(server) as organizer:
-        phase = organizer.phase(phase_id)
-    _show(phase, json)
+    phase = organizer.phase(phase_id)
+    lines = _lines(phase)
+    width = max(len(key) for key in lines)
+    return phase, *(f"{key:<{width}}  {_words(value)}" for key, value in lines.items())
 
 
+@with_organizer
 def create(
+    organizer: Organizer,
     phase_id: Annotated[str, argument("ID", "Stands in addresses.")],
     split: Annotated[
         str, option("--split", "NAME", "A registered split: see `organizer splits list`.")
@@ -69,26 +72,23 @@ def create(
             "--like", "ID", "Take over settings of this phase, not dates.", offer=completion.phases
         ),
     ] = None,
-    server: options.Server = None,
-    json: options.Json = False,
     **settings: Any,
-) -> None:
+) -> Answer:
     """Make a phase."""
     given = setting_document(PhaseSettings, settings)
-    with open_organizer(server) as organizer:
-        model = None if like is None else organizer.phase(like)
-        taken_over = {} if model is None else _undated(model)
-        if model is not None and model["split"] == split:
-            taken_over |= {key: model[key] for key in ("protocol", "split_revision")}
-        wanted = {
-            "id": phase_id,
-            "split": split,
-            "challenge": challenge,
-            **_merged(taken_over, given),
-        }
-        named = {"split_revision": split_revision, "protocol": protocol}
-        wanted |= {key: value for key, value in named.items() if value is not None}
-        phase = organizer.create_phase(wanted)
+    model = None if like is None else organizer.phase(like)
+    taken_over = {} if model is None else _undated(model)
+    if model is not None and model["split"] == split:
+        taken_over |= {key: model[key] for key in ("protocol", "split_revision")}
+    wanted = {
+        "id": phase_id,
+        "split": split,
+        "challenge": challenge,
+        **_merged(taken_over, given),
+    }
+    named = {"split_revision": split_revision, "protocol": protocol}
+    wanted |= {key: value for key, value in named.items() if value is not None}
+    phase = organizer.create_phase(wanted)
     notes = [f"its teams are told: {words}" for words in phase.get("not_checked", ())]
     if not phase["is_open"]:
         notes.append("it takes no files now: look at its dates and visibility")
@@ -96,77 +96,57 @@ def create(
     if phase.get("quota_total") is not None:
         limits += f", {phase['quota_total']} in all"
     made = f"phase {phase['id']} made, {phase['n_samples']} samples, {limits}"
-    show_result(phase, json, made, *notes)
+    return phase, made, *notes
 
 
-def update(
-    phase_id: PhaseArgument,
-    server: options.Server = None,
-    json: options.Json = False,
-    **settings: Any,
-) -> None:
+@with_organizer
+def update(organizer: Organizer, phase_id: PhaseArgument, **settings: Any) -> Answer:
     """Change settings of a phase; what would take back a promise is refused."""
     changes = setting_document(PhaseSettings, settings)
     if not changes:
         raise InvalidArgumentError(
             "nothing_to_set", "Say what to change: `--help` lists the settings."
         )
-    with open_organizer(server) as organizer:
-        before = _lines(organizer.phase(phase_id))
-        phase = organizer.change_phase(phase_id, changes)
+    before = _lines(organizer.phase(phase_id))
+    phase = organizer.change_phase(phase_id, changes)
     changed = {key: value for key, value in _lines(phase).items() if value != before.get(key)}
     words = (f"{key}: {_words(before.get(key))} -> {_words(changed[key])}" for key in changed)
-    show_result(phase, json, *(words if changed else ("nothing changed",)))
+    return phase, *(words if changed else ("nothing changed",))
 
 
-def feature(
-    phase_id: PhaseArgument,
-    reason: options.Reason,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+@with_organizer
+def feature(organizer: Organizer, phase_id: PhaseArgument, reason: options.Reason) -> Answer:
     """Put a phase before all others: in lists, and on the front page."""
-    with open_organizer(server) as organizer:
-        phase = organizer.feature_phase(phase_id, reason)
-    show_result(phase, json, f"phase {phase_id} stands before all others")
+    phase = organizer.feature_phase(phase_id, reason)
+    return phase, f"phase {phase_id} stands before all others"
 
 
-def delete(
-    phase_id: PhaseArgument,
-    reason: options.Reason,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+@with_organizer
+def delete(organizer: Organizer, phase_id: PhaseArgument, reason: options.Reason) -> Answer:
     """Delete a phase in which nothing was submitted or rescored; others are archived or hidden."""
-    with open_organizer(server) as organizer:
-        phase = organizer.delete_phase(phase_id, reason)
-    show_result(phase, json, f"phase {phase['id']} deleted")
+    phase = organizer.delete_phase(phase_id, reason)
+    return phase, f"phase {phase['id']} deleted"
 
 
-def export(
-    phase_id: PhaseArgument,
-    output: options.Output = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+@with_organizer
+def export(organizer: Organizer, phase_id: PhaseArgument, output: options.Output = None) -> Answer:
     """Get what readers may see of a phase, as a tar for a paper or an archive."""
-    with open_organizer(server) as organizer:
-        data = organizer.export_phase(phase_id)
-    show_saved(output or Path(f"exceptiondrive-{phase_id}.tar"), data, json)
+    data = organizer.export_phase(phase_id)
+    return saved(output or Path(f"exceptiondrive-{phase_id}.tar"), data)
 
 
-def list_reported(
-    phase_id: PhaseArgument, server: options.Server = None, json: options.Json = False
-) -> None:
+@with_organizer
+def list_reported(organizer: Organizer, phase_id: PhaseArgument) -> Answer:
     """List the boards of elsewhere beside a phase, withdrawn ones too, newest first."""
-    with open_organizer(server) as organizer:
-        found = organizer.reported_boards(phase_id)
+    found = organizer.reported_boards(phase_id)
     lines = [{**one, "n_rows": len(one["rows"])} for one in found]
     columns = ("id", "title", "n_rows", "imported_at", "withdrawn_at")
-    show_result(found, json, records_table(lines, columns))
+    return found, records_table(lines, columns)
 
 
+@with_organizer
 def import_reported(
+    organizer: Organizer,
     phase_id: PhaseArgument,
     file: Annotated[
         Path,
@@ -176,62 +156,48 @@ def import_reported(
     ],
     title: Annotated[str, option("--title", "TEXT", "What the other board is called.")],
     cite: Annotated[str, option("--cite", "TEXT", "Where it is: address or citation.")],
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Put the rows of another board beside a phase, unranked: all of them, or none."""
     text = options.given(file).text()
-    with open_organizer(server) as organizer:
-        made = organizer.import_reported(phase_id, text, title, cite)
-    show_result(
-        made, json, f"{counted(len(made['rows']), 'row')} imported as {made['id']}, ranked nowhere"
-    )
+    made = organizer.import_reported(phase_id, text, title, cite)
+    return made, f"{counted(len(made['rows']), 'row')} imported as {made['id']}, ranked nowhere"
 
 
+@with_organizer
 def withdraw_reported(
+    organizer: Organizer,
     phase_id: PhaseArgument,
     reported_id: Annotated[str, argument("IMPORT", "Id of the import: see `reported`.")],
     reason: options.Reason,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Take the rows of another board away from a phase; they can be imported again."""
-    with open_organizer(server) as organizer:
-        gone = organizer.withdraw_reported(phase_id, reported_id, reason)
-    show_result(gone, json, f"{gone['title']} withdrawn")
+    gone = organizer.withdraw_reported(phase_id, reported_id, reason)
+    return gone, f"{gone['title']} withdrawn"
 
 
-def freeze(
-    phase_id: PhaseArgument,
-    reason: options.Reason,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+@with_organizer
+def freeze(organizer: Organizer, phase_id: PhaseArgument, reason: options.Reason) -> Answer:
     """Freeze the public board now; scoring goes on."""
-    with open_organizer(server) as organizer:
-        phase = organizer.freeze_phase(phase_id, reason)
+    phase = organizer.freeze_phase(phase_id, reason)
     since = utc_text(phase["now"]["frozen_since"])
     reveal = f'organizer phases reveal {phase_id} --what board --reason "…"'
-    show_result(
-        phase, json, f"the board of {phase_id} is frozen since {since}; {reveal} shows it again"
-    )
+    return phase, f"the board of {phase_id} is frozen since {since}; {reveal} shows it again"
 
 
+@with_organizer
 def reveal(
+    organizer: Organizer,
     phase_id: PhaseArgument,
     what: Annotated[
         str, option("--what", "|".join(WHAT), "What readers are to see.", offer=choices(*WHAT))
     ],
     reason: options.Reason,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Show the board behind a freeze, the names, or begin to score the other part of the split."""
     if what not in WHAT:
         raise InvalidArgumentError("wrong_what", f"--what is {', '.join(WHAT)}, not {what!r}.")
-    with open_organizer(server) as organizer:
-        phase = organizer.reveal_phase(phase_id, what, reason)
-    show_result(phase, json, REVEALED[what].format(phase_id))
+    phase = organizer.reveal_phase(phase_id, what, reason)
+    return phase, REVEALED[what].format(phase_id)
 
 
 def with_settings(command: Callable[..., None], model: type[Document]) -> Callable[..., None]:
@@ -322,12 +288,6 @@ def _lines(phase: Mapping[str, Any]) -> dict[str, Any]:
     settings = {key: value for key, value in phase.items() if not isinstance(value, dict | list)}
     now = {f"now: {key}": value for key, value in phase["now"].items()}
     return {**settings, **phase["page"], **phase["policy"], **now}
-
-
-def _show(phase: dict[str, Any], json: bool) -> None:
-    lines = _lines(phase)
-    width = max(len(key) for key in lines)
-    show_result(phase, json, *(f"{key:<{width}}  {_words(value)}" for key, value in lines.items()))
 
 
 def _words(value: Any) -> str:

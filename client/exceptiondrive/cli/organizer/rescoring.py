@@ -18,8 +18,8 @@ from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.file_tables import metric_head
 from exceptiondrive.cli.fitted_table import Column, FittedTable
 from exceptiondrive.cli.options import argument, flag, option
-from exceptiondrive.cli.output import console, has_terminal, say, show_result
-from exceptiondrive.cli.session import open_organizer
+from exceptiondrive.cli.output import Answer, console, has_terminal, say, show_result
+from exceptiondrive.cli.session import command_of, open_organizer
 from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, utc_text
 from exceptiondrive.organizer import Rescoring
 from exceptiondrive.transport import Record
@@ -45,7 +45,18 @@ MAX_SAMPLE = 100_000
 _ENDED = ("closed", "rolled_back", "cancelled")
 
 
+@contextmanager
+def _rescoring(server: str | None) -> Iterator[Rescoring]:
+    with open_organizer(server) as organizer:
+        yield organizer.rescoring
+
+
+with_rescoring = command_of(_rescoring)
+
+
+@with_rescoring
 def start(
+    rescoring: Rescoring,
     phase: Annotated[
         str, option("--phase", "ID", "Whose board is to change.", offer=completion.phases)
     ],
@@ -55,18 +66,15 @@ def start(
         str | None, option("--split-revision", "R", "Revision to come.")
     ] = None,
     draft: Annotated[bool, flag("--draft", "Only draft it; score nothing yet.")] = False,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Draft a run and begin to score in the background; the board does not change.
 
     A worker tries the split first: where it cannot be scored, the run stays a draft.
     """
-    with _rescoring(server) as rescoring:
-        run = rescoring.draft(phase, protocol, split_revision, reason)
-        if not draft:
-            run = rescoring.step(_tried(rescoring, run)["id"], "start", reason)
-    _show_run(run, json)
+    run = rescoring.draft(phase, protocol, split_revision, reason)
+    if not draft:
+        run = rescoring.step(_tried(rescoring, run)["id"], "start", reason)
+    return run, *run_lines(run)
 
 
 def status(
@@ -107,22 +115,21 @@ def preview(
         raise typer.Exit(ExceptionDriveError.exit_code)
 
 
+@with_rescoring
 def apply(
+    rescoring: Rescoring,
     run_id: RunArgument,
     reason: options.Reason,
     digest: Annotated[
         str | None, option("--preview", "DIGEST", "Of the preview that you looked at.")
     ] = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Show the new board, at once and wholly; refused while anything is missing or stale."""
-    with _rescoring(server) as rescoring:
-        if digest is None:
-            digest = rescoring.preview(run_id)["digest"]
-            say(f"applying the present preview, {digest}")
-        run = rescoring.step(run_id, "apply", reason, preview=digest)
-    _show_run(run, json)
+    if digest is None:
+        digest = rescoring.preview(run_id)["digest"]
+        say(f"applying the present preview, {digest}")
+    run = rescoring.step(run_id, "apply", reason, preview=digest)
+    return run, *run_lines(run)
 
 
 def verify(
@@ -154,25 +161,13 @@ def follow_verification(rescoring: Rescoring, found: Record, json: bool) -> None
         raise typer.Exit(ExceptionDriveError.exit_code)
 
 
-@contextmanager
-def _rescoring(server: str | None) -> Iterator[Rescoring]:
-
-    with open_organizer(server) as organizer:
-        yield organizer.rescoring
-
-
 def _step(step: str, words: str) -> Callable[..., None]:
     """Return the command of a step that needs nothing but a run and a reason."""
 
-    def take(
-        run_id: RunArgument,
-        reason: options.Reason,
-        server: options.Server = None,
-        json: options.Json = False,
-    ) -> None:
-        with _rescoring(server) as rescoring:
-            run = rescoring.step(run_id, step, reason)
-        _show_run(run, json)
+    @with_rescoring
+    def take(rescoring: Rescoring, run_id: RunArgument, reason: options.Reason) -> Answer:
+        run = rescoring.step(run_id, step, reason)
+        return run, *run_lines(run)
 
     take.__doc__ = words
     return take
