@@ -1,4 +1,4 @@
-"""`exceptiondrive remind` and `exceptiondrive decide`; `register` mounts them.
+"""`exceptiondrive remind` and `exceptiondrive decide`.
 
 Imports nothing heavy: openai and the agent itself are loaded when a command runs.
 """
@@ -74,12 +74,6 @@ ExtraBody = Annotated[
 ]
 PriceIn = Annotated[float | None, typer.Option(min=0, help="Price of a million prompt tokens.")]
 PriceOut = Annotated[float | None, typer.Option(min=0, help="Price of a million answer tokens.")]
-
-
-def register(app: typer.Typer) -> None:
-    """Add `remind` and `decide` to a command line."""
-    app.command()(remind)
-    app.command()(decide)
 
 
 def remind(

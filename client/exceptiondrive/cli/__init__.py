@@ -2,8 +2,9 @@
 
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from importlib import import_module
+from inspect import signature
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -82,8 +83,7 @@ COMMANDS = {
     "receipt": (".receipt_commands", "Signed receipts of scored submissions."),
     "organizer": (".organizer.commands", "For organizers, with an organizer's token."),
 }
-"""Where each command lives and what `--help` says of it; a test holds the words to the command."""
-
+"""Where each command lives, under its name, and what `--help` says of it, which a test holds to it."""
 
 BLAS_THREADS = "OPENBLAS_NUM_THREADS"
 """numpy would start a thread for each core, and no command multiplies matrices."""
@@ -106,11 +106,14 @@ class Group(TyperGroup):
             formatter.write_dl(rows)
 
 
-def group(help_text: str, commands: Mapping[str, Callable[..., None]]) -> typer.Typer:
-    """Return a group of these commands."""
-    made = typer.Typer(cls=Group, help=help_text, no_args_is_help=True, rich_markup_mode=None)
-    for name, command in commands.items():
-        made.command(name)(command)
+def _group(words: str, commands: Mapping[str, Any]) -> typer.Typer:
+    """Return a group of commands, and of further groups: each a tuple of words and commands."""
+    made = typer.Typer(cls=Group, help=words, no_args_is_help=True, rich_markup_mode=None)
+    for name, each in commands.items():
+        if isinstance(each, tuple):
+            made.add_typer(_group(*each), name=name)
+        else:
+            made.command(name)(each)
     return made
 
 
@@ -138,15 +141,19 @@ class _LazyCommands(Commands):
         return list(COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Import a command, and make it alone of those in its module."""
+        """Import a command or a group of them, and make it alone of those in its module.
+
+        A command that takes the context says itself what is wrong with further arguments.
+        """
         if cmd_name not in self.commands and cmd_name in COMMANDS:
+            module, words = COMMANDS[cmd_name]
+            found = getattr(import_module(module, __name__), cmd_name)
             part = typer.Typer(rich_markup_mode=None)
-            import_module(COMMANDS[cmd_name][0], __name__).register(part)
-            part.registered_commands = [
-                each
-                for each in part.registered_commands
-                if each.callback is not None and each.callback.__name__ == cmd_name
-            ]
+            if isinstance(found, Mapping):
+                part.add_typer(_group(words, found), name=cmd_name)
+            else:
+                settings = {"allow_extra_args": "context" in signature(found).parameters}
+                part.command(context_settings=settings)(found)
             self.commands.update(get_group(part).commands)
         return self.commands.get(cmd_name)
 

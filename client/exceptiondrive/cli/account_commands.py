@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from exceptiondrive.cli import group, options
+from exceptiondrive.cli import options
 from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.options import argument, option
 from exceptiondrive.cli.output import Answer, can_ask, say, show, show_result
@@ -151,17 +151,9 @@ def show_revoked(token: Record, json: bool) -> None:
             say(f"  {one['id']}  {one['name']}  ({one['prefix']}, made by {one['made_by']})")
 
 
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    for command in (login, logout, whoami):
-        app.command()(command)
-    tokens = group(
-        "Your team's tokens; needs a token with the scope `tokens`.",
-        {
-            "list": list_tokens,
-            "create": create_token,
-            "rotate": rotate_token,
-            "revoke": revoke_token,
-        },
-    )
-    app.add_typer(tokens, name="tokens")
+tokens = {
+    "list": list_tokens,
+    "create": create_token,
+    "rotate": rotate_token,
+    "revoke": revoke_token,
+}

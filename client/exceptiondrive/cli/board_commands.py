@@ -198,11 +198,3 @@ def _window(view: PhaseView) -> str:
     if opens is not None and opens > now:
         return f"opens {utc_text(opens)}"
     return "closed" if closes is None or closes > now else f"closed {utc_text(closes)}"
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    app.command()(leaderboard)
-    app.command()(phases)
-    app.command()(report)
-    app.command()(terms)

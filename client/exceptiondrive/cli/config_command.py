@@ -67,8 +67,3 @@ def _show_all(json: bool) -> None:
         "settings": {name: each._asdict() for name, each in found.items()},
     }
     show_result(facts, json, table, f"file: {config_path()}")
-
-
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(config)

@@ -3,8 +3,6 @@
 from pathlib import Path
 from typing import Annotated, cast, get_args
 
-import typer
-
 from exceptiondrive.checking import write_file
 from exceptiondrive.cli import options
 from exceptiondrive.cli.completion import choices
@@ -257,8 +255,3 @@ def _said(done: tuple[str, ...], outcome: Conversion) -> list[str]:
         *(f"  null: {where}" for where in outcome.nulled),
         counted(len(outcome.pairs), "prediction"),
     ]
-
-
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(convert)

@@ -80,8 +80,3 @@ def _require_consent(manifest: DataManifest, is_given: bool) -> None:
         )
     if not typer.confirm(f"Accept the licence {manifest.licence}, and download?", err=True):
         raise InvalidArgumentError("not_confirmed", "Nothing was downloaded.")
-
-
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(data)

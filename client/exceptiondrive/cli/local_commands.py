@@ -209,10 +209,3 @@ def version() -> None:
     protocol = packaged_protocol(NEWEST)
     show(f"exceptiondrive {__version__}")
     show(f"protocol {protocol.version} {protocol.digest}")
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    for command in (check, evaluate, plot):
-        app.command(context_settings=options.ONE_FILE)(command)
-    app.command()(version)

@@ -3,8 +3,6 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from exceptiondrive.cli import options
 from exceptiondrive.cli.options import argument, flag, option
 from exceptiondrive.cli.output import Answer
@@ -105,9 +103,3 @@ NEWS: dict[str, Callable[..., None]] = {
     "withdraw": withdraw_news,
 }
 QUESTIONS: dict[str, Callable[..., None]] = {"list": list_questions, "answer": answer_question}
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands of teams."""
-    for command in (news, ask, questions):
-        app.command()(command)

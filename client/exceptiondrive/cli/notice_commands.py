@@ -3,9 +3,6 @@
 import time
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from exceptiondrive.cli import group
 from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.options import argument, flag, option
 from exceptiondrive.cli.output import Answer
@@ -132,11 +129,4 @@ def _wishes(given: list[str] | None) -> tuple[str, ...]:
     return wanted
 
 
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    app.command()(notices)
-    contacts = group(
-        "Addresses at which the team is told: e-mail, once confirmed, and webhooks.",
-        {"list": list_contacts, "add": add, "tell": tell, "remove": remove},
-    )
-    app.add_typer(contacts, name="contacts")
+contacts = {"list": list_contacts, "add": add, "tell": tell, "remove": remove}

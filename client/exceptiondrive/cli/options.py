@@ -59,8 +59,6 @@ Server = Annotated[
     ),
 ]
 Output = Annotated[Path | None, output("Else named by what it is.")]
-ONE_FILE = {"allow_extra_args": True}
-"""Settings of a command that says itself that it takes one file: see `given`."""
 
 
 def given(file: Path, context: typer.Context | None = None) -> GivenFile:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from exceptiondrive.checking import write_file
-from exceptiondrive.cli import group, options
+from exceptiondrive.cli import options
 from exceptiondrive.cli.options import argument, option
 from exceptiondrive.cli.output import say, show_result
 from exceptiondrive.cli.session import open_client
@@ -69,9 +69,4 @@ def _write(text: str, output: Path | None) -> None:
     say(f"written to {output}")
 
 
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    receipts = group(
-        "Signed receipts of scored submissions.", {"get": get, "verify": verify, "keys": keys}
-    )
-    app.add_typer(receipts, name="receipt")
+receipt = {"get": get, "verify": verify, "keys": keys}

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from exceptiondrive.checking import write_file
-from exceptiondrive.cli import completion, group, options
+from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.options import argument
 from exceptiondrive.cli.output import Answer
 from exceptiondrive.cli.progress import TransferBar
@@ -67,8 +67,4 @@ def _written(path: Path, found: Manifest | Split, n_samples: int) -> Answer:
     return facts, f"{n_samples} samples of split {found.name} in {path}"
 
 
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    app.command()(manifest)
-    splits = group("Development splits, whose regions are public.", {"download": download})
-    app.add_typer(splits, name="split")
+split = {"download": download}

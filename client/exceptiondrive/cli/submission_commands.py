@@ -304,10 +304,3 @@ def _status(name: str | None) -> SubmissionStatus | None:
         raise InvalidArgumentError(
             "wrong_option", f"--status must be one of {', '.join(SubmissionStatus)}."
         ) from None
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    app.command(context_settings=options.ONE_FILE)(submit)
-    for command in (status, submissions, quota, edit, download, withdraw, choose, publish):
-        app.command()(command)

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from exceptiondrive.checking import write_file
-from exceptiondrive.cli import completion, group, news_commands, options
+from exceptiondrive.cli import completion, news_commands, options
 from exceptiondrive.cli.account_commands import TOKEN_COLUMNS, show_revoked
 from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.options import argument, flag, option
@@ -559,13 +559,4 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
     "audit": ("The append-only, hash-chained log.", {"list": read_audit, "verify": verify_audit}),
 }
 
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    organizer = group(
-        "For organizers, with an organizer's token.",
-        {"similar": similar, "message": participation.send_message},
-    )
-    for name, (help_text, commands) in GROUPS.items():
-        organizer.add_typer(group(help_text, commands), name=name)
-    app.add_typer(organizer, name="organizer")
+organizer = {"similar": similar, "message": participation.send_message, **GROUPS}
