@@ -8,7 +8,7 @@ import typer
 from exceptiondrive.cli import options
 from exceptiondrive.cli.options import flag
 from exceptiondrive.cli.output import can_ask, say, show_result
-from exceptiondrive.cli.progress import TransferBar
+from exceptiondrive.cli.progress import transfer_bar
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.data import download_file, read_data_manifest
 from exceptiondrive.errors import InvalidArgumentError, NotFoundError
@@ -58,7 +58,7 @@ def data(
     _require_consent(manifest, accept_licence)
     paths = []
     for file in manifest.files:
-        with TransferBar("downloading", file.name) as bar:
+        with transfer_bar("downloading", file.name) as bar:
             paths.append(str(download_file(file, output, bar)))
     done = {"licence": manifest.licence, "files": paths}
     show_result(done, json, f"{len(paths)} files in {output}, as the list says")

@@ -3,8 +3,6 @@
 What only one of them uses is imported when it is called.
 """
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -14,7 +12,8 @@ from exceptiondrive.checking import check_file, csv_text, parquet_bytes, write_f
 from exceptiondrive.cli import options
 from exceptiondrive.cli.file_tables import file_view, report_view, sheet_view
 from exceptiondrive.cli.options import flag, option
-from exceptiondrive.cli.output import has_terminal, say, show, show_result
+from exceptiondrive.cli.output import say, show, show_result
+from exceptiondrive.cli.progress import step_line
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
 from exceptiondrive.evaluation import SampleResult, sample_results, score, sound_file
@@ -141,7 +140,7 @@ def evaluate(
     if protocol is None and (named := find_setting("phase", phase).value) is not None:
         with open_client(server) as client:
             rules = client.protocol_of(client.phase(named))
-    with _steps(is_shown=not json) as tell:
+    with step_line(is_shown=not json) as tell:
         tell(f"reading {given.name}")
         sound = sound_file(given, split, rules)
         revision = None if json else ""  # words do not say it
@@ -156,15 +155,6 @@ def evaluate(
     words = sheet_view(sheet, sound.protocol, n_predictions=report.n_predictions)
     ranked = () if because else (f"it would be ranked under protocol {sound.protocol.version}",)
     show_result(sheet, json, words, file_view(report), *ranked)
-
-
-def _steps(*, is_shown: bool) -> AbstractContextManager[Callable[[str], None]]:
-    """Return what is told each step, and shows it where a person sees that."""
-    if not (is_shown and has_terminal()):
-        return nullcontext(lambda _: None)
-    from exceptiondrive.cli.progress import StepLine
-
-    return StepLine()
 
 
 def plot(

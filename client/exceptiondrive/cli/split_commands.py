@@ -9,7 +9,7 @@ from exceptiondrive.checking import write_file
 from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.options import argument
 from exceptiondrive.cli.output import Answer
-from exceptiondrive.cli.progress import TransferBar
+from exceptiondrive.cli.progress import transfer_bar
 from exceptiondrive.cli.session import with_client
 from exceptiondrive.settings import default_phase
 from exceptiondrive_schemas.split import Manifest, Split
@@ -50,7 +50,7 @@ def download(
 
     With its hazard regions, which only a development split gives away.
     """
-    with TransferBar("downloading", name) as bar:
+    with transfer_bar("downloading", name) as bar:
         found = client.split(name, revision=revision, on_progress=bar)
     path = output or Path(f"{found.name}.split.json")
     write_file(path, found.model_dump_json(by_alias=True, exclude_none=True))

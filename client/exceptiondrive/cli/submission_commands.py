@@ -21,7 +21,7 @@ from exceptiondrive.cli.output import (
     show_json,
     upload_name,
 )
-from exceptiondrive.cli.progress import TransferBar, WaitLine
+from exceptiondrive.cli.progress import transfer_bar, wait_line
 from exceptiondrive.cli.session import open_client, with_client
 from exceptiondrive.cli.tables import (
     edits_table,
@@ -101,7 +101,7 @@ def submit(
     phase, given = default_phase(phase), options.given(file, context)
     with open_client(server) as client:
         try:
-            with TransferBar("uploading", given.name) as bar:
+            with transfer_bar("uploading", given.name) as bar:
                 submission = client.submit(
                     given,
                     phase=phase,
@@ -132,7 +132,7 @@ def submit(
 def _wait(submission: "Submission", timeout: float | None) -> None:
     """Wait for the end of a submission; who interrupts it reads that it goes on, and where."""
     try:
-        with WaitLine(submission.view) as line:
+        with wait_line(submission.view) as line:
             submission.wait(timeout, on_change=line)
     except KeyboardInterrupt:
         say(f"Submission {submission.id} is no longer waited for.")

@@ -25,7 +25,6 @@ from exceptiondrive.organizer import Rescoring
 from exceptiondrive.transport import Record
 from exceptiondrive.words import challenge_of
 from exceptiondrive_schemas.challenges import Metric
-from exceptiondrive_schemas.python310 import Self
 from exceptiondrive_schemas.score_sheet import metric_text
 
 RunArgument = Annotated[str, argument("RUN", "Id of the run.", offer=completion.runs)]
@@ -180,11 +179,11 @@ def _show_run(run: Record, json: bool) -> None:
 
 def _watched(rescoring: Rescoring, run_id: str) -> Record:
     """Follow a run until scoring has ended: ready, paused, failed or cancelled."""
-    with Bar("scoring") as bar:
+    with _bar("scoring") as show:
         while True:
             run = rescoring.run(run_id)
             progress = run["progress"]
-            bar.show(progress["done"], progress["total"], progress_line(run))
+            show(progress["done"], progress["total"], progress_line(run))
             waits = progress["total"] - progress["done"] - progress["failed"]
             is_stuck = progress["failed"] and not waits
             if run["state"] not in _SCORING or is_stuck:
@@ -194,11 +193,11 @@ def _watched(rescoring: Rescoring, run_id: str) -> Record:
 
 def _tried(rescoring: Rescoring, run: Record) -> Record:
     """Wait until a worker has tried the split of a draft, which then may be refused."""
-    with Bar("trying the split") as bar:
+    with _bar("trying the split") as show:
         for look in range(_MAX_LOOKS):
             if (run.get("trial") or {}).get("state") != "waiting":
                 return run
-            bar.show(0, 1, f"run {run['id']}: a worker is to try the split")
+            show(0, 1, f"run {run['id']}: a worker is to try the split")
             if look:
                 time.sleep(_LOOK_EVERY_S)
             run = rescoring.run(run["id"])
@@ -211,12 +210,12 @@ def _tried(rescoring: Rescoring, run: Record) -> Record:
 
 def _verified(rescoring: Rescoring, found: Record) -> Record:
 
-    with Bar("recomputing") as bar:
+    with _bar("recomputing") as show:
         while found["finished_at"] is None:
             time.sleep(_LOOK_EVERY_S)
             found = rescoring.verification(found["id"])
             made = found["n_equal"] + found["n_different"] + found["n_failed"]
-            bar.show(made, found["n_sheets"], verification_line(found))
+            show(made, found["n_sheets"], verification_line(found))
     return found
 
 
@@ -403,31 +402,18 @@ def verification_line(found: Record) -> str:
     return words
 
 
-class Bar:
-    """A bar on a terminal; elsewhere nothing moves."""
-
-    def __init__(self, what: str) -> None:
-
-        self._bar = Progress(
-            TextColumn(what),
-            BarColumn(),
-            TextColumn("{task.description}"),
-            console=console(stderr=True),
-            transient=True,
-            disable=not has_terminal(),
+@contextmanager
+def _bar(what: str) -> Iterator[Callable[[int, int, str], None]]:
+    """Give what moves a bar on a terminal; elsewhere nothing moves."""
+    columns = TextColumn(what), BarColumn(), TextColumn("{task.description}")
+    bar = Progress(
+        *columns, console=console(stderr=True), transient=True, disable=not has_terminal()
+    )
+    task = bar.add_task("", total=None)
+    with bar:
+        yield lambda done, total, words: bar.update(
+            task, completed=done, total=total, description=words
         )
-        self._task = self._bar.add_task("", total=None)
-
-    def __enter__(self) -> Self:
-        self._bar.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._bar.stop()
-
-    def show(self, done: int, total: int, words: str) -> None:
-        """Move the bar."""
-        self._bar.update(self._task, completed=done, total=total, description=words)
 
 
 def _of(standing: Record | None, key: str) -> str:
