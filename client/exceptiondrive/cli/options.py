@@ -2,7 +2,8 @@
 
 import shlex
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from inspect import Parameter, Signature
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -44,6 +45,14 @@ def argument(
 ) -> Any:
     """Return an argument; its parts are those of an `option`."""
     return typer.Argument(metavar=metavar, help=words, autocompletion=offer, **bounds)
+
+
+def taking(command: Callable[..., None], parameters: Iterable[Parameter]) -> Callable[..., None]:
+    """Return a command that takes these parameters, whatever it takes by itself."""
+    taken = Signature([*parameters])
+    command.__signature__ = taken  # type: ignore[attr-defined]
+    command.__annotations__ = {each.name: each.annotation for each in taken.parameters.values()}
+    return command
 
 
 Json = Annotated[

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import wraps
-from inspect import Parameter, Signature, signature
+from inspect import Parameter, signature
 from typing import TYPE_CHECKING, Any
 
 from exceptiondrive.cli import options
@@ -66,10 +66,7 @@ def command_of(
 
         _, *own = signature(function).parameters.values()
         more = [own.pop()] if own and own[-1].kind is Parameter.VAR_KEYWORD else []
-        taken = Signature([*own, *ours, *more])
-        command.__signature__ = taken  # type: ignore[attr-defined]
-        command.__annotations__ = {each.name: each.annotation for each in taken.parameters.values()}
-        return command
+        return options.taking(command, [*own, *ours, *more])
 
     return made_of
 

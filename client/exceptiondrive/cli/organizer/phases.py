@@ -4,8 +4,7 @@ The options of the settings are made from `PhaseSettings`: a further field is a 
 """
 
 from collections.abc import Callable, Mapping
-from functools import wraps
-from inspect import Parameter, Signature, signature
+from inspect import Parameter, signature
 from pathlib import Path
 from textwrap import shorten
 from typing import Annotated, Any
@@ -202,15 +201,8 @@ def reveal(
 
 def with_settings(command: Callable[..., None], model: type[Document]) -> Callable[..., None]:
     """Return a command with an option for each setting of a model, such as `--quota-per-day N`."""
-    own = list(signature(command).parameters.values())[:-1]
-    added = [_option(field) for field in fields_of(model)]
-
-    @wraps(command)
-    def wrapped(**given: Any) -> None:
-        command(**given)
-
-    wrapped.__signature__ = Signature([*own, *added])  # type: ignore[attr-defined]
-    return wrapped
+    *own, _ = signature(command).parameters.values()
+    return options.taking(command, [*own, *map(_option, fields_of(model))])
 
 
 def _option(field: FormField) -> Parameter:
