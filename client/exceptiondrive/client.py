@@ -238,11 +238,7 @@ RUN_RULES: Mapping[RunRule, str] = MappingProxyType(
         "this": "Of this method the run stands that your team chose: this one will not take its place.",
     }
 )
-SENT_ANEW = (
-    SubmissionStatus.REJECTED,
-    SubmissionStatus.FAILED,
-    SubmissionStatus.WITHDRAWN,
-)
+SENT_ANEW = (SubmissionStatus.REJECTED, SubmissionStatus.FAILED, SubmissionStatus.WITHDRAWN)
 """Where the same bytes are another submission."""
 BeforeUpload = Callable[[Outlook], None]
 

@@ -21,12 +21,7 @@ from exceptiondrive_agent.journal import (
     latest,
     read_journal,
 )
-from exceptiondrive_agent.questions import (
-    Question,
-    decide_question,
-    messages,
-    remind_question,
-)
+from exceptiondrive_agent.questions import Question, decide_question, messages, remind_question
 from exceptiondrive_agent.report import Prices, RunReport, run_report
 from exceptiondrive_endpoints.asking import ask_all, progress_bar
 from exceptiondrive_endpoints.endpoint import Endpoint, EndpointSettings, Message, ModelSettings

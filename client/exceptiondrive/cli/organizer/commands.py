@@ -285,9 +285,7 @@ def list_protocols(organizer: Organizer) -> Answer:
 
 
 @with_organizer
-def add_protocol(
-    organizer: Organizer, file: Annotated[Path, argument("FILE", "Protocol document, TOML.")]
-) -> Answer:
+def add_protocol(organizer: Organizer, file: FileArgument) -> Answer:
     """Add a protocol document; it is immutable from then on."""
     given_protocol(str(file))
     toml = given_bytes(file).text()
@@ -329,7 +327,7 @@ def confirm_protocol(
     words = f"protocol {protocol.version} ({protocol.digest}) on {split} at {revision}"
     if to_file is not None:
         write_file(to_file, signed.model_dump_json(by_alias=True) + "\n")
-        show_result(signed.model_dump(mode="json", by_alias=True), json, f"signed: {words}")
+        show_result(signed, json, f"signed: {words}")
         return
     with open_organizer(server) as organizer:
         kept = organizer.confirm(signed.model_dump(mode="json", by_alias=True))

@@ -79,12 +79,7 @@ def create(
     taken_over = {} if model is None else _undated(model)
     if model is not None and model["split"] == split:
         taken_over |= {key: model[key] for key in ("protocol", "split_revision")}
-    wanted = {
-        "id": phase_id,
-        "split": split,
-        "challenge": challenge,
-        **_merged(taken_over, given),
-    }
+    wanted = {"id": phase_id, "split": split, "challenge": challenge, **_merged(taken_over, given)}
     named = {"split_revision": split_revision, "protocol": protocol}
     wanted |= {key: value for key, value in named.items() if value is not None}
     phase = organizer.create_phase(wanted)

@@ -31,7 +31,6 @@ RunArgument = Annotated[str, argument("RUN", "Id of the run.", offer=completion.
 WatchOption = Annotated[
     bool, flag("--watch", "Follow until scoring has ended; exit code 6 on failures.")
 ]
-_SCORING = ("scoring",)
 DIRECTIONS = {
     "apply": "what readers would see change if it is applied:",
     "roll_back": "it is applied; what readers would see change if it is rolled back:",
@@ -92,7 +91,7 @@ def status(
             show_result(runs, json, runs_table(runs))
             return
         run = _watched(rescoring, run_id) if watch else rescoring.run(run_id)
-    _show_run(run, json)
+    show_result(run, json, *run_lines(run))
     if watch and run["progress"]["failed"]:
         raise typer.Exit(6)
 
@@ -155,7 +154,11 @@ def follow_verification(rescoring: Rescoring, found: Record, json: bool) -> None
     version = found["protocol"]["version"]
     say(f"verification {found['id']} of {found['n_sheets']} sheets, protocol {version}")
     found = _verified(rescoring, found)
-    _show_verification(found, json)
+    problems = (
+        f"  {problem['submission_id']}  {problem['state']}  {problem['note'] or ''}"
+        for problem in found["problems"]
+    )
+    show_result(found, json, verification_line(found), *problems)
     if found["n_equal"] != found["n_sheets"]:
         raise typer.Exit(ExceptionDriveError.exit_code)
 
@@ -172,11 +175,6 @@ def _step(step: str, words: str) -> Callable[..., None]:
     return take
 
 
-def _show_run(run: Record, json: bool) -> None:
-
-    show_result(run, json, *run_lines(run))
-
-
 def _watched(rescoring: Rescoring, run_id: str) -> Record:
     """Follow a run until scoring has ended: ready, paused, failed or cancelled."""
     with _bar("scoring") as show:
@@ -186,7 +184,7 @@ def _watched(rescoring: Rescoring, run_id: str) -> Record:
             show(progress["done"], progress["total"], progress_line(run))
             waits = progress["total"] - progress["done"] - progress["failed"]
             is_stuck = progress["failed"] and not waits
-            if run["state"] not in _SCORING or is_stuck:
+            if run["state"] != "scoring" or is_stuck:
                 return run
             time.sleep(_LOOK_EVERY_S)
 
@@ -217,15 +215,6 @@ def _verified(rescoring: Rescoring, found: Record) -> Record:
             made = found["n_equal"] + found["n_different"] + found["n_failed"]
             show(made, found["n_sheets"], verification_line(found))
     return found
-
-
-def _show_verification(found: Record, json: bool) -> None:
-
-    problems = (
-        f"  {problem['submission_id']}  {problem['state']}  {problem['note'] or ''}"
-        for problem in found["problems"]
-    )
-    show_result(found, json, verification_line(found), *problems)
 
 
 def _sample_size(sample: str) -> int | None:
