@@ -192,10 +192,7 @@ def given_split(given: SplitLike) -> Split:
         InvalidArgumentError: It cannot be read, or is no split.
     """
     return _model(
-        Split,
-        given,
-        "split file",
-        "Take the development split: exceptiondrive split download NAME",
+        Split, given, "split file", "Take the development split: exceptiondrive split download NAME"
     )
 
 

@@ -21,7 +21,7 @@ from exceptiondrive.conversion import convert as convert_pairs
 from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
 from exceptiondrive.inputs import given_manifest, given_protocol
 from exceptiondrive.pair_files import OnForm, read_pairs
-from exceptiondrive.planner_runs import FORMS, PlannerForm, planner_form, read_runs
+from exceptiondrive.planner_runs import FORMS, planner_form, read_runs
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import check_bytes
 from exceptiondrive_schemas.check.transformations import UNITS
@@ -155,11 +155,16 @@ def convert(
         )
     form = planner_form(planner or "trajectories") if source_run or edited_run else None
     forms: dict[str, None] = {}
-    pairs, split_of_files = (
-        _read_runs(form, files, source_run or [], edited_run or [], mode, forms.setdefault)
-        if form is not None or not files
-        else _read_files(files, mode, forms.setdefault, rules)
-    )
+    if bool(files) == (form is not None):
+        raise InvalidArgumentError(
+            "wrong_option",
+            "Name files with pairs, or two runs by --source-run and --edited-run; not both.",
+        )
+    split_of_files = None
+    if form is not None:
+        pairs = read_runs(form, source_run or [], edited_run or [], mode, forms.setdefault)
+    else:
+        pairs, split_of_files = _read_files(files or [], mode, forms.setdefault, rules)
     if not pairs:
         raise InvalidArgumentError(
             "unreadable_file",
@@ -211,22 +216,6 @@ def convert(
         done = (f"no trajectory has several modes: --mode {mode} chose nothing", *done)
     facts |= {"size_bytes": size_bytes, "done": list(done), "nulled": list(outcome.nulled)}
     show_result(facts, json, *_said(done, outcome), report_view(report, str(output)))
-
-
-def _read_runs(
-    form: PlannerForm | None,
-    files: list[Path] | None,
-    source_run: list[Path],
-    edited_run: list[Path],
-    mode: int | None,
-    on_form: OnForm,
-) -> tuple[tuple[RawPair, ...], None]:
-    if form is None or files:
-        raise InvalidArgumentError(
-            "wrong_option",
-            "Name files with pairs, or two runs by --source-run and --edited-run; not both.",
-        )
-    return read_runs(form, source_run, edited_run, mode, on_form), None
 
 
 def _read_files(
