@@ -47,6 +47,11 @@ def argument(
     return typer.Argument(metavar=metavar, help=words, autocompletion=offer, **bounds)
 
 
+def phase(words: str, metavar: str = "PHASE") -> Any:
+    """Return the option that names a phase."""
+    return option("--phase", metavar, words, offer=completion.phases)
+
+
 def taking(command: Callable[..., None], parameters: Iterable[Parameter]) -> Callable[..., None]:
     """Return a command that takes these parameters, whatever it takes by itself."""
     taken = Signature([*parameters])
@@ -55,6 +60,7 @@ def taking(command: Callable[..., None], parameters: Iterable[Parameter]) -> Cal
     return command
 
 
+_USUAL_PHASE = "Id of the phase; else EXCEPTIONDRIVE_PHASE, else that of `config`."
 Json = Annotated[
     bool, typer.Option("--json", callback=remember_json, help="One JSON document on stdout.")
 ]
@@ -92,26 +98,9 @@ File = Annotated[Path, argument("FILE", "Submission file, JSON or gzip of JSON; 
 ProtocolOption = Annotated[
     str | None, option("--protocol", "P", "Version that ships with the client, or a TOML file.")
 ]
-Phase = Annotated[
-    str | None, option("--phase", "PHASE", "Only of this phase.", offer=completion.phases)
-]
-DefaultPhase = Annotated[
-    str | None,
-    option(
-        "--phase",
-        "PHASE",
-        "Id of the phase; else EXCEPTIONDRIVE_PHASE, else that of `config`.",
-        offer=completion.phases,
-    ),
-]
-PhaseArgument = Annotated[
-    str | None,
-    argument(
-        "[PHASE]",
-        "Id of the phase; else EXCEPTIONDRIVE_PHASE, else that of `config`.",
-        offer=completion.phases,
-    ),
-]
+Phase = Annotated[str | None, phase("Only of this phase.")]
+DefaultPhase = Annotated[str | None, phase(_USUAL_PHASE)]
+PhaseArgument = Annotated[str | None, argument("[PHASE]", _USUAL_PHASE, offer=completion.phases)]
 SubmissionId = Annotated[
     str,
     argument(
@@ -119,7 +108,7 @@ SubmissionId = Annotated[
     ),
 ]
 TeamId = Annotated[str, argument("TEAM", "Id of the team.", offer=completion.teams)]
-PhaseId = Annotated[str, option("--phase", "PHASE", "Id of the phase.", offer=completion.phases)]
+PhaseId = Annotated[str, phase("Id of the phase.")]
 Reason = Annotated[str, option("--reason", "TEXT", "Why; stays in the audit log.")]
 FactsFile = Annotated[Path | None, option("--facts", "FILE", "JSON file of the method's facts.")]
 Fact = Annotated[

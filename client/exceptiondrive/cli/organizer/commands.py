@@ -52,8 +52,7 @@ def diff_protocol(
     organizer: Organizer,
     file: FileArgument,
     phase: Annotated[
-        str | None,
-        option("--phase", "ID", "Against the protocol this phase shows.", offer=completion.phases),
+        str | None, options.phase("Against the protocol this phase shows.", "ID")
     ] = None,
 ) -> Answer:
     """Say in plain words what a document would change, and what would be repeated."""
@@ -472,10 +471,7 @@ def set_role(
         ),
     ] = None,
     phase_ids: Annotated[
-        list[str] | None,
-        option(
-            "--phase", "ID", "Confines the role to it; may stand again.", offer=completion.phases
-        ),
+        list[str] | None, options.phase("Confines the role to it; may stand again.", "ID")
     ] = None,
 ) -> Answer:
     """Give a person a role of organizers, or take it; it counts from their next request on."""

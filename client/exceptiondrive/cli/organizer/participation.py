@@ -121,10 +121,7 @@ def disqualify_team(
     team_id: options.TeamId,
     reason: ToldReason,
     public_note: PublicNote = None,
-    phase: Annotated[
-        str | None,
-        option("--phase", "PHASE", "There alone; else everywhere.", offer=completion.phases),
-    ] = None,
+    phase: Annotated[str | None, options.phase("There alone; else everywhere.")] = None,
 ) -> Answer:
     """Take a team off the next boards; it submits nothing until it is reinstated."""
     row = organizer.disqualify_team(team_id, reason, public_note, phase)
@@ -177,13 +174,7 @@ def send_message(
         option("--to", "TEAM", "As often as needed; else every team.", offer=completion.teams),
     ] = None,
     phase: Annotated[
-        str | None,
-        option(
-            "--phase",
-            "PHASE",
-            "Of every team: those that submitted to it.",
-            offer=completion.phases,
-        ),
+        str | None, options.phase("Of every team: those that submitted to it.")
     ] = None,
     preview: Annotated[
         bool, flag("--preview", "Show whom it would reach, and send nothing.")

@@ -55,9 +55,7 @@ with_rescoring = command_of(_rescoring)
 @with_rescoring
 def start(
     rescoring: Rescoring,
-    phase: Annotated[
-        str, option("--phase", "ID", "Whose board is to change.", offer=completion.phases)
-    ],
+    phase: Annotated[str, options.phase("Whose board is to change.", "ID")],
     reason: options.Reason,
     protocol: Annotated[str | None, option("--protocol", "V", "Version or digest to come.")] = None,
     split_revision: Annotated[
@@ -131,7 +129,7 @@ def apply(
 
 
 def verify(
-    phase: Annotated[str, option("--phase", "ID", "Whose sheets.", offer=completion.phases)],
+    phase: Annotated[str, options.phase("Whose sheets.", "ID")],
     reason: options.Reason,
     sample: Annotated[
         str, option("--sample", "all|K", "All sheets, or K drawn at random.")
@@ -207,7 +205,6 @@ def _tried(rescoring: Rescoring, run: Record) -> Record:
 
 
 def _verified(rescoring: Rescoring, found: Record) -> Record:
-
     with _bar("recomputing") as show:
         while found["finished_at"] is None:
             time.sleep(_LOOK_EVERY_S)
