@@ -238,11 +238,7 @@ RUN_RULES: Mapping[RunRule, str] = MappingProxyType(
         "this": "Of this method the run stands that your team chose: this one will not take its place.",
     }
 )
-SENT_ANEW = (
-    SubmissionStatus.REJECTED,
-    SubmissionStatus.FAILED,
-    SubmissionStatus.WITHDRAWN,
-)
+SENT_ANEW = (SubmissionStatus.REJECTED, SubmissionStatus.FAILED, SubmissionStatus.WITHDRAWN)
 """Where the same bytes are another submission."""
 BeforeUpload = Callable[[Outlook], None]
 
@@ -760,7 +756,9 @@ class Client(Connection):
         """
         from exceptiondrive_schemas.board import Board
 
-        query = _board_query(phase, challenge, protocol, as_of, sort, view)
+        query = _board_query(
+            phase, as_of, challenge=challenge, protocol=protocol, sort=sort, view=view
+        )
         with self._naming(phase or "", self._phase_ids, "phases"):
             return self._get(Board, "/leaderboard", query)
 
@@ -778,7 +776,9 @@ class Client(Connection):
 
         What is asked is that of `leaderboard`, whose document has them.
         """
-        query = _board_query(phase, challenge, protocol, as_of, sort, view)
+        query = _board_query(
+            phase, as_of, challenge=challenge, protocol=protocol, sort=sort, view=view
+        )
         with self._naming(phase or "", self._phase_ids, "phases"):
             return self._transport.get("/leaderboard.csv", query).text
 
@@ -847,19 +847,7 @@ class TeamTokens(Connection):
 
 
 def _board_query(
-    phase: str | None,
-    challenge: str | None,
-    protocol: str | None,
-    as_of: datetime | date | str | None,
-    sort: str | None,
-    view: str | None,
+    phase: str | None, as_of: datetime | date | str | None, **asked: str | None
 ) -> dict[str, str | None]:
     moment = as_of.isoformat() if isinstance(as_of, date) else as_of
-    return {
-        "phase": phase,
-        "challenge": challenge,
-        "protocol": protocol,
-        "as_of": moment,
-        "sort": sort,
-        "view": view,
-    }
+    return {"phase": phase, "as_of": moment, **asked}

@@ -15,7 +15,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from exceptiondrive.errors import InvalidArgumentError, NotAllowedError
-from exceptiondrive.settings import Setting, config_folder, find_setting
+from exceptiondrive.settings import Setting, config_folder, find_setting, write_settings_file
 
 DEFAULT_SERVER = "http://127.0.0.1:8000"
 TOKEN_VARIABLE = "EXCEPTIONDRIVE_TOKEN"
@@ -134,20 +134,6 @@ def _read() -> dict[str, Any]:
 
 
 def _write(content: dict[str, Any]) -> Path:
-    """Write beside the file and rename; never readable by others, not even for a moment."""
-    path = credentials_path()
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    try:
-        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        part.unlink(missing_ok=True)
-        descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-        with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
-            json.dump(content, stream, indent=1)
-        os.replace(part, path)
-    except OSError as error:
-        raise InvalidArgumentError(
-            "unwritable_file",
-            f"{path} cannot be written: {error.strerror}.",
-            f"Without it a token is taken from {TOKEN_VARIABLE}.",
-        ) from None
-    return path
+    advice = f"Without it a token is taken from {TOKEN_VARIABLE}."
+    text = json.dumps(content, indent=1)
+    return write_settings_file(credentials_path(), text, mode=0o600, advice=advice)

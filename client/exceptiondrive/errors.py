@@ -101,11 +101,7 @@ class InvalidFileError(InvalidArgumentError):
     ) -> None:
         self.report = report
         kinds = ", ".join(f"{group.code} ({group.count})" for group in report.faults)
-        super().__init__(
-            "file_invalid",
-            sentence or f"The file cannot be scored: {kinds}.",
-            advice,
-        )
+        super().__init__("file_invalid", sentence or f"The file cannot be scored: {kinds}.", advice)
 
     def __str__(self) -> str:
         """Return what a traceback shows: below the sentences a line for each kind of fault."""

@@ -33,10 +33,7 @@ if TYPE_CHECKING:
 
 
 def evaluate_file(
-    file: SubmissionLike,
-    *,
-    split: SplitLike,
-    protocol: ProtocolLike | None = None,
+    file: SubmissionLike, *, split: SplitLike, protocol: ProtocolLike | None = None
 ) -> ScoreSheet:
     """Score a submission file against a split that is at hand.
 
@@ -65,11 +62,7 @@ class SoundFile(NamedTuple):
     report: CheckReport
 
 
-def sound_file(
-    file: SubmissionLike,
-    split: SplitLike,
-    protocol: ProtocolLike | None,
-) -> SoundFile:
+def sound_file(file: SubmissionLike, split: SplitLike, protocol: ProtocolLike | None) -> SoundFile:
     """Read a file that can be scored, the split and the protocol that it is scored under.
 
     Raises:
@@ -166,10 +159,7 @@ class SampleResult(NamedTuple):
 
 
 def evaluate_samples(
-    file: SubmissionLike,
-    *,
-    split: SplitLike,
-    protocol: ProtocolLike | None = None,
+    file: SubmissionLike, *, split: SplitLike, protocol: ProtocolLike | None = None
 ) -> tuple[SampleResult, ...]:
     """Score every sample of a planning file by itself, against a split that is at hand.
 

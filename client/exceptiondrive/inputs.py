@@ -192,10 +192,7 @@ def given_split(given: SplitLike) -> Split:
         InvalidArgumentError: It cannot be read, or is no split.
     """
     return _model(
-        Split,
-        given,
-        "split file",
-        "Take the development split: exceptiondrive split download NAME",
+        Split, given, "split file", "Take the development split: exceptiondrive split download NAME"
     )
 
 
@@ -289,7 +286,8 @@ def _of_columns(columns: Mapping[str, Any], split: str | None) -> dict[str, Any]
 def _without_nan(value: Any) -> Any:
     """Return None for what is NaN alone, as numpy and pandas write what is missing."""
     numbers = list(_numbers(value))
-    return None if numbers and all(map(_is_nan, numbers)) else value
+    is_nan = all(isinstance(each, float) and math.isnan(each) for each in numbers)
+    return None if numbers and is_nan else value
 
 
 def _numbers(value: Any) -> Iterable[Any]:
@@ -298,10 +296,6 @@ def _numbers(value: Any) -> Iterable[Any]:
             yield from _numbers(each)
     else:
         yield value
-
-
-def _is_nan(value: Any) -> bool:
-    return isinstance(value, float) and math.isnan(value)
 
 
 def _of_waypoints(columns: Mapping[str, list[Any]]) -> dict[str, Any]:

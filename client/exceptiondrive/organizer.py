@@ -12,8 +12,16 @@ MAX_ARCHIVE_BYTES = 2**36
 """Of every upload of a phase, which an organizer's own server packs."""
 
 
+def _at(*parts: str) -> str:
+    """Return the path of what only organizers may, whatever its parts hold."""
+    return "/".join(["/organizer", *map(quoted, parts)])
+
+
 class Organizer(Connection):
     """Speaks for an organizer to one server; server and token as in `Client`."""
+
+    def _do(self, *where: str, **said: Any) -> Record:
+        return self._transport.post_once(_at(*where), said)
 
     @property
     def rescoring(self) -> "Rescoring":
@@ -34,64 +42,59 @@ class Organizer(Connection):
         is_reference: bool = False,
     ) -> Record:
         """Make a team; a reference team's entries are shown and never ranked."""
-        known = {"affiliation": affiliation, "email": email}
-        team = {"id": team_id, "name": name, "is_reference": is_reference}
-        team |= {key: value for key, value in known.items() if value}
-        return self._transport.post_once("/organizer/teams", team)
+        known = {"affiliation": affiliation or None, "email": email or None}
+        return self._do("teams", id=team_id, name=name, is_reference=is_reference, **known)
 
     def approve_team(self, team_id: str) -> Record:
         """Let a team that registered itself submit."""
-        return self._transport.post_once(f"/organizer/teams/{quoted(team_id)}/approve", {})
+        return self._do("teams", team_id, "approve")
 
     def refuse_team(self, team_id: str, reason: str) -> Record:
         """Refuse a team that registered itself: it goes, with its tokens."""
-        path = f"/organizer/teams/{quoted(team_id)}/refuse"
-        return self._transport.post_once(path, {"reason": reason})
+        return self._do("teams", team_id, "refuse", reason=reason)
 
     def participation(self, team_id: str) -> Record:
         """Return people, addresses, own limits, disqualifications and accepted terms of a team."""
-        return self._transport.record(f"/organizer/teams/{quoted(team_id)}/participation")
+        return self._transport.record(_at("teams", team_id, "participation"))
 
     def change_team(self, team_id: str, reason: str, **changes: str) -> Record:
         """Change `name` or `affiliation` of a team; what is left out stays."""
-        path = f"/organizer/teams/{quoted(team_id)}"
-        return self._transport.patch(path, {"reason": reason, **changes})
+        return self._transport.patch(_at("teams", team_id), {"reason": reason, **changes})
 
     def merge_teams(self, team_id: str, into: str, reason: str) -> Record:
         """Make a team part of another one, for good."""
-        path = f"/organizer/teams/{quoted(team_id)}/merge"
-        return self._transport.post_once(path, {"into": into, "reason": reason})
+        return self._do("teams", team_id, "merge", into=into, reason=reason)
 
     def forget_team(self, team_id: str, reason: str) -> Record:
         """Take everything personal of a team out of the records; its alias is answered."""
-        path = f"/organizer/teams/{quoted(team_id)}/forget"
-        return self._transport.post_once(path, {"reason": reason})
+        return self._do("teams", team_id, "forget", reason=reason)
 
     def import_teams(self, csv: str) -> Record:
         """Make the `teams` of a table, each with a token that is answered once: all or none."""
-        return self._transport.post_once("/organizer/team-imports", {"csv": csv})
+        return self._do("team-imports", csv=csv)
 
     def set_allowance(
         self, team_id: str, phase_id: str, reason: str, limits: Mapping[str, Any]
     ) -> Record:
         """Set `closes_at`, `quota_per_day`, `quota_total` of one team; without any, as for all."""
-        path = f"/organizer/teams/{quoted(team_id)}/allowances/{quoted(phase_id)}"
-        return self._transport.put(path, {"reason": reason, **limits})
+        return self._transport.put(
+            _at("teams", team_id, "allowances", phase_id), {"reason": reason, **limits}
+        )
 
     def disqualify_team(
         self, team_id: str, reason: str, public_note: str | None = None, phase: str | None = None
     ) -> Record:
         """Take a team off the boards of a phase, or of all, until it is reinstated."""
-        path = f"/organizer/teams/{quoted(team_id)}/disqualify"
-        wanted = {"reason": reason, "public_note": public_note, "phase": phase}
-        return self._transport.post_once(path, wanted)
+        where = "teams", team_id, "disqualify"
+        return self._do(*where, reason=reason, public_note=public_note, phase=phase)
 
     def disqualify_submission(
         self, submission_id: str, reason: str, public_note: str | None = None
     ) -> Record:
         """Take one submission off the boards; the same bytes are not taken again."""
-        path = f"/organizer/submissions/{quoted(submission_id)}/disqualify"
-        return self._transport.post_once(path, {"reason": reason, "public_note": public_note})
+        return self._do(
+            "submissions", submission_id, "disqualify", reason=reason, public_note=public_note
+        )
 
     def disqualifications(self) -> list[Record]:
         """Return disqualifications, newest first; those that ended, too."""
@@ -99,8 +102,7 @@ class Organizer(Connection):
 
     def reinstate(self, disqualification_id: int, reason: str) -> Record:
         """End a disqualification."""
-        path = f"/organizer/disqualifications/{disqualification_id}/reinstate"
-        return self._transport.post_once(path, {"reason": reason})
+        return self._do("disqualifications", str(disqualification_id), "reinstate", reason=reason)
 
     def send_message(
         self,
@@ -113,9 +115,7 @@ class Organizer(Connection):
     ) -> Record:
         """Write to these teams, or to all; of all, to those that submitted to a phase."""
         message = {"title": title, "text": text, "teams": list(teams), "phase": phase}
-        return self._transport.post_once(
-            "/organizer/messages", {**message, "is_preview": is_preview}
-        )
+        return self._do("messages", **message, is_preview=is_preview)
 
     def news(self, phase_id: str | None = None) -> list[Record]:
         """Return the news of one phase or of all, withdrawn ones too, newest first."""
@@ -123,13 +123,11 @@ class Organizer(Connection):
 
     def publish_news(self, phase_id: str, title: str, text: str) -> Record:
         """Announce something of a phase: on its page, in its feed, in the inbox of every team."""
-        path = f"/organizer/phases/{quoted(phase_id)}/news"
-        return self._transport.post_once(path, {"title": title, "text": text})
+        return self._do("phases", phase_id, "news", title=title, text=text)
 
     def withdraw_news(self, news_id: str, reason: str) -> Record:
         """Take news from page and feed."""
-        path = f"/organizer/news/{quoted(news_id)}/withdraw"
-        return self._transport.post_once(path, {"reason": reason})
+        return self._do("news", news_id, "withdraw", reason=reason)
 
     def people(self) -> list[Record]:
         """Return everybody who signed in through the provider, with their roles."""
@@ -137,9 +135,8 @@ class Organizer(Connection):
 
     def set_role(self, person_id: str, role: str | None, phases: Sequence[str] = ()) -> Record:
         """Give a person a role of organizers, confined to phases where they are named; None: none."""
-        body = {"is_organizer": role is not None, "phases": list(phases)}
-        path = f"/organizer/people/{quoted(person_id)}/organizer"
-        return self._transport.post_once(path, body | ({"role": role} if role else {}))
+        confined = {"is_organizer": role is not None, "phases": list(phases)}
+        return self._do("people", person_id, "organizer", **confined, role=role or None)
 
     def questions(self, phase_id: str | None = None) -> list[Record]:
         """Return the questions of all teams, about one phase or all, those that wait first."""
@@ -147,40 +144,35 @@ class Organizer(Connection):
 
     def answer_question(self, question_id: str, text: str, *, to_all: bool = False) -> Record:
         """Answer a question: to the team alone, or to all, without its name."""
-        path = f"/organizer/questions/{quoted(question_id)}/answer"
-        return self._transport.post_once(path, {"text": text, "to_all": to_all})
+        return self._do("questions", question_id, "answer", text=text, to_all=to_all)
 
     def retry_submission(self, submission_id: str, reason: str) -> Record:
         """Queue a failed submission again, with all its attempts."""
-        path = f"/organizer/submissions/{quoted(submission_id)}/retry"
-        return self._transport.post_once(path, {"reason": reason})
+        return self._do("submissions", submission_id, "retry", reason=reason)
 
     def story(self, submission_id: str) -> Record:
         """Return a submission with its jobs, recomputations, edits, notices and audit lines."""
-        return self._transport.record(f"/organizer/submissions/{quoted(submission_id)}")
+        return self._transport.record(_at("submissions", submission_id))
 
     def verify_submission(self, submission_id: str, reason: str) -> Record:
         """Ask for its score to be made again from the upload; follow it by `rescoring.verification`."""
-        path = f"/organizer/submissions/{quoted(submission_id)}/verify"
-        return self._transport.post_once(path, {"reason": reason})
+        return self._do("submissions", submission_id, "verify", reason=reason)
 
     def restore_submission(self, submission_id: str, reason: str) -> Record:
         """Let a withdrawn submission stand again."""
-        path = f"/organizer/submissions/{quoted(submission_id)}/restore"
-        return self._transport.post_once(path, {"reason": reason})
+        return self._do("submissions", submission_id, "restore", reason=reason)
 
     def write_about(self, submission_id: str, words: str) -> Record:
         """Tell a team something about its submission, in its inbox and at its confirmed addresses."""
-        path = f"/organizer/submissions/{quoted(submission_id)}/note"
-        return self._transport.post_once(path, {"words": words})
+        return self._do("submissions", submission_id, "note", words=words)
 
     def download_upload(self, submission_id: str) -> bytes:
         """Return the bytes that a team sent; the audit log says who had them."""
-        return self._transport.get(f"/organizer/submissions/{quoted(submission_id)}/file").content
+        return self._transport.get(_at("submissions", submission_id, "file")).content
 
     def download_story(self, submission_id: str) -> bytes:
         """Return a tar for a committee: upload, receipt, story and a README."""
-        return self._transport.get(f"/organizer/submissions/{quoted(submission_id)}/folder").content
+        return self._transport.get(_at("submissions", submission_id, "folder")).content
 
     def download_archive(
         self, team: str | None = None, phase: str | None = None, status: str | None = None
@@ -193,16 +185,15 @@ class Organizer(Connection):
 
     def tokens(self, team_id: str) -> list[Record]:
         """Return a team's tokens, without their secrets."""
-        return self._transport.records(f"/organizer/teams/{quoted(team_id)}/tokens")
+        return self._transport.records(_at("teams", team_id, "tokens"))
 
     def issue_token(self, team_id: str, name: str, expires_at: str | None = None) -> Record:
         """Issue a token; its text is under `token`, and is shown this once."""
-        path = f"/organizer/teams/{quoted(team_id)}/tokens"
-        return self._transport.post_once(path, {"name": name, "expires_at": expires_at})
+        return self._do("teams", team_id, "tokens", name=name, expires_at=expires_at)
 
     def revoke_token(self, token_id: str) -> Record:
         """Revoke a token for good."""
-        return self._transport.post_once(f"/organizer/tokens/{quoted(token_id)}/revoke", {})
+        return self._do("tokens", token_id, "revoke")
 
     def splits(self) -> list[Record]:
         """Return the registered split revisions."""
@@ -221,13 +212,11 @@ class Organizer(Connection):
 
     def change_phase(self, phase_id: str, changes: Mapping[str, Any]) -> Record:
         """Change settings of a phase; what is left out stays, None takes a limit or date away."""
-        path = f"/organizer/phases/{quoted(phase_id)}"
-        return self._transport.patch(path, changes)
+        return self._transport.patch(_at("phases", phase_id), changes)
 
     def similar(self, phase_id: str) -> Record:
         """Return which submissions of a phase are alike, and which teams may be probing."""
-        path = f"/organizer/phases/{quoted(phase_id)}/similar"
-        return self._transport.record(path)
+        return self._transport.record(_at("phases", phase_id, "similar"))
 
     def site(self) -> Record:
         """Return the links of the site."""
@@ -239,43 +228,37 @@ class Organizer(Connection):
 
     def feature_phase(self, phase_id: str, reason: str) -> Record:
         """Put a phase before all others: in lists, and on the front page."""
-        path = f"/organizer/phases/{quoted(phase_id)}/feature"
-        return self._transport.post_once(path, {"reason": reason})
+        return self._do("phases", phase_id, "feature", reason=reason)
 
     def delete_phase(self, phase_id: str, reason: str) -> Record:
         """Delete a phase in which nothing was submitted or rescored."""
-        path = f"/organizer/phases/{quoted(phase_id)}/delete"
-        return self._transport.post_once(path, {"reason": reason})
+        return self._do("phases", phase_id, "delete", reason=reason)
 
     def export_phase(self, phase_id: str) -> bytes:
         """Return what readers may see of a phase as a tar; its `README.md` says what each file is."""
         return self._transport.get(
-            f"/organizer/phases/{quoted(phase_id)}/export", max_bytes=MAX_ARCHIVE_BYTES
+            _at("phases", phase_id, "export"), max_bytes=MAX_ARCHIVE_BYTES
         ).content
 
     def reported_boards(self, phase_id: str) -> list[Record]:
         """Return the boards of elsewhere beside a phase, withdrawn ones too, newest first."""
-        return self._transport.records(f"/organizer/phases/{quoted(phase_id)}/reported")
+        return self._transport.records(_at("phases", phase_id, "reported"))
 
     def import_reported(self, phase_id: str, file: str, title: str, cite: str) -> Record:
         """Put the rows of another board beside a phase, unranked: all of them, or none."""
-        path = f"/organizer/phases/{quoted(phase_id)}/reported"
-        return self._transport.post_once(path, {"title": title, "cite": cite, "file": file})
+        return self._do("phases", phase_id, "reported", title=title, cite=cite, file=file)
 
     def withdraw_reported(self, phase_id: str, reported_id: str, reason: str) -> Record:
         """Take the rows of another board away from a phase."""
-        path = f"/organizer/phases/{quoted(phase_id)}/reported/{quoted(reported_id)}/withdraw"
-        return self._transport.post_once(path, {"reason": reason})
+        return self._do("phases", phase_id, "reported", reported_id, "withdraw", reason=reason)
 
     def freeze_phase(self, phase_id: str, reason: str) -> Record:
         """Freeze the public board now; scoring goes on."""
-        path = f"/organizer/phases/{quoted(phase_id)}/freeze"
-        return self._transport.post_once(path, {"reason": reason})
+        return self._do("phases", phase_id, "freeze", reason=reason)
 
     def reveal_phase(self, phase_id: str, what: str, reason: str) -> Record:
         """Show the board behind a freeze, the names, or begin to score the revealed part."""
-        path = f"/organizer/phases/{quoted(phase_id)}/reveal"
-        return self._transport.post_once(path, {"what": what, "reason": reason})
+        return self._do("phases", phase_id, "reveal", what=what, reason=reason)
 
     def protocols(self) -> list[Record]:
         """Return all protocols, drafts too, oldest first."""
@@ -283,8 +266,7 @@ class Organizer(Connection):
 
     def delete_protocol(self, version: str, reason: str) -> Record:
         """Delete a protocol that nothing was made of."""
-        path = f"/organizer/protocols/{quoted(version)}/delete"
-        return self._transport.post_once(path, {"reason": reason})
+        return self._do("protocols", version, "delete", reason=reason)
 
     def add_protocol(self, toml: str) -> Record:
         """Add a protocol document; it is immutable from then on."""
@@ -300,7 +282,7 @@ class Organizer(Connection):
 
     def withdraw_confirmation(self, confirmation_id: str, reason: str) -> list[Record]:
         """Take a confirmation back; return those that stay."""
-        path = f"/organizer/confirmations/{quoted(confirmation_id)}/withdraw"
+        path = _at("confirmations", confirmation_id, "withdraw")
         self._transport.post(path, lambda: {"json": {"reason": reason}}, False)
         return self.confirmations()
 
@@ -333,8 +315,7 @@ class Organizer(Connection):
 
     def verify_audit(self, head: str | None = None) -> Record:
         """Recompute the chain of the audit log; look for the head that was kept earlier."""
-        query = {"head": head}
-        return self._transport.record("/organizer/audit/verify", query)
+        return self._transport.record("/organizer/audit/verify", {"head": head})
 
 
 class Rescoring:
@@ -357,44 +338,37 @@ class Rescoring:
 
     def run(self, run_id: str) -> Record:
         """Return one run."""
-        return self._get(f"/{quoted(run_id)}")
+        return self._get(run_id)
 
     def draft(
         self, phase: str, protocol: str | None, split_revision: str | None, reason: str
     ) -> Record:
         """Draft a run to a protocol, a split revision, or both."""
-        wanted = {
-            "phase": phase,
-            "protocol": protocol,
-            "split_revision": split_revision,
-            "reason": reason,
-        }
-        return self._post("", wanted)
+        wanted = {"protocol": protocol, "split_revision": split_revision}
+        return self._do(phase=phase, **wanted, reason=reason)
 
     def step(self, run_id: str, step: str, reason: str, **more: str) -> Record:
         """Take a step: start, pause, resume, apply, cancel, rollback or close."""
-        return self._post(f"/{quoted(run_id)}/{step}", {"reason": reason, **more})
+        return self._do(run_id, step, reason=reason, **more)
 
     def preview(self, run_id: str, seen: str | None = None) -> Record:
         """Return the comparison that the next flip would make true."""
-        return self._get(f"/{quoted(run_id)}/preview", {"seen": seen})
+        return self._get(run_id, "preview", seen=seen)
 
     def preview_csv(self, run_id: str) -> str:
         """Return the comparison as CSV."""
-        path = f"/organizer/rescoring/{quoted(run_id)}/preview.csv"
-        return self._transport.get(path).text
+        return self._transport.get(_at("rescoring", run_id, "preview.csv")).text
 
     def start_verification(self, phase: str, sample: int | None, reason: str) -> Record:
         """Ask for sheets to be recomputed from their uploads."""
-        wanted = {"phase": phase, "sample": sample, "reason": reason}
-        return self._post("/verifications", wanted)
+        return self._do("verifications", phase=phase, sample=sample, reason=reason)
 
     def verification(self, verification_id: str) -> Record:
         """Return what a verification has come to."""
-        return self._get(f"/verifications/{quoted(verification_id)}")
+        return self._get("verifications", verification_id)
 
-    def _get(self, path: str, query: Mapping[str, str | None] | None = None) -> Record:
-        return self._transport.record(f"/organizer/rescoring{path}", query)
+    def _get(self, *where: str, **query: str | None) -> Record:
+        return self._transport.record(_at("rescoring", *where), query)
 
-    def _post(self, path: str, document: Mapping[str, Any]) -> Record:
-        return self._transport.post_once(f"/organizer/rescoring{path}", document)
+    def _do(self, *where: str, **said: Any) -> Record:
+        return self._transport.post_once(_at("rescoring", *where), said)

@@ -26,7 +26,7 @@ from typing import Any
 
 from exceptiondrive.conversion import RawPair, Waypoints
 from exceptiondrive.errors import InvalidArgumentError, extra_missing, reason_of
-from exceptiondrive.inputs import STDIN
+from exceptiondrive.inputs import SIDES, STDIN
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check.checker import CSV_COLUMNS, FROM_YAML, is_yaml
 from exceptiondrive_schemas.check.inflate import (
@@ -43,7 +43,6 @@ from exceptiondrive_schemas.check.trajectory_forms import (
     trajectory_in,
 )
 
-SIDES = ("source", "edited")
 KEYS_DEEP = 3
 """Under so many keys that are none of ours predictions are looked for."""
 OUR_SCHEMAS = "exceptiondrive."

@@ -38,11 +38,9 @@ class PlannerForm:
         read: Yields token and trajectory of one file, None where the planner failed.
         rotate_deg: As in `ConversionPlan`.
         time_step_s: Between two waypoints; None where the files or the user say it.
-        words: For the help.
     """
 
     read: Callable[[Path, int | None, OnForm], Tokens]
-    words: str
     rotate_deg: int = 0
     time_step_s: float | None = 0.5
 
@@ -240,17 +238,15 @@ def read_waymo(path: Path, mode: int | None, on_form: OnForm) -> Tokens:
 
 
 FORMS: dict[str, PlannerForm] = {
-    "trajectories": PlannerForm(
-        read_trajectories, "{token: [[x, y], ...]} or NPZ, in the frame of a submission", 0, None
-    ),
-    "uniad": PlannerForm(read_trajectories, "{token: planning_traj}", -90),
-    "st-p3": PlannerForm(read_trajectories, "{token: final_traj}", -90),
-    "agent-driver": PlannerForm(read_trajectories, "pred_trajs_dict as JSON", -90),
-    "vad": PlannerForm(read_vad, "{token: {ego_fut_preds, ego_fut_cmd}}", -90),
-    "bench2drive": PlannerForm(read_bench2drive, "folder of meta/NNNN.json", -90),
-    "lightemma": PlannerForm(read_lightemma, "folder of scene JSON"),
-    "navsim": PlannerForm(read_navsim, "{token: {poses}}; say --time-step-s", 0, None),
-    "waymo": PlannerForm(read_waymo, "E2EDChallengeSubmission as JSON", 0, 0.25),
+    "trajectories": PlannerForm(read_trajectories, time_step_s=None),
+    "uniad": PlannerForm(read_trajectories, rotate_deg=-90),
+    "st-p3": PlannerForm(read_trajectories, rotate_deg=-90),
+    "agent-driver": PlannerForm(read_trajectories, rotate_deg=-90),
+    "vad": PlannerForm(read_vad, rotate_deg=-90),
+    "bench2drive": PlannerForm(read_bench2drive, rotate_deg=-90),
+    "lightemma": PlannerForm(read_lightemma),
+    "navsim": PlannerForm(read_navsim, time_step_s=None),
+    "waymo": PlannerForm(read_waymo, time_step_s=0.25),
 }
 
 

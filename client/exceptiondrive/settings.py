@@ -84,8 +84,14 @@ def keep_setting(name: str, value: str | None) -> Path:
     return write_settings_file(config_path(), "".join(sorted(lines, reverse=True)))
 
 
-def write_settings_file(path: Path, text: str) -> Path:
+def write_settings_file(path: Path, text: str, *, mode: int = 0o666, advice: str = "") -> Path:
     """Write a file of the user's settings, whole or not at all; return it.
+
+    Args:
+        path: The file.
+        text: What it holds from now on.
+        mode: Of the file from its first moment on; the umask takes away from it.
+        advice: What to do where it cannot be written.
 
     Raises:
         InvalidArgumentError: It cannot be written.
@@ -93,11 +99,14 @@ def write_settings_file(path: Path, text: str) -> Path:
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         part = path.with_name(f".{path.name}.{os.getpid()}.part")
-        part.write_text(text, encoding="utf-8")
+        part.unlink(missing_ok=True)
+        descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+        with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
+            stream.write(text)
         os.replace(part, path)
     except OSError as error:
         raise InvalidArgumentError(
-            "unwritable_file", f"{path} cannot be written: {error.strerror}."
+            "unwritable_file", f"{path} cannot be written: {error.strerror}.", advice
         ) from None
     return path
 

@@ -539,15 +539,7 @@ def read_answer(read: Callable[[bytes], Answer], response: httpx.Response) -> An
 
 
 class Connection:
-    """Speaks to one server; use it as a context manager.
-
-    Args:
-        server: Address; else EXCEPTIONDRIVE_SERVER, else what `config` or `login` kept, else this machine.
-        token: Token; else EXCEPTIONDRIVE_TOKEN, else what `login` kept for the server.
-        attempts: How often a request is sent at most.
-        timeout_s: Longest time without a byte, per request.
-        on_retry: Told of each pause before a further attempt, in seconds; nothing is ever printed.
-    """
+    """Speaks to one server; use it as a context manager. Its arguments are those of `Client`."""
 
     def __init__(
         self,

@@ -3,12 +3,13 @@
 import typer
 
 from exceptiondrive.cli import Commands
-from exceptiondrive_agent.cli import register
+from exceptiondrive_agent.cli import decide, remind
 
 app = typer.Typer(
     cls=Commands, no_args_is_help=True, rich_markup_mode=None, pretty_exceptions_enable=False
 )
-register(app)
+app.command()(remind)
+app.command()(decide)
 
 if __name__ == "__main__":
     app()

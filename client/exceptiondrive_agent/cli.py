@@ -1,4 +1,4 @@
-"""`exceptiondrive remind` and `exceptiondrive decide`; `register` mounts them.
+"""`exceptiondrive remind` and `exceptiondrive decide`.
 
 Imports nothing heavy: openai and the agent itself are loaded when a command runs.
 """
@@ -6,13 +6,15 @@ Imports nothing heavy: openai and the agent itself are loaded when a command run
 import importlib
 import os
 from collections.abc import Callable
+from functools import wraps
+from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from exceptiondrive.cli import options
-from exceptiondrive.cli.output import say, show_document
+from exceptiondrive.cli.output import say, show_json
 from exceptiondrive.errors import NetworkError
 from exceptiondrive_agent.errors import AgentError
 from exceptiondrive_schemas.printable import counted
@@ -37,169 +39,147 @@ BaseUrl = Annotated[
     ),
 ]
 Model = Annotated[str, typer.Option(help="The endpoint's name of the model.")]
-ManifestFile = Annotated[Path, typer.Option("--manifest", help="The split's public manifest.")]
-OptionalManifest = Annotated[
-    Path | None, typer.Option("--manifest", help="Ask for the samples of this manifest only.")
-]
-ProtocolFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--protocol", help="Protocol (TOML) with the taxonomy; by default the one that ships."
-    ),
-]
-Views = Annotated[
-    str | None,
-    typer.Option(help='Names of the views in image order, such as "front left,front,front right".'),
-]
-Limit = Annotated[
-    int | None, typer.Option(min=1, help="Ask at most so many samples, to try it out.")
-]
-Concurrency = Annotated[int, typer.Option(min=1, max=256, help="Samples in flight.")]
-RequestsPerMinute = Annotated[
-    float | None, typer.Option(min=0.01, help="Upper bound, retries included.")
-]
-TimeoutS = Annotated[
-    float,
-    typer.Option(
-        min=0.1, help="Seconds without a byte; a whole answer may take ten times as long."
-    ),
-]
-MaxRetries = Annotated[
-    int, typer.Option(min=0, max=100, help="After 429, 5xx and timeouts, with back-off.")
-]
-Temperature = Annotated[float, typer.Option(min=0, max=2)]
-MaxTokens = Annotated[int, typer.Option(min=1, help="Longest answer; a longer one is null.")]
-ExtraBody = Annotated[
-    str | None, typer.Option(help='More request fields as JSON, such as {"seed": 1}.')
-]
-PriceIn = Annotated[float | None, typer.Option(min=0, help="Price of a million prompt tokens.")]
-PriceOut = Annotated[float | None, typer.Option(min=0, help="Price of a million answer tokens.")]
 
 
-def register(app: typer.Typer) -> None:
-    """Add `remind` and `decide` to a command line."""
-    app.command()(remind)
-    app.command()(decide)
+def _asking(
+    protocol: Annotated[
+        Path | None,
+        typer.Option(help="Protocol (TOML) with the taxonomy; by default the one that ships."),
+    ] = None,
+    views: Annotated[
+        str | None,
+        typer.Option(
+            help='Names of the views in image order, such as "front left,front,front right".'
+        ),
+    ] = None,
+    limit: Annotated[
+        int | None, typer.Option(min=1, help="Ask at most so many samples, to try it out.")
+    ] = None,
+    concurrency: Annotated[int, typer.Option(min=1, max=256, help="Samples in flight.")] = 4,
+    requests_per_minute: Annotated[
+        float | None, typer.Option(min=0.01, help="Upper bound, retries included.")
+    ] = None,
+    timeout_s: Annotated[
+        float,
+        typer.Option(
+            min=0.1, help="Seconds without a byte; a whole answer may take ten times as long."
+        ),
+    ] = 120.0,
+    max_retries: Annotated[
+        int, typer.Option(min=0, max=100, help="After 429, 5xx and timeouts, with back-off.")
+    ] = 5,
+    temperature: Annotated[float, typer.Option(min=0, max=2)] = 0.0,
+    max_tokens: Annotated[
+        int, typer.Option(min=1, help="Longest answer; a longer one is null.")
+    ] = 1000,
+    extra_body: Annotated[
+        str | None, typer.Option(help='More request fields as JSON, such as {"seed": 1}.')
+    ] = None,
+    price_in: Annotated[
+        float | None, typer.Option(min=0, help="Price of a million prompt tokens.")
+    ] = None,
+    price_out: Annotated[
+        float | None, typer.Option(min=0, help="Price of a million answer tokens.")
+    ] = None,
+    json: options.Json = False,
+) -> None:
+    """Hold the options that both commands have after their own."""
 
 
+def _command(ask: "Callable[..., RunReport]") -> Callable[..., None]:
+    """Return a command with the options of `_asking` besides, that shows the report of a run.
+
+    It fails when samples could not be asked, or none has an answer.
+    """
+
+    @wraps(ask)
+    def command(json: bool, **given: Any) -> None:
+        try:
+            importlib.import_module("openai")
+        except ImportError:
+            advice = 'Install it: pip install "exceptiondrive[agent]"'
+            raise AgentError("remind and decide need the extra `agent`.", advice) from None
+        try:
+            report = ask(**given)
+        except KeyboardInterrupt:
+            say("\nInterrupted. Answers so far are kept; run the same command to go on.")
+            raise
+        if json:
+            show_json(report)
+        else:
+            typer.echo(report.text)
+        if report.unreachable:
+            said = f"{counted(report.unreachable, 'sample')} could not be asked: {report.failure}."
+            say(f"{said} If --base-url is right, run the same command again.")
+            raise typer.Exit(NetworkError.exit_code)
+        if (without := report.failed.get(NO_IMAGES)) is not None:
+            say(f"No image was found for {without:,} of {report.samples:,} samples. {LAYOUT}")
+        if report.asked and not report.answered:
+            say(f"No sample has an answer: {report.failure}.")
+            raise typer.Exit(AgentError.exit_code)
+
+    *own, _ = signature(ask).parameters.values()
+    return options.taking(command, [*own, *signature(_asking).parameters.values()])
+
+
+@_command
 def remind(
     images: Images,
     out: Annotated[Path, typer.Option(help="Journal of the reminder records.")],
     base_url: BaseUrl,
     model: Model,
-    manifest: OptionalManifest = None,
-    protocol: ProtocolFile = None,
-    views: Views = None,
-    limit: Limit = None,
-    concurrency: Concurrency = 4,
-    requests_per_minute: RequestsPerMinute = None,
-    timeout_s: TimeoutS = 120.0,
-    max_retries: MaxRetries = 5,
-    temperature: Temperature = 0.0,
-    max_tokens: MaxTokens = 1000,
-    extra_body: ExtraBody = None,
-    price_in: PriceIn = None,
-    price_out: PriceOut = None,
-    json: options.Json = False,
-) -> None:
+    manifest: Annotated[
+        Path | None, typer.Option(help="Ask for the samples of this manifest only.")
+    ] = None,
+    **asking: Any,
+) -> "RunReport":
     """Write a risk reminder per sample: images and the public taxonomy in, a record out.
 
     Finished samples are skipped, so the same command goes on after an interruption and asks failed
     samples again. What cannot be read or validated is null, with the reason in the journal.
     """
-    given = dict(locals())
+    from exceptiondrive_agent import run
 
-    def work() -> "RunReport":
-        from exceptiondrive_agent import run
-
-        return run.remind(images, out, _settings(given), manifest)
-
-    _command(work, json)
+    return run.remind(images, out, _settings(base_url, model, asking), manifest)
 
 
+@_command
 def decide(
     images: Images,
-    manifest: ManifestFile,
+    manifest: Annotated[Path, typer.Option(help="The split's public manifest.")],
     out: Annotated[Path, typer.Option(help="The submission file.")],
     base_url: BaseUrl,
     model: Model,
     reminders: Annotated[
-        Path | None,
-        typer.Option(help="Journal of `remind`; without it the baseline is asked."),
+        Path | None, typer.Option(help="Journal of `remind`; without it the baseline is asked.")
     ] = None,
     attach_reminders: Annotated[
-        bool,
-        typer.Option("--attach-reminders", help="Put the records into the file."),
+        bool, typer.Option("--attach-reminders", help="Put the records into the file.")
     ] = False,
     journal: Annotated[
-        Path | None,
-        typer.Option(help="Journal; by default OUT.journal.jsonl."),
+        Path | None, typer.Option(help="Journal; by default OUT.journal.jsonl.")
     ] = None,
-    protocol: ProtocolFile = None,
-    views: Views = None,
-    limit: Limit = None,
-    concurrency: Concurrency = 4,
-    requests_per_minute: RequestsPerMinute = None,
-    timeout_s: TimeoutS = 120.0,
-    max_retries: MaxRetries = 5,
-    temperature: Temperature = 0.0,
-    max_tokens: MaxTokens = 1000,
-    extra_body: ExtraBody = None,
-    price_in: PriceIn = None,
-    price_out: PriceOut = None,
-    json: options.Json = False,
-) -> None:
+    **asking: Any,
+) -> "RunReport":
     """Choose a strategy per sample, with or without reminders, and write a strategy submission.
 
     Both settings send the same images and the same instructions; the reminder is one more text.
     Samples without a valid answer are null. The same command goes on after an interruption.
     """
-    given = dict(locals())
+    from exceptiondrive_agent import run
 
-    def work() -> "RunReport":
-        from exceptiondrive_agent import run
-
-        return run.decide(
-            images,
-            manifest,
-            out,
-            _settings(given),
-            journal_path=journal,
-            reminders_path=reminders,
-            attach_reminders=attach_reminders,
-        )
-
-    _command(work, json)
+    return run.decide(
+        images,
+        manifest,
+        out,
+        _settings(base_url, model, asking),
+        journal_path=journal,
+        reminders_path=reminders,
+        attach_reminders=attach_reminders,
+    )
 
 
-def _command(work: "Callable[[], RunReport]", as_json: bool) -> None:
-    """Run and print the report; fail when samples could not be asked, or none has an answer."""
-    try:
-        importlib.import_module("openai")
-    except ImportError:
-        advice = 'Install it: pip install "exceptiondrive[agent]"'
-        raise AgentError("remind and decide need the extra `agent`.", advice) from None
-    try:
-        report = work()
-    except KeyboardInterrupt:
-        say("\nInterrupted. Answers so far are kept; run the same command to go on.")
-        raise
-    if as_json:
-        show_document(report)
-    else:
-        typer.echo(report.text)
-    if report.unreachable:
-        said = f"{counted(report.unreachable, 'sample')} could not be asked: {report.failure}."
-        say(f"{said} If --base-url is right, run the same command again.")
-        raise typer.Exit(NetworkError.exit_code)
-    if (without := report.failed.get(NO_IMAGES)) is not None:
-        say(f"No image was found for {without:,} of {report.samples:,} samples. {LAYOUT}")
-    if report.asked and not report.answered:
-        say(f"No sample has an answer: {report.failure}.")
-        raise typer.Exit(AgentError.exit_code)
-
-
-def _settings(given: dict[str, Any]) -> "RunSettings":
+def _settings(base_url: str, model: str, asking: dict[str, Any]) -> "RunSettings":
     from exceptiondrive_agent.settings import run_settings
 
-    return run_settings(given, os.environ)
+    return run_settings({"base_url": base_url, "model": model, **asking}, os.environ)

@@ -1,6 +1,5 @@
 """The agent's journals: the header and the lines of `remind` and `decide`."""
 
-from collections.abc import Iterable
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal
@@ -51,11 +50,6 @@ class JournalLine(Document):
     def is_done(self) -> bool:
         """Whether the sample has an answer."""
         return self.reason is None
-
-
-def latest(lines: Iterable[JournalLine]) -> dict[str, JournalLine]:
-    """The last line of every sample."""
-    return {line.sample_id: line for line in lines}
 
 
 def read_journal(path: Path) -> tuple[JournalHeader, tuple[JournalLine, ...]]:

@@ -14,19 +14,8 @@ from typing import Any
 from exceptiondrive.checking import write_file
 from exceptiondrive.inputs import given_manifest, require_name
 from exceptiondrive_agent.errors import AgentError, as_client_errors
-from exceptiondrive_agent.journal import (
-    MAX_RAW_CHARACTERS,
-    Journal,
-    JournalLine,
-    latest,
-    read_journal,
-)
-from exceptiondrive_agent.questions import (
-    Question,
-    decide_question,
-    messages,
-    remind_question,
-)
+from exceptiondrive_agent.journal import MAX_RAW_CHARACTERS, Journal, JournalLine, read_journal
+from exceptiondrive_agent.questions import Question, decide_question, messages, remind_question
 from exceptiondrive_agent.report import Prices, RunReport, run_report
 from exceptiondrive_endpoints.asking import ask_all, progress_bar
 from exceptiondrive_endpoints.endpoint import Endpoint, EndpointSettings, Message, ModelSettings
@@ -272,8 +261,8 @@ def read_reminders(path: Path, manifest: Manifest, taxonomy: Taxonomy) -> dict[s
 
 
 def answers(lines: Sequence[JournalLine], question: Question) -> dict[str, JournalLine]:
-    """The lines that answer the question as it would be asked now, by sample."""
-    return latest(line for line in lines if question.is_finished(line))
+    """The lines that answer the question as it would be asked now, the last of every sample."""
+    return {line.sample_id: line for line in lines if question.is_finished(line)}
 
 
 def _run(

@@ -18,8 +18,7 @@ def python(program: str) -> "subprocess.CompletedProcess[str]":
 
 def test_mounting_the_commands_loads_neither_openai_nor_the_agent() -> None:
     result = python(
-        "import sys, typer; from exceptiondrive_agent.cli import register;"
-        "register(typer.Typer());"
+        "import sys; from exceptiondrive_agent.__main__ import app;"
         "print([m for m in sys.modules if m == 'openai' or m == 'exceptiondrive_agent.run'])"
     )
     assert result.stdout == "[]\n", result.stderr

@@ -67,8 +67,8 @@ def test_a_terminal_is_told_what_goes_on(planning_file: MakeFile, split_file: Pa
 
 UPLOAD = """
 import time
-from exceptiondrive.cli.progress import TransferBar
-with TransferBar("uploading", "planner.json") as bar:
+from exceptiondrive.cli.progress import transfer_bar
+with transfer_bar("uploading", "planner.json") as bar:
     for done in range(10):
         bar(done * 1_000_000, 9_000_000)
         time.sleep(0.05)

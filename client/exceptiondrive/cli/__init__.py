@@ -2,8 +2,9 @@
 
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from importlib import import_module
+from inspect import signature
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -21,10 +22,7 @@ Exit codes: 0 done, 2 invalid file or arguments, 3 quota used up, 4 not allowed,
 COMMANDS = {
     "check": (".local_commands", "Check a file, list every fault, and say what it looks like."),
     "evaluate": (".local_commands", "Score a file on this machine."),
-    "plot": (
-        ".local_commands",
-        "Draw samples: trajectories, footprints, tube, region, clearance.",
-    ),
+    "plot": (".local_commands", "Draw samples: trajectories, footprints, tube, region, clearance."),
     "convert": (".convert_command", "Make a submission of a planner's own files."),
     "version": (".local_commands", "Print the versions of client and protocol."),
     "config": (".config_command", "Show or keep the usual server and phase."),
@@ -32,15 +30,9 @@ COMMANDS = {
     "logout": (".account_commands", "Forget the token of a server."),
     "whoami": (".account_commands", "Show whose token is in use."),
     "manifest": (".split_commands", "Fetch the sample ids of a phase."),
-    "submit": (
-        ".submission_commands",
-        "Check a file, say what an upload will do, then upload it.",
-    ),
+    "submit": (".submission_commands", "Check a file, say what an upload will do, then upload it."),
     "status": (".submission_commands", "Show one submission."),
-    "submissions": (
-        ".submission_commands",
-        "List the team's submissions, newest first.",
-    ),
+    "submissions": (".submission_commands", "List the team's submissions, newest first."),
     "quota": (
         ".submission_commands",
         "Show what the team may still submit, and when the count resets.",
@@ -55,10 +47,7 @@ COMMANDS = {
         ".submission_commands",
         "Take a submission off the board; on a terminal it asks first.",
     ),
-    "choose": (
-        ".submission_commands",
-        "Say which run stands, in a phase that lets teams choose.",
-    ),
+    "choose": (".submission_commands", "Say which run stands, in a phase that lets teams choose."),
     "publish": (
         ".submission_commands",
         "Put an entry on the board of a phase that keeps entries private.",
@@ -88,17 +77,13 @@ COMMANDS = {
         "exceptiondrive_agent.cli",
         "Choose a strategy per sample, with or without reminders, and write a strategy submission.",
     ),
-    "tokens": (
-        ".account_commands",
-        "Your team's tokens; needs a token with the scope `tokens`.",
-    ),
+    "tokens": (".account_commands", "Your team's tokens; needs a token with the scope `tokens`."),
     "data": (".data_command", "Show and download what the phase's data link offers."),
     "split": (".split_commands", "Development splits, whose regions are public."),
     "receipt": (".receipt_commands", "Signed receipts of scored submissions."),
     "organizer": (".organizer.commands", "For organizers, with an organizer's token."),
 }
-"""Where each command lives and what `--help` says of it; a test holds the words to the command."""
-
+"""Where each command lives, under its name, and what `--help` says of it, which a test holds to it."""
 
 BLAS_THREADS = "OPENBLAS_NUM_THREADS"
 """numpy would start a thread for each core, and no command multiplies matrices."""
@@ -121,11 +106,14 @@ class Group(TyperGroup):
             formatter.write_dl(rows)
 
 
-def group(help_text: str, commands: Mapping[str, Callable[..., None]]) -> typer.Typer:
-    """Return a group of these commands."""
-    made = typer.Typer(cls=Group, help=help_text, no_args_is_help=True, rich_markup_mode=None)
-    for name, command in commands.items():
-        made.command(name)(command)
+def _group(words: str, commands: Mapping[str, Any]) -> typer.Typer:
+    """Return a group of commands, and of further groups: each a tuple of words and commands."""
+    made = typer.Typer(cls=Group, help=words, no_args_is_help=True, rich_markup_mode=None)
+    for name, each in commands.items():
+        if isinstance(each, tuple):
+            made.add_typer(_group(*each), name=name)
+        else:
+            made.command(name)(each)
     return made
 
 
@@ -153,15 +141,19 @@ class _LazyCommands(Commands):
         return list(COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Import a command, and make it alone of those in its module."""
+        """Import a command or a group of them, and make it alone of those in its module.
+
+        A command that takes the context says itself what is wrong with further arguments.
+        """
         if cmd_name not in self.commands and cmd_name in COMMANDS:
+            module, words = COMMANDS[cmd_name]
+            found = getattr(import_module(module, __name__), cmd_name)
             part = typer.Typer(rich_markup_mode=None)
-            import_module(COMMANDS[cmd_name][0], __name__).register(part)
-            part.registered_commands = [
-                each
-                for each in part.registered_commands
-                if each.callback is not None and each.callback.__name__ == cmd_name
-            ]
+            if isinstance(found, Mapping):
+                part.add_typer(_group(words, found), name=cmd_name)
+            else:
+                settings = {"allow_extra_args": "context" in signature(found).parameters}
+                part.command(context_settings=settings)(found)
             self.commands.update(get_group(part).commands)
         return self.commands.get(cmd_name)
 

@@ -6,9 +6,11 @@ from typing import Annotated
 
 import typer
 
-from exceptiondrive.cli import completion, group, options
-from exceptiondrive.cli.output import can_ask, say, show, show_result
-from exceptiondrive.cli.session import open_client, prepare, say_retry
+from exceptiondrive.cli import options
+from exceptiondrive.cli.completion import choices
+from exceptiondrive.cli.options import argument, option
+from exceptiondrive.cli.output import Answer, can_ask, say, show, show_result
+from exceptiondrive.cli.session import command_of, prepare, say_retry, with_client
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.client import Client, TeamTokens
 from exceptiondrive.credentials import find_server, forget_token, is_sent_in_clear, keep_token
@@ -16,7 +18,7 @@ from exceptiondrive.errors import NotSignedInError, utc_text
 from exceptiondrive.transport import Record
 from exceptiondrive_schemas.api.submission import Me
 
-TokenId = Annotated[str, typer.Argument(metavar="ID", help="Id of the token: see `tokens list`.")]
+TokenId = Annotated[str, argument("ID", "Id of the token: see `tokens list`.")]
 TOKEN_COLUMNS = (
     *("id", "name", "scopes", "created_at", "expires_at"),
     *("revoked_at", "last_used_at", "made_by"),
@@ -47,14 +49,14 @@ def logout(server: options.Server = None) -> None:
     show(f"token of {address} forgotten" if was_there else f"no token of {address} was kept")
 
 
-def whoami(server: options.Server = None, json: options.Json = False) -> None:
+@with_client
+def whoami(client: Client) -> Answer:
     """Show whose token is in use."""
-    with open_client(server) as client:
-        me = client.me()
-        address = client.server
+    me = client.me()
+    address = client.server
     until = "" if me.expires_at is None else f", valid until {utc_text(me.expires_at)}"
     token = f"token {me.token_name!r}, scopes: {', '.join(me.scopes)}{until}"
-    show_result(me, json, f"{_name(me)} at {address}", token)
+    return me, f"{_name(me)} at {address}", token
 
 
 def _token(server: str) -> str:
@@ -77,34 +79,40 @@ def _name(me: Me) -> str:
     return f"organizer ({me.role}, {confined})"
 
 
-def list_tokens(server: options.Server = None, json: options.Json = False) -> None:
+def _tokens(server: str | None) -> TeamTokens:
+    return TeamTokens(prepare(server), on_retry=say_retry)
+
+
+with_tokens = command_of(_tokens)
+
+
+@with_tokens
+def list_tokens(tokens: TeamTokens) -> Answer:
     """List the team's tokens, without their secrets."""
-    with _tokens(server) as tokens:
-        found = tokens.all()
-    show_result(found, json, records_table(found, TOKEN_COLUMNS))
+    found = tokens.all()
+    return found, records_table(found, TOKEN_COLUMNS)
 
 
+@with_tokens
 def create_token(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="What it is for.")],
+    tokens: TeamTokens,
+    name: Annotated[str, argument("NAME", "What it is for.")],
     scope: Annotated[
         list[str] | None,
-        typer.Option(
+        option(
             "--scope",
-            metavar="S",
-            autocompletion=completion.choices("submit", "read:own", "tokens"),
-            help="submit, read:own or tokens; may be repeated.",
+            "S",
+            "submit, read:own or tokens; may be repeated.",
+            offer=choices("submit", "read:own", "tokens"),
         ),
     ] = None,
     expires_at: Annotated[
-        str | None, typer.Option("--expires-at", metavar="TIME", help="2027-01-31T00:00:00Z")
+        str | None, option("--expires-at", "TIME", "2027-01-31T00:00:00Z")
     ] = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Issue a token of your team; it is shown this once."""
-    with _tokens(server) as tokens:
-        issued = tokens.create(name, scope, expires_at)
-    show_result(issued, json, issued["token"])
+    issued = tokens.create(name, scope, expires_at)
+    return issued, issued["token"]
 
 
 def rotate_token(
@@ -143,21 +151,9 @@ def show_revoked(token: Record, json: bool) -> None:
             say(f"  {one['id']}  {one['name']}  ({one['prefix']}, made by {one['made_by']})")
 
 
-def _tokens(server: str | None) -> TeamTokens:
-    return TeamTokens(prepare(server), on_retry=say_retry)
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    for command in (login, logout, whoami):
-        app.command()(command)
-    tokens = group(
-        "Your team's tokens; needs a token with the scope `tokens`.",
-        {
-            "list": list_tokens,
-            "create": create_token,
-            "rotate": rotate_token,
-            "revoke": revoke_token,
-        },
-    )
-    app.add_typer(tokens, name="tokens")
+tokens = {
+    "list": list_tokens,
+    "create": create_token,
+    "rotate": rotate_token,
+    "revoke": revoke_token,
+}

@@ -9,8 +9,9 @@ import typer
 from exceptiondrive.cli import options
 from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.fitted_table import Column, FittedTable
-from exceptiondrive.cli.output import show, show_json, show_result
-from exceptiondrive.cli.session import open_client
+from exceptiondrive.cli.options import flag, option
+from exceptiondrive.cli.output import Answer, show_result
+from exceptiondrive.cli.session import open_client, with_client
 from exceptiondrive.cli.tables import board_view, left_words
 from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive.settings import default_phase, find_setting
@@ -22,6 +23,7 @@ from exceptiondrive_schemas.python310 import UTC
 from exceptiondrive_schemas.score_sheet import metric_text
 
 if TYPE_CHECKING:
+    from exceptiondrive.client import Client
     from exceptiondrive_schemas.api.phase_report import PhaseReport
 
 
@@ -29,41 +31,38 @@ def leaderboard(
     phase: options.DefaultPhase = None,
     challenge: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--challenge",
-            metavar="planning|strategy",
-            autocompletion=choices(*CHALLENGES),
-            help="Its first phase; where no phase is meant.",
+            "planning|strategy",
+            "Its first phase; where no phase is meant.",
+            offer=choices(*CHALLENGES),
         ),
     ] = None,
     protocol: Annotated[
-        str | None, typer.Option("--protocol", metavar="V", help="Version; else the one in force.")
+        str | None, option("--protocol", "V", "Version; else the one in force.")
     ] = None,
     as_of: Annotated[
-        str | None,
-        typer.Option("--as-of", metavar="TIME", help="As it stood then: 2026-11-21[T18:00:00Z]."),
+        str | None, option("--as-of", "TIME", "As it stood then: 2026-11-21[T18:00:00Z].")
     ] = None,
     sort: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--sort",
-            metavar="METRIC",
-            autocompletion=choices(
-                *(key for each in CHALLENGES.values() for key in each.metric_keys)
-            ),
-            help="Order of rows, by hcc or another; ranks stay.",
+            "METRIC",
+            "Order of rows, by hcc or another; ranks stay.",
+            offer=choices(*(key for each in CHALLENGES.values() for key in each.metric_keys)),
         ),
     ] = None,
     view: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--view",
-            metavar="main|late",
-            autocompletion=choices("main", "late"),
-            help="late: with what came after the deadline.",
+            "main|late",
+            "late: with what came after the deadline.",
+            offer=choices("main", "late"),
         ),
     ] = None,
-    csv: Annotated[bool, typer.Option("--csv", help="The server's CSV on stdout.")] = False,
+    csv: Annotated[bool, flag("--csv", "The server's CSV on stdout.")] = False,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -92,55 +91,44 @@ def leaderboard(
     show_result(board, json, board_view(board, now.frozen_since if now else None))
 
 
-def phases(server: options.Server = None, json: options.Json = False) -> None:
+@with_client
+def phases(client: "Client") -> Answer:
     """List the phases.
 
     With their dates, split and protocol, and what your team may still submit.
     """
-    with open_client(server) as client:
-        views = client.phases()
-    if json:
-        show_json([view.model_dump(mode="json", by_alias=True) for view in views])
-    else:
-        show(phases_table(views))
+    views = client.phases()
+    return views, phases_table(views)
 
 
-def report(
-    phase: options.PhaseArgument = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+@with_client
+def report(client: "Client", phase: options.PhaseArgument = None) -> Answer:
     """Show how a phase ended: the first places, and what a reveal changed."""
-    with open_client(server) as client:
-        found = client.report(default_phase(phase))
-    show_result(found, json, _report_view(found))
+    found = client.report(default_phase(phase))
+    return found, _report_view(found)
 
 
+@with_client
 def terms(
+    client: "Client",
     phase: options.DefaultPhase = None,
     accept: Annotated[
-        str | None,
-        typer.Option("--accept", metavar="VERSION", help="Accept them, in the version you read."),
+        str | None, option("--accept", "VERSION", "Accept them, in the version you read.")
     ] = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Show the terms of a phase, and accept them for the team."""
     phase = default_phase(phase)
-    with open_client(server) as client:
-        if accept is not None:
-            accepted = client.accept_terms(phase, accept)
-            line = f"terms of {phase}, version {accepted['version']}, accepted"
-            show_result(accepted, json, line)
-            return
-        view = client.phase(phase)
+    if accept is not None:
+        accepted = client.accept_terms(phase, accept)
+        return accepted, f"terms of {phase}, version {accepted['version']}, accepted"
+    view = client.phase(phase)
     if view.terms_version is None:
         raise InvalidArgumentError("no_terms", f"The phase {phase} has no terms to accept.")
     how = f"accept them by: exceptiondrive terms --phase {phase} --accept {view.terms_version}"
     at = view.terms_accepted_at
     facts = {"phase": phase, "version": view.terms_version, "text": view.page.terms}
     state = how if at is None else f"accepted {utc_text(at)}"
-    show_result(facts, json, view.page.terms, "", f"version {view.terms_version}; {state}")
+    return facts, view.page.terms, "", f"version {view.terms_version}; {state}"
 
 
 def _report_view(found: "PhaseReport") -> Iterator[str | FittedTable]:
@@ -210,11 +198,3 @@ def _window(view: PhaseView) -> str:
     if opens is not None and opens > now:
         return f"opens {utc_text(opens)}"
     return "closed" if closes is None or closes > now else f"closed {utc_text(closes)}"
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    app.command()(leaderboard)
-    app.command()(phases)
-    app.command()(report)
-    app.command()(terms)

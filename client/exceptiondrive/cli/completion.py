@@ -16,47 +16,38 @@ if TYPE_CHECKING:
 LONGEST_WAIT_S = 1.0
 Completion = tuple[str, str]
 """A word and what the shell says beside it."""
+Offer = Callable[[typer.Context, str], list[Completion]]
 
 
-def phases(context: typer.Context, incomplete: str) -> list[Completion]:
-    """Offer the phases of the server."""
-    return _offer(context, incomplete, lambda client, _: ((p.id, p.title) for p in client.phases()))
+def _offering(words: "Callable[[Client, Organizer], Iterable[Completion]]") -> Offer:
+    """Return what offers words that a server says."""
+
+    def offer(context: typer.Context, incomplete: str) -> list[Completion]:
+        with suppress(Exception):  # whatever it is, it must not stand in somebody's command line
+            from exceptiondrive.client import Client
+            from exceptiondrive.organizer import Organizer
+
+            server: Any = context.params.get("server")
+            shortly: Any = {"attempts": 1, "timeout_s": LONGEST_WAIT_S}
+            with Client(server, **shortly) as client, Organizer(server, **shortly) as organizer:
+                return [word for word in words(client, organizer) if word[0].startswith(incomplete)]
+        return []
+
+    return offer
 
 
-def public_splits(context: typer.Context, incomplete: str) -> list[Completion]:
-    """Offer the splits whose regions are public."""
-    return _offer(
-        context,
-        incomplete,
-        lambda client, _: {p.split: p.split for p in client.phases() if p.split_is_public}.items(),
-    )
-
-
-def submission_ids(context: typer.Context, incomplete: str) -> list[Completion]:
-    """Offer the team's newest submissions."""
-    return _offer(
-        context,
-        incomplete,
-        lambda client, _: ((v.id, f"{v.method}, {v.status}") for v in client.submissions(limit=30)),
-    )
-
-
-def teams(context: typer.Context, incomplete: str) -> list[Completion]:
-    """Offer organizers the teams."""
-    return _offer(
-        context, incomplete, lambda _, own: ((team["id"], team["name"]) for team in own.teams())
-    )
-
-
-def runs(context: typer.Context, incomplete: str) -> list[Completion]:
-    """Offer organizers the rescoring runs, newest first."""
-    return _offer(
-        context,
-        incomplete,
-        lambda _, own: (
-            (run["id"], f"{run['phase']}, {run['state']}") for run in own.rescoring.runs()
-        ),
-    )
+phases = _offering(lambda client, _: ((p.id, p.title) for p in client.phases()))
+public_splits = _offering(
+    lambda client, _: {p.split: p.split for p in client.phases() if p.split_is_public}.items()
+)
+submission_ids = _offering(
+    lambda client, _: ((v.id, f"{v.method}, {v.status}") for v in client.submissions(limit=30))
+)
+teams = _offering(lambda _, own: ((team["id"], team["name"]) for team in own.teams()))
+runs = _offering(
+    lambda _, own: ((run["id"], f"{run['phase']}, {run['state']}") for run in own.rescoring.runs())
+)
+"""Teams and runs, newest first, are offered to organizers."""
 
 
 def choices(*words: str) -> Callable[[str], list[str]]:
@@ -66,19 +57,3 @@ def choices(*words: str) -> Callable[[str], list[str]]:
         return [word for word in words if word.startswith(incomplete)]
 
     return offer
-
-
-def _offer(
-    context: typer.Context,
-    incomplete: str,
-    words: "Callable[[Client, Organizer], Iterable[Completion]]",
-) -> list[Completion]:
-    with suppress(Exception):  # whatever it is, it must not stand in somebody's command line
-        from exceptiondrive.client import Client
-        from exceptiondrive.organizer import Organizer
-
-        server: Any = context.params.get("server")
-        shortly: Any = {"attempts": 1, "timeout_s": LONGEST_WAIT_S}
-        with Client(server, **shortly) as client, Organizer(server, **shortly) as organizer:
-            return [word for word in words(client, organizer) if word[0].startswith(incomplete)]
-    return []

@@ -5,7 +5,9 @@ from typing import Annotated
 import typer
 
 from exceptiondrive.cli import completion, options
+from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.fitted_table import FittedTable
+from exceptiondrive.cli.options import argument, flag
 from exceptiondrive.cli.output import show, show_result
 from exceptiondrive.credentials import normal_server, server_setting
 from exceptiondrive.errors import InvalidArgumentError
@@ -20,17 +22,16 @@ def _values(context: typer.Context, incomplete: str) -> list[completion.Completi
 def config(
     name: Annotated[
         str | None,
-        typer.Argument(
-            metavar="[NAME]",
-            autocompletion=completion.choices(*VARIABLES),
-            help=f"{' or '.join(VARIABLES)}; without it both are shown.",
+        argument(
+            "[NAME]",
+            f"{' or '.join(VARIABLES)}; without it both are shown.",
+            offer=choices(*VARIABLES),
         ),
     ] = None,
     value: Annotated[
-        str | None,
-        typer.Argument(metavar="[VALUE]", autocompletion=_values, help="Keep it as the usual one."),
+        str | None, argument("[VALUE]", "Keep it as the usual one.", offer=_values)
     ] = None,
-    unset: Annotated[bool, typer.Option("--unset", help="Take it out of the file.")] = False,
+    unset: Annotated[bool, flag("--unset", "Take it out of the file.")] = False,
     json: options.Json = False,
 ) -> None:
     """Show or keep the usual server and phase.
@@ -66,8 +67,3 @@ def _show_all(json: bool) -> None:
         "settings": {name: each._asdict() for name, each in found.items()},
     }
     show_result(facts, json, table, f"file: {config_path()}")
-
-
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(config)

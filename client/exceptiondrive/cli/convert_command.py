@@ -3,12 +3,11 @@
 from pathlib import Path
 from typing import Annotated, cast, get_args
 
-import typer
-
 from exceptiondrive.checking import write_file
-from exceptiondrive.cli import completion, options
+from exceptiondrive.cli import options
 from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.file_tables import report_view
+from exceptiondrive.cli.options import argument, flag, option
 from exceptiondrive.cli.output import show_result
 from exceptiondrive.conversion import (
     Angles,
@@ -22,7 +21,7 @@ from exceptiondrive.conversion import convert as convert_pairs
 from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
 from exceptiondrive.inputs import given_manifest, given_protocol
 from exceptiondrive.pair_files import OnForm, read_pairs
-from exceptiondrive.planner_runs import FORMS, PlannerForm, planner_form, read_runs
+from exceptiondrive.planner_runs import FORMS, planner_form, read_runs
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import check_bytes
 from exceptiondrive_schemas.check.transformations import UNITS
@@ -37,119 +36,96 @@ ANGLES = get_args(Angles)
 def convert(
     files: Annotated[
         list[Path] | None,
-        typer.Argument(
-            metavar="FILE",
-            help="JSON, JSON lines, CSV, Parquet or NPZ; - is stdin; shards become one.",
-        ),
+        argument("FILE", "JSON, JSON lines, CSV, Parquet or NPZ; - is stdin; shards become one."),
     ] = None,
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output", "-o", metavar="OUT", help="Submission file to write (.json[.gz])."
-        ),
-    ] = Path("planning.json.gz"),
+    output: Annotated[Path, options.output("Submission file to write (.json[.gz]).", "OUT")] = Path(
+        "planning.json.gz"
+    ),
     split: Annotated[
-        str | None,
-        typer.Option("--split", metavar="NAME", help="Name of the split, if no file says it."),
+        str | None, option("--split", "NAME", "Name of the split, if no file says it.")
     ] = None,
     manifest: Annotated[
-        Path | None,
-        typer.Option("--manifest", metavar="M", help="Check the result with it: a manifest file."),
+        Path | None, option("--manifest", "M", "Check the result with it: a manifest file.")
     ] = None,
     planner: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--from",
-            metavar="PLANNER",
-            autocompletion=completion.choices(*FORMS),
-            help=f"With two runs: whose form; {', '.join(FORMS)}.",
+            "PLANNER",
+            f"With two runs: whose form; {', '.join(FORMS)}.",
+            offer=choices(*FORMS),
         ),
     ] = None,
     source_run: Annotated[
-        list[Path] | None,
-        typer.Option("--source-run", metavar="FILE", help="A run on the source inputs."),
+        list[Path] | None, option("--source-run", "FILE", "A run on the source inputs.")
     ] = None,
     edited_run: Annotated[
-        list[Path] | None,
-        typer.Option("--edited-run", metavar="FILE", help="A run on the edited inputs."),
+        list[Path] | None, option("--edited-run", "FILE", "A run on the edited inputs.")
     ] = None,
     mode: Annotated[
-        int | None,
-        typer.Option("--mode", metavar="N", min=0, help="Which of several modes, from 0."),
+        int | None, option("--mode", "N", "Which of several modes, from 0.", min=0)
     ] = None,
-    camera: Annotated[
-        bool, typer.Option("--camera", help="Columns are x right, y down, z ahead.")
-    ] = False,
-    swap: Annotated[bool, typer.Option("--swap", help="Exchange x and y.")] = False,
+    camera: Annotated[bool, flag("--camera", "Columns are x right, y down, z ahead.")] = False,
+    swap: Annotated[bool, flag("--swap", "Exchange x and y.")] = False,
     polar: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--polar",
-            metavar="|".join(ANGLES),
-            autocompletion=choices(*ANGLES),
-            help="Columns are range and bearing (counter-clockwise), in these angles.",
+            "|".join(ANGLES),
+            "Columns are range and bearing (counter-clockwise), in these angles.",
+            offer=choices(*ANGLES),
         ),
     ] = None,
     unit: Annotated[
         str | None,
-        typer.Option(
-            "--unit",
-            metavar="UNIT",
-            autocompletion=choices(*UNITS),
-            help=f"What the numbers are: {', '.join(UNITS)}.",
+        option(
+            "--unit", "UNIT", f"What the numbers are: {', '.join(UNITS)}.", offer=choices(*UNITS)
         ),
     ] = None,
     rotate: Annotated[
         int | None,
-        typer.Option(
+        option(
             "--rotate",
-            metavar="90|-90|180",
-            autocompletion=completion.choices("90", "-90", "180"),
-            help="Turn counter-clockwise; -90 for x right / y forward.",
+            "90|-90|180",
+            "Turn counter-clockwise; -90 for x right / y forward.",
+            offer=choices("90", "-90", "180"),
         ),
     ] = None,
-    mirror: Annotated[bool, typer.Option("--mirror", help="y points to the right.")] = False,
-    reverse: Annotated[
-        bool, typer.Option("--reverse", help="The last waypoint stands first.")
-    ] = False,
+    mirror: Annotated[bool, flag("--mirror", "y points to the right.")] = False,
+    reverse: Annotated[bool, flag("--reverse", "The last waypoint stands first.")] = False,
     velocities: Annotated[
-        bool, typer.Option("--velocities", help="Numbers are m/s: times the step, added up.")
+        bool, flag("--velocities", "Numbers are m/s: times the step, added up.")
     ] = False,
-    cumulative: Annotated[
-        bool, typer.Option("--cumulative", help="Add up increments to positions.")
-    ] = False,
+    cumulative: Annotated[bool, flag("--cumulative", "Add up increments to positions.")] = False,
     exchange: Annotated[
-        bool, typer.Option("--exchange", help="Source and edited stand the wrong way round.")
+        bool, flag("--exchange", "Source and edited stand the wrong way round.")
     ] = False,
     origin_offset_m: Annotated[
         float,
-        typer.Option(
+        option(
             "--origin-offset-m",
-            metavar="M",
-            help="The given origin lies so far ahead of the rear axle (nuScenes lidar: 0.943713 "
+            "M",
+            "The given origin lies so far ahead of the rear axle (nuScenes lidar: 0.943713 "
             "Singapore, 0.985793 Boston).",
         ),
     ] = 0.0,
     follows: Annotated[
         str,
-        typer.Option(
+        option(
             "--follows",
-            metavar="sensor|rear-axle",
-            autocompletion=completion.choices("sensor", "rear-axle"),
-            help="Whose path the waypoints are: of that origin, or of the rear axle.",
+            "sensor|rear-axle",
+            "Whose path the waypoints are: of that origin, or of the rear axle.",
+            offer=choices("sensor", "rear-axle"),
         ),
     ] = "sensor",
     time_step_s: Annotated[
-        float | None,
-        typer.Option("--time-step-s", metavar="S", help="Time between two given waypoints."),
+        float | None, option("--time-step-s", "S", "Time between two given waypoints.")
     ] = None,
     truncate: Annotated[
-        bool,
-        typer.Option("--truncate", help="Cut longer horizons; only where the time step is said."),
+        bool, flag("--truncate", "Cut longer horizons; only where the time step is said.")
     ] = False,
     null_invalid: Annotated[
-        bool,
-        typer.Option("--null-invalid", help="Write null for what is invalid, and list it."),
+        bool, flag("--null-invalid", "Write null for what is invalid, and list it.")
     ] = False,
     protocol: options.ProtocolOption = None,
     json: options.Json = False,
@@ -179,11 +155,16 @@ def convert(
         )
     form = planner_form(planner or "trajectories") if source_run or edited_run else None
     forms: dict[str, None] = {}
-    pairs, split_of_files = (
-        _read_runs(form, files, source_run or [], edited_run or [], mode, forms.setdefault)
-        if form is not None or not files
-        else _read_files(files, mode, forms.setdefault, rules)
-    )
+    if bool(files) == (form is not None):
+        raise InvalidArgumentError(
+            "wrong_option",
+            "Name files with pairs, or two runs by --source-run and --edited-run; not both.",
+        )
+    split_of_files = None
+    if form is not None:
+        pairs = read_runs(form, source_run or [], edited_run or [], mode, forms.setdefault)
+    else:
+        pairs, split_of_files = _read_files(files or [], mode, forms.setdefault, rules)
     if not pairs:
         raise InvalidArgumentError(
             "unreadable_file",
@@ -237,22 +218,6 @@ def convert(
     show_result(facts, json, *_said(done, outcome), report_view(report, str(output)))
 
 
-def _read_runs(
-    form: PlannerForm | None,
-    files: list[Path] | None,
-    source_run: list[Path],
-    edited_run: list[Path],
-    mode: int | None,
-    on_form: OnForm,
-) -> tuple[tuple[RawPair, ...], None]:
-    if form is None or files:
-        raise InvalidArgumentError(
-            "wrong_option",
-            "Name files with pairs, or two runs by --source-run and --edited-run; not both.",
-        )
-    return read_runs(form, source_run, edited_run, mode, on_form), None
-
-
 def _read_files(
     files: list[Path], mode: int | None, on_form: OnForm, rules: ProtocolDocument
 ) -> tuple[tuple[RawPair, ...], str | None]:
@@ -279,8 +244,3 @@ def _said(done: tuple[str, ...], outcome: Conversion) -> list[str]:
         *(f"  null: {where}" for where in outcome.nulled),
         counted(len(outcome.pairs), "prediction"),
     ]
-
-
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(convert)

@@ -6,8 +6,9 @@ from typing import Annotated
 import typer
 
 from exceptiondrive.cli import options
+from exceptiondrive.cli.options import flag
 from exceptiondrive.cli.output import can_ask, say, show_result
-from exceptiondrive.cli.progress import TransferBar
+from exceptiondrive.cli.progress import transfer_bar
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.data import download_file, read_data_manifest
 from exceptiondrive.errors import InvalidArgumentError, NotFoundError
@@ -17,15 +18,11 @@ from exceptiondrive_schemas.api.data_manifest import DataManifest
 
 def data(
     phase: options.PhaseArgument = None,
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the files are written.")
-    ] = Path("data"),
-    list_only: Annotated[
-        bool, typer.Option("--list", help="Show licence and files; download nothing.")
-    ] = False,
-    accept_licence: Annotated[
-        bool, typer.Option("--accept-licence", help="Download without asking.")
-    ] = False,
+    output: Annotated[Path, options.output("Where the files are written.", "FOLDER")] = Path(
+        "data"
+    ),
+    list_only: Annotated[bool, flag("--list", "Show licence and files; download nothing.")] = False,
+    accept_licence: Annotated[bool, flag("--accept-licence", "Download without asking.")] = False,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -61,7 +58,7 @@ def data(
     _require_consent(manifest, accept_licence)
     paths = []
     for file in manifest.files:
-        with TransferBar("downloading", file.name) as bar:
+        with transfer_bar("downloading", file.name) as bar:
             paths.append(str(download_file(file, output, bar)))
     done = {"licence": manifest.licence, "files": paths}
     show_result(done, json, f"{len(paths)} files in {output}, as the list says")
@@ -83,8 +80,3 @@ def _require_consent(manifest: DataManifest, is_given: bool) -> None:
         )
     if not typer.confirm(f"Accept the licence {manifest.licence}, and download?", err=True):
         raise InvalidArgumentError("not_confirmed", "Nothing was downloaded.")
-
-
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(data)

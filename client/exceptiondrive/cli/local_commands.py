@@ -3,8 +3,6 @@
 What only one of them uses is imported when it is called.
 """
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -13,15 +11,12 @@ import typer
 from exceptiondrive.checking import check_file, csv_text, parquet_bytes, write_file
 from exceptiondrive.cli import options
 from exceptiondrive.cli.file_tables import file_view, report_view, sheet_view
-from exceptiondrive.cli.output import has_terminal, say, show, show_result
+from exceptiondrive.cli.options import flag, option
+from exceptiondrive.cli.output import say, show, show_result
+from exceptiondrive.cli.progress import step_line
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
-from exceptiondrive.evaluation import (
-    SampleResult,
-    sample_results,
-    score,
-    sound_file,
-)
+from exceptiondrive.evaluation import SampleResult, sample_results, score, sound_file
 from exceptiondrive.inputs import GivenFile, ProtocolLike, given_split
 from exceptiondrive.outlook import Outlook
 from exceptiondrive.settings import find_setting
@@ -38,22 +33,17 @@ def check(
     context: typer.Context,
     file: options.File,
     split: Annotated[
-        Path | None,
-        typer.Option("--split", metavar="SPLIT_FILE", help="Check its samples: a split file."),
+        Path | None, option("--split", "SPLIT_FILE", "Check its samples: a split file.")
     ] = None,
     manifest: Annotated[
-        Path | None,
-        typer.Option("--manifest", metavar="M", help="Check its samples: a manifest file."),
+        Path | None, option("--manifest", "M", "Check its samples: a manifest file.")
     ] = None,
     phase: options.DefaultPhase = None,
     method: Annotated[
-        str | None,
-        typer.Option("--method", metavar="NAME", help="With a phase: say which entry it replaces."),
+        str | None, option("--method", "NAME", "With a phase: say which entry it replaces.")
     ] = None,
     protocol: options.ProtocolOption = None,
-    name_all: Annotated[
-        bool, typer.Option("--all", help="Name every sample that has a fault.")
-    ] = False,
+    name_all: Annotated[bool, flag("--all", "Name every sample that has a fault.")] = False,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -117,15 +107,13 @@ def _outlook(
 def evaluate(
     context: typer.Context,
     file: options.File,
-    split: Annotated[
-        Path, typer.Option("--split", metavar="SPLIT", help="Split file with its regions.")
-    ],
+    split: Annotated[Path, option("--split", "SPLIT", "Split file with its regions.")],
     per_sample: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--per-sample",
-            metavar="FILE",
-            help="Write the result of every sample, unsafe ones first, in turn of each family the "
+            "FILE",
+            "Write the result of every sample, unsafe ones first, in turn of each family the "
             "worst; its name ends in .csv, .csv.gz or .parquet.",
         ),
     ] = None,
@@ -152,7 +140,7 @@ def evaluate(
     if protocol is None and (named := find_setting("phase", phase).value) is not None:
         with open_client(server) as client:
             rules = client.protocol_of(client.phase(named))
-    with _steps(is_shown=not json) as tell:
+    with step_line(is_shown=not json) as tell:
         tell(f"reading {given.name}")
         sound = sound_file(given, split, rules)
         revision = None if json else ""  # words do not say it
@@ -169,38 +157,20 @@ def evaluate(
     show_result(sheet, json, words, file_view(report), *ranked)
 
 
-def _steps(*, is_shown: bool) -> AbstractContextManager[Callable[[str], None]]:
-    """Return what is told each step, and shows it where a person sees that."""
-    if not (is_shown and has_terminal()):
-        return nullcontext(lambda _: None)
-    from exceptiondrive.cli.progress import StepLine
-
-    return StepLine()
-
-
 def plot(
     context: typer.Context,
     file: options.File,
-    split: Annotated[
-        Path, typer.Option("--split", metavar="SPLIT", help="Split file with its regions.")
-    ],
+    split: Annotated[Path, option("--split", "SPLIT", "Split file with its regions.")],
     samples: Annotated[
-        list[str] | None,
-        typer.Option("--sample", metavar="ID", help="A sample to draw; may be repeated."),
+        list[str] | None, option("--sample", "ID", "A sample to draw; may be repeated.")
     ] = None,
     worst: Annotated[
         int,
-        typer.Option(
-            "--worst",
-            metavar="N",
-            min=1,
-            max=60,
-            help="Draw N samples: the worst of each family, in turn.",
-        ),
+        option("--worst", "N", "Draw N samples: the worst of each family, in turn.", min=1, max=60),
     ] = 6,
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="OUT", help="Picture to write: .svg or .png.")
-    ] = Path("samples.svg"),
+    output: Annotated[Path, options.output("Picture to write: .svg or .png.", "OUT")] = Path(
+        "samples.svg"
+    ),
     protocol: options.ProtocolOption = None,
     json: options.Json = False,
 ) -> None:
@@ -229,10 +199,3 @@ def version() -> None:
     protocol = packaged_protocol(NEWEST)
     show(f"exceptiondrive {__version__}")
     show(f"protocol {protocol.version} {protocol.digest}")
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    for command in (check, evaluate, plot):
-        app.command(context_settings=options.ONE_FILE)(command)
-    app.command()(version)

@@ -1,110 +1,100 @@
 """News of a phase, and questions: asked by teams, answered by organizers."""
 
 from collections.abc import Callable
-from typing import Annotated
-
-import typer
+from typing import TYPE_CHECKING, Annotated
 
 from exceptiondrive.cli import options
-from exceptiondrive.cli.output import show_result
-from exceptiondrive.cli.session import open_client, open_organizer
+from exceptiondrive.cli.options import argument, flag, option
+from exceptiondrive.cli.output import Answer
+from exceptiondrive.cli.session import with_client, with_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.settings import default_phase
 
-Text = Annotated[str, typer.Option("--text", metavar="TEXT", help="Markdown.")]
+if TYPE_CHECKING:
+    from exceptiondrive.client import Client
+    from exceptiondrive.organizer import Organizer
+
+Text = Annotated[str, option("--text", "TEXT", "Markdown.")]
 
 
+@with_client
 def ask(
-    text: Annotated[str, typer.Argument(metavar="TEXT", help="The question.")],
+    client: "Client",
+    text: Annotated[str, argument("TEXT", "The question.")],
     phase: options.DefaultPhase = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Ask the organizers about a phase; the answer comes into the team's notices."""
-    with open_client(server) as client:
-        asked = client.ask(text, default_phase(phase))
-    show_result(asked, json, "asked; `exceptiondrive questions` shows the answer")
+    asked = client.ask(text, default_phase(phase))
+    return asked, "asked; `exceptiondrive questions` shows the answer"
 
 
-def questions(
-    phase: options.DefaultPhase = None, server: options.Server = None, json: options.Json = False
-) -> None:
+@with_client
+def questions(client: "Client", phase: options.DefaultPhase = None) -> Answer:
     """Show what the team asked about a phase, and the answers."""
-    with open_client(server) as client:
-        found = client.questions(default_phase(phase))
+    found = client.questions(default_phase(phase))
     table = records_table(found, ("text", "answer", "answered_at"))
-    show_result(found, json, table if found else "no questions")
+    return found, table if found else "no questions"
 
 
-def news(
-    phase: options.DefaultPhase = None, server: options.Server = None, json: options.Json = False
-) -> None:
+@with_client
+def news(client: "Client", phase: options.DefaultPhase = None) -> Answer:
     """Show the news of a phase, newest first."""
-    with open_client(server) as client:
-        found = client.news(default_phase(phase))
+    found = client.news(default_phase(phase))
     table = records_table(found, ("published_at", "title", "text"))
-    show_result(found, json, table if found else "no news")
+    return found, table if found else "no news"
 
 
-def list_news(
-    phase: options.Phase = None, server: options.Server = None, json: options.Json = False
-) -> None:
+@with_organizer
+def list_news(organizer: "Organizer", phase: options.Phase = None) -> Answer:
     """List the news of all phases or of one, newest first."""
-    with open_organizer(server) as organizer:
-        found = organizer.news(phase)
+    found = organizer.news(phase)
     columns = ("id", "phase", "title", "published_at", "withdrawn_at")
-    show_result(found, json, records_table(found, columns))
+    return found, records_table(found, columns)
 
 
+@with_organizer
 def publish_news(
+    organizer: "Organizer",
     phase: options.PhaseId,
-    title: Annotated[str, typer.Option("--title", metavar="TEXT", help="One line.")],
+    title: Annotated[str, option("--title", "TEXT", "One line.")],
     text: Text,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Announce something of a phase: on its page, in its feed, in the inbox of every team."""
-    with open_organizer(server) as organizer:
-        published = organizer.publish_news(phase, title, text)
-    show_result(published, json, f"news {published['id']} published")
+    published = organizer.publish_news(phase, title, text)
+    return published, f"news {published['id']} published"
 
 
+@with_organizer
 def withdraw_news(
-    news_id: Annotated[str, typer.Argument(metavar="ID", help="Id of the news.")],
+    organizer: "Organizer",
+    news_id: Annotated[str, argument("ID", "Id of the news.")],
     reason: options.Reason,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Take news from page and feed; what teams were told stays told."""
-    with open_organizer(server) as organizer:
-        gone = organizer.withdraw_news(news_id, reason)
-    show_result(gone, json, f"news {gone['id']} withdrawn")
+    gone = organizer.withdraw_news(news_id, reason)
+    return gone, f"news {gone['id']} withdrawn"
 
 
-def list_questions(
-    phase: options.Phase = None, server: options.Server = None, json: options.Json = False
-) -> None:
+@with_organizer
+def list_questions(organizer: "Organizer", phase: options.Phase = None) -> Answer:
     """List the questions of all teams, those that wait first."""
-    with open_organizer(server) as organizer:
-        found = organizer.questions(phase)
+    found = organizer.questions(phase)
     columns = ("id", "team", "phase", "text", "asked_at", "answered_at")
-    show_result(found, json, records_table(found, columns))
+    return found, records_table(found, columns)
 
 
+@with_organizer
 def answer_question(
-    question_id: Annotated[str, typer.Argument(metavar="ID", help="Id of the question.")],
-    text: Annotated[str, typer.Option("--text", metavar="TEXT", help="The answer.")],
+    organizer: "Organizer",
+    question_id: Annotated[str, argument("ID", "Id of the question.")],
+    text: Annotated[str, option("--text", "TEXT", "The answer.")],
     to_all: Annotated[
-        bool,
-        typer.Option("--to-all", help="Question and answer become news, without the team's name."),
+        bool, flag("--to-all", "Question and answer become news, without the team's name.")
     ] = False,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Answer a question, once: to the team alone, or to all."""
-    with open_organizer(server) as organizer:
-        answered = organizer.answer_question(question_id, text, to_all=to_all)
-    show_result(answered, json, "answered to " + ("all" if to_all else "the team"))
+    answered = organizer.answer_question(question_id, text, to_all=to_all)
+    return answered, "answered to " + ("all" if to_all else "the team")
 
 
 NEWS: dict[str, Callable[..., None]] = {
@@ -113,9 +103,3 @@ NEWS: dict[str, Callable[..., None]] = {
     "withdraw": withdraw_news,
 }
 QUESTIONS: dict[str, Callable[..., None]] = {"list": list_questions, "answer": answer_question}
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands of teams."""
-    for command in (news, ask, questions):
-        app.command()(command)

@@ -3,11 +3,10 @@
 import time
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from exceptiondrive.cli import completion, group, options
-from exceptiondrive.cli.output import show, show_json, show_result
-from exceptiondrive.cli.session import open_client
+from exceptiondrive.cli.completion import choices
+from exceptiondrive.cli.options import argument, flag, option
+from exceptiondrive.cli.output import Answer
+from exceptiondrive.cli.session import with_client
 from exceptiondrive.cli.tables import notices_view, records_table
 from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive_schemas.api.rescoring import WISHES
@@ -21,101 +20,79 @@ MAIL_WAIT_S, MAIL_PAUSE_S = 3.0, 0.3
 COLUMNS = ("id", "address", "last_message", "wishes", "is_confirmed", "channel", "created_at")
 Wishes = Annotated[
     list[str] | None,
-    typer.Option(
+    option(
         "--tell",
-        metavar="WHAT",
-        autocompletion=completion.choices(*WISHES, "none"),
-        help=f"As often as needed: {', '.join(WISHES)}; or none.",
+        "WHAT",
+        f"As often as needed: {', '.join(WISHES)}; or none.",
+        offer=choices(*WISHES, "none"),
     ),
 ]
-ContactId = Annotated[str, typer.Argument(metavar="ID", help="Id, from `contacts list`.")]
+ContactId = Annotated[str, argument("ID", "Id, from `contacts list`.")]
 
 
+@with_client
 def notices(
-    unread: Annotated[bool, typer.Option("--unread", help="Only what was not read yet.")] = False,
-    read: Annotated[bool, typer.Option("--read", help="Mark what is shown as read.")] = False,
-    limit: Annotated[
-        int, typer.Option("--limit", metavar="N", min=1, max=500, help="At most so many.")
-    ] = 20,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+    client: "Client",
+    unread: Annotated[bool, flag("--unread", "Only what was not read yet.")] = False,
+    read: Annotated[bool, flag("--read", "Mark what is shown as read.")] = False,
+    limit: Annotated[int, option("--limit", "N", "At most so many.", min=1, max=500)] = 20,
+) -> Answer:
     """Show what the team was told, newest first."""
-    with open_client(server) as client:
-        found = client.notices(unread=unread, limit=limit)
-        if read:
-            for notice in found:
-                client.mark_read(notice.id)
-    if json:
-        show_json([each.model_dump(mode="json") for each in found])
-    elif found:
-        show(*notices_view(found))
-    else:
-        show("no notices")
+    found = client.notices(unread=unread, limit=limit)
+    if read:
+        for notice in found:
+            client.mark_read(notice.id)
+    return found, notices_view(found) if found else "no notices"
 
 
-def list_contacts(server: options.Server = None, json: options.Json = False) -> None:
+@with_client
+def list_contacts(client: "Client") -> Answer:
     """List where the team is told, and what became of the newest message there."""
-    with open_client(server) as client:
-        found = client.contacts()
-    if json:
-        show_json(found)
-    elif found:
-        rows = [{**each, "last_message": _last_message(each)} for each in found]
-        show(records_table(rows, COLUMNS))
-    else:
-        show("no addresses: the team is told in its inbox alone")
+    found = client.contacts()
+    rows = [{**each, "last_message": _last_message(each)} for each in found]
+    nowhere = "no addresses: the team is told in its inbox alone"
+    return found, records_table(rows, COLUMNS) if found else nowhere
 
 
+@with_client
 def add(
-    address: Annotated[
-        str, typer.Argument(metavar="ADDRESS", help="E-mail address, or https of a webhook.")
-    ],
+    client: "Client",
+    address: Annotated[str, argument("ADDRESS", "E-mail address, or https of a webhook.")],
     tell: Wishes = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Be told at an address, of protocol updates unless --tell says what.
 
     Somebody who reads at an e-mail address has to confirm it. The secret of a webhook is shown once.
     """
-    with open_client(server) as client:
-        contact = client.add_contact(address, _wishes(tell) or ("updates",))
-        words = (
-            f"secret, shown this once: {contact['secret']}"
-            if contact.get("secret")
-            else _confirmation(client, contact["id"])
-        )
-    show_result(contact, json, f"{contact['id']}  {contact['address']}  {words}")
+    contact = client.add_contact(address, _wishes(tell) or ("updates",))
+    words = (
+        f"secret, shown this once: {contact['secret']}"
+        if contact.get("secret")
+        else _confirmation(client, contact["id"])
+    )
+    return contact, f"{contact['id']}  {contact['address']}  {words}"
 
 
+@with_client
 def tell(
+    client: "Client",
     contact_id: ContactId,
     what: Annotated[
         list[str],
-        typer.Argument(
-            metavar="WHAT...",
-            autocompletion=completion.choices(*WISHES, "none"),
-            help=f"{', '.join(WISHES)}; or none.",
-        ),
+        argument("WHAT...", f"{', '.join(WISHES)}; or none.", offer=choices(*WISHES, "none")),
     ],
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Set what an address is told of."""
-    with open_client(server) as client:
-        contact = client.set_wishes(contact_id, _wishes(what))
+    contact = client.set_wishes(contact_id, _wishes(what))
     told = ", ".join(contact["wishes"]) or "nothing"
-    show_result(contact, json, f"{contact['address']} is told of: {told}")
+    return contact, f"{contact['address']} is told of: {told}"
 
 
-def remove(
-    contact_id: ContactId, server: options.Server = None, json: options.Json = False
-) -> None:
+@with_client
+def remove(client: "Client", contact_id: ContactId) -> Answer:
     """Be told no longer at an address."""
-    with open_client(server) as client:
-        contact = client.remove_contact(contact_id)
-    show_result(contact, json, f"{contact['address']} is told nothing more")
+    contact = client.remove_contact(contact_id)
+    return contact, f"{contact['address']} is told nothing more"
 
 
 def _last_message(contact: "Record") -> str:
@@ -152,11 +129,4 @@ def _wishes(given: list[str] | None) -> tuple[str, ...]:
     return wanted
 
 
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    app.command()(notices)
-    contacts = group(
-        "Addresses at which the team is told: e-mail, once confirmed, and webhooks.",
-        {"list": list_contacts, "add": add, "tell": tell, "remove": remove},
-    )
-    app.add_typer(contacts, name="contacts")
+contacts = {"list": list_contacts, "add": add, "tell": tell, "remove": remove}

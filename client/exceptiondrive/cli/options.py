@@ -2,8 +2,10 @@
 
 import shlex
 import sys
+from collections.abc import Callable, Iterable
+from inspect import Parameter, Signature
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -12,24 +14,66 @@ from exceptiondrive.cli.output import remember_json
 from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive.inputs import STDIN, GivenFile, given_bytes
 
+
+def option(
+    name: str, metavar: str, words: str, offer: Callable[..., Any] | None = None, **bounds: Any
+) -> Any:
+    """Return an option with a value.
+
+    Args:
+        name: With its dashes.
+        metavar: What stands for the value in `--help`.
+        words: What `--help` says of it.
+        offer: What the shell offers at a press of Tab.
+        **bounds: `min` and `max` of a number.
+    """
+    return typer.Option(name, metavar=metavar, help=words, autocompletion=offer, **bounds)
+
+
+def flag(name: str, words: str) -> Any:
+    """Return an option that is said or not."""
+    return typer.Option(name, help=words)
+
+
+def output(words: str, metavar: str = "FILE") -> Any:
+    """Return the option that says where to write."""
+    return typer.Option("--output", "-o", metavar=metavar, help=words)
+
+
+def argument(
+    metavar: str, words: str, offer: Callable[..., Any] | None = None, **bounds: Any
+) -> Any:
+    """Return an argument; its parts are those of an `option`."""
+    return typer.Argument(metavar=metavar, help=words, autocompletion=offer, **bounds)
+
+
+def phase(words: str, metavar: str = "PHASE") -> Any:
+    """Return the option that names a phase."""
+    return option("--phase", metavar, words, offer=completion.phases)
+
+
+def taking(command: Callable[..., None], parameters: Iterable[Parameter]) -> Callable[..., None]:
+    """Return a command that takes these parameters, whatever it takes by itself."""
+    taken = Signature([*parameters])
+    command.__signature__ = taken  # type: ignore[attr-defined]
+    command.__annotations__ = {each.name: each.annotation for each in taken.parameters.values()}
+    return command
+
+
+_USUAL_PHASE = "Id of the phase; else EXCEPTIONDRIVE_PHASE, else that of `config`."
 Json = Annotated[
-    bool,
-    typer.Option("--json", callback=remember_json, help="One JSON document on stdout."),
+    bool, typer.Option("--json", callback=remember_json, help="One JSON document on stdout.")
 ]
-Yes = Annotated[bool, typer.Option("--yes", help="Do not ask.")]
+Yes = Annotated[bool, flag("--yes", "Do not ask.")]
 Server = Annotated[
     str | None,
-    typer.Option(
+    option(
         "--server",
-        metavar="URL",
-        help="Address of the server; else EXCEPTIONDRIVE_SERVER, `config`, what login kept.",
+        "URL",
+        "Address of the server; else EXCEPTIONDRIVE_SERVER, `config`, what login kept.",
     ),
 ]
-Output = Annotated[
-    Path | None, typer.Option("--output", "-o", metavar="FILE", help="Else named by what it is.")
-]
-ONE_FILE = {"allow_extra_args": True}
-"""Settings of a command that says itself that it takes one file: see `given`."""
+Output = Annotated[Path | None, output("Else named by what it is.")]
 
 
 def given(file: Path, context: typer.Context | None = None) -> GivenFile:
@@ -50,64 +94,24 @@ def given(file: Path, context: typer.Context | None = None) -> GivenFile:
     return given_bytes(file)
 
 
-File = Annotated[
-    Path, typer.Argument(metavar="FILE", help="Submission file, JSON or gzip of JSON; - is stdin.")
-]
+File = Annotated[Path, argument("FILE", "Submission file, JSON or gzip of JSON; - is stdin.")]
 ProtocolOption = Annotated[
-    str | None,
-    typer.Option(
-        "--protocol", metavar="P", help="Version that ships with the client, or a TOML file."
-    ),
+    str | None, option("--protocol", "P", "Version that ships with the client, or a TOML file.")
 ]
-Phase = Annotated[
-    str | None,
-    typer.Option(
-        "--phase", metavar="PHASE", autocompletion=completion.phases, help="Only of this phase."
-    ),
-]
-DefaultPhase = Annotated[
-    str | None,
-    typer.Option(
-        "--phase",
-        metavar="PHASE",
-        autocompletion=completion.phases,
-        help="Id of the phase; else EXCEPTIONDRIVE_PHASE, else that of `config`.",
-    ),
-]
-PhaseArgument = Annotated[
-    str | None,
-    typer.Argument(
-        metavar="[PHASE]",
-        autocompletion=completion.phases,
-        help="Id of the phase; else EXCEPTIONDRIVE_PHASE, else that of `config`.",
-    ),
-]
+Phase = Annotated[str | None, phase("Only of this phase.")]
+DefaultPhase = Annotated[str | None, phase(_USUAL_PHASE)]
+PhaseArgument = Annotated[str | None, argument("[PHASE]", _USUAL_PHASE, offer=completion.phases)]
 SubmissionId = Annotated[
     str,
-    typer.Argument(
-        metavar="ID",
-        autocompletion=completion.submission_ids,
-        help="Id of the submission, or the address of its page.",
+    argument(
+        "ID", "Id of the submission, or the address of its page.", offer=completion.submission_ids
     ),
 ]
-TeamId = Annotated[
-    str, typer.Argument(metavar="TEAM", autocompletion=completion.teams, help="Id of the team.")
-]
-PhaseId = Annotated[
-    str,
-    typer.Option(
-        "--phase", metavar="PHASE", autocompletion=completion.phases, help="Id of the phase."
-    ),
-]
-Reason = Annotated[
-    str, typer.Option("--reason", metavar="TEXT", help="Why; stays in the audit log.")
-]
-FactsFile = Annotated[
-    Path | None, typer.Option("--facts", metavar="FILE", help="JSON file of the method's facts.")
-]
+TeamId = Annotated[str, argument("TEAM", "Id of the team.", offer=completion.teams)]
+PhaseId = Annotated[str, phase("Id of the phase.")]
+Reason = Annotated[str, option("--reason", "TEXT", "Why; stays in the audit log.")]
+FactsFile = Annotated[Path | None, option("--facts", "FILE", "JSON file of the method's facts.")]
 Fact = Annotated[
     list[str] | None,
-    typer.Option(
-        "--fact", metavar="KEY=VALUE", help="One fact, as often as needed: sensors=lidar,radar."
-    ),
+    option("--fact", "KEY=VALUE", "One fact, as often as needed: sensors=lidar,radar."),
 ]

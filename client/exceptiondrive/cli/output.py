@@ -17,6 +17,8 @@ from exceptiondrive_schemas.printable import printable
 
 PIPED_WIDTH = 200
 """Columns where no terminal says how many: tables are not cut for `grep`."""
+Answer = tuple[Any, ...]
+"""What a command came to: its result, as `--json` shows it, and the words for people."""
 _JSON = "exceptiondrive.json"
 _UNSHOWN = re.compile("[\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff\ud800-\udfff]")
 """What `json.dumps` leaves bare although it steers terminals or hides; escaped, the same JSON."""
@@ -63,33 +65,30 @@ def show(*parts: RenderableType | Iterator[RenderableType]) -> None:
 
 
 def show_json(value: Any) -> None:
-    """Write a result for programs on stdout: one JSON document."""
-    text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False)
+    """Write a result for programs on stdout: one JSON document, also of documents and lists of them."""
+    text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False, default=_plain)
     typer.echo(_UNSHOWN.sub(lambda found: json.dumps(found[0])[1:-1], text))
 
 
-def show_document(document: Document) -> None:
-    """Write a document as JSON on stdout."""
-    show_json(document.model_dump(mode="json", by_alias=True))
+def _plain(document: Document) -> dict[str, Any]:
+    return document.model_dump(mode="json", by_alias=True)
 
 
 def show_result(
     result: Any, as_json: bool, *words: RenderableType | Iterator[RenderableType]
 ) -> None:
-    """Write a result: a document or record as JSON where `--json` asks for it, else in words.
+    """Write a result: documents or records as JSON where `--json` asks for it, else in words.
 
     A view makes its words only where they are shown.
     """
-    if not as_json:
-        show(*words)
-    elif isinstance(result, Document):
-        show_document(result)
-    else:
+    if as_json:
         show_json(result)
+    else:
+        show(*words)
 
 
-def show_saved(path: Path, data: bytes, as_json: bool) -> None:
-    """Write a new file, never over another one, and say which.
+def saved(path: Path, data: bytes) -> Answer:
+    """Write a new file, never over another one, and return which.
 
     Raises:
         InvalidArgumentError: It is there already, or cannot be written.
@@ -115,7 +114,7 @@ def show_saved(path: Path, data: bytes, as_json: bool) -> None:
             "not_written", f"{path} cannot be written: {error.strerror}."
         ) from None
     size = len(data)
-    show_result({"file": str(path), "size_bytes": size}, as_json, f"{path}  {size:,} bytes")
+    return {"file": str(path), "size_bytes": size}, f"{path}  {size:,} bytes"
 
 
 def upload_name(submission_id: str, data: bytes) -> str:

@@ -6,20 +6,19 @@ from typing import Annotated
 import typer
 
 from exceptiondrive.checking import write_file
-from exceptiondrive.cli import group, options
+from exceptiondrive.cli import options
+from exceptiondrive.cli.options import argument, option
 from exceptiondrive.cli.output import say, show_result
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.errors import utc_text
 from exceptiondrive.receipts import remember_keys, verify_receipt
 from exceptiondrive_schemas.printable import printable
 
-Output = Annotated[Path | None, typer.Option("--output", "-o", metavar="FILE", help="Else stdout.")]
+Output = Annotated[Path | None, options.output("Else stdout.")]
 
 
 def get(
-    submission_id: options.SubmissionId,
-    output: Output = None,
-    server: options.Server = None,
+    submission_id: options.SubmissionId, output: Output = None, server: options.Server = None
 ) -> None:
     """Fetch the signed receipt of a scored submission.
 
@@ -39,10 +38,9 @@ def keys(output: Output = None, server: options.Server = None) -> None:
 
 
 def verify(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A receipt.")],
+    file: Annotated[Path, argument("FILE", "A receipt.")],
     key: Annotated[
-        Path | None,
-        typer.Option("--key", metavar="KEYFILE", help="Public keys; else the remembered ones."),
+        Path | None, option("--key", "KEYFILE", "Public keys; else the remembered ones.")
     ] = None,
     json: options.Json = False,
 ) -> None:
@@ -71,9 +69,4 @@ def _write(text: str, output: Path | None) -> None:
     say(f"written to {output}")
 
 
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    receipts = group(
-        "Signed receipts of scored submissions.", {"get": get, "verify": verify, "keys": keys}
-    )
-    app.add_typer(receipts, name="receipt")
+receipt = {"get": get, "verify": verify, "keys": keys}

@@ -9,20 +9,20 @@ import typer
 from exceptiondrive.cli import options
 from exceptiondrive.cli.completion import choices, submission_ids
 from exceptiondrive.cli.file_tables import file_view
+from exceptiondrive.cli.options import flag, option
 from exceptiondrive.cli.output import (
+    Answer,
     be_sure,
     can_ask,
+    saved,
     say,
     say_view,
     show,
-    show_document,
     show_json,
-    show_result,
-    show_saved,
     upload_name,
 )
-from exceptiondrive.cli.progress import TransferBar, WaitLine
-from exceptiondrive.cli.session import open_client
+from exceptiondrive.cli.progress import transfer_bar, wait_line
+from exceptiondrive.cli.session import open_client, with_client
 from exceptiondrive.cli.tables import (
     edits_table,
     outlook_view,
@@ -40,7 +40,7 @@ from exceptiondrive_schemas.api.phase_settings import RunRule
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 
 if TYPE_CHECKING:
-    from exceptiondrive.client import Submission
+    from exceptiondrive.client import Client, Submission
 
 INTERRUPTED = 130
 """The exit code of what Ctrl-C ended, as shells have it."""
@@ -53,47 +53,31 @@ UNANSWERED = (
 def submit(
     context: typer.Context,
     file: options.File,
-    method: Annotated[
-        str,
-        typer.Option("--method", metavar="NAME", help="Name of the method, as the board has it."),
-    ],
+    method: Annotated[str, option("--method", "NAME", "Name of the method, as the board has it.")],
     phase: options.DefaultPhase = None,
-    description: Annotated[
-        str, typer.Option("--description", metavar="TEXT", help="One or two sentences.")
-    ] = "",
-    paper: Annotated[
-        str | None, typer.Option("--paper", metavar="URL", help="https link to the paper.")
-    ] = None,
-    code: Annotated[
-        str | None, typer.Option("--code", metavar="URL", help="https link to the code.")
-    ] = None,
+    description: Annotated[str, option("--description", "TEXT", "One or two sentences.")] = "",
+    paper: Annotated[str | None, option("--paper", "URL", "https link to the paper.")] = None,
+    code: Annotated[str | None, option("--code", "URL", "https link to the code.")] = None,
     facts: options.FactsFile = None,
     fact: options.Fact = None,
     without_reminder: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--without-reminder",
-            metavar="SUBMISSION_ID",
-            autocompletion=submission_ids,
-            help="Strategy phases: your submission of the same agent without reminder.",
+            "SUBMISSION_ID",
+            "Strategy phases: your submission of the same agent without reminder.",
+            offer=submission_ids,
         ),
     ] = None,
     replace: Annotated[
-        bool,
-        typer.Option("--replace", help="Replace the entry of the method, without asking."),
+        bool, flag("--replace", "Replace the entry of the method, without asking.")
     ] = False,
     allow_unranked: Annotated[
-        bool,
-        typer.Option(
-            "--allow-unranked", help="Send what will be scored but not ranked, without asking."
-        ),
+        bool, flag("--allow-unranked", "Send what will be scored but not ranked, without asking.")
     ] = False,
-    wait: Annotated[
-        bool, typer.Option("--wait", help="Wait for score and rank, and show them.")
-    ] = False,
+    wait: Annotated[bool, flag("--wait", "Wait for score and rank, and show them.")] = False,
     timeout: Annotated[
-        float | None,
-        typer.Option("--timeout", metavar="S", min=0, help="With --wait: give up after S seconds."),
+        float | None, option("--timeout", "S", "With --wait: give up after S seconds.", min=0)
     ] = None,
     server: options.Server = None,
     json: options.Json = False,
@@ -117,7 +101,7 @@ def submit(
     phase, given = default_phase(phase), options.given(file, context)
     with open_client(server) as client:
         try:
-            with TransferBar("uploading", given.name) as bar:
+            with transfer_bar("uploading", given.name) as bar:
                 submission = client.submit(
                     given,
                     phase=phase,
@@ -136,7 +120,7 @@ def submit(
         if wait:
             _wait(submission, timeout)
         if json:
-            show_document(submission.view)
+            show_json(submission.view)
             return
         show(*submission_view(submission.view, submission.page_url, with_file=False))
         left = None
@@ -148,7 +132,7 @@ def submit(
 def _wait(submission: "Submission", timeout: float | None) -> None:
     """Wait for the end of a submission; who interrupts it reads that it goes on, and where."""
     try:
-        with WaitLine(submission.view) as line:
+        with wait_line(submission.view) as line:
             submission.wait(timeout, on_change=line)
     except KeyboardInterrupt:
         say(f"Submission {submission.id} is no longer waited for.")
@@ -175,84 +159,59 @@ def _require_consent(outlook: Outlook, *, replace: bool, allow_unranked: bool) -
             raise InvalidArgumentError("not_confirmed", "Nothing was sent.")
 
 
-def status(
-    submission_id: options.SubmissionId,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+@with_client
+def status(client: "Client", submission_id: options.SubmissionId) -> Answer:
     """Show one submission.
 
     Where it stands, and then its score or its faults.
     Exit code 0 whenever it could be shown, whatever its status.
     """
-    with open_client(server) as client:
-        view = client.status(submission_id, profile=True)
-        if json:
-            show_document(view)
-        else:
-            show(*submission_view(view, client.page_url(view.id)))
+    view = client.status(submission_id, profile=True)
+    return view, submission_view(view, client.page_url(view.id))
 
 
+@with_client
 def submissions(
+    client: "Client",
     phase: options.Phase = None,
     only: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--status",
-            metavar="STATUS",
-            autocompletion=choices(*SubmissionStatus),
-            help=f"Only {', '.join(SubmissionStatus)}.",
+            "STATUS",
+            f"Only {', '.join(SubmissionStatus)}.",
+            offer=choices(*SubmissionStatus),
         ),
     ] = None,
-    limit: Annotated[
-        int, typer.Option("--limit", metavar="N", min=1, help="At most so many.")
-    ] = 100,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+    limit: Annotated[int, option("--limit", "N", "At most so many.", min=1)] = 100,
+) -> Answer:
     """List the team's submissions, newest first."""
-    with open_client(server) as client:
-        views = client.submissions(phase=phase, status=_status(only), limit=limit)
-    if json:
-        show_json([view.model_dump(mode="json", by_alias=True) for view in views])
-    elif views:
-        show(*submissions_view(views))
-    else:
-        show("no submissions")
+    views = client.submissions(phase=phase, status=_status(only), limit=limit)
+    return views, submissions_view(views) if views else "no submissions"
 
 
-def quota(
-    phase: options.Phase = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+@with_client
+def quota(client: "Client", phase: options.Phase = None) -> Answer:
     """Show what the team may still submit, and when the count resets."""
-    with open_client(server) as client:
-        found = client.quota(phase)
-    as_json = {name: each.model_dump(mode="json", by_alias=True) for name, each in found.items()}
-    show_result(as_json, json, quota_table(found))
+    found = client.quota(phase)
+    return found, quota_table(found)
 
 
+@with_client
 def edit(
+    client: "Client",
     submission_id: options.SubmissionId,
     method: Annotated[
-        str | None,
-        typer.Option("--method", metavar="NAME", help="New name, of all runs of the method."),
+        str | None, option("--method", "NAME", "New name, of all runs of the method.")
     ] = None,
     description: Annotated[
-        str | None, typer.Option("--description", metavar="TEXT", help="One or two sentences.")
+        str | None, option("--description", "TEXT", "One or two sentences.")
     ] = None,
-    paper: Annotated[
-        str | None, typer.Option("--paper", metavar="URL", help="https link; empty: none.")
-    ] = None,
-    code: Annotated[
-        str | None, typer.Option("--code", metavar="URL", help="https link; empty: none.")
-    ] = None,
+    paper: Annotated[str | None, option("--paper", "URL", "https link; empty: none.")] = None,
+    code: Annotated[str | None, option("--code", "URL", "https link; empty: none.")] = None,
     facts: options.FactsFile = None,
     fact: options.Fact = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Change name, links, description or facts of a submission; without options, list its changes.
 
     Score, time and quota stay as they are. Boards that were published keep the old name.
@@ -260,69 +219,58 @@ def edit(
     said = {"method": method, "description": description, "paper": paper, "code": code}
     said = {name: value for name, value in said.items() if value is not None}
     told = facts_of_pairs(fact or (), facts)
-    with open_client(server) as client:
-        if told is not None or said:
-            client.edit(submission_id, **said, facts=told)
-        view, edits = client.status(submission_id), client.edits(submission_id)
-    if json:
-        show_json([each.model_dump(mode="json") for each in edits])
-        return
-    show(f"{view.id}  {view.method}")
-    show(edits_table(edits) if edits else "nothing was changed since it was submitted")
+    if told is not None or said:
+        client.edit(submission_id, **said, facts=told)
+    view, edits = client.status(submission_id), client.edits(submission_id)
+    changes = edits_table(edits) if edits else "nothing was changed since it was submitted"
+    return edits, f"{view.id}  {view.method}", changes
 
 
+@with_client
 def download(
+    client: "Client",
     submission_id: options.SubmissionId,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="Else ID.json or ID.json.gz."),
-    ] = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+    output: Annotated[Path | None, options.output("Else ID.json or ID.json.gz.")] = None,
+) -> Answer:
     """Get the team's own upload again, bit by bit."""
-    with open_client(server) as client:
-        data = client.download(submission_id)
-    show_saved(output or Path(upload_name(submission_id, data)), data, json)
+    data = client.download(submission_id)
+    return saved(output or Path(upload_name(submission_id, data)), data)
 
 
+@with_client
 def withdraw(
-    submission_id: options.SubmissionId,
-    yes: options.Yes = False,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+    client: "Client", submission_id: options.SubmissionId, yes: options.Yes = False
+) -> Answer:
     """Take a submission off the board; on a terminal it asks first.
 
     It stays in the team's own list; the run of the method that it had replaced stands again.
     """
-    with open_client(server) as client:
-        asked = client.status(submission_id)
-        stands = asked.status is not SubmissionStatus.WITHDRAWN
-        be_sure(f"Withdraw {entry_words(asked)}?", yes or not stands)
-        own = client.submissions(phase=asked.phase, limit=None)
-        view = client.withdraw(submission_id)
-        before = next((each for each in own if each.replaced_by == view.id), None)
-        again = None if before is None else client.status(before.id)
+    asked = client.status(submission_id)
+    stands = asked.status is not SubmissionStatus.WITHDRAWN
+    be_sure(f"Withdraw {entry_words(asked)}?", yes or not stands)
+    own = client.submissions(phase=asked.phase, limit=None)
+    view = client.withdraw(submission_id)
+    before = next((each for each in own if each.replaced_by == view.id), None)
+    again = None if before is None else client.status(before.id)
     words = "no other run takes its place on the board"
     if again is not None and again.replaced_by is None:
         words = f"with the next board there stands again {entry_words(again)}"
     if not stands:
         words = "it was so before, and nothing changed"
-    show_result(view, json, f"{view.id} {view.status}: {words}")
+    return view, f"{view.id} {view.status}: {words}"
 
 
+@with_client
 def choose(
+    client: "Client",
     submission_id: options.SubmissionId,
     best: Annotated[
-        bool, typer.Option("--best", help="Let the best run of its method stand, not this one.")
+        bool, flag("--best", "Let the best run of its method stand, not this one.")
     ] = False,
     newest: Annotated[
-        bool, typer.Option("--newest", help="Let the newest run of its method stand again.")
+        bool, flag("--newest", "Let the newest run of its method stand again.")
     ] = False,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Say which run stands, in a phase that lets teams choose.
 
     The last word before the deadline counts; until then it is the newest scored one. In a phase that
@@ -331,24 +279,20 @@ def choose(
     if best and newest:
         raise InvalidArgumentError("wrong_option", "Choose one of --best and --newest.")
     rule: RunRule = "best" if best else "newest" if newest else "this"
-    with open_client(server) as client:
-        view = client.choose(submission_id, rule)
+    view = client.choose(submission_id, rule)
     stands = f"{view.id} stands" if rule == "this" else f"the {rule} run of {view.method} stands"
-    show_result(view, json, stands)
+    return view, stands
 
 
+@with_client
 def publish(
+    client: "Client",
     submission_id: options.SubmissionId,
-    undo: Annotated[
-        bool, typer.Option("--undo", help="Make it private again; earlier boards keep it.")
-    ] = False,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+    undo: Annotated[bool, flag("--undo", "Make it private again; earlier boards keep it.")] = False,
+) -> Answer:
     """Put an entry on the board of a phase that keeps entries private."""
-    with open_client(server) as client:
-        view = client.unpublish(submission_id) if undo else client.publish(submission_id)
-    show_result(view, json, f"{view.id} is {'public' if view.is_published else 'private'}")
+    view = client.unpublish(submission_id) if undo else client.publish(submission_id)
+    return view, f"{view.id} is {'public' if view.is_published else 'private'}"
 
 
 def _status(name: str | None) -> SubmissionStatus | None:
@@ -360,10 +304,3 @@ def _status(name: str | None) -> SubmissionStatus | None:
         raise InvalidArgumentError(
             "wrong_option", f"--status must be one of {', '.join(SubmissionStatus)}."
         ) from None
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    app.command(context_settings=options.ONE_FILE)(submit)
-    for command in (status, submissions, quota, edit, download, withdraw, choose, publish):
-        app.command()(command)

@@ -7,15 +7,18 @@ from typing import Annotated, Any
 import typer
 
 from exceptiondrive.checking import write_file
-from exceptiondrive.cli import completion, group, news_commands, options
+from exceptiondrive.cli import completion, news_commands, options
 from exceptiondrive.cli.account_commands import TOKEN_COLUMNS, show_revoked
+from exceptiondrive.cli.completion import choices
+from exceptiondrive.cli.options import argument, flag, option
 from exceptiondrive.cli.organizer import participation, phases, rescoring
-from exceptiondrive.cli.output import say, show_result, show_saved, upload_name
-from exceptiondrive.cli.session import open_organizer
+from exceptiondrive.cli.output import Answer, saved, say, show_result, upload_name
+from exceptiondrive.cli.session import open_organizer, with_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.confirmations import confirm, default_key_path, make_key
 from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, utc_text
 from exceptiondrive.inputs import given_bytes, given_protocol
+from exceptiondrive.organizer import Organizer
 from exceptiondrive_schemas.api.site import SiteLinks
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.protocol import ProtocolDocument, ProtocolError
@@ -23,12 +26,9 @@ from exceptiondrive_schemas.protocols.sense import nonsense
 from exceptiondrive_schemas.split import SplitRef
 
 SubmissionId = Annotated[
-    str,
-    typer.Argument(
-        metavar="ID", autocompletion=completion.submission_ids, help="Id of the submission."
-    ),
+    str, argument("ID", "Id of the submission.", offer=completion.submission_ids)
 ]
-FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="Protocol document, TOML.")]
+FileArgument = Annotated[Path, argument("FILE", "Protocol document, TOML.")]
 
 
 def _meant_protocol(file: Path) -> ProtocolDocument:
@@ -47,42 +47,31 @@ def check_protocol(file: FileArgument, json: options.Json = False) -> None:
     show_result(facts, json, f"protocol {protocol.version} is valid, {protocol.digest}")
 
 
+@with_organizer
 def diff_protocol(
+    organizer: Organizer,
     file: FileArgument,
     phase: Annotated[
-        str | None,
-        typer.Option(
-            "--phase",
-            metavar="ID",
-            autocompletion=completion.phases,
-            help="Against the protocol this phase shows.",
-        ),
+        str | None, options.phase("Against the protocol this phase shows.", "ID")
     ] = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Say in plain words what a document would change, and what would be repeated."""
     _meant_protocol(file)
     toml = given_bytes(file).text()
-    with open_organizer(server) as organizer:
-        found = organizer.rescoring.check_protocol(toml, phase)
+    found = organizer.rescoring.check_protocol(toml, phase)
     changes = [f"- {change['sentence']} ({change['stage']})" for change in found["changes"]]
     lines = [*(changes or ["nothing that scores is changed"]), found["sentence"]]
     lines += [f"note: {found['remark']}"] if found.get("remark") else []
-    show_result(found, json, *lines)
+    return found, *lines
 
 
-def similar(
-    phase: options.PhaseId,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+@with_organizer
+def similar(organizer: Organizer, phase: options.PhaseId) -> Answer:
     """Show teams with equal or near-equal submissions, and teams that may be probing.
 
     Reasons to ask a team, not proof: planners that both stand still are alike, too.
     """
-    with open_organizer(server) as organizer:
-        report = organizer.similar(phase)
+    report = organizer.similar(phase)
     rows = [
         {
             "alike": pair["kind"].replace("_", " "),
@@ -100,115 +89,90 @@ def similar(
         f"{found['first_at']} to {found['last_at']}"
         for found in report["probing"]
     )
-    show_result(
-        report,
-        json,
-        records_table(rows, tuple(rows[0])) if rows else "no submissions of two teams are alike",
-        *probing,
-        f"{report['n_compared']} submissions compared, {report['n_waiting']} more after the next board",
-    )
+    pairs = records_table(rows, tuple(rows[0])) if rows else "no submissions of two teams are alike"
+    compared = f"{report['n_compared']} submissions compared"
+    return report, pairs, *probing, f"{compared}, {report['n_waiting']} more after the next board"
 
 
 def _named(submission: dict[str, Any]) -> str:
     return f"{submission['team']}: {submission['method']} ({submission['id']})"
 
 
-def list_teams(server: options.Server = None, json: options.Json = False) -> None:
+@with_organizer
+def list_teams(organizer: Organizer) -> Answer:
     """List all teams."""
     columns = ("id", "name", "standing", "affiliation", "is_reference", "created_at")
-    with open_organizer(server) as organizer:
-        found = organizer.teams()
-    show_result(found, json, records_table(found, columns))
+    found = organizer.teams()
+    return found, records_table(found, columns)
 
 
+@with_organizer
 def create_team(
-    team_id: Annotated[str, typer.Argument(metavar="ID", help="Small letters, digits, dashes.")],
-    name: Annotated[str, typer.Argument(metavar="NAME", help="As the board shows it.")],
-    affiliation: Annotated[
-        str, typer.Option("--affiliation", metavar="TEXT", help="For organizers.")
-    ] = "",
+    organizer: Organizer,
+    team_id: Annotated[str, argument("ID", "Small letters, digits, dashes.")],
+    name: Annotated[str, argument("NAME", "As the board shows it.")],
+    affiliation: Annotated[str, option("--affiliation", "TEXT", "For organizers.")] = "",
     email: Annotated[
-        str,
-        typer.Option(
-            "--email", metavar="ADDRESS", help="For its notices, once somebody there confirms it."
-        ),
+        str, option("--email", "ADDRESS", "For its notices, once somebody there confirms it.")
     ] = "",
     reference: Annotated[
-        bool, typer.Option("--reference", help="Its entries are shown and never ranked.")
+        bool, flag("--reference", "Its entries are shown and never ranked.")
     ] = False,
     with_token: Annotated[
-        bool, typer.Option("--with-token", help="Issue its first token too; shown this once.")
+        bool, flag("--with-token", "Issue its first token too; shown this once.")
     ] = False,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Make a team."""
-    with open_organizer(server) as organizer:
-        team = organizer.create_team(
-            team_id, name, affiliation=affiliation, email=email, is_reference=reference
-        )
-        if with_token:
-            team["token"] = organizer.issue_token(team_id, "first token")["token"]
-            say(f"team {team['id']} made; its token, shown this once:")
-    show_result(team, json, team.get("token") or f"team {team['id']} made")
+    team = organizer.create_team(
+        team_id, name, affiliation=affiliation, email=email, is_reference=reference
+    )
+    if with_token:
+        team["token"] = organizer.issue_token(team_id, "first token")["token"]
+        say(f"team {team['id']} made; its token, shown this once:")
+    return team, team.get("token") or f"team {team['id']} made"
 
 
-def approve_team(
-    team_id: options.TeamId, server: options.Server = None, json: options.Json = False
-) -> None:
+@with_organizer
+def approve_team(organizer: Organizer, team_id: options.TeamId) -> Answer:
     """Let a team that registered itself submit."""
-    with open_organizer(server) as organizer:
-        team = organizer.approve_team(team_id)
-    show_result(team, json, f"team {team['id']} approved")
+    team = organizer.approve_team(team_id)
+    return team, f"team {team['id']} approved"
 
 
-def refuse_team(
-    team_id: options.TeamId,
-    reason: options.Reason,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+@with_organizer
+def refuse_team(organizer: Organizer, team_id: options.TeamId, reason: options.Reason) -> Answer:
     """Refuse a team that registered itself: it goes, with its tokens."""
-    with open_organizer(server) as organizer:
-        team = organizer.refuse_team(team_id, reason)
-    show_result(team, json, f"team {team['id']} refused")
+    team = organizer.refuse_team(team_id, reason)
+    return team, f"team {team['id']} refused"
 
 
+@with_organizer
 def retry_submission(
-    submission_id: SubmissionId,
-    reason: options.Reason,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+    organizer: Organizer, submission_id: SubmissionId, reason: options.Reason
+) -> Answer:
     """Queue a failed submission again, with all its attempts."""
-    with open_organizer(server) as organizer:
-        submission = organizer.retry_submission(submission_id, reason)
-    show_result(submission, json, f"submission {submission['id']} queued again")
+    submission = organizer.retry_submission(submission_id, reason)
+    return submission, f"submission {submission['id']} queued again"
 
 
-def show_story(
-    submission_id: SubmissionId, server: options.Server = None, json: options.Json = False
-) -> None:
+@with_organizer
+def show_story(organizer: Organizer, submission_id: SubmissionId) -> Answer:
     """Show a submission and everything that ever happened to it.
 
     Scores of all submissions are listed by `exceptiondrive submissions` with an organizer's token.
     """
-    with open_organizer(server) as organizer:
-        story = organizer.story(submission_id)
+    story = organizer.story(submission_id)
     one = story["submission"]
     recomputed = (
         f"recomputed {utc_text(item['asked_at'])}: {item['state']}" for item in story["recomputed"]
     )
     told = (f"told {utc_text(item['created_at'])}: {item['title']}" for item in story["notices"])
-    show_result(
-        story,
-        json,
+    head = (
         f"{one['id']}  {one['method']} of {one['team']}, {one['phase']}, {one['status']}, "
-        f"rank {one['rank'] or '-'}",
-        *recomputed,
-        *told,
-        records_table(story["audit"], ("id", "at", "actor", "action")),
+        f"rank {one['rank'] or '-'}"
     )
+    audit = records_table(story["audit"], ("id", "at", "actor", "action"))
+    return story, head, *recomputed, *told, audit
 
 
 def verify_submission(
@@ -223,110 +187,85 @@ def verify_submission(
         rescoring.follow_verification(organizer.rescoring, found, json)
 
 
+@with_organizer
 def restore_submission(
-    submission_id: SubmissionId,
-    reason: options.Reason,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+    organizer: Organizer, submission_id: SubmissionId, reason: options.Reason
+) -> Answer:
     """Let a withdrawn submission stand again, at its old place in time."""
-    with open_organizer(server) as organizer:
-        submission = organizer.restore_submission(submission_id, reason)
-    show_result(submission, json, f"submission {submission['id']} is {submission['status']}")
+    submission = organizer.restore_submission(submission_id, reason)
+    return submission, f"submission {submission['id']} is {submission['status']}"
 
 
+@with_organizer
 def write_about(
+    organizer: Organizer,
     submission_id: SubmissionId,
-    words: Annotated[
-        str,
-        typer.Option("--words", metavar="TEXT", help="What the team is told; no address shows."),
-    ],
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+    words: Annotated[str, option("--words", "TEXT", "What the team is told; no address shows.")],
+) -> Answer:
     """Tell its team something about it: in its inbox, and at every confirmed address."""
-    with open_organizer(server) as organizer:
-        notice = organizer.write_about(submission_id, words)
-    show_result(notice, json, f"{notice['team']} is told: notice {notice['id']}")
+    notice = organizer.write_about(submission_id, words)
+    return notice, f"{notice['team']} is told: notice {notice['id']}"
 
 
+@with_organizer
 def download_upload(
-    submission_id: SubmissionId,
-    output: options.Output = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+    organizer: Organizer, submission_id: SubmissionId, output: options.Output = None
+) -> Answer:
     """Get the bytes that a team sent; the audit log says who had them."""
-    with open_organizer(server) as organizer:
-        data = organizer.download_upload(submission_id)
-    show_saved(output or Path(upload_name(submission_id, data)), data, json)
+    data = organizer.download_upload(submission_id)
+    return saved(output or Path(upload_name(submission_id, data)), data)
 
 
+@with_organizer
 def download_story(
-    submission_id: SubmissionId,
-    output: options.Output = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+    organizer: Organizer, submission_id: SubmissionId, output: options.Output = None
+) -> Answer:
     """Get the whole story for a committee, as a tar: upload, receipt, records and a README."""
-    with open_organizer(server) as organizer:
-        data = organizer.download_story(submission_id)
-    show_saved(output or Path(f"submission-{submission_id}.tar"), data, json)
+    data = organizer.download_story(submission_id)
+    return saved(output or Path(f"submission-{submission_id}.tar"), data)
 
 
+@with_organizer
 def download_archive(
+    organizer: Organizer,
     team: Annotated[
-        str | None,
-        typer.Option(
-            "--team", metavar="TEAM", autocompletion=completion.teams, help="Only of this team."
-        ),
+        str | None, option("--team", "TEAM", "Only of this team.", offer=completion.teams)
     ] = None,
     phase: options.Phase = None,
     status: Annotated[
         str | None,
-        typer.Option(
-            "--status",
-            metavar="STATUS",
-            autocompletion=completion.choices(*SubmissionStatus),
-            help="Only in this status.",
-        ),
+        option("--status", "STATUS", "Only in this status.", offer=choices(*SubmissionStatus)),
     ] = None,
     output: options.Output = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Get the uploads that match as a tar; its last member, manifest.json, says what each is."""
-    with open_organizer(server) as organizer:
-        data = organizer.download_archive(team, phase, status)
-    show_saved(output or Path("submissions.tar"), data, json)
+    data = organizer.download_archive(team, phase, status)
+    return saved(output or Path("submissions.tar"), data)
 
 
-def list_tokens(
-    team_id: options.TeamId, server: options.Server = None, json: options.Json = False
-) -> None:
+@with_organizer
+def list_tokens(organizer: Organizer, team_id: options.TeamId) -> Answer:
     """List a team's tokens, without their secrets."""
-    with open_organizer(server) as organizer:
-        found = organizer.tokens(team_id)
-    show_result(found, json, records_table(found, TOKEN_COLUMNS))
+    found = organizer.tokens(team_id)
+    return found, records_table(found, TOKEN_COLUMNS)
 
 
+@with_organizer
 def issue_token(
+    organizer: Organizer,
     team_id: options.TeamId,
-    name: Annotated[str, typer.Option("--name", metavar="NAME", help="What it is for.")],
+    name: Annotated[str, option("--name", "NAME", "What it is for.")],
     expires_at: Annotated[
-        str | None, typer.Option("--expires-at", metavar="TIME", help="2027-01-31T00:00:00Z")
+        str | None, option("--expires-at", "TIME", "2027-01-31T00:00:00Z")
     ] = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Issue a token for a team; it is shown this once."""
-    with open_organizer(server) as organizer:
-        issued = organizer.issue_token(team_id, name, expires_at)
-    show_result(issued, json, issued["token"])
+    issued = organizer.issue_token(team_id, name, expires_at)
+    return issued, issued["token"]
 
 
 def revoke_token(
-    token_id: Annotated[str, typer.Argument(metavar="TOKEN_ID", help="Id of the token.")],
+    token_id: Annotated[str, argument("TOKEN_ID", "Id of the token.")],
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -336,32 +275,27 @@ def revoke_token(
     show_revoked(token, json)
 
 
-def list_protocols(server: options.Server = None, json: options.Json = False) -> None:
+@with_organizer
+def list_protocols(organizer: Organizer) -> Answer:
     """List all protocols, drafts too, oldest first."""
-    with open_organizer(server) as organizer:
-        found = organizer.protocols()
+    found = organizer.protocols()
     rows = [one | {"readers": "no, a draft" if one["is_draft"] else "yes"} for one in found]
-    show_result(found, json, records_table(rows, ("version", "title", "readers", "digest")))
+    return found, records_table(rows, ("version", "title", "readers", "digest"))
 
 
-def add_protocol(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Protocol document, TOML.")],
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+@with_organizer
+def add_protocol(organizer: Organizer, file: FileArgument) -> Answer:
     """Add a protocol document; it is immutable from then on."""
     given_protocol(str(file))
     toml = given_bytes(file).text()
-    with open_organizer(server) as organizer:
-        known = {one["digest"] for one in organizer.protocols()}
-        added = organizer.add_protocol(toml)
+    known = {one["digest"] for one in organizer.protocols()}
+    added = organizer.add_protocol(toml)
     what = "is there already, nothing was added" if added["digest"] in known else "added"
-    show_result(added, json, f"protocol {added['version']} {what}, {added['digest']}")
+    return added, f"protocol {added['version']} {what}, {added['digest']}"
 
 
 KeyOption = Annotated[
-    Path | None,
-    typer.Option("--key", metavar="FILE", help="Your private key; it stays on this machine."),
+    Path | None, option("--key", "FILE", "Your private key; it stays on this machine.")
 ]
 
 
@@ -375,16 +309,10 @@ def protocol_key(key: KeyOption = None, json: options.Json = False) -> None:
 
 def confirm_protocol(
     file: FileArgument,
-    split: Annotated[str, typer.Option("--split", metavar="NAME", help="Name of the split.")],
-    revision: Annotated[
-        str,
-        typer.Option("--revision", metavar="REVISION", help="As `register-splits` printed it."),
-    ],
+    split: Annotated[str, option("--split", "NAME", "Name of the split.")],
+    revision: Annotated[str, option("--revision", "REVISION", "As `register-splits` printed it.")],
     key: KeyOption = None,
-    to_file: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", metavar="FILE", help="Write it here; send nothing."),
-    ] = None,
+    to_file: Annotated[Path | None, options.output("Write it here; send nothing.")] = None,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -398,59 +326,57 @@ def confirm_protocol(
     words = f"protocol {protocol.version} ({protocol.digest}) on {split} at {revision}"
     if to_file is not None:
         write_file(to_file, signed.model_dump_json(by_alias=True) + "\n")
-        show_result(signed.model_dump(mode="json", by_alias=True), json, f"signed: {words}")
+        show_result(signed, json, f"signed: {words}")
         return
     with open_organizer(server) as organizer:
         kept = organizer.confirm(signed.model_dump(mode="json", by_alias=True))
     show_result(kept, json, f"confirmed: {words}")
 
 
-def list_confirmations(server: options.Server = None, json: options.Json = False) -> None:
+@with_organizer
+def list_confirmations(organizer: Organizer) -> Answer:
     """List what organizers signed: which split may be scored under which protocol."""
-    with open_organizer(server) as organizer:
-        found = organizer.confirmations()
+    found = organizer.confirmations()
     rows = [
         {"id": one["id"], "protocol": said["protocol"], "key": said["public_key"], **said["split"]}
         for one in found
         for said in [one["confirmation"]]
     ]
     columns = ("id", "name", "revision", "protocol", "key")
-    show_result(found, json, records_table(rows, columns))
+    return found, records_table(rows, columns)
 
 
+@with_organizer
 def withdraw_confirmation(
-    confirmation_id: Annotated[str, typer.Argument(metavar="ID", help="`confirmations` shows it.")],
+    organizer: Organizer,
+    confirmation_id: Annotated[str, argument("ID", "`confirmations` shows it.")],
     reason: options.Reason,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Take a confirmation back: workers score and publish nothing more that needs it."""
-    with open_organizer(server) as organizer:
-        left = organizer.withdraw_confirmation(confirmation_id, reason)
-    show_result(left, json, f"confirmation {confirmation_id} withdrawn")
+    left = organizer.withdraw_confirmation(confirmation_id, reason)
+    return left, f"confirmation {confirmation_id} withdrawn"
 
 
+@with_organizer
 def delete_protocol(
-    version: Annotated[str, typer.Argument(metavar="VERSION", help="Version or digest.")],
+    organizer: Organizer,
+    version: Annotated[str, argument("VERSION", "Version or digest.")],
     reason: options.Reason,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Delete a protocol that nothing was made of: neither phase, run, board nor sheet."""
-    with open_organizer(server) as organizer:
-        gone = organizer.delete_protocol(version, reason)
-    show_result(gone, json, f"protocol {gone['version']} deleted")
+    gone = organizer.delete_protocol(version, reason)
+    return gone, f"protocol {gone['version']} deleted"
 
 
-def list_splits(server: options.Server = None, json: options.Json = False) -> None:
+@with_organizer
+def list_splits(organizer: Organizer) -> Answer:
     """List the registered split revisions: what a phase may use."""
-    with open_organizer(server) as organizer:
-        found = organizer.splits()
+    found = organizer.splits()
     rows = [one | {"warnings": _counts(one.get("warnings", ()))} for one in found]
     columns = (
         "name", "revision", "part", "n_samples", "is_public", "registered_at", "words", "warnings"
     )  # fmt: skip
-    show_result(found, json, records_table(rows, columns))
+    return found, records_table(rows, columns)
 
 
 def _counts(warnings: Iterable[Mapping[str, Any]]) -> str:
@@ -460,9 +386,7 @@ def _counts(warnings: Iterable[Mapping[str, Any]]) -> str:
 def verify_audit(
     head: Annotated[
         str | None,
-        typer.Option(
-            "--head", metavar="HASH", help="Kept from an earlier time: finds lines cut off since."
-        ),
+        option("--head", "HASH", "Kept from an earlier time: finds lines cut off since."),
     ] = None,
     server: options.Server = None,
     json: options.Json = False,
@@ -491,106 +415,87 @@ def _verdict_words(verdict: dict[str, Any], is_cut: bool) -> str:
     return f"the audit log is whole: {whole}"
 
 
+@with_organizer
 def read_audit(
-    limit: Annotated[
-        int, typer.Option("--limit", metavar="N", min=1, max=500, help="At most so many.")
-    ] = 50,
-    actor: Annotated[
-        str | None, typer.Option("--actor", metavar="WHO", help="Only by this one.")
-    ] = None,
-    subject: Annotated[
-        str | None, typer.Option("--subject", metavar="ID", help="Only about this.")
-    ] = None,
+    organizer: Organizer,
+    limit: Annotated[int, option("--limit", "N", "At most so many.", min=1, max=500)] = 50,
+    actor: Annotated[str | None, option("--actor", "WHO", "Only by this one.")] = None,
+    subject: Annotated[str | None, option("--subject", "ID", "Only about this.")] = None,
     by_people: Annotated[
-        bool, typer.Option("--by-people", help="Without what worker and server write.")
+        bool, flag("--by-people", "Without what worker and server write.")
     ] = False,
     since: Annotated[
-        str | None,
-        typer.Option(
-            "--since", metavar="TIME", help="2027-01-31T00:00:00Z, or a day: from then on."
-        ),
+        str | None, option("--since", "TIME", "2027-01-31T00:00:00Z, or a day: from then on.")
     ] = None,
     until: Annotated[
-        str | None,
-        typer.Option("--until", metavar="TIME", help="Before this time, or to the end of a day."),
+        str | None, option("--until", "TIME", "Before this time, or to the end of a day.")
     ] = None,
     action: Annotated[
-        str | None,
-        typer.Option("--action", metavar="KIND", help="Only of this kind, as 'phase changed'."),
+        str | None, option("--action", "KIND", "Only of this kind, as 'phase changed'.")
     ] = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Show the newest lines of the audit log."""
-    with open_organizer(server) as organizer:
-        found = organizer.audit(
-            limit,
-            actor=actor,
-            subject=subject,
-            by_people=by_people,
-            since=since,
-            until=until,
-            action=action,
-        )
+    found = organizer.audit(
+        limit,
+        actor=actor,
+        subject=subject,
+        by_people=by_people,
+        since=since,
+        until=until,
+        action=action,
+    )
     lines = [{**line, "reason": line["detail"].get("reason", "")} for line in found]
     columns = ("id", "at", "actor", "action", "subject", "reason")
-    show_result(found, json, records_table(lines, columns))
+    return found, records_table(lines, columns)
 
 
-def list_people(server: options.Server = None, json: options.Json = False) -> None:
+@with_organizer
+def list_people(organizer: Organizer) -> Answer:
     """List everybody who signed in through the provider, with their roles."""
-    with open_organizer(server) as organizer:
-        found = organizer.people()
+    found = organizer.people()
     columns = ("id", "name", "role", "phases", "signed_in_at")
-    show_result(found, json, records_table(found, columns))
+    return found, records_table(found, columns)
 
 
+@with_organizer
 def set_role(
-    person: Annotated[str, typer.Argument(metavar="PERSON", help="Id of the person.")],
+    organizer: Organizer,
+    person: Annotated[str, argument("PERSON", "Id of the person.")],
     role: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--role",
-            metavar="ROLE",
-            autocompletion=completion.choices("owner", "helper", "read-only"),
-            help="owner, helper or read-only; else none.",
+            "ROLE",
+            "owner, helper or read-only; else none.",
+            offer=choices("owner", "helper", "read-only"),
         ),
     ] = None,
     phase_ids: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--phase",
-            metavar="ID",
-            autocompletion=completion.phases,
-            help="Confines the role to it; may stand again.",
-        ),
+        list[str] | None, options.phase("Confines the role to it; may stand again.", "ID")
     ] = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Give a person a role of organizers, or take it; it counts from their next request on."""
-    with open_organizer(server) as organizer:
-        told = organizer.set_role(person, role, phase_ids or ())
-    show_result(told, json, f"{told['name']}: {told['role'] or 'no organizer'}")
+    told = organizer.set_role(person, role, phase_ids or ())
+    return told, f"{told['name']}: {told['role'] or 'no organizer'}"
 
 
-def show_site(server: options.Server = None, json: options.Json = False) -> None:
+@with_organizer
+def show_site(organizer: Organizer) -> Answer:
     """Show the links of the site."""
-    with open_organizer(server) as organizer:
-        _show_site(organizer.site(), json)
+    return _links(organizer.site())
 
 
-def set_site(server: options.Server = None, json: options.Json = False, **links: Any) -> None:
+@with_organizer
+def set_site(organizer: Organizer, **links: Any) -> Answer:
     """Set links of the site; what is left out stays, an empty one is not shown."""
     changes = phases.setting_document(SiteLinks, links)
     if not changes:
         raise InvalidArgumentError("nothing_to_set", "Say what to set: `--help` lists the links.")
-    with open_organizer(server) as organizer:
-        _show_site(organizer.set_site(changes), json)
+    return _links(organizer.set_site(changes))
 
 
-def _show_site(links: dict[str, Any], json: bool) -> None:
-    show_result(links, json, *(f"{name:<9}  {text or '-'}" for name, text in links.items()))
+def _links(links: dict[str, Any]) -> Answer:
+    return links, *(f"{name:<9}  {text or '-'}" for name, text in links.items())
 
 
 GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
@@ -607,10 +512,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             **participation.TEAM_COMMANDS,
         },
     ),
-    "phases": (
-        "Phases; everyone lists them with `exceptiondrive phases`.",
-        phases.COMMANDS,
-    ),
+    "phases": ("Phases; everyone lists them with `exceptiondrive phases`.", phases.COMMANDS),
     "protocols": (
         "Protocol documents.",
         {
@@ -625,10 +527,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "withdraw-confirmation": withdraw_confirmation,
         },
     ),
-    "rescore": (
-        "Protocol updates: score in the background, compare, apply.",
-        rescoring.COMMANDS,
-    ),
+    "rescore": ("Protocol updates: score in the background, compare, apply.", rescoring.COMMANDS),
     "submissions": (
         "Submissions of all teams; `exceptiondrive submissions` lists them with their scores.",
         {
@@ -654,13 +553,4 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
     "audit": ("The append-only, hash-chained log.", {"list": read_audit, "verify": verify_audit}),
 }
 
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    organizer = group(
-        "For organizers, with an organizer's token.",
-        {"similar": similar, "message": participation.send_message},
-    )
-    for name, (help_text, commands) in GROUPS.items():
-        organizer.add_typer(group(help_text, commands), name=name)
-    app.add_typer(organizer, name="organizer")
+organizer = {"similar": similar, "message": participation.send_message, **GROUPS}

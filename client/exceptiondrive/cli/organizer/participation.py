@@ -4,31 +4,27 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from exceptiondrive.cli import completion, options
-from exceptiondrive.cli.output import be_sure, say, show_result
-from exceptiondrive.cli.session import open_organizer
+from exceptiondrive.cli.options import argument, flag, option
+from exceptiondrive.cli.output import Answer, be_sure, say
+from exceptiondrive.cli.session import with_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.organizer import Organizer
 from exceptiondrive_schemas.printable import counted
 
 ToldReason = Annotated[
-    str,
-    typer.Option("--reason", metavar="TEXT", help="Why; told to the team, and in the audit log."),
+    str, option("--reason", "TEXT", "Why; told to the team, and in the audit log.")
 ]
 PublicNote = Annotated[
-    str | None,
-    typer.Option("--public-note", metavar="TEXT", help="What readers are told; else nothing."),
+    str | None, option("--public-note", "TEXT", "What readers are told; else nothing.")
 ]
 
 
-def show_team(
-    team_id: options.TeamId, server: options.Server = None, json: options.Json = False
-) -> None:
+@with_organizer
+def show_team(organizer: Organizer, team_id: options.TeamId) -> Answer:
     """Show name, standing, people, addresses, own limits, disqualifications and accepted terms of a team."""
-    with open_organizer(server) as organizer:
-        found = organizer.participation(team_id)
+    found = organizer.participation(team_id)
     tables = {
         "members": ("name", "email", "joined_at"),
         "addresses": ("address", "channel", "is_confirmed", "last_message"),
@@ -41,209 +37,157 @@ def show_team(
     for name, columns in tables.items():
         rows = found[name]
         lines += [f"{name}:", records_table(rows, columns)] if rows else [f"{name}: none"]
-    show_result(found, json, *lines)
+    return found, *lines
 
 
+@with_organizer
 def change_team(
+    organizer: Organizer,
     team_id: options.TeamId,
     reason: options.Reason,
-    name: Annotated[
-        str | None, typer.Option("--name", metavar="NAME", help="As new boards show it.")
-    ] = None,
-    affiliation: Annotated[
-        str | None, typer.Option("--affiliation", metavar="TEXT", help="For organizers.")
-    ] = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+    name: Annotated[str | None, option("--name", "NAME", "As new boards show it.")] = None,
+    affiliation: Annotated[str | None, option("--affiliation", "TEXT", "For organizers.")] = None,
+) -> Answer:
     """Change name or affiliation of a team; earlier boards stay as they are."""
     given = {"name": name, "affiliation": affiliation}
     changes = {key: value for key, value in given.items() if value is not None}
     if not changes:
         raise InvalidArgumentError("nothing_to_set", "Give --name or --affiliation.")
-    with open_organizer(server) as organizer:
-        team = organizer.change_team(team_id, reason, **changes)
-    show_result(team, json, f"team {team['id']} is called {team['name']}")
+    team = organizer.change_team(team_id, reason, **changes)
+    return team, f"team {team['id']} is called {team['name']}"
 
 
+@with_organizer
 def merge_teams(
+    organizer: Organizer,
     team_id: options.TeamId,
-    into: Annotated[
-        str,
-        typer.Option(
-            "--into", metavar="TEAM", autocompletion=completion.teams, help="The team that stays."
-        ),
-    ],
+    into: Annotated[str, option("--into", "TEAM", "The team that stays.", offer=completion.teams)],
     reason: options.Reason,
     yes: options.Yes = False,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Make a team part of another one, with submissions, people and addresses; on a terminal it asks first."""
     be_sure(f"Make {team_id} part of {into} for good?", yes)
-    with open_organizer(server) as organizer:
-        merged = organizer.merge_teams(team_id, into, reason)
+    merged = organizer.merge_teams(team_id, into, reason)
     n_moved = counted(merged["n_submissions"], "submission")
     line = f"team {merged['id']} has {n_moved} of {team_id}"
-    show_result(merged, json, line)
+    return merged, line
 
 
+@with_organizer
 def forget_team(
-    team_id: options.TeamId,
-    reason: options.Reason,
-    yes: options.Yes = False,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+    organizer: Organizer, team_id: options.TeamId, reason: options.Reason, yes: options.Yes = False
+) -> Answer:
     """Take everything personal of a team out of the records; on a terminal it asks first."""
     be_sure(f"Forget {team_id} for good? An alias will stand on boards.", yes)
-    with open_organizer(server) as organizer:
-        team = organizer.forget_team(team_id, reason)
-    show_result(team, json, f"the team is forgotten; it stands as {team['name']} ({team['id']})")
+    team = organizer.forget_team(team_id, reason)
+    return team, f"the team is forgotten; it stands as {team['name']} ({team['id']})"
 
 
+@with_organizer
 def import_teams(
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="CSV: id, name, affiliation, email; - is stdin.")
-    ],
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+    organizer: Organizer,
+    file: Annotated[Path, argument("FILE", "CSV: id, name, affiliation, email; - is stdin.")],
+) -> Answer:
     """Make many teams, each with a token that is shown this once; all of them, or none."""
     text = options.given(file).text()
-    with open_organizer(server) as organizer:
-        made = organizer.import_teams(text)
+    made = organizer.import_teams(text)
     teams = made["teams"]
     say(f"{counted(len(teams), 'team')} made, with tokens that are shown this once:")
-    show_result(made, json, *(f"{team['id']},{team['token']}" for team in teams))
+    return made, *(f"{team['id']},{team['token']}" for team in teams)
 
 
+@with_organizer
 def set_limits(
+    organizer: Organizer,
     team_id: options.TeamId,
     phase: options.PhaseId,
     reason: ToldReason,
-    closes_at: Annotated[
-        str | None, typer.Option("--closes-at", metavar="TIME", help="2027-01-31T00:00:00Z")
-    ] = None,
+    closes_at: Annotated[str | None, option("--closes-at", "TIME", "2027-01-31T00:00:00Z")] = None,
     quota_per_day: Annotated[
-        int | None, typer.Option("--quota-per-day", metavar="N", min=1, help="Else as all.")
+        int | None, option("--quota-per-day", "N", "Else as all.", min=1)
     ] = None,
-    quota_total: Annotated[
-        int | None, typer.Option("--quota-total", metavar="N", min=1, help="Else as all.")
-    ] = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+    quota_total: Annotated[int | None, option("--quota-total", "N", "Else as all.", min=1)] = None,
+) -> Answer:
     """Set deadline and quota of one team in a phase; what is left out is as for all teams."""
     limits = {"closes_at": closes_at, "quota_per_day": quota_per_day, "quota_total": quota_total}
-    with open_organizer(server) as organizer:
-        row = organizer.set_allowance(team_id, phase, reason, limits)
+    row = organizer.set_allowance(team_id, phase, reason, limits)
     own = "its own limits" if row["granted_at"] else "the limits of all teams again"
-    show_result(row, json, f"team {team_id} has {own} in {phase}")
+    return row, f"team {team_id} has {own} in {phase}"
 
 
+@with_organizer
 def disqualify_team(
+    organizer: Organizer,
     team_id: options.TeamId,
     reason: ToldReason,
     public_note: PublicNote = None,
-    phase: Annotated[
-        str | None,
-        typer.Option(
-            "--phase",
-            metavar="PHASE",
-            autocompletion=completion.phases,
-            help="There alone; else everywhere.",
-        ),
-    ] = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+    phase: Annotated[str | None, options.phase("There alone; else everywhere.")] = None,
+) -> Answer:
     """Take a team off the next boards; it submits nothing until it is reinstated."""
-    with open_organizer(server) as organizer:
-        row = organizer.disqualify_team(team_id, reason, public_note, phase)
-    show_result(row, json, f"team {team_id} disqualified, number {row['id']}")
+    row = organizer.disqualify_team(team_id, reason, public_note, phase)
+    return row, f"team {team_id} disqualified, number {row['id']}"
 
 
+@with_organizer
 def disqualify_submission(
+    organizer: Organizer,
     submission_id: options.SubmissionId,
     reason: ToldReason,
     public_note: PublicNote = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Take one submission off the next boards; the same bytes are not taken again."""
-    with open_organizer(server) as organizer:
-        row = organizer.disqualify_submission(submission_id, reason, public_note)
-    show_result(row, json, f"submission {submission_id} disqualified, number {row['id']}")
+    row = organizer.disqualify_submission(submission_id, reason, public_note)
+    return row, f"submission {submission_id} disqualified, number {row['id']}"
 
 
-def list_disqualified(server: options.Server = None, json: options.Json = False) -> None:
+@with_organizer
+def list_disqualified(organizer: Organizer) -> Answer:
     """List disqualifications, newest first; those that ended, too."""
     columns = ("id", "team", "phase", "submission", "reason", "disqualified_at", "reinstated_at")
-    with open_organizer(server) as organizer:
-        found = organizer.disqualifications()
-    show_result(found, json, records_table(found, columns) if found else "nobody was disqualified")
+    found = organizer.disqualifications()
+    return found, records_table(found, columns) if found else "nobody was disqualified"
 
 
+@with_organizer
 def reinstate(
-    number: Annotated[
-        int, typer.Argument(metavar="NUMBER", min=1, help="From `teams disqualified`.")
-    ],
+    organizer: Organizer,
+    number: Annotated[int, argument("NUMBER", "From `teams disqualified`.", min=1)],
     reason: ToldReason,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """End a disqualification: what was scored stands on the next board."""
-    with open_organizer(server) as organizer:
-        row = organizer.reinstate(number, reason)
-    show_result(row, json, f"{row['submission'] or row['team']} reinstated")
+    row = organizer.reinstate(number, reason)
+    return row, f"{row['submission'] or row['team']} reinstated"
 
 
+@with_organizer
 def send_message(
-    title: Annotated[str, typer.Argument(metavar="TITLE", help="Subject of mails.")],
+    organizer: Organizer,
+    title: Annotated[str, argument("TITLE", "Subject of mails.")],
     text: Annotated[
         Path,
-        typer.Option(
-            "--text",
-            metavar="FILE",
-            help="Plain words, no Markdown; a blank line parts paragraphs; - is stdin.",
+        option(
+            "--text", "FILE", "Plain words, no Markdown; a blank line parts paragraphs; - is stdin."
         ),
     ],
     to: Annotated[
         list[str] | None,
-        typer.Option(
-            "--to",
-            metavar="TEAM",
-            autocompletion=completion.teams,
-            help="As often as needed; else every team.",
-        ),
+        option("--to", "TEAM", "As often as needed; else every team.", offer=completion.teams),
     ] = None,
     phase: Annotated[
-        str | None,
-        typer.Option(
-            "--phase",
-            metavar="PHASE",
-            autocompletion=completion.phases,
-            help="Of every team: those that submitted to it.",
-        ),
+        str | None, options.phase("Of every team: those that submitted to it.")
     ] = None,
     preview: Annotated[
-        bool, typer.Option("--preview", help="Show whom it would reach, and send nothing.")
+        bool, flag("--preview", "Show whom it would reach, and send nothing.")
     ] = False,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Write to one, some or all teams: inbox, e-mail and webhooks."""
     words = options.given(text).text()
-    with open_organizer(server) as organizer:
-        sent = organizer.send_message(title, words, to or (), phase, is_preview=preview)
+    sent = organizer.send_message(title, words, to or (), phase, is_preview=preview)
     columns = ("team", "name", "n_emails", "n_webhooks")
     what = "sent to" if sent["is_sent"] else "would reach"
     line = f"{what} {counted(len(sent['recipients']), 'team')}"
     message = (f"  {words}" for words in (sent["title"], *sent["paragraphs"]))
-    show_result(
-        sent, json, records_table(sent["recipients"], columns), line, "as they read it:", *message
-    )
+    return sent, records_table(sent["recipients"], columns), line, "as they read it:", *message
 
 
 TEAM_COMMANDS: dict[str, Callable[..., None]] = {

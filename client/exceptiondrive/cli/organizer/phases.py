@@ -4,8 +4,7 @@ The options of the settings are made from `PhaseSettings`: a further field is a 
 """
 
 from collections.abc import Callable, Mapping
-from functools import wraps
-from inspect import Parameter, Signature, signature
+from inspect import Parameter, signature
 from pathlib import Path
 from textwrap import shorten
 from typing import Annotated, Any
@@ -13,20 +12,21 @@ from typing import Annotated, Any
 import typer
 
 from exceptiondrive.cli import completion, options
-from exceptiondrive.cli.output import show_result, show_saved
-from exceptiondrive.cli.session import open_organizer
+from exceptiondrive.cli.completion import choices
+from exceptiondrive.cli.options import argument, option
+from exceptiondrive.cli.output import Answer, saved
+from exceptiondrive.cli.session import with_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive.inputs import given_bytes
+from exceptiondrive.organizer import Organizer
 from exceptiondrive_schemas.api.form_fields import FormField, document_of, fields_of, values_of
 from exceptiondrive_schemas.api.phase_settings import PhaseChange, PhaseSettings
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.printable import counted
 
-PhaseArgument = Annotated[
-    str, typer.Argument(metavar="ID", autocompletion=completion.phases, help="Id of the phase.")
-]
+PhaseArgument = Annotated[str, argument("ID", "Id of the phase.", offer=completion.phases)]
 LONGEST_SHOWN = 100
 """Characters of a text that `show` prints; `--json` prints all."""
 REVEALED = {
@@ -39,73 +39,50 @@ REVEALED = {
 WHAT = tuple(REVEALED)
 
 
-def show_phase(
-    phase_id: PhaseArgument, server: options.Server = None, json: options.Json = False
-) -> None:
+@with_organizer
+def show_phase(organizer: Organizer, phase_id: PhaseArgument) -> Answer:
     """Show the settings of a phase and where it stands."""
-    with open_organizer(server) as organizer:
-        phase = organizer.phase(phase_id)
-    _show(phase, json)
+    phase = organizer.phase(phase_id)
+    lines = _lines(phase)
+    width = max(len(key) for key in lines)
+    return phase, *(f"{key:<{width}}  {_words(value)}" for key, value in lines.items())
 
 
+@with_organizer
 def create(
-    phase_id: Annotated[str, typer.Argument(metavar="ID", help="Stands in addresses.")],
+    organizer: Organizer,
+    phase_id: Annotated[str, argument("ID", "Stands in addresses.")],
     split: Annotated[
-        str,
-        typer.Option(
-            "--split", metavar="NAME", help="A registered split: see `organizer splits list`."
-        ),
+        str, option("--split", "NAME", "A registered split: see `organizer splits list`.")
     ],
     split_revision: Annotated[
         str | None,
-        typer.Option(
-            "--split-revision",
-            metavar="REVISION",
-            help="Else that of --like, or the one registered last.",
-        ),
+        option("--split-revision", "REVISION", "Else that of --like, or the one registered last."),
     ] = None,
     challenge: Annotated[
-        str,
-        typer.Option(
-            "--challenge",
-            metavar="C",
-            autocompletion=completion.choices(*CHALLENGES),
-            help="planning or strategy.",
-        ),
+        str, option("--challenge", "C", "planning or strategy.", offer=choices(*CHALLENGES))
     ] = "planning",
     protocol: Annotated[
-        str | None,
-        typer.Option("--protocol", metavar="V", help="Version or digest; else the usual one."),
+        str | None, option("--protocol", "V", "Version or digest; else the usual one.")
     ] = None,
     like: Annotated[
         str | None,
-        typer.Option(
-            "--like",
-            metavar="ID",
-            autocompletion=completion.phases,
-            help="Take over settings of this phase, not dates.",
+        option(
+            "--like", "ID", "Take over settings of this phase, not dates.", offer=completion.phases
         ),
     ] = None,
-    server: options.Server = None,
-    json: options.Json = False,
     **settings: Any,
-) -> None:
+) -> Answer:
     """Make a phase."""
     given = setting_document(PhaseSettings, settings)
-    with open_organizer(server) as organizer:
-        model = None if like is None else organizer.phase(like)
-        taken_over = {} if model is None else _undated(model)
-        if model is not None and model["split"] == split:
-            taken_over |= {key: model[key] for key in ("protocol", "split_revision")}
-        wanted = {
-            "id": phase_id,
-            "split": split,
-            "challenge": challenge,
-            **_merged(taken_over, given),
-        }
-        named = {"split_revision": split_revision, "protocol": protocol}
-        wanted |= {key: value for key, value in named.items() if value is not None}
-        phase = organizer.create_phase(wanted)
+    model = None if like is None else organizer.phase(like)
+    taken_over = {} if model is None else _undated(model)
+    if model is not None and model["split"] == split:
+        taken_over |= {key: model[key] for key in ("protocol", "split_revision")}
+    wanted = {"id": phase_id, "split": split, "challenge": challenge, **_merged(taken_over, given)}
+    named = {"split_revision": split_revision, "protocol": protocol}
+    wanted |= {key: value for key, value in named.items() if value is not None}
+    phase = organizer.create_phase(wanted)
     notes = [f"its teams are told: {words}" for words in phase.get("not_checked", ())]
     if not phase["is_open"]:
         notes.append("it takes no files now: look at its dates and visibility")
@@ -113,168 +90,114 @@ def create(
     if phase.get("quota_total") is not None:
         limits += f", {phase['quota_total']} in all"
     made = f"phase {phase['id']} made, {phase['n_samples']} samples, {limits}"
-    show_result(phase, json, made, *notes)
+    return phase, made, *notes
 
 
-def update(
-    phase_id: PhaseArgument,
-    server: options.Server = None,
-    json: options.Json = False,
-    **settings: Any,
-) -> None:
+@with_organizer
+def update(organizer: Organizer, phase_id: PhaseArgument, **settings: Any) -> Answer:
     """Change settings of a phase; what would take back a promise is refused."""
     changes = setting_document(PhaseSettings, settings)
     if not changes:
         raise InvalidArgumentError(
             "nothing_to_set", "Say what to change: `--help` lists the settings."
         )
-    with open_organizer(server) as organizer:
-        before = _lines(organizer.phase(phase_id))
-        phase = organizer.change_phase(phase_id, changes)
+    before = _lines(organizer.phase(phase_id))
+    phase = organizer.change_phase(phase_id, changes)
     changed = {key: value for key, value in _lines(phase).items() if value != before.get(key)}
     words = (f"{key}: {_words(before.get(key))} -> {_words(changed[key])}" for key in changed)
-    show_result(phase, json, *(words if changed else ("nothing changed",)))
+    return phase, *(words if changed else ("nothing changed",))
 
 
-def feature(
-    phase_id: PhaseArgument,
-    reason: options.Reason,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+@with_organizer
+def feature(organizer: Organizer, phase_id: PhaseArgument, reason: options.Reason) -> Answer:
     """Put a phase before all others: in lists, and on the front page."""
-    with open_organizer(server) as organizer:
-        phase = organizer.feature_phase(phase_id, reason)
-    show_result(phase, json, f"phase {phase_id} stands before all others")
+    phase = organizer.feature_phase(phase_id, reason)
+    return phase, f"phase {phase_id} stands before all others"
 
 
-def delete(
-    phase_id: PhaseArgument,
-    reason: options.Reason,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+@with_organizer
+def delete(organizer: Organizer, phase_id: PhaseArgument, reason: options.Reason) -> Answer:
     """Delete a phase in which nothing was submitted or rescored; others are archived or hidden."""
-    with open_organizer(server) as organizer:
-        phase = organizer.delete_phase(phase_id, reason)
-    show_result(phase, json, f"phase {phase['id']} deleted")
+    phase = organizer.delete_phase(phase_id, reason)
+    return phase, f"phase {phase['id']} deleted"
 
 
-def export(
-    phase_id: PhaseArgument,
-    output: options.Output = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+@with_organizer
+def export(organizer: Organizer, phase_id: PhaseArgument, output: options.Output = None) -> Answer:
     """Get what readers may see of a phase, as a tar for a paper or an archive."""
-    with open_organizer(server) as organizer:
-        data = organizer.export_phase(phase_id)
-    show_saved(output or Path(f"exceptiondrive-{phase_id}.tar"), data, json)
+    data = organizer.export_phase(phase_id)
+    return saved(output or Path(f"exceptiondrive-{phase_id}.tar"), data)
 
 
-def list_reported(
-    phase_id: PhaseArgument, server: options.Server = None, json: options.Json = False
-) -> None:
+@with_organizer
+def list_reported(organizer: Organizer, phase_id: PhaseArgument) -> Answer:
     """List the boards of elsewhere beside a phase, withdrawn ones too, newest first."""
-    with open_organizer(server) as organizer:
-        found = organizer.reported_boards(phase_id)
+    found = organizer.reported_boards(phase_id)
     lines = [{**one, "n_rows": len(one["rows"])} for one in found]
     columns = ("id", "title", "n_rows", "imported_at", "withdrawn_at")
-    show_result(found, json, records_table(lines, columns))
+    return found, records_table(lines, columns)
 
 
+@with_organizer
 def import_reported(
+    organizer: Organizer,
     phase_id: PhaseArgument,
     file: Annotated[
         Path,
-        typer.Argument(
-            metavar="FILE",
-            help="CSV or JSON rows, an exported board, or Every Eval Ever records; - is stdin.",
+        argument(
+            "FILE", "CSV or JSON rows, an exported board, or Every Eval Ever records; - is stdin."
         ),
     ],
-    title: Annotated[
-        str, typer.Option("--title", metavar="TEXT", help="What the other board is called.")
-    ],
-    cite: Annotated[
-        str, typer.Option("--cite", metavar="TEXT", help="Where it is: address or citation.")
-    ],
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+    title: Annotated[str, option("--title", "TEXT", "What the other board is called.")],
+    cite: Annotated[str, option("--cite", "TEXT", "Where it is: address or citation.")],
+) -> Answer:
     """Put the rows of another board beside a phase, unranked: all of them, or none."""
     text = options.given(file).text()
-    with open_organizer(server) as organizer:
-        made = organizer.import_reported(phase_id, text, title, cite)
-    show_result(
-        made, json, f"{counted(len(made['rows']), 'row')} imported as {made['id']}, ranked nowhere"
-    )
+    made = organizer.import_reported(phase_id, text, title, cite)
+    return made, f"{counted(len(made['rows']), 'row')} imported as {made['id']}, ranked nowhere"
 
 
+@with_organizer
 def withdraw_reported(
+    organizer: Organizer,
     phase_id: PhaseArgument,
-    reported_id: Annotated[
-        str, typer.Argument(metavar="IMPORT", help="Id of the import: see `reported`.")
-    ],
+    reported_id: Annotated[str, argument("IMPORT", "Id of the import: see `reported`.")],
     reason: options.Reason,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Take the rows of another board away from a phase; they can be imported again."""
-    with open_organizer(server) as organizer:
-        gone = organizer.withdraw_reported(phase_id, reported_id, reason)
-    show_result(gone, json, f"{gone['title']} withdrawn")
+    gone = organizer.withdraw_reported(phase_id, reported_id, reason)
+    return gone, f"{gone['title']} withdrawn"
 
 
-def freeze(
-    phase_id: PhaseArgument,
-    reason: options.Reason,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+@with_organizer
+def freeze(organizer: Organizer, phase_id: PhaseArgument, reason: options.Reason) -> Answer:
     """Freeze the public board now; scoring goes on."""
-    with open_organizer(server) as organizer:
-        phase = organizer.freeze_phase(phase_id, reason)
+    phase = organizer.freeze_phase(phase_id, reason)
     since = utc_text(phase["now"]["frozen_since"])
     reveal = f'organizer phases reveal {phase_id} --what board --reason "…"'
-    show_result(
-        phase, json, f"the board of {phase_id} is frozen since {since}; {reveal} shows it again"
-    )
+    return phase, f"the board of {phase_id} is frozen since {since}; {reveal} shows it again"
 
 
+@with_organizer
 def reveal(
+    organizer: Organizer,
     phase_id: PhaseArgument,
     what: Annotated[
-        str,
-        typer.Option(
-            "--what",
-            metavar="|".join(WHAT),
-            autocompletion=completion.choices(*WHAT),
-            help="What readers are to see.",
-        ),
+        str, option("--what", "|".join(WHAT), "What readers are to see.", offer=choices(*WHAT))
     ],
     reason: options.Reason,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Show the board behind a freeze, the names, or begin to score the other part of the split."""
     if what not in WHAT:
         raise InvalidArgumentError("wrong_what", f"--what is {', '.join(WHAT)}, not {what!r}.")
-    with open_organizer(server) as organizer:
-        phase = organizer.reveal_phase(phase_id, what, reason)
-    show_result(phase, json, REVEALED[what].format(phase_id))
+    phase = organizer.reveal_phase(phase_id, what, reason)
+    return phase, REVEALED[what].format(phase_id)
 
 
 def with_settings(command: Callable[..., None], model: type[Document]) -> Callable[..., None]:
     """Return a command with an option for each setting of a model, such as `--quota-per-day N`."""
-    own = list(signature(command).parameters.values())[:-1]
-    added = [_option(field) for field in fields_of(model)]
-
-    @wraps(command)
-    def wrapped(**given: Any) -> None:
-        command(**given)
-
-    wrapped.__signature__ = Signature([*own, *added])  # type: ignore[attr-defined]
-    return wrapped
+    *own, _ = signature(command).parameters.values()
+    return options.taking(command, [*own, *map(_option, fields_of(model))])
 
 
 def _option(field: FormField) -> Parameter:
@@ -291,10 +214,10 @@ def _option(field: FormField) -> Parameter:
     metavar = words.get(field.kind, "TEXT") + ("|none" if field.may_be_none else "")
     hint = f"{field.hint} `@FILE` reads it from a file." if field.kind == "lines" else field.hint
     values = [value for value, _ in field.options] + ["none"] * field.may_be_none
-    offer = completion.choices(*values) if field.kind == "choice" else None
-    option = typer.Option(name, metavar=metavar, autocompletion=offer, help=hint)
+    offer = choices(*values) if field.kind == "choice" else None
+    asked = option(name, metavar, hint, offer=offer)
     kind = str if default is Parameter.empty else str | None
-    return _parameter(field.name, Annotated[kind, option], default)
+    return _parameter(field.name, Annotated[kind, asked], default)
 
 
 def _parameter(name: str, annotation: Any, default: Any) -> Parameter:
@@ -352,12 +275,6 @@ def _lines(phase: Mapping[str, Any]) -> dict[str, Any]:
     settings = {key: value for key, value in phase.items() if not isinstance(value, dict | list)}
     now = {f"now: {key}": value for key, value in phase["now"].items()}
     return {**settings, **phase["page"], **phase["policy"], **now}
-
-
-def _show(phase: dict[str, Any], json: bool) -> None:
-    lines = _lines(phase)
-    width = max(len(key) for key in lines)
-    show_result(phase, json, *(f"{key:<{width}}  {_words(value)}" for key, value in lines.items()))
 
 
 def _words(value: Any) -> str:

@@ -17,23 +17,20 @@ from exceptiondrive.checking import write_file
 from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.file_tables import metric_head
 from exceptiondrive.cli.fitted_table import Column, FittedTable
-from exceptiondrive.cli.output import console, has_terminal, say, show_result
-from exceptiondrive.cli.session import open_organizer
+from exceptiondrive.cli.options import argument, flag, option
+from exceptiondrive.cli.output import Answer, console, has_terminal, say, show_result
+from exceptiondrive.cli.session import command_of, open_organizer
 from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, utc_text
 from exceptiondrive.organizer import Rescoring
 from exceptiondrive.transport import Record
 from exceptiondrive.words import challenge_of
 from exceptiondrive_schemas.challenges import Metric
-from exceptiondrive_schemas.python310 import Self
 from exceptiondrive_schemas.score_sheet import metric_text
 
-RunArgument = Annotated[
-    str, typer.Argument(metavar="RUN", autocompletion=completion.runs, help="Id of the run.")
-]
+RunArgument = Annotated[str, argument("RUN", "Id of the run.", offer=completion.runs)]
 WatchOption = Annotated[
-    bool, typer.Option("--watch", help="Follow until scoring has ended; exit code 6 on failures.")
+    bool, flag("--watch", "Follow until scoring has ended; exit code 6 on failures.")
 ]
-_SCORING = ("scoring",)
 DIRECTIONS = {
     "apply": "what readers would see change if it is applied:",
     "roll_back": "it is applied; what readers would see change if it is rolled back:",
@@ -46,44 +43,39 @@ MAX_SAMPLE = 100_000
 _ENDED = ("closed", "rolled_back", "cancelled")
 
 
+@contextmanager
+def _rescoring(server: str | None) -> Iterator[Rescoring]:
+    with open_organizer(server) as organizer:
+        yield organizer.rescoring
+
+
+with_rescoring = command_of(_rescoring)
+
+
+@with_rescoring
 def start(
-    phase: Annotated[
-        str,
-        typer.Option(
-            "--phase",
-            metavar="ID",
-            autocompletion=completion.phases,
-            help="Whose board is to change.",
-        ),
-    ],
+    rescoring: Rescoring,
+    phase: Annotated[str, options.phase("Whose board is to change.", "ID")],
     reason: options.Reason,
-    protocol: Annotated[
-        str | None, typer.Option("--protocol", metavar="V", help="Version or digest to come.")
-    ] = None,
+    protocol: Annotated[str | None, option("--protocol", "V", "Version or digest to come.")] = None,
     split_revision: Annotated[
-        str | None, typer.Option("--split-revision", metavar="R", help="Revision to come.")
+        str | None, option("--split-revision", "R", "Revision to come.")
     ] = None,
-    draft: Annotated[
-        bool, typer.Option("--draft", help="Only draft it; score nothing yet.")
-    ] = False,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+    draft: Annotated[bool, flag("--draft", "Only draft it; score nothing yet.")] = False,
+) -> Answer:
     """Draft a run and begin to score in the background; the board does not change.
 
     A worker tries the split first: where it cannot be scored, the run stays a draft.
     """
-    with _rescoring(server) as rescoring:
-        run = rescoring.draft(phase, protocol, split_revision, reason)
-        if not draft:
-            run = rescoring.step(_tried(rescoring, run)["id"], "start", reason)
-    _show_run(run, json)
+    run = rescoring.draft(phase, protocol, split_revision, reason)
+    if not draft:
+        run = rescoring.step(_tried(rescoring, run)["id"], "start", reason)
+    return run, *run_lines(run)
 
 
 def status(
     run_id: Annotated[
-        str | None,
-        typer.Argument(metavar="[RUN]", autocompletion=completion.runs, help="Else all runs."),
+        str | None, argument("[RUN]", "Else all runs.", offer=completion.runs)
     ] = None,
     phase: options.Phase = None,
     watch: WatchOption = False,
@@ -97,19 +89,15 @@ def status(
             show_result(runs, json, runs_table(runs))
             return
         run = _watched(rescoring, run_id) if watch else rescoring.run(run_id)
-    _show_run(run, json)
+    show_result(run, json, *run_lines(run))
     if watch and run["progress"]["failed"]:
         raise typer.Exit(6)
 
 
 def preview(
     run_id: RunArgument,
-    csv: Annotated[
-        Path | None, typer.Option("--csv", metavar="FILE", help="Write it as CSV besides.")
-    ] = None,
-    seen: Annotated[
-        str | None, typer.Option("--seen", metavar="DIGEST", help="Of an earlier preview.")
-    ] = None,
+    csv: Annotated[Path | None, option("--csv", "FILE", "Write it as CSV besides.")] = None,
+    seen: Annotated[str | None, option("--seen", "DIGEST", "Of an earlier preview.")] = None,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
@@ -123,35 +111,28 @@ def preview(
         raise typer.Exit(ExceptionDriveError.exit_code)
 
 
+@with_rescoring
 def apply(
+    rescoring: Rescoring,
     run_id: RunArgument,
     reason: options.Reason,
     digest: Annotated[
-        str | None,
-        typer.Option("--preview", metavar="DIGEST", help="Of the preview that you looked at."),
+        str | None, option("--preview", "DIGEST", "Of the preview that you looked at.")
     ] = None,
-    server: options.Server = None,
-    json: options.Json = False,
-) -> None:
+) -> Answer:
     """Show the new board, at once and wholly; refused while anything is missing or stale."""
-    with _rescoring(server) as rescoring:
-        if digest is None:
-            digest = rescoring.preview(run_id)["digest"]
-            say(f"applying the present preview, {digest}")
-        run = rescoring.step(run_id, "apply", reason, preview=digest)
-    _show_run(run, json)
+    if digest is None:
+        digest = rescoring.preview(run_id)["digest"]
+        say(f"applying the present preview, {digest}")
+    run = rescoring.step(run_id, "apply", reason, preview=digest)
+    return run, *run_lines(run)
 
 
 def verify(
-    phase: Annotated[
-        str,
-        typer.Option(
-            "--phase", metavar="ID", autocompletion=completion.phases, help="Whose sheets."
-        ),
-    ],
+    phase: Annotated[str, options.phase("Whose sheets.", "ID")],
     reason: options.Reason,
     sample: Annotated[
-        str, typer.Option("--sample", metavar="all|K", help="All sheets, or K drawn at random.")
+        str, option("--sample", "all|K", "All sheets, or K drawn at random.")
     ] = "all",
     server: options.Server = None,
     json: options.Json = False,
@@ -171,61 +152,48 @@ def follow_verification(rescoring: Rescoring, found: Record, json: bool) -> None
     version = found["protocol"]["version"]
     say(f"verification {found['id']} of {found['n_sheets']} sheets, protocol {version}")
     found = _verified(rescoring, found)
-    _show_verification(found, json)
+    problems = (
+        f"  {problem['submission_id']}  {problem['state']}  {problem['note'] or ''}"
+        for problem in found["problems"]
+    )
+    show_result(found, json, verification_line(found), *problems)
     if found["n_equal"] != found["n_sheets"]:
         raise typer.Exit(ExceptionDriveError.exit_code)
-
-
-@contextmanager
-def _rescoring(server: str | None) -> Iterator[Rescoring]:
-
-    with open_organizer(server) as organizer:
-        yield organizer.rescoring
 
 
 def _step(step: str, words: str) -> Callable[..., None]:
     """Return the command of a step that needs nothing but a run and a reason."""
 
-    def take(
-        run_id: RunArgument,
-        reason: options.Reason,
-        server: options.Server = None,
-        json: options.Json = False,
-    ) -> None:
-        with _rescoring(server) as rescoring:
-            run = rescoring.step(run_id, step, reason)
-        _show_run(run, json)
+    @with_rescoring
+    def take(rescoring: Rescoring, run_id: RunArgument, reason: options.Reason) -> Answer:
+        run = rescoring.step(run_id, step, reason)
+        return run, *run_lines(run)
 
     take.__doc__ = words
     return take
 
 
-def _show_run(run: Record, json: bool) -> None:
-
-    show_result(run, json, *run_lines(run))
-
-
 def _watched(rescoring: Rescoring, run_id: str) -> Record:
     """Follow a run until scoring has ended: ready, paused, failed or cancelled."""
-    with Bar("scoring") as bar:
+    with _bar("scoring") as show:
         while True:
             run = rescoring.run(run_id)
             progress = run["progress"]
-            bar.show(progress["done"], progress["total"], progress_line(run))
+            show(progress["done"], progress["total"], progress_line(run))
             waits = progress["total"] - progress["done"] - progress["failed"]
             is_stuck = progress["failed"] and not waits
-            if run["state"] not in _SCORING or is_stuck:
+            if run["state"] != "scoring" or is_stuck:
                 return run
             time.sleep(_LOOK_EVERY_S)
 
 
 def _tried(rescoring: Rescoring, run: Record) -> Record:
     """Wait until a worker has tried the split of a draft, which then may be refused."""
-    with Bar("trying the split") as bar:
+    with _bar("trying the split") as show:
         for look in range(_MAX_LOOKS):
             if (run.get("trial") or {}).get("state") != "waiting":
                 return run
-            bar.show(0, 1, f"run {run['id']}: a worker is to try the split")
+            show(0, 1, f"run {run['id']}: a worker is to try the split")
             if look:
                 time.sleep(_LOOK_EVERY_S)
             run = rescoring.run(run["id"])
@@ -237,23 +205,13 @@ def _tried(rescoring: Rescoring, run: Record) -> Record:
 
 
 def _verified(rescoring: Rescoring, found: Record) -> Record:
-
-    with Bar("recomputing") as bar:
+    with _bar("recomputing") as show:
         while found["finished_at"] is None:
             time.sleep(_LOOK_EVERY_S)
             found = rescoring.verification(found["id"])
             made = found["n_equal"] + found["n_different"] + found["n_failed"]
-            bar.show(made, found["n_sheets"], verification_line(found))
+            show(made, found["n_sheets"], verification_line(found))
     return found
-
-
-def _show_verification(found: Record, json: bool) -> None:
-
-    problems = (
-        f"  {problem['submission_id']}  {problem['state']}  {problem['note'] or ''}"
-        for problem in found["problems"]
-    )
-    show_result(found, json, verification_line(found), *problems)
 
 
 def _sample_size(sample: str) -> int | None:
@@ -430,31 +388,18 @@ def verification_line(found: Record) -> str:
     return words
 
 
-class Bar:
-    """A bar on a terminal; elsewhere nothing moves."""
-
-    def __init__(self, what: str) -> None:
-
-        self._bar = Progress(
-            TextColumn(what),
-            BarColumn(),
-            TextColumn("{task.description}"),
-            console=console(stderr=True),
-            transient=True,
-            disable=not has_terminal(),
+@contextmanager
+def _bar(what: str) -> Iterator[Callable[[int, int, str], None]]:
+    """Give what moves a bar on a terminal; elsewhere nothing moves."""
+    columns = TextColumn(what), BarColumn(), TextColumn("{task.description}")
+    bar = Progress(
+        *columns, console=console(stderr=True), transient=True, disable=not has_terminal()
+    )
+    task = bar.add_task("", total=None)
+    with bar:
+        yield lambda done, total, words: bar.update(
+            task, completed=done, total=total, description=words
         )
-        self._task = self._bar.add_task("", total=None)
-
-    def __enter__(self) -> Self:
-        self._bar.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._bar.stop()
-
-    def show(self, done: int, total: int, words: str) -> None:
-        """Move the bar."""
-        self._bar.update(self._task, completed=done, total=total, description=words)
 
 
 def _of(standing: Record | None, key: str) -> str:
