@@ -34,13 +34,6 @@ def ask_question(
 ) -> Question:
     """Ask the organizers.
 
-    Args:
-        session: Of a write transaction.
-        team_id: Whose question.
-        phase_id: What it is about.
-        text: Plain words.
-        actor: Who.
-
     Raises:
         NotFound: No such phase, or it is hidden.
         InvalidRecord: The text cannot be used.
@@ -84,14 +77,9 @@ def answer_question(
 ) -> Question:
     """Answer a question, once: the team is told, or everybody, who do not learn who asked.
 
-    Args:
-        session: Of a write transaction.
-        question_id: Which.
-        text: Markdown.
-        plain: The same for inboxes, which know no Markdown; empty: the text as it is written.
-        to_all: Whether question and answer become news.
-        actor: Who.
-        to_its_teams: Of what becomes news, tell the teams alone that submitted to the phase, and the one that asked.
+    The text is Markdown. Inboxes know none: they are told `plain`, or the text as it is written.
+    With `to_all` question and answer become news; of these, with `to_its_teams`, those alone are
+    told that submitted to the phase, and who asked.
 
     Raises:
         NotFound: There is none.

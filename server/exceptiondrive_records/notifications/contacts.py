@@ -47,17 +47,9 @@ def add_contact(
 ) -> ContactPoint:
     """Let a team be told at an address; a webhook gets a secret that signs what is sent.
 
-    An e-mail address is written to once, and told nothing more until whoever reads there confirms it.
-    One that said no by the link in a mail is asked by no team again.
-
-    Args:
-        session: Of a write transaction.
-        team_id: The team.
-        channel: Webhook or e-mail.
-        address: https address, or e-mail address.
-        wishes: What it is told of.
-        actor: Who.
-        may_be_private: Whether http to this very machine is let through, for tests.
+    An e-mail address is written to once, and told nothing more until whoever reads there confirms
+    it. One that said no by the link in a mail is asked by no team again. `may_be_private` lets http
+    to this very machine through, for tests.
 
     Raises:
         NotAllowed: The team is not approved yet: strangers would let the site write to anybody.

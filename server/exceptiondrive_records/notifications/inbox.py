@@ -37,15 +37,7 @@ def notify_teams(
     run_id: str,
     what_changed: tuple[str, ...],
 ) -> list[Notification]:
-    """Notify each team whose published numbers change of the old and the new ones; no others.
-
-    Args:
-        session: Of the transaction that changes them.
-        comparison: What changes for readers.
-        kind: Of the notification.
-        run_id: The rescoring run that changes it.
-        what_changed: Of the protocol or split, in sentences.
-    """
+    """Notify each team whose published numbers change of the old and the new ones; no others."""
     changed = _changed(comparison)
     owners = _teams_of(session, [entry.submission_id for entry in changed])
     by_team: dict[int, list[EntryChange]] = {}

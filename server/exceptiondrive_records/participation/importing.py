@@ -37,12 +37,9 @@ class _Line(NamedTuple):
 def import_teams(session: Session, text: str, *, actor: str) -> list[ImportedTeam]:
     """Make the teams of a table: each with a token, and its address where it has one.
 
-    An address is written to once, and told nothing more until whoever reads there confirms it.
-
-    Args:
-        session: Of a write transaction; a refusal has to end it, so that no team is left.
-        text: CSV with a first line of column names, separated by commas, semicolons or tabs.
-        actor: Who.
+    An address is written to once, and told nothing more until whoever reads there confirms it. The
+    first line of the CSV names the columns; commas, semicolons or tabs separate them. A refusal has
+    to end the transaction, so that no team is left.
 
     Raises:
         InvalidRecord: The table cannot be read, or lines of it are refused: each is named.
@@ -80,14 +77,9 @@ def make_team(
 ) -> Team:
     """Make a team with what organizers know of it.
 
-    Args:
-        session: Of a write transaction; a refusal has to end it.
-        slug: Its id.
-        name: As the board shows it.
-        affiliation: For organizers alone.
-        email: Where its notices go, once whoever reads there confirms it; empty: nowhere.
-        is_reference: Whether its entries are shown and never ranked.
-        actor: Who.
+    The affiliation is for organizers alone. Notices go to the e-mail address once whoever reads
+    there confirms it. Entries of a reference team are shown and never ranked. A refusal has to end
+    the transaction.
 
     Raises:
         InvalidRecord: One of the texts cannot be used.

@@ -34,10 +34,8 @@ def recipients(
 ) -> list[Recipient]:
     """Return whom a message would reach, by slug.
 
-    Args:
-        session: To read with.
-        slugs: These teams; empty: all that are approved, without reference teams and those gone.
-        phase_id: Of all: those that submitted to this phase.
+    Without slugs: all that are approved, without reference teams and those gone; with a phase,
+    those of them that submitted to it.
 
     Raises:
         NotFound: No such team.
@@ -66,15 +64,8 @@ def send_message(
 ) -> list[Recipient]:
     """Write to teams; each paragraph of the text is one sentence of the notice.
 
-    The same words reach a team once: sent by two organizers, or twice by one, the second is refused.
-
-    Args:
-        session: Of a write transaction.
-        title: Subject of mails, heading in the inbox.
-        text: Plain words; blank lines part paragraphs.
-        actor: Who writes.
-        slugs: As for `recipients`.
-        phase_id: As for `recipients`.
+    The same words reach a team once: sent by two organizers, or twice by one, the second is
+    refused. Blank lines part paragraphs. Slugs and phase are as for `recipients`.
 
     Returns:
         Whom it reaches.
@@ -105,11 +96,7 @@ def send_message(
 def write_about(session: Session, submission_id: str, *, words: str, actor: str) -> Notification:
     """Write to a team about one of its submissions; the notice leads to it.
 
-    Args:
-        session: Of a write transaction.
-        submission_id: The submission.
-        words: What the organizers say; blank lines part paragraphs.
-        actor: Who writes.
+    Blank lines of the words part paragraphs.
 
     Raises:
         NotFound: No such submission.

@@ -153,12 +153,7 @@ def apply_run(
 ) -> RescoringRun:
     """Show the new board, in this one transaction.
 
-    Args:
-        session: Of a write transaction.
-        run_id: The run.
-        preview: Digest of the comparison that the organizer looked at.
-        reason: Why.
-        actor: Who.
+    `preview` is the digest of the comparison that the organizer looked at.
 
     Raises:
         NotFound: No such run.

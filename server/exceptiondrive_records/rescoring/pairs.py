@@ -171,11 +171,6 @@ def require_readable(
 ) -> None:
     """Refuse a protocol or split revision under which accepted files cannot be scored.
 
-    Args:
-        challenge: Of the phase.
-        old: What the phase shows.
-        new: What is to come.
-
     Raises:
         InvalidRecord: They cannot; every reason is given.
     """

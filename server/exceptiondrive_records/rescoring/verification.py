@@ -37,11 +37,7 @@ def ask_for_rechecks(
 ) -> int:
     """Ask for sheets of a run to be recomputed, drawn by the database; return how many.
 
-    Args:
-        session: Of a write transaction.
-        run: The verification.
-        sample: How many; None: all.
-        submission_id: Its sheet alone.
+    Without a sample all of them; of one submission where it is given.
 
     Raises:
         InvalidRecord: There is no sheet.

@@ -124,9 +124,7 @@ def checked_facts(facts: MethodFacts) -> MethodFacts | None:
 def require_same_words(first: Submission, told: Mapping[str, object]) -> None:
     """Refuse the same bytes with another name, link, description or facts than the first time.
 
-    Args:
-        first: The submission of these bytes.
-        told: What came with them by column; what is empty was not told.
+    `told` is what came with them by column; what is empty was not told.
 
     Raises:
         Conflict: They differ: they are changed by an edit, which keeps its history.

@@ -229,10 +229,8 @@ def own_entries(
 ) -> OwnEntries | None:
     """Return what of a board belongs to a team; None where nothing does.
 
-    Args:
-        board: The board as everybody reads it, under pseudonyms perhaps.
-        submission_ids: All submissions of the team.
-        query: The page that is asked for.
+    The board is as everybody reads it, under pseudonyms perhaps; the ids are all submissions of the
+    team.
     """
     own = [entry for entry in board.entries if entry.submission_id in submission_ids]
     if not own:

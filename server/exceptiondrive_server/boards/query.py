@@ -235,11 +235,7 @@ _KEYS = frozenset(
 def without_unknown(request: Request, *further: str) -> str | None:
     """Return the address without what a page does not ask for, where there is such.
 
-    Each would be a page of its own to be kept.
-
-    Args:
-        request: Whose address counts.
-        further: What the page reads besides a board.
+    Each would be a page of its own to be kept. `further` is what the page reads besides a board.
     """
     known = _KEYS.union(further)
     if known.issuperset(request.query_params):

@@ -67,9 +67,7 @@ class Finding:
 def examine(settings: ServerSettings, withheld: tuple[Path, ...] = ()) -> list[Finding]:
     """Return all findings.
 
-    Args:
-        settings: Of the server.
-        withheld: Folders that the user of the server must not be able to enter.
+    `withheld` are folders that the user of the server must not be able to enter.
     """
     return [
         *_versions(),

@@ -235,13 +235,8 @@ def page_of_step(
 ) -> Step:
     """Return the page that asks for a step.
 
-    Args:
-        step: The step.
-        run: The run.
-        phase_title: Of the phase that is rescored.
-        preview: Digest of the preview that was looked at, for a step that needs one.
-        comparison: What readers would see change, for a step that moves the pointer.
-        blockers: What stands in its way, for a step that moves the pointer.
+    `preview` is the digest of the one that was looked at; comparison and blockers are of a step
+    that moves the pointer.
     """
     here = f"/organize/rescoring/{run.id}"
     preview = preview if step.needs_preview else ""

@@ -110,13 +110,7 @@ def organizer_page(
 ) -> Response:
     """Fill a template of the organizers; nothing may keep the answer.
 
-    Args:
-        request: What was asked.
-        browser: Of an organizer.
-        template: Its name.
-        section: Of `SECTIONS`.
-        refusal: Why what was sent was not done.
-        values: What else the template reads.
+    The section is one of `SECTIONS`; `values` is what else the template reads.
     """
     frame = {
         "section": section,
