@@ -393,7 +393,7 @@ def test_a_message_reaches_inbox_and_addresses_once(world: World) -> None:
         add_contact(session, beta, Channel.EMAIL, "a@example.com", actor=WHO)
     with world.database.read() as session:
         found = recipients(session)
-    assert [(one.slug, one.n_emails, one.n_webhooks) for one in found] == [
+    assert [(one.team, one.n_emails, one.n_webhooks) for one in found] == [
         ("alpha", 0, 0),
         ("beta", 0, 1),
     ]

@@ -111,7 +111,7 @@ def answer_question(
         )
         row.news_id = news.id
         only_of = row.phase_id if to_its_teams else None
-        is_told = slug in {one.slug for one in recipients(session, phase_id=only_of)}
+        is_told = slug in {one.team for one in recipients(session, phase_id=only_of)}
     if not is_told:
         send_message(session, _TITLE, inbox, actor=actor, slugs=[slug])
     detail = {"phase": row.phase_id, "to_all": to_all}

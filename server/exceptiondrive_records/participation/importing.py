@@ -29,11 +29,6 @@ class ImportedTeam(NamedTuple):
     token: str
 
 
-class _Line(NamedTuple):
-    number: int
-    values: dict[str, str]
-
-
 def import_teams(session: Session, text: str, *, actor: str) -> list[ImportedTeam]:
     """Make the teams of a table: each with a token, and its address where it has one.
 
@@ -45,12 +40,12 @@ def import_teams(session: Session, text: str, *, actor: str) -> list[ImportedTea
         InvalidRecord: The table cannot be read, or lines of it are refused: each is named.
     """
     made, faults = [], []
-    for line in _lines(text):
+    for number, values in _lines(text):
         try:
             with session.begin_nested():
-                made.append(_make(session, line.values, actor))
+                made.append(_make(session, values, actor))
         except RecordsError as refusal:
-            faults.append(Fault(f"Line {line.number}", str(refusal)))
+            faults.append(Fault(f"Line {number}", str(refusal)))
     if faults:
         raise InvalidRecord(f"No team was made. {faults_text(faults)}")
     return made
@@ -106,7 +101,7 @@ def _make(session: Session, values: dict[str, str], actor: str) -> ImportedTeam:
     return ImportedTeam(team.slug, team.name, token)
 
 
-def _lines(text: str) -> Iterator[_Line]:
+def _lines(text: str) -> Iterator[tuple[int, dict[str, str]]]:
     (_, head), *rows = csv_rows(text) or [(1, [])]
     names = [name.strip().lower() for name in head]
     if not {"id", "name"} <= set(names) <= set(COLUMNS) or len(set(names)) < len(names):
@@ -118,4 +113,4 @@ def _lines(text: str) -> Iterator[_Line]:
     if len(rows) > MAX_TEAMS:
         raise InvalidRecord(f"The table has more than {MAX_TEAMS} teams; import it in parts.")
     for number, row in rows:
-        yield _Line(number, dict(zip(names, map(str.strip, row), strict=True)))
+        yield number, dict(zip(names, map(str.strip, row), strict=True))

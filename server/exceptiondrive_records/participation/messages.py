@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from sqlalchemy import Select, exists, func, select
+from sqlalchemy import exists, func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
@@ -23,7 +23,8 @@ MAX_TITLE, MAX_TEXT = 150, 4000
 class Recipient(NamedTuple):
     """A team that is told, and at how many addresses besides its inbox: never which ones."""
 
-    slug: str
+    team: str
+    """Its id."""
     name: str
     n_emails: int
     n_webhooks: int
@@ -79,11 +80,8 @@ def send_message(
     teams = _teams(session, slugs, phase_id)
     if not teams:
         raise InvalidRecord("There is no team to write to.")
-    said = "\n\n".join((title, *paragraphs))
-    digest = bytes_digest(said.encode())
-    _lock(session, teams)
-    if session.scalar(_have(digest, teams).limit(1)) is not None:
-        raise Conflict("This very message was sent to one of these teams already.")
+    refusal = "This very message was sent to one of these teams already."
+    digest = _digest_of_new(session, teams, (title, *paragraphs), refusal)
     for team in teams:
         tell_team(session, team, "message", title, paragraphs, phase=phase_id or "", subject=digest)
     told = recipients(session, [team.slug for team in teams])
@@ -105,12 +103,9 @@ def write_about(session: Session, submission_id: str, *, words: str, actor: str)
     """
     submission = find_submission(session, submission_id)
     title, paragraphs = checked_message(f"The organizers wrote about {submission.method}", words)
-    said = "\n\n".join((submission_id, title, *paragraphs))
-    digest = bytes_digest(said.encode())
     team = session.get_one(Team, submission.team_id)
-    _lock(session, [team])
-    if session.scalar(_have(digest, [team]).limit(1)) is not None:
-        raise Conflict("This very message about it was sent already.")
+    refusal = "This very message about it was sent already."
+    digest = _digest_of_new(session, [team], (submission_id, title, *paragraphs), refusal)
     row = tell_team(
         session,
         team,
@@ -125,13 +120,22 @@ def write_about(session: Session, submission_id: str, *, words: str, actor: str)
     return row
 
 
-def _have(digest: str, teams: Sequence[Team]) -> Select[int]:
-    """Select those of these teams that have a message."""
-    return select(Notification.team_id).where(
+def _digest_of_new(
+    session: Session, teams: Sequence[Team], words: Sequence[str], refusal: str
+) -> str:
+    """Return what stands for a message, and hold the teams; one that any of them has is refused."""
+    digest = bytes_digest("\n\n".join(words).encode())
+    ids = [team.id for team in teams]
+    weak = select(Team.id).where(Team.id.in_(ids)).order_by(Team.id)
+    session.execute(weak.with_for_update(key_share=True))
+    have = select(Notification.id).where(
         Notification.kind == "message",
         Notification.subject == digest,
-        Notification.team_id.in_([team.id for team in teams]),
+        Notification.team_id.in_(ids),
     )
+    if session.scalar(have.limit(1)) is not None:
+        raise Conflict(refusal)
+    return digest
 
 
 def checked_message(title: str, text: str) -> tuple[str, tuple[str, ...]]:
@@ -169,12 +173,6 @@ def _readable(session: Session, team: Team) -> Team:
     if team.forgotten_at is not None:
         raise Conflict(f"The team {team.slug} is forgotten: nobody reads what is written to it.")
     return team
-
-
-def _lock(session: Session, teams: Sequence[Team]) -> None:
-    ids = [team.id for team in teams]
-    weak = select(Team.id).where(Team.id.in_(ids)).order_by(Team.id)
-    session.execute(weak.with_for_update(key_share=True))
 
 
 def _addresses(session: Session) -> dict[tuple[int, Channel], int]:

@@ -286,10 +286,5 @@ def post_message(services: ServicesOf, organizer: Organizer, message: NewMessage
         title=title,
         paragraphs=paragraphs,
         is_sent=not message.is_preview,
-        recipients=[
-            RecipientView(
-                team=one.slug, name=one.name, n_emails=one.n_emails, n_webhooks=one.n_webhooks
-            )
-            for one in found
-        ],
+        recipients=[RecipientView(**one._asdict()) for one in found],
     )

@@ -50,14 +50,7 @@ from exceptiondrive_server.web.organizer_frame import (
 from exceptiondrive_server.web.path_ids import PhaseId, SubmissionId, TeamId
 
 router = APIRouter(prefix="/organize", include_in_schema=False)
-TOLD_REASON = FormField(
-    "reason",
-    "Reason",
-    "lines",
-    "told to the team, and kept in the audit log with your name",
-    is_required=True,
-    max_length=1000,
-)
+TOLD_REASON = replace(REASON, hint="told to the team, and kept in the audit log with your name")
 PUBLIC_NOTE = FormField(
     "public_note",
     "Public note",
@@ -115,11 +108,10 @@ def _import_page(
     issued: str | None = None,
     n_made: int = 0,
 ) -> Response:
-    template = "participation/organizer_import.html"
     return organizer_page(
         request,
         browser,
-        template,
+        "participation/organizer_import.html",
         "teams",
         refusal=refusal,
         fields=filled(TABLE, texts or {}),
