@@ -52,7 +52,16 @@ from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.phases.export import export_phase
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import PostedForm, SignedIn
-from exceptiondrive_server.web.forms import NOTHING_KEPT, REASON, filled, made, read, text_of, typed
+from exceptiondrive_server.web.forms import (
+    NOTHING_KEPT,
+    REASON,
+    changed,
+    filled,
+    made,
+    read,
+    text_of,
+    typed,
+)
 from exceptiondrive_server.web.organizer_frame import (
     OrganizerBrowser,
     Step,
@@ -255,14 +264,11 @@ def post_phase(
     try:
         with services.database.write() as session:
             phase = lock_phase(session, phase_id)
-            now = values_of(SETTINGS, phase)
-            values = read(SETTINGS, form, _texts(phase))
-            changed = {
-                name: value for name, value in values.items() if not _is_same(now[name], value)
-            }
-            if not changed:
+            kept = _texts(phase)
+            values = changed(read(SETTINGS, form, kept), kept)
+            if not values:
                 return go(f"{HERE}/{phase_id}", "nothing_changed")
-            change = made(PhaseChange, SETTINGS, changed)
+            change = made(PhaseChange, SETTINGS, values)
             require_order_right(browser.principal, change)
             update_phase(session, phase_id, change, actor=browser.principal.actor)
     except NotFound:
@@ -428,10 +434,3 @@ def _page(
 def _texts(phase: Phase) -> dict[str, str]:
     """Return the settings of a phase as their fields show them."""
     return {name: text_of(value) for name, value in values_of(SETTINGS, phase).items()}
-
-
-def _is_same(old: object, new: object) -> bool:
-    """A form knows whole seconds alone: what it shows again is not a change."""
-    if isinstance(old, datetime) and isinstance(new, datetime):
-        return old.replace(microsecond=0) == new.replace(microsecond=0)
-    return old == new

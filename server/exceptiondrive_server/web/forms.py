@@ -124,9 +124,13 @@ def read(
     return values
 
 
-def is_changed(values: Mapping[str, Any], kept: Mapping[str, str]) -> bool:
-    """Whether a value differs from what is kept of its field; seconds are the finest that a form knows."""
-    return any(_mark(text_of(values[name])) != _mark(text) for name, text in kept.items())
+def changed(values: Mapping[str, Any], kept: Mapping[str, str]) -> dict[str, Any]:
+    """Return the values that differ from what is kept; seconds are the finest that a form knows."""
+    return {
+        name: values[name]
+        for name, text in kept.items()
+        if _mark(text_of(values[name])) != _mark(text)
+    }
 
 
 def made(model: type[Model], fields: Sequence[FormField], values: Mapping[str, Any]) -> Model:
