@@ -25,13 +25,7 @@ from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.api.phase_settings import BoardView
 from exceptiondrive_schemas.api.rescoring import EntryChange
 from exceptiondrive_schemas.base import bytes_digest
-from exceptiondrive_schemas.board import (
-    Board,
-    BoardEntry,
-    BoardLeader,
-    BoardNews,
-    EntryNews,
-)
+from exceptiondrive_schemas.board import Board, BoardEntry, BoardLeader, BoardNews, EntryNews
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.method_facts import Links
 

@@ -101,13 +101,7 @@ def answer_question(
     if to_all:
         told = f"{quoted}\n\n{row.answer}"
         news = publish_news(
-            session,
-            row.phase_id,
-            _TITLE,
-            told,
-            actor=actor,
-            plain=inbox,
-            to_its_teams=to_its_teams,
+            session, row.phase_id, _TITLE, told, actor=actor, plain=inbox, to_its_teams=to_its_teams
         )
         row.news_id = news.id
         only_of = row.phase_id if to_its_teams else None

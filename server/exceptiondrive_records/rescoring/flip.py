@@ -24,11 +24,7 @@ from exceptiondrive_records.phases.scoring_keys import (
     shadow_key,
 )
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.rescoring.comparison import (
-    Compared,
-    compare_to_shown,
-    what_changed,
-)
+from exceptiondrive_records.rescoring.comparison import Compared, compare_to_shown, what_changed
 from exceptiondrive_records.rescoring.fan_out import cancel_jobs
 from exceptiondrive_records.rescoring.pairs import count_pairs, failed_pairs, fresh_board
 from exceptiondrive_records.rescoring.reveal import reveal_blockers
@@ -243,10 +239,7 @@ def _turn_waiting_jobs(session: Session, phase_id: str, old: ScoringKey, new: Sc
     for key, is_first in ((old, False), (new, True)):
         session.execute(
             update(Job)
-            .where(
-                Job.submission_id.in_(both),
-                is_of_key(Job, key),
-            )
+            .where(Job.submission_id.in_(both), is_of_key(Job, key))
             .values(is_first=is_first, lane=Lane.LIVE if is_first else Lane.RESCORE)
             .execution_options(synchronize_session=False)
         )

@@ -277,16 +277,8 @@ def retry_failed(session: Session, run: RescoringRun, key: ScoringKey) -> None:
     now = database_now(session)
     session.execute(
         update(Job)
-        .where(
-            Job.submission_id.in_(failed),
-            is_of_key(Job, key),
-        )
-        .values(
-            state=WorkState.QUEUED,
-            attempts=0,
-            available_at=now,
-            finished_at=None,
-        )
+        .where(Job.submission_id.in_(failed), is_of_key(Job, key))
+        .values(state=WorkState.QUEUED, attempts=0, available_at=now, finished_at=None)
         .execution_options(synchronize_session=False)
     )
 

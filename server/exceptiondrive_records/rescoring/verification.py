@@ -209,11 +209,7 @@ def _counts(session: Session, run_id: str) -> dict[VerifyState, int]:
 
 
 def _tell(
-    session: Session,
-    item: Recheck,
-    state: VerifyState,
-    found_digest: str | None,
-    note: str | None,
+    session: Session, item: Recheck, state: VerifyState, found_digest: str | None, note: str | None
 ) -> None:
     """Leave an audit line about a sheet that did not come again."""
     detail = {

@@ -156,9 +156,7 @@ def edits_of(session: Session, submission_id: str) -> tuple[SubmissionEditView, 
     names = names_of_actors(session, (row.actor for row in rows))
     return tuple(
         SubmissionEditView(
-            changed=row.changes.changed,
-            edited_at=row.edited_at,
-            by=names.get(row.actor, row.actor),
+            changed=row.changes.changed, edited_at=row.edited_at, by=names.get(row.actor, row.actor)
         )
         for row in rows
     )

@@ -39,11 +39,7 @@ from exceptiondrive_schemas.method_facts import Links, MethodFacts
 # Links between two submissions of a team: an entry and its counterpart without reminder.
 
 
-_WITHOUT_A_SCORE = (
-    SubmissionStatus.WITHDRAWN,
-    SubmissionStatus.REJECTED,
-    SubmissionStatus.FAILED,
-)
+_WITHOUT_A_SCORE = (SubmissionStatus.WITHDRAWN, SubmissionStatus.REJECTED, SubmissionStatus.FAILED)
 
 
 def require_counterpart(

@@ -63,12 +63,7 @@ _SHEETS = select(ScoreSheetRow).where(
 )
 
 
-def view(
-    session: Session,
-    submission: Submission,
-    *,
-    is_duplicate: bool = False,
-) -> SubmissionView:
+def view(session: Session, submission: Submission, *, is_duplicate: bool = False) -> SubmissionView:
     """Return a submission as its team sees it.
 
     `is_duplicate`: these bytes came a second time.

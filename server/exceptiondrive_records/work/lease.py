@@ -182,11 +182,7 @@ def _oldest_first(kind: type[WorkItem], max_attempts: int) -> Select[str]:
 
 
 def finish(
-    session: Session,
-    item: WorkItem,
-    state: WorkState = WorkState.DONE,
-    *,
-    note: str | None = None,
+    session: Session, item: WorkItem, state: WorkState = WorkState.DONE, *, note: str | None = None
 ) -> bool:
     """End an item; what was asked for meanwhile waits again.
 
@@ -227,12 +223,7 @@ def finish_last(session: Session, item: WorkItem, pause_after: Callable[[float],
 
 
 def try_later(
-    session: Session,
-    item: WorkItem,
-    wait_s: float,
-    *,
-    counts: bool = True,
-    note: str | None = None,
+    session: Session, item: WorkItem, wait_s: float, *, counts: bool = True, note: str | None = None
 ) -> bool:
     """Give an item back, to be tried again after a while.
 
@@ -294,11 +285,7 @@ def give_up_lead(session: Session, name: str, holder: str) -> None:
 
 
 def _new_values(
-    kind: type[WorkItem],
-    key: str,
-    *,
-    lane: Lane | None = None,
-    is_held: bool = False,
+    kind: type[WorkItem], key: str, *, lane: Lane | None = None, is_held: bool = False
 ) -> dict[str, Any]:
     """All but the times and what a kind has of its own."""
     return {

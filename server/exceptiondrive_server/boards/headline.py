@@ -12,14 +12,7 @@ from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.boards.entry_facts import flags_of, is_listed, primary_metrics
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, BoardQuery
-from exceptiondrive_server.web.numbers import (
-    DASH,
-    Digits,
-    day,
-    grouped,
-    listed,
-    with_unit,
-)
+from exceptiondrive_server.web.numbers import DASH, Digits, day, grouped, listed, with_unit
 
 MAX_NAMED = 3
 

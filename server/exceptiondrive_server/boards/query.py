@@ -11,14 +11,7 @@ from typing import Annotated, Any, Literal, Self
 from urllib.parse import urlencode
 
 from fastapi import Depends, Request
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    ValidationError,
-    field_validator,
-    model_validator,
-)
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from exceptiondrive_records.db.errors import InvalidRecord, NotFound, RecordsError
 from exceptiondrive_schemas.api.phase_settings import BoardView

@@ -21,11 +21,7 @@ from exceptiondrive_records.operations.setup import opened, prepare
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_server.launcher.child import LaunchError
 from exceptiondrive_server.launcher.layout import Address, Layout
-from exceptiondrive_server.operations.records_commands import (
-    DataOption,
-    records_app,
-    say,
-)
+from exceptiondrive_server.operations.records_commands import DataOption, records_app, say
 from exceptiondrive_server.operations.upkeep_commands import upkeep_app
 
 app = typer.Typer(

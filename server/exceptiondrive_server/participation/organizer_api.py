@@ -200,9 +200,7 @@ def post_team_disqualification(
 
 
 @router.post(
-    "/submissions/{submission_id}/disqualify",
-    operation_id="disqualifySubmission",
-    status_code=201,
+    "/submissions/{submission_id}/disqualify", operation_id="disqualifySubmission", status_code=201
 )
 def post_entry_disqualification(
     services: ServicesOf,

@@ -173,11 +173,7 @@ def post_close(services: ServicesOf, organizer: Organizer, run_id: RunId, deed: 
 
 
 def _step(
-    services: Services,
-    take: Callable[..., RescoringRun],
-    actor: str,
-    run_id: str,
-    deed: Deed,
+    services: Services, take: Callable[..., RescoringRun], actor: str, run_id: str, deed: Deed
 ) -> RunView:
     with services.database.write() as session:
         take(session, run_id, reason=deed.reason, actor=actor)

@@ -16,12 +16,7 @@ from exceptiondrive_records.accounts.tokens import (
 from exceptiondrive_records.participation.changes import MAX_AFFILIATION
 from exceptiondrive_records.participation.importing import make_team
 from exceptiondrive_records.teams.tables import Team
-from exceptiondrive_records.teams.teams import (
-    approve_team,
-    find_team,
-    list_teams,
-    refuse_team,
-)
+from exceptiondrive_records.teams.teams import approve_team, find_team, list_teams, refuse_team
 from exceptiondrive_schemas.datetimes import Time
 from exceptiondrive_server.accounts.queries import (
     IssuedToken,

@@ -25,12 +25,7 @@ from exceptiondrive_records.participation.importing import make_team
 from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.submissions.submissions import counts_by_team
 from exceptiondrive_records.teams.tables import Team
-from exceptiondrive_records.teams.teams import (
-    approve_team,
-    find_team,
-    list_teams,
-    refuse_team,
-)
+from exceptiondrive_records.teams.teams import approve_team, find_team, list_teams, refuse_team
 from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_server.accounts.queries import left_behind, token_views
 from exceptiondrive_server.audit.queries import history
