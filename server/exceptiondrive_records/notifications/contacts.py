@@ -109,11 +109,6 @@ def set_wishes(
     return contact
 
 
-def _is_secret(contact: ContactPoint, key: str) -> bool:
-    secret, given = contact.secret, key.encode("utf-8", "replace")
-    return secret is not None and secrets.compare_digest(secret.encode(), given)
-
-
 def find_by_key(
     session: Session, contact_id: str, key: str, *, may_be_removed: bool = False
 ) -> ContactPoint:
@@ -123,10 +118,10 @@ def find_by_key(
         NotFound: There is none, it said no or was removed, or the key is wrong: the answer is the same.
     """
     contact = session.get(ContactPoint, contact_id)
-    is_right = contact is not None and _is_secret(contact, key)
     if (
         contact is None
-        or not is_right
+        or contact.secret is None
+        or not secrets.compare_digest(contact.secret.encode(), key.encode("utf-8", "replace"))
         or contact.channel is not Channel.EMAIL
         or contact.unsubscribed_at is not None
         or (contact.removed_at is not None and not may_be_removed)

@@ -84,7 +84,6 @@ class PhaseStep:
     title: str
     meaning: str
     take: Callable[..., Phase | None]
-    command: str
     is_offered: Callable[[PhaseView], bool]
     is_grave: bool = False
     is_end: bool = False
@@ -105,7 +104,6 @@ PHASE_STEPS: Mapping[str, PhaseStep] = MappingProxyType(
                 "Put it on the front page",
                 "The phase stands before all others: in every list, and on the front page.",
                 feature_phase,
-                'feature {} --reason "…"',
                 lambda phase: phase.visibility == "shown",
             ),
             PhaseStep(
@@ -114,7 +112,6 @@ PHASE_STEPS: Mapping[str, PhaseStep] = MappingProxyType(
                 "The public board stays as it is from now on, until you reveal it. Scoring goes "
                 "on behind it.",
                 freeze_phase,
-                'freeze {} --reason "…"',
                 lambda phase: _now(phase).frozen_since is None,
             ),
             PhaseStep(
@@ -122,7 +119,6 @@ PHASE_STEPS: Mapping[str, PhaseStep] = MappingProxyType(
                 "Reveal the board",
                 "The freeze ends: readers see the newest board at once.",
                 reveal_board,
-                'reveal {} --what board --reason "…"',
                 lambda phase: _now(phase).frozen_since is not None,
                 is_grave=True,
             ),
@@ -132,7 +128,6 @@ PHASE_STEPS: Mapping[str, PhaseStep] = MappingProxyType(
                 "From the next board on teams and methods stand under their names. This cannot "
                 "be taken back.",
                 reveal_names,
-                'reveal {} --what names --reason "…"',
                 lambda phase: _now(phase).is_anonymous,
                 is_grave=True,
             ),
@@ -142,7 +137,6 @@ PHASE_STEPS: Mapping[str, PhaseStep] = MappingProxyType(
                 "Workers score the part of the split that the phase reveals; the board changes "
                 "when the run that this begins is applied.",
                 reveal_split,
-                'reveal {} --what split --reason "…"',
                 lambda phase: _now(phase).part == "public",
                 is_grave=True,
             ),
@@ -152,7 +146,6 @@ PHASE_STEPS: Mapping[str, PhaseStep] = MappingProxyType(
                 "The phase goes with its empty boards. This works only while nothing was "
                 "submitted or rescored in it; else archive or hide it.",
                 delete_phase,
-                'delete {} --reason "…"',
                 lambda phase: True,
                 is_grave=True,
                 is_end=True,
@@ -294,6 +287,8 @@ def step_of(services: ServicesOf, phase_id: PhaseId, step: StepKey) -> Step:
     if step not in PHASE_STEPS:
         raise NotFound("action on a phase", step)
     known = PHASE_STEPS[step]
+    verb, _, revealed = step.partition("-")
+    what = f" --what {revealed}" if revealed else ""
     return Step(
         section="phases",
         title=known.title,
@@ -303,7 +298,7 @@ def step_of(services: ServicesOf, phase_id: PhaseId, step: StepKey) -> Step:
         back_words="The phase",
         fields=(REASON,),
         facts=(("Phase", phase.title),),
-        command=f"exceptiondrive organizer phases {known.command.format(phase_id)}",
+        command=f'exceptiondrive organizer phases {verb} {phase_id}{what} --reason "…"',
         is_grave=known.is_grave,
         take=partial(known.take, phase_id=phase_id),
         done="phase_deleted" if known.is_end else "phase_changed",

@@ -153,9 +153,7 @@ def post_apply(
     """Show the new board, in one transaction; refused while anything is missing or stale."""
     flip.work_out(services.database, run_id)
     with services.database.write() as session:
-        flip.apply_run(
-            session, run_id, preview=step.preview, reason=step.reason, actor=organizer.actor
-        )
+        flip.apply_run(session, run_id, **step.model_dump(), actor=organizer.actor)
     return get_run(services, run_id)
 
 

@@ -81,16 +81,8 @@ def get_teams(services: ServicesOf) -> list[TeamView]:
 def post_team(services: ServicesOf, organizer: Organizer, team: NewTeam) -> TeamView:
     """Make a team."""
     with services.database.write() as session:
-        made = make_team(
-            session,
-            team.id,
-            team.name,
-            affiliation=team.affiliation,
-            email=team.email,
-            is_reference=team.is_reference,
-            actor=organizer.actor,
-        )
-        return _team(made)
+        given = team.model_dump()
+        return _team(make_team(session, given.pop("id"), **given, actor=organizer.actor))
 
 
 @router.post("/teams/{team_id}/approve", operation_id="approveTeam")
