@@ -51,9 +51,9 @@ def publish_news(
     session.add(row)
     session.flush()
     only_of = phase.id if to_its_teams else None
-    if recipients(session, phase_id=only_of):
+    if recipients(session, phase=only_of):
         title = f"{phase.title}: {row.title}"[:MAX_TITLE]
-        send_message(session, title, plain or row.text, actor=actor, phase_id=only_of)
+        send_message(session, title, plain or row.text, actor=actor, phase=only_of)
     audit(session, actor, "news published", row.id, {"phase": phase.id, "title": row.title})
     return row
 

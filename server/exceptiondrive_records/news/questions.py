@@ -105,9 +105,9 @@ def answer_question(
         )
         row.news_id = news.id
         only_of = row.phase_id if to_its_teams else None
-        is_told = slug in {one.team for one in recipients(session, phase_id=only_of)}
+        is_told = slug in {one.team for one in recipients(session, phase=only_of)}
     if not is_told:
-        send_message(session, _TITLE, inbox, actor=actor, slugs=[slug])
+        send_message(session, _TITLE, inbox, actor=actor, teams=[slug])
     detail = {"phase": row.phase_id, "to_all": to_all}
     audit(session, actor, "question answered", row.id, detail)
     return row

@@ -31,12 +31,12 @@ class Recipient(NamedTuple):
 
 
 def recipients(
-    session: Session, slugs: Sequence[str] = (), phase_id: str | None = None
+    session: Session, teams: Sequence[str] = (), phase: str | None = None
 ) -> list[Recipient]:
-    """Return whom a message would reach, by slug.
+    """Return whom a message would reach, by id.
 
-    Without slugs: all that are approved, without reference teams and those gone; with a phase,
-    those of them that submitted to it.
+    Without ids of teams: all that are approved, without reference teams and those gone; with that of
+    a phase, those of them that submitted to it.
 
     Raises:
         NotFound: No such team.
@@ -50,7 +50,7 @@ def recipients(
             counts.get((team.id, Channel.EMAIL), 0),
             counts.get((team.id, Channel.WEBHOOK), 0),
         )
-        for team in _teams(session, slugs, phase_id)
+        for team in _teams(session, teams, phase)
     ]
 
 
@@ -60,13 +60,13 @@ def send_message(
     text: str,
     *,
     actor: str,
-    slugs: Sequence[str] = (),
-    phase_id: str | None = None,
+    teams: Sequence[str] = (),
+    phase: str | None = None,
 ) -> list[Recipient]:
     """Write to teams; each paragraph of the text is one sentence of the notice.
 
     The same words reach a team once: sent by two organizers, or twice by one, the second is
-    refused. Blank lines part paragraphs. Slugs and phase are as for `recipients`.
+    refused. Blank lines part paragraphs. Teams and phase are as for `recipients`.
 
     Returns:
         Whom it reaches.
@@ -77,16 +77,16 @@ def send_message(
         Conflict: One of the teams has this very message, was forgotten, or is part of another one.
     """
     title, paragraphs = checked_message(title, text)
-    teams = _teams(session, slugs, phase_id)
-    if not teams:
+    found = _teams(session, teams, phase)
+    if not found:
         raise InvalidRecord("There is no team to write to.")
     refusal = "This very message was sent to one of these teams already."
-    digest = _digest_of_new(session, teams, (title, *paragraphs), refusal)
-    for team in teams:
-        tell_team(session, team, "message", title, paragraphs, phase=phase_id or "", subject=digest)
-    told = recipients(session, [team.slug for team in teams])
-    detail = {"title": title, "digest": digest, "n_teams": len(teams), "phase": phase_id}
-    subject = teams[0].slug if len(teams) == 1 else "teams"
+    digest = _digest_of_new(session, found, (title, *paragraphs), refusal)
+    for team in found:
+        tell_team(session, team, "message", title, paragraphs, phase=phase or "", subject=digest)
+    told = recipients(session, [team.slug for team in found])
+    detail = {"title": title, "digest": digest, "n_teams": len(found), "phase": phase}
+    subject = found[0].slug if len(found) == 1 else "teams"
     audit(session, actor, "message sent", subject, detail)
     return told
 

@@ -272,14 +272,8 @@ def post_message(services: ServicesOf, organizer: Organizer, message: NewMessage
             found = recipients(session, message.teams, message.phase)
     else:
         with services.database.write() as session:
-            found = send_message(
-                session,
-                message.title,
-                message.text,
-                actor=organizer.actor,
-                slugs=message.teams,
-                phase_id=message.phase,
-            )
+            given = message.model_dump(exclude={"is_preview"})
+            found = send_message(session, **given, actor=organizer.actor)
     return MessageView(
         title=title,
         paragraphs=paragraphs,

@@ -1,6 +1,6 @@
 """What organizers do with teams, each deed a step of its own, and messages with a preview."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Annotated, Any
@@ -389,7 +389,7 @@ def _message(session: Session) -> Step:
                   empty="any phase or none"),
         ),
         command='exceptiondrive organizer message "TITLE" --text FILE --to TEAM --preview',
-        take=_send,
+        take=send_message,
         done="message_sent",
     )  # fmt: skip
 
@@ -423,15 +423,9 @@ def _preview(session: Session, step: Step, values: Mapping[str, Any]) -> Step:
             ("is_seen", "yes"),
         ),
         command='exceptiondrive organizer message "TITLE" --text FILE --preview',
-        take=partial(_send, **values),
+        take=partial(send_message, **values),
         onward=lambda _: "/organize/teams",
     )
-
-
-def _send(
-    session: Session, title: str, text: str, *, teams: Sequence[str], phase: str | None, actor: str
-) -> None:
-    send_message(session, title, text, slugs=teams, phase_id=phase, actor=actor)
 
 
 def _step(team: Team, **words: Any) -> Step:
