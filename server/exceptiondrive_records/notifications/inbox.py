@@ -19,6 +19,7 @@ from exceptiondrive_records.work.lease import new_item
 from exceptiondrive_schemas.api.rescoring import (
     ChangedEntry,
     Comparison,
+    EntryChange,
     NotificationKind,
     NotificationView,
     Wish,
@@ -40,7 +41,7 @@ def notify_teams(
     what_changed: tuple[str, ...],
 ) -> list[Notification]:
     """Notify each team whose published numbers change of the old and the new ones; no others."""
-    changed = [entry for entry in comparison.entries if entry.change != "none"]
+    changed = _changed(comparison)
     owners = _owners(session, [entry.submission_id for entry in changed])
     by_team: defaultdict[Team, list[ChangedEntry]] = defaultdict(list)
     for entry in changed:
@@ -69,6 +70,11 @@ def notify_teams(
         )
         for team in sorted(by_team, key=lambda team: team.id)
     ]
+
+
+def _changed(comparison: Comparison) -> list[EntryChange]:
+    """Return the entries whose published numbers change."""
+    return [entry for entry in comparison.entries if entry.change != "none"]
 
 
 def _what_stands(comparison: Comparison) -> str:
