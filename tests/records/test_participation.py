@@ -393,7 +393,7 @@ def test_a_message_reaches_inbox_and_addresses_once(world: World) -> None:
         add_contact(session, beta, Channel.EMAIL, "a@example.com", actor=WHO)
     with world.database.read() as session:
         found = recipients(session)
-    assert [(one.slug, one.n_emails, one.n_webhooks) for one in found] == [
+    assert [(one.team, one.n_emails, one.n_webhooks) for one in found] == [
         ("alpha", 0, 0),
         ("beta", 0, 1),
     ]
@@ -405,9 +405,9 @@ def test_a_message_reaches_inbox_and_addresses_once(world: World) -> None:
         assert len(deliveries) == 2, "the question to the e-mail address, and the message"
         assert list_notifications(session, beta)[0].what_changed == ("First.", "Second.")
     with pytest.raises(Conflict, match="already"), world.database.write() as session:
-        send_message(session, "Hello", "First.\n\nSecond.", actor=WHO, slugs=["beta"])
+        send_message(session, "Hello", "First.\n\nSecond.", actor=WHO, teams=["beta"])
     with world.database.write() as session:
-        assert len(send_message(session, "Hello", "Other.", actor=WHO, slugs=["beta"])) == 1
+        assert len(send_message(session, "Hello", "Other.", actor=WHO, teams=["beta"])) == 1
     assert last_action(world) == "message sent"
 
 

@@ -98,12 +98,7 @@ def set_organizer(
 ) -> Person:
     """Make a person an organizer, or no longer; it counts from the next request on.
 
-    Args:
-        session: Of a write transaction.
-        person_id: Who.
-        role: As what; None: no longer.
-        phases: Ids of those that the role is confined to; none: it is for the whole site.
-        actor: Who does it.
+    Without a role it is no longer one; without phases the role is for the whole site.
 
     Raises:
         NotFound: There is no such person or phase.

@@ -49,9 +49,7 @@ def registration_keys_of(address: str) -> dict[str, int]:
 def count_attempt(session: Session, limits: Mapping[str, int]) -> None:
     """Count an attempt before it is looked at.
 
-    Args:
-        session: Of a write transaction.
-        limits: Key to most attempts per window.
+    `limits` has the most attempts per window by key.
 
     Raises:
         TooManyAttempts: One of the keys has none left; nothing is counted.

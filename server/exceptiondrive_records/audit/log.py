@@ -154,10 +154,8 @@ class AuditVerdict:
 def verify_audit(session: Session, kept_head: str | None = None) -> AuditVerdict:
     """Recompute the whole chain.
 
-    Args:
-        session: To read with.
-        kept_head: The head that an earlier verification told. A log that was cut off, or written
-            anew from some line on, is a chain too; but no line of it has this hash.
+    A `kept_head` is what an earlier verification told: a log that was cut off, or written anew from
+    some line on, is a chain too, but no line of it has this hash.
     """
     head = GENESIS
     number = 0
@@ -194,16 +192,8 @@ def audit_page(
 ) -> list[AuditLine]:
     """Return lines, newest first.
 
-    Args:
-        session: To read with.
-        before: Only lines before this one.
-        limit: At most so many.
-        actor: Only by this one.
-        subject: Only about this.
-        by_people: Leave out what the machinery writes of itself.
-        since: Only lines of this time or later.
-        until: Only lines of before this time.
-        action: Only what was done so, as `phase changed`.
+    What is given narrows them: `by_people` leaves out what the machinery writes of itself, `until`
+    takes those of before that time, an `action` is such as `phase changed`.
     """
     query = select(AuditLine).order_by(AuditLine.id.desc()).limit(limit)
     if before is not None:

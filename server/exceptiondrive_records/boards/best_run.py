@@ -23,14 +23,8 @@ def best_run(
 
     A run that takes no rank comes after all that do. Sheets are those of the samples that count
     until the reveal: on a private part the best of many runs would be picked after the fact, and
-    tell more of it than one entry does.
-
-    Args:
-        session: To read with.
-        phase: Of the runs.
-        submission_ids: The runs, oldest first.
-        protocol_digest: Under which they are compared.
-        split_revision: Of the board; of a split with parts, the live one of the same revision counts.
+    tell more of it than one entry does. The runs come oldest first. Of a split with parts, the live
+    one of the same revision counts.
 
     Returns:
         None where no run has such a sheet.

@@ -25,13 +25,7 @@ from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.api.phase_settings import BoardView
 from exceptiondrive_schemas.api.rescoring import EntryChange
 from exceptiondrive_schemas.base import bytes_digest
-from exceptiondrive_schemas.board import (
-    Board,
-    BoardEntry,
-    BoardLeader,
-    BoardNews,
-    EntryNews,
-)
+from exceptiondrive_schemas.board import Board, BoardEntry, BoardLeader, BoardNews, EntryNews
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.method_facts import Links
 
@@ -50,12 +44,6 @@ def publish_board(
     Number and date are given here; what may not be shown yet is left out here, so that it is in
     nothing that is served. A board that says what the latest one of this protocol says is not
     appended again. While the phase is frozen its pointers stay.
-
-    Args:
-        session: Of a write transaction.
-        claim: The request as it was claimed.
-        board: The board.
-        late: The board of the late view, where there is one.
 
     Returns:
         The row that holds the board; None when the lease was lost and nothing was recorded.
@@ -102,11 +90,7 @@ def flip_board(
 ) -> BoardFlip | None:
     """Point the phase at a board; the caller holds the lock of the phase.
 
-    Args:
-        session: Of a write transaction.
-        phase: Which.
-        row: The board.
-        at: When readers see it; by default now.
+    Readers see it from `at` on, by default from now.
 
     Returns:
         The flip; None when the phase showed this board already.
@@ -387,11 +371,7 @@ def boards_by_protocol(
     """Return the boards with a submission that readers saw first and last, under each protocol.
 
     Last is what was shown last, not what was built last: a rollback shows an earlier board again.
-
-    Args:
-        session: To read with.
-        submission: What stands on them.
-        limit: How many protocols at most, the newest first.
+    The newest `limit` protocols count.
     """
     query = (
         select(func.min(BoardFlip.id), func.max(BoardFlip.id))

@@ -52,9 +52,6 @@ class Sharing:
 def read_board(body: str) -> Board:
     """Read and validate a recorded board.
 
-    Args:
-        body: Canonical JSON.
-
     Raises:
         ValidationError: It is no board.
     """

@@ -93,17 +93,12 @@ def entries_for_board(
     """Return the entries of a board, in order of submission.
 
     That is the latest scored submission of each (team, method) that came in time and is public, or
-    the one that its team said where the phase lets it, or one of each team where the phase says so. The late view holds the latest late ones besides. A
-    method whose latest submission was withdrawn falls back to the one before it, until the deadline:
-    withdrawn later, it leaves no entry, so that nobody picks after seeing the outcome. A disqualified
-    entry leaves its place empty: what it displaced does not come up.
-
-    Args:
-        session: To read with.
-        phase_id: Of the phase.
-        protocol_digest: Under which they were scored.
-        split_revision: Against which; by default the one that the phase shows.
-        view: Which board.
+    the one that its team said where the phase lets it, or one of each team where the phase says so.
+    The late view holds the latest late ones besides. A method whose latest submission was withdrawn
+    falls back to the one before it, until the deadline: withdrawn later, it leaves no entry, so
+    that nobody picks after seeing the outcome. A disqualified entry leaves its place empty: what it
+    displaced does not come up. All were scored against the split revision that is given, or the one
+    that the phase shows.
 
     Raises:
         NotFound: No such phase.

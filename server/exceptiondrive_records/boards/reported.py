@@ -27,13 +27,7 @@ def import_board(
 ) -> ReportedBoard:
     """Put the rows of another board beside a phase, or none of them.
 
-    Args:
-        session: Of a write transaction.
-        phase_id: Which.
-        title: What the other board is called.
-        cite: Where it is found: an address, or a citation.
-        file: Its text, as `read_rows` takes it.
-        actor: Who.
+    `cite` is an address or a citation, `file` a text that `read_rows` takes.
 
     Raises:
         NotFound: No such phase.

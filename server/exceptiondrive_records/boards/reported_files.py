@@ -49,10 +49,6 @@ def read_rows(text: str, challenge: Challenge) -> tuple[ImportedRow, ...]:
     each metric that is told, and for families such as `hcc.lane_blockage`. The CSV and the JSON that
     this software exports, and records of Every Eval Ever made by it, are such files too.
 
-    Args:
-        text: The file.
-        challenge: Whose metrics count.
-
     Raises:
         InvalidRecord: It cannot be read, or rows of it are refused: each is named, with what helps.
     """

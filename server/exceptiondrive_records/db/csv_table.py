@@ -16,10 +16,8 @@ _SEPARATORS = ",;\t"
 def csv_rows(text: str) -> list[tuple[int, list[str]]]:
     """Return the rows that hold something, each with the line on which it begins.
 
-    Empty cells at the end of the first line are no columns, and nor are those below them.
-
-    Args:
-        text: Its values are separated by commas, semicolons or tabs, as the first line tells.
+    Empty cells at the end of the first line are no columns, and nor are those below them. Values
+    are separated by commas, semicolons or tabs, as the first line tells.
 
     Raises:
         InvalidRecord: It is no table, or a row has not as many values as the first one.

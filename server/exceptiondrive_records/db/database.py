@@ -296,11 +296,7 @@ def insert_if_absent(
 ) -> bool:
     """Insert a row, unless one of the same key is there; whether it was inserted.
 
-    Args:
-        session: Of a write transaction.
-        table: Where.
-        made: Of the row, what the database works out.
-        values: The rest of it.
+    `made` is what the database works out, `values` the rest of the row.
     """
     inserted: Any = session.execute(_inserting(_insert(session), table, made), values)
     return bool(inserted.rowcount == 1)
@@ -323,15 +319,9 @@ def upsert(
 ) -> Executable:
     """Return what inserts a row or, where one of the same keys is there, changes that one instead.
 
-    It is made once and takes the values of the new row.
-
-    Args:
-        session: Of the database that it is for.
-        table: Which.
-        made: Of the new row, what the database works out.
-        changes: Of the one that is there.
-        takes: What that one takes over of the new row.
-        keys: What is unique.
+    It is made once and takes the values of the new row. `made` is what the database works out of
+    the new row, `changes` the same of the one that is there, `takes` what that one takes over of
+    the new row, `keys` what is unique.
     """
     return _upserting(_insert(session), table, made, changes, takes, keys)
 

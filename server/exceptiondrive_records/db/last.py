@@ -36,11 +36,8 @@ def do_last(
 ) -> None:
     """Do something at the end of this write transaction.
 
-    Args:
-        session: Of the transaction.
-        what: A statement of which nothing is read.
-        given: Its values.
-        is_shared: Whether it takes a row that others wait for: these come after all others.
+    Nothing is read of the statement. One that takes a row that others wait for (`is_shared`) comes
+    after all others.
     """
     _of(session).append(_Last(what, dict(given or {}), is_shared))
 
@@ -50,11 +47,7 @@ def require_last(
 ) -> None:
     """Keep this write transaction only if a condition holds at its end, when its shared rows are held.
 
-    Args:
-        session: Of the transaction.
-        holds: The condition.
-        given: Its values.
-        refusal: Raised otherwise.
+    Else `refusal` is raised.
     """
     _of(session).append(_Last(_unless(holds), dict(given), is_shared=True, refusal=refusal))
 

@@ -263,11 +263,8 @@ def role_of(address: str) -> tuple[Role, URL]:
 def grant_to_files(owner_url: str, files: list[Path]) -> list[Role]:
     """Give the roles of addresses in files their rights; roles that are not there are made.
 
-    A new role gets the password of its address; that of an existing one is left alone.
-
-    Args:
-        owner_url: Address with which the owner of the tables connects.
-        files: Each holds the address with which one service connects.
+    A new role gets the password of its address; that of an existing one is left alone. Each file
+    holds the address with which one service connects.
 
     Raises:
         InvalidRecord: The database is no PostgreSQL, or an address is no role's.

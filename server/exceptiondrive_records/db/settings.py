@@ -114,12 +114,8 @@ def load_settings(kind: type[Settings], data: Path | None = None) -> Settings:
     """Read settings of this kind from the environment; what it leaves open, from a data folder.
 
     A value that the environment does not give may stand in a file of its variable's name, in small
-    letters, under /run/secrets (or the folder that EXCEPTIONDRIVE_SECRETS_DIR names); those of `data`
-    go before it.
-
-    Args:
-        kind: Whose settings.
-        data: The folder of an `exceptiondrive-server run`.
+    letters, under /run/secrets (or the folder that EXCEPTIONDRIVE_SECRETS_DIR names); those of
+    `data` go before it. `data` is the folder of an `exceptiondrive-server run`.
 
     Raises:
         SettingsError: A value is malformed, its file cannot be read, or a variable looks like a misspelt

@@ -105,14 +105,7 @@ def publish(session: Session, submission_id: str, *, actor: str) -> Submission:
         NotFound: No such submission.
         Conflict: The phase shows every entry, there is no score yet, or it is too late to pick.
     """
-    submission, phase = _scored(session, submission_id)
-    _require_private(session, phase)
-    if submission.published_at is None:
-        _require_changes_left(session, submission)
-        submission.published_at = database_now(session)
-        want_boards(session, phase)
-        audit(session, actor, "entry published", submission_id, {"phase": phase.id})
-    return submission
+    return _show(session, submission_id, actor, is_public=True)
 
 
 def unpublish(session: Session, submission_id: str, *, actor: str) -> Submission:
@@ -122,13 +115,18 @@ def unpublish(session: Session, submission_id: str, *, actor: str) -> Submission
         NotFound: No such submission.
         Conflict: The phase shows every entry, there is no score yet, or it is too late to pick.
     """
+    return _show(session, submission_id, actor, is_public=False)
+
+
+def _show(session: Session, submission_id: str, actor: str, *, is_public: bool) -> Submission:
     submission, phase = _scored(session, submission_id)
     _require_private(session, phase)
-    if submission.published_at is not None:
+    if is_public != (submission.published_at is not None):
         _require_changes_left(session, submission)
-        submission.published_at = None
+        submission.published_at = database_now(session) if is_public else None
         want_boards(session, phase)
-        audit(session, actor, "entry made private", submission_id, {"phase": phase.id})
+        done = "entry published" if is_public else "entry made private"
+        audit(session, actor, done, submission_id, {"phase": phase.id})
     return submission
 
 

@@ -29,14 +29,8 @@ def publish_news(
 ) -> News:
     """Announce something of a phase, and tell every team; the same words go out once.
 
-    Args:
-        session: Of a write transaction.
-        phase_id: Which.
-        title: One line.
-        text: Markdown.
-        actor: Who.
-        plain: What inboxes are told, which know no Markdown; empty: the text as it is written.
-        to_its_teams: Tell those alone that submitted to the phase.
+    The text is Markdown. Inboxes know none: they are told `plain`, or the text as it is written.
+    With `to_its_teams` those alone are told that submitted to the phase.
 
     Raises:
         NotFound: No such phase.
@@ -57,9 +51,9 @@ def publish_news(
     session.add(row)
     session.flush()
     only_of = phase.id if to_its_teams else None
-    if recipients(session, phase_id=only_of):
+    if recipients(session, phase=only_of):
         title = f"{phase.title}: {row.title}"[:MAX_TITLE]
-        send_message(session, title, plain or row.text, actor=actor, phase_id=only_of)
+        send_message(session, title, plain or row.text, actor=actor, phase=only_of)
     audit(session, actor, "news published", row.id, {"phase": phase.id, "title": row.title})
     return row
 

@@ -34,13 +34,6 @@ def ask_question(
 ) -> Question:
     """Ask the organizers.
 
-    Args:
-        session: Of a write transaction.
-        team_id: Whose question.
-        phase_id: What it is about.
-        text: Plain words.
-        actor: Who.
-
     Raises:
         NotFound: No such phase, or it is hidden.
         InvalidRecord: The text cannot be used.
@@ -84,14 +77,9 @@ def answer_question(
 ) -> Question:
     """Answer a question, once: the team is told, or everybody, who do not learn who asked.
 
-    Args:
-        session: Of a write transaction.
-        question_id: Which.
-        text: Markdown.
-        plain: The same for inboxes, which know no Markdown; empty: the text as it is written.
-        to_all: Whether question and answer become news.
-        actor: Who.
-        to_its_teams: Of what becomes news, tell the teams alone that submitted to the phase, and the one that asked.
+    The text is Markdown. Inboxes know none: they are told `plain`, or the text as it is written.
+    With `to_all` question and answer become news; of these, with `to_its_teams`, those alone are
+    told that submitted to the phase, and who asked.
 
     Raises:
         NotFound: There is none.
@@ -113,19 +101,13 @@ def answer_question(
     if to_all:
         told = f"{quoted}\n\n{row.answer}"
         news = publish_news(
-            session,
-            row.phase_id,
-            _TITLE,
-            told,
-            actor=actor,
-            plain=inbox,
-            to_its_teams=to_its_teams,
+            session, row.phase_id, _TITLE, told, actor=actor, plain=inbox, to_its_teams=to_its_teams
         )
         row.news_id = news.id
         only_of = row.phase_id if to_its_teams else None
-        is_told = slug in {one.slug for one in recipients(session, phase_id=only_of)}
+        is_told = slug in {one.team for one in recipients(session, phase=only_of)}
     if not is_told:
-        send_message(session, _TITLE, inbox, actor=actor, slugs=[slug])
+        send_message(session, _TITLE, inbox, actor=actor, teams=[slug])
     detail = {"phase": row.phase_id, "to_all": to_all}
     audit(session, actor, "question answered", row.id, detail)
     return row

@@ -94,12 +94,8 @@ def send_webhook(
 ) -> None:
     """Send a signed message, a few times if need be; redirects are not followed.
 
-    Args:
-        url: https address; http too where it may be private.
-        secret: Of the address.
-        body: JSON document.
-        timestamp: Unix time, in the signature: old messages cannot be played again.
-        may_be_private: Whether an address of our own network is let through: tests only.
+    The Unix time is in the signature: old messages cannot be played again. `may_be_private` lets
+    http and addresses of our own network through, for tests only.
 
     Raises:
         NotDelivered: It did not get there.
@@ -174,11 +170,7 @@ def send_email(
 ) -> None:
     """Send a notification as plain text.
 
-    Args:
-        settings: Server and sender.
-        to: E-mail address.
-        notice: What is told.
-        unsubscribe: Address, below the server's own, that ends all mail to `to` with one click.
+    `unsubscribe` is the address, below the server's own, that ends all mail to `to` with one click.
 
     Raises:
         NotDelivered: No server is set, or it did not take the message.

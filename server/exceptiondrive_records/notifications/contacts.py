@@ -47,17 +47,9 @@ def add_contact(
 ) -> ContactPoint:
     """Let a team be told at an address; a webhook gets a secret that signs what is sent.
 
-    An e-mail address is written to once, and told nothing more until whoever reads there confirms it.
-    One that said no by the link in a mail is asked by no team again.
-
-    Args:
-        session: Of a write transaction.
-        team_id: The team.
-        channel: Webhook or e-mail.
-        address: https address, or e-mail address.
-        wishes: What it is told of.
-        actor: Who.
-        may_be_private: Whether http to this very machine is let through, for tests.
+    An e-mail address is written to once, and told nothing more until whoever reads there confirms
+    it. One that said no by the link in a mail is asked by no team again. `may_be_private` lets http
+    to this very machine through, for tests.
 
     Raises:
         NotAllowed: The team is not approved yet: strangers would let the site write to anybody.
@@ -117,11 +109,6 @@ def set_wishes(
     return contact
 
 
-def _is_secret(contact: ContactPoint, key: str) -> bool:
-    secret, given = contact.secret, key.encode("utf-8", "replace")
-    return secret is not None and secrets.compare_digest(secret.encode(), given)
-
-
 def find_by_key(
     session: Session, contact_id: str, key: str, *, may_be_removed: bool = False
 ) -> ContactPoint:
@@ -131,10 +118,10 @@ def find_by_key(
         NotFound: There is none, it said no or was removed, or the key is wrong: the answer is the same.
     """
     contact = session.get(ContactPoint, contact_id)
-    is_right = contact is not None and _is_secret(contact, key)
     if (
         contact is None
-        or not is_right
+        or contact.secret is None
+        or not secrets.compare_digest(contact.secret.encode(), key.encode("utf-8", "replace"))
         or contact.channel is not Channel.EMAIL
         or contact.unsubscribed_at is not None
         or (contact.removed_at is not None and not may_be_removed)

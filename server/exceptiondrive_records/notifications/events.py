@@ -14,8 +14,7 @@ from exceptiondrive_records.boards.boards import board_at, entries_on
 from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.db.identifiers import random_id
-from exceptiondrive_records.notifications.inbox import put_notice
+from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.notifications.tables import ContactPoint, Notification
 from exceptiondrive_records.participation.tables import Allowance, TermsAcceptance
 from exceptiondrive_records.phases.allowances import is_revealed
@@ -27,7 +26,7 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_schemas.api.own_entries import question_of
-from exceptiondrive_schemas.api.rescoring import NotificationView, Wish
+from exceptiondrive_schemas.api.rescoring import Wish
 from exceptiondrive_schemas.api.standing_words import ranked_words
 from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_schemas.challenges import CHALLENGES
@@ -72,8 +71,19 @@ def tell_teams(database: Database) -> int:
         for team_id, wishes in _wishes(session).items():
             for event in _events(session, team_id, wishes, now):
                 if not _is_told(session, team_id, event):
-                    notice = _notice(session, team_id, event, now)
-                    put_notice(session, team_id, notice, event.wish, subject=event.subject)
+                    assert event.wish != "updates"
+                    tell_team(
+                        session,
+                        session.get_one(Team, team_id),
+                        event.wish,
+                        event.title,
+                        event.sentences,
+                        address=event.address,
+                        phase=event.phase,
+                        subject=event.subject,
+                        wish=event.wish,
+                        at=now,
+                    )
                     told += 1
         return told
 
@@ -244,17 +254,3 @@ def _is_told(session: Session, team_id: int, event: _Event) -> bool:
         Notification.subject == event.subject,
     )
     return session.scalar(query) is not None
-
-
-def _notice(session: Session, team_id: int, event: _Event, now: datetime) -> NotificationView:
-    assert event.wish != "updates"
-    return NotificationView(
-        id=random_id(),
-        kind=event.wish,
-        team=session.get_one(Team, team_id).name,
-        phase=event.phase,
-        created_at=now,
-        title=event.title,
-        what_changed=event.sentences,
-        comparison=event.address,
-    )

@@ -1,6 +1,9 @@
 """The inbox of a team, filled in the very transaction that changes its published numbers."""
 
-from collections.abc import Iterable
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from datetime import datetime
+from typing import Any
 
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
@@ -37,48 +40,41 @@ def notify_teams(
     run_id: str,
     what_changed: tuple[str, ...],
 ) -> list[Notification]:
-    """Notify each team whose published numbers change of the old and the new ones; no others.
-
-    Args:
-        session: Of the transaction that changes them.
-        comparison: What changes for readers.
-        kind: Of the notification.
-        run_id: The rescoring run that changes it.
-        what_changed: Of the protocol or split, in sentences.
-    """
+    """Notify each team whose published numbers change of the old and the new ones; no others."""
     changed = _changed(comparison)
-    owners = _teams_of(session, [entry.submission_id for entry in changed])
-    by_team: dict[int, list[EntryChange]] = {}
+    owners = _owners(session, [entry.submission_id for entry in changed])
+    by_team: defaultdict[Team, list[ChangedEntry]] = defaultdict(list)
     for entry in changed:
-        by_team.setdefault(owners[entry.submission_id].id, []).append(entry)
+        told = ChangedEntry(
+            submission_id=entry.submission_id, method=entry.method, old=entry.old, new=entry.new
+        )
+        by_team[owners[entry.submission_id]].append(told)
     phase = session.get_one(Phase, comparison.phase)
     now = database_now(session)
-    rows = []
-    for team_id in sorted(by_team):
-        view = NotificationView(
-            id=random_id(),
-            kind=kind,
-            team=session.get_one(Team, team_id).name,
+    return [
+        tell_team(
+            session,
+            team,
+            kind,
+            f"{phase.title} {_VERBS[kind]} {_what_stands(comparison)}",
+            what_changed,
+            address=f"/api/v1/rescoring/{run_id}",
             phase=phase.id,
+            wish="updates",
+            run_id=run_id,
+            at=now,
             challenge=comparison.challenge,
-            created_at=now,
-            title=f"{phase.title} {_VERBS[kind]} {_what_stands(comparison)}",
             from_protocol=comparison.from_protocol,
             to_protocol=comparison.to_protocol,
-            what_changed=what_changed,
-            entries=tuple(
-                ChangedEntry(
-                    submission_id=entry.submission_id,
-                    method=entry.method,
-                    old=entry.old,
-                    new=entry.new,
-                )
-                for entry in by_team[team_id]
-            ),
-            comparison=f"/api/v1/rescoring/{run_id}",
+            entries=tuple(by_team[team]),
         )
-        rows.append(put_notice(session, team_id, view, "updates", run_id=run_id))
-    return rows
+        for team in sorted(by_team, key=lambda team: team.id)
+    ]
+
+
+def _changed(comparison: Comparison) -> list[EntryChange]:
+    """Return the entries whose published numbers change."""
+    return [entry for entry in comparison.entries if entry.change != "none"]
 
 
 def _what_stands(comparison: Comparison) -> str:
@@ -87,11 +83,6 @@ def _what_stands(comparison: Comparison) -> str:
         return f"protocol {comparison.to_protocol.version}"
     revision = comparison.to_split.revision.removeprefix("sha256:")
     return f"revision {revision[:12]} of split {comparison.to_split.name}"
-
-
-def _changed(comparison: Comparison) -> list[EntryChange]:
-    """Return the entries whose published numbers change."""
-    return [entry for entry in comparison.entries if entry.change != "none"]
 
 
 def tell_team(
@@ -104,8 +95,12 @@ def tell_team(
     address: str = "/my/notices",
     phase: str = "",
     subject: str | None = None,
+    wish: Wish | None = None,
+    run_id: str | None = None,
+    at: datetime | None = None,
+    **of_update: Any,
 ) -> Notification:
-    """Tell a team what organizers did or wrote: in its inbox, and at every confirmed address.
+    """Tell a team something: in its inbox, and at the confirmed addresses that wish it, or at every one.
 
     Args:
         session: Of a write transaction.
@@ -116,44 +111,58 @@ def tell_team(
         address: Where there is more, below the server's own.
         phase: Which it concerns; empty: none in particular.
         subject: What it is about, where nothing of its kind is told twice.
+        wish: Only addresses with this wish are told; None: every one that is confirmed.
+        run_id: The rescoring run behind it.
+        at: When; by default now.
+        of_update: What else is said of a protocol update.
     """
     view = NotificationView(
         id=random_id(),
         kind=kind,
         team=team.name,
         phase=phase,
-        created_at=database_now(session),
+        created_at=at or database_now(session),
         title=title,
         what_changed=tuple(sentences),
         comparison=address,
+        **of_update,
     )
-    return put_notice(session, team.id, view, None, subject=subject)
+    addresses = listening(session, team.id, wish)
+    return _put(session, team.id, view, addresses, run_id=run_id, subject=subject)
 
 
-def put_notice(
+def send_to(session: Session, contact: ContactPoint, view: NotificationView) -> None:
+    """Send a message to one address alone; it stands in no inbox."""
+    _put(session, contact.team_id, view, [contact], subject=contact.id)
+
+
+def _put(
     session: Session,
     team_id: int,
     view: NotificationView,
-    wish: Wish | None,
+    addresses: Sequence[ContactPoint],
     *,
     run_id: str | None = None,
-    subject: str | None = None,
+    subject: str | None,
 ) -> Notification:
-    """Put a notification into an inbox, and a delivery for each address that wants it into the outbox.
-
-    Args:
-        session: Of a write transaction.
-        team_id: Whose inbox.
-        view: What is told.
-        wish: Only addresses with this wish are told; None: every one that is confirmed.
-        run_id: The rescoring run behind it.
-        subject: What it is about, where nothing of its kind is told twice.
-    """
-    row = _row(team_id, view, run_id, subject)
+    """Put a notification into an inbox, and a delivery for each address into the outbox."""
+    row = Notification(
+        id=view.id,
+        team_id=team_id,
+        run_id=run_id,
+        kind=view.kind,
+        subject=subject,
+        body=canonical_json(view).decode("utf-8"),
+        created_at=view.created_at,
+    )
     session.add(row)
     session.flush()
-    for contact in listening(session, team_id, wish):
-        _deliver(session, row, contact)
+    for contact in addresses:
+        key = f"{row.id}/{contact.id}"
+        delivery = new_item(
+            Delivery, key, row.created_at, notification_id=row.id, contact_id=contact.id
+        )
+        session.add(delivery)
     return row
 
 
@@ -177,14 +186,6 @@ def _names(view: NotificationView, submission_id: str) -> bool:
     )
 
 
-def send_to(session: Session, contact: ContactPoint, view: NotificationView) -> None:
-    """Send a message to one address alone; it stands in no inbox."""
-    row = _row(contact.team_id, view, None, contact.id)
-    session.add(row)
-    session.flush()
-    _deliver(session, row, contact)
-
-
 def listening(session: Session, team_id: int, wish: Wish | None) -> list[ContactPoint]:
     """Return the confirmed addresses of a team that want to be told of something; None: all of them."""
     query = select(ContactPoint).where(
@@ -193,28 +194,6 @@ def listening(session: Session, team_id: int, wish: Wish | None) -> list[Contact
         ContactPoint.confirmed_at.is_not(None),
     )
     return [one for one in session.scalars(query) if wish is None or wish in one.wishes.split()]
-
-
-def _row(
-    team_id: int, view: NotificationView, run_id: str | None, subject: str | None
-) -> Notification:
-    return Notification(
-        id=view.id,
-        team_id=team_id,
-        run_id=run_id,
-        kind=view.kind,
-        subject=subject,
-        body=canonical_json(view).decode("utf-8"),
-        created_at=view.created_at,
-    )
-
-
-def _deliver(session: Session, row: Notification, contact: ContactPoint) -> None:
-    key = f"{row.id}/{contact.id}"
-    delivery = new_item(
-        Delivery, key, row.created_at, notification_id=row.id, contact_id=contact.id
-    )
-    session.add(delivery)
 
 
 def list_notifications(
@@ -259,7 +238,7 @@ def _view(row: Notification) -> NotificationView:
     return view.model_copy(update={"read_at": row.read_at})
 
 
-def _teams_of(session: Session, submission_ids: list[str]) -> dict[str, Team]:
+def _owners(session: Session, submission_ids: list[str]) -> dict[str, Team]:
     query = (
         select(Submission.id, Team)
         .join(Team, Team.id == Submission.team_id)

@@ -64,11 +64,7 @@ def remove_orphan(
 ) -> bool:
     """Remove a file that no record mentions, under the lock that an upload's transaction holds.
 
-    Args:
-        database: Its records say what is mentioned.
-        files: Where the file may be.
-        digest: Of the file.
-        before: It stays if it was sent after this moment; None where its upload was refused.
+    It stays if it was sent after `before`, which is None where its upload was refused.
 
     Returns:
         Whether it was removed.

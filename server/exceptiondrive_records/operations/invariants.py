@@ -15,11 +15,7 @@ from sqlalchemy.orm import Session, defer
 
 from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.audit.tables import AuditLine
-from exceptiondrive_records.boards.tables import (
-    BoardEntryRow,
-    BoardFlip,
-    BoardRow,
-)
+from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, BoardRow
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText
 from exceptiondrive_records.db.errors import Conflict, NotFound, StoreError, Violation

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import timedelta
 
 from sqlalchemy import Select, func, select
 from sqlalchemy.orm import Session
@@ -16,7 +16,7 @@ from exceptiondrive_records.phases.scoring_keys import OPEN
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
-from exceptiondrive_records.work.tables import Job, WorkerHeartbeat, WorkState
+from exceptiondrive_records.work.tables import OPEN_STATES, Job, WorkerHeartbeat, WorkState
 from exceptiondrive_schemas.api.rescoring import RunKind
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.jobs import Lane
@@ -106,14 +106,23 @@ def _of_workers(session: Session, action: str) -> Select[AuditLine]:
 
 def lane_queue(session: Session, lane: Lane) -> LaneQueue:
     """Count the jobs of a lane that wait, run, or are held by a paused run."""
-    waits = (Job.lane == lane, Job.state == WorkState.QUEUED)
-    oldest = session.scalar(select(func.min(Job.created_at)).where(*waits))
+    query = (
+        select(Job.state, func.count(), func.min(Job.created_at))
+        .where(Job.lane == lane, Job.state.in_(OPEN_STATES))
+        .group_by(Job.state)
+    )
+    found = {state: (count, since) for state, count, since in session.execute(query)}
+    none = (0, None)
+    waiting, oldest = found.get(WorkState.QUEUED, none)
+    oldest_s = None
+    if oldest is not None:
+        oldest_s = max(0.0, (database_now(session) - oldest).total_seconds())
     return LaneQueue(
         lane=lane,
-        waiting=_count(session, *waits),
-        running=_count(session, Job.lane == lane, Job.state == WorkState.LEASED),
-        held=_count(session, Job.lane == lane, Job.state == WorkState.HELD),
-        oldest_s=_age_s(session, oldest),
+        waiting=waiting,
+        running=found.get(WorkState.LEASED, none)[0],
+        held=found.get(WorkState.HELD, none)[0],
+        oldest_s=oldest_s,
     )
 
 
@@ -125,14 +134,3 @@ def worker_signs(session: Session) -> Iterable[WorkerSign]:
         age_s = (now - row.at).total_seconds()
         is_alive = row.lives_until > now
         yield WorkerSign(row.worker_id, tuple(row.lanes), row.slots, age_s, is_alive)
-
-
-def _count(session: Session, *conditions: object) -> int:
-    query = select(func.count()).select_from(Job).where(*conditions)  # type: ignore[arg-type]
-    return session.scalar(query) or 0
-
-
-def _age_s(session: Session, moment: datetime | None) -> float | None:
-    if moment is None:
-        return None
-    return max(0.0, (database_now(session) - moment).total_seconds())

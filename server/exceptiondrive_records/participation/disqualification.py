@@ -4,6 +4,9 @@ No board is altered: a new one leaves the entries out, the old ones keep what th
 board is frozen readers see that at the reveal.
 """
 
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
 from sqlalchemy import exists, select
 from sqlalchemy.orm import Session
 
@@ -95,26 +98,14 @@ def _disqualify(
     row.public_note = row.public_note or None
     row.disqualified_at = database_now(session)
     session.add(row)
-    session.flush()
-    _publish(session, row)
-    detail = {"reason": row.reason, "public_note": row.public_note, "disqualification": row.id}
-    audit(session, actor, f"{_what(row)} disqualified", _subject(team, row), detail | _where(row))
     frozen = "a frozen board goes on showing it until it is revealed"
     words = [f"The next boards leave it out; earlier ones keep what they showed, and {frozen}."]
     if row.submission_id is None:
         words.append("Your team submits nothing there until it is reinstated.")
     else:
         words.append("The same bytes are not taken again.")
-    title = f"{_name(session, team, row)} is disqualified{_in(session, row)}"
-    tell_team(
-        session,
-        team,
-        "disqualified",
-        title,
-        (f"Reason: {row.reason}", *words),
-        address=_address(row),
-        phase=row.phase_id or "",
-    )
+    detail = {"reason": row.reason, "public_note": row.public_note}
+    _publish(session, team, row, "disqualified", detail, words, actor)
     return row
 
 
@@ -134,16 +125,45 @@ def reinstate(
     if row.reinstated_at is not None:
         raise Conflict(f"It was reinstated at {row.reinstated_at:%Y-%m-%d %H:%M} UTC.")
     row.reinstated_at = database_now(session)
-    session.flush()
-    _publish(session, row)
-    detail = {"reason": checked_reason(reason), "disqualification": row.id}
-    audit(session, actor, f"{_what(row)} reinstated", _subject(team, row), detail | _where(row))
-    title = f"{_name(session, team, row)} is reinstated{_in(session, row)}"
-    words = (f"Reason: {reason.strip()}", "What was scored stands on the next board.")
-    tell_team(
-        session, team, "reinstated", title, words, address=_address(row), phase=row.phase_id or ""
-    )
+    detail = {"reason": checked_reason(reason)}
+    words = ["What was scored stands on the next board."]
+    _publish(session, team, row, "reinstated", detail, words, actor)
     return row
+
+
+def _publish(
+    session: Session,
+    team: Team,
+    row: Disqualification,
+    done: Literal["disqualified", "reinstated"],
+    detail: Mapping[str, Any],
+    words: Sequence[str],
+    actor: str,
+) -> None:
+    """Ask for the boards that show it; tell it to the audit log and to the team."""
+    session.flush()
+    want_boards_of_team(session, team.id, row.phase_id)
+    detail = {**detail, "disqualification": row.id}
+    where = ""
+    if row.phase_id is not None:
+        detail["phase"] = row.phase_id
+        where = f" in {find_phase(session, row.phase_id).title}"
+    if row.submission_id is None:
+        audit(session, actor, f"team {done}", team.slug, detail)
+        name, address = f"Your team {team.name}", "/my"
+    else:
+        audit(session, actor, f"submission {done}", row.submission_id, detail)
+        name = f"Your entry {find_submission(session, row.submission_id).method}"
+        address = f"/submissions/{row.submission_id}"
+    tell_team(
+        session,
+        team,
+        done,
+        f"{name} is {done}{where}",
+        (f"Reason: {detail['reason']}", *words),
+        address=address,
+        phase=row.phase_id or "",
+    )
 
 
 def find_disqualification(session: Session, disqualification_id: int) -> Disqualification:
@@ -186,33 +206,3 @@ def want_boards_of_team(session: Session, team_id: int, phase_id: str | None = N
         query = query.where(Phase.id == phase_id)
     for phase in session.scalars(query.order_by(Phase.id)):
         want_boards(session, phase)
-
-
-def _publish(session: Session, row: Disqualification) -> None:
-    want_boards_of_team(session, row.team_id, row.phase_id)
-
-
-def _what(row: Disqualification) -> str:
-    return "team" if row.submission_id is None else "submission"
-
-
-def _subject(team: Team, row: Disqualification) -> str:
-    return team.slug if row.submission_id is None else row.submission_id
-
-
-def _where(row: Disqualification) -> dict[str, str]:
-    return {} if row.phase_id is None else {"phase": row.phase_id}
-
-
-def _name(session: Session, team: Team, row: Disqualification) -> str:
-    if row.submission_id is None:
-        return f"Your team {team.name}"
-    return f"Your entry {find_submission(session, row.submission_id).method}"
-
-
-def _in(session: Session, row: Disqualification) -> str:
-    return "" if row.phase_id is None else f" in {find_phase(session, row.phase_id).title}"
-
-
-def _address(row: Disqualification) -> str:
-    return "/my" if row.submission_id is None else f"/submissions/{row.submission_id}"

@@ -136,14 +136,7 @@ def _forget_notices(session: Session, team: Team) -> None:
     )
     for row in session.scalars(select(Notification).where(Notification.team_id == team.id)):
         view = NotificationView.model_validate_json(row.body)
-        blank = NotificationView(
-            id=view.id,
-            kind=view.kind,
-            team=team.name,
-            phase=view.phase,
-            created_at=view.created_at,
-            title="Forgotten",
-            what_changed=(),
-            comparison="",
-        )
+        kept = view.model_dump(include={"id", "kind", "phase", "created_at"})
+        said = {"team": team.name, "title": "Forgotten", "what_changed": (), "comparison": ""}
+        blank = NotificationView.model_validate(kept | said)
         row.body = canonical_json(blank).decode("utf-8")

@@ -29,31 +29,23 @@ class ImportedTeam(NamedTuple):
     token: str
 
 
-class _Line(NamedTuple):
-    number: int
-    values: dict[str, str]
-
-
 def import_teams(session: Session, text: str, *, actor: str) -> list[ImportedTeam]:
     """Make the teams of a table: each with a token, and its address where it has one.
 
-    An address is written to once, and told nothing more until whoever reads there confirms it.
-
-    Args:
-        session: Of a write transaction; a refusal has to end it, so that no team is left.
-        text: CSV with a first line of column names, separated by commas, semicolons or tabs.
-        actor: Who.
+    An address is written to once, and told nothing more until whoever reads there confirms it. The
+    first line of the CSV names the columns; commas, semicolons or tabs separate them. A refusal has
+    to end the transaction, so that no team is left.
 
     Raises:
         InvalidRecord: The table cannot be read, or lines of it are refused: each is named.
     """
     made, faults = [], []
-    for line in _lines(text):
+    for number, values in _lines(text):
         try:
             with session.begin_nested():
-                made.append(_make(session, line.values, actor))
+                made.append(_make(session, values, actor))
         except RecordsError as refusal:
-            faults.append(Fault(f"Line {line.number}", str(refusal)))
+            faults.append(Fault(f"Line {number}", str(refusal)))
     if faults:
         raise InvalidRecord(f"No team was made. {faults_text(faults)}")
     return made
@@ -80,14 +72,9 @@ def make_team(
 ) -> Team:
     """Make a team with what organizers know of it.
 
-    Args:
-        session: Of a write transaction; a refusal has to end it.
-        slug: Its id.
-        name: As the board shows it.
-        affiliation: For organizers alone.
-        email: Where its notices go, once whoever reads there confirms it; empty: nowhere.
-        is_reference: Whether its entries are shown and never ranked.
-        actor: Who.
+    The affiliation is for organizers alone. Notices go to the e-mail address once whoever reads
+    there confirms it. Entries of a reference team are shown and never ranked. A refusal has to end
+    the transaction.
 
     Raises:
         InvalidRecord: One of the texts cannot be used.
@@ -114,7 +101,7 @@ def _make(session: Session, values: dict[str, str], actor: str) -> ImportedTeam:
     return ImportedTeam(team.slug, team.name, token)
 
 
-def _lines(text: str) -> Iterator[_Line]:
+def _lines(text: str) -> Iterator[tuple[int, dict[str, str]]]:
     (_, head), *rows = csv_rows(text) or [(1, [])]
     names = [name.strip().lower() for name in head]
     if not {"id", "name"} <= set(names) <= set(COLUMNS) or len(set(names)) < len(names):
@@ -126,4 +113,4 @@ def _lines(text: str) -> Iterator[_Line]:
     if len(rows) > MAX_TEAMS:
         raise InvalidRecord(f"The table has more than {MAX_TEAMS} teams; import it in parts.")
     for number, row in rows:
-        yield _Line(number, dict(zip(names, map(str.strip, row), strict=True)))
+        yield number, dict(zip(names, map(str.strip, row), strict=True))

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from sqlalchemy import Select, exists, func, select
+from sqlalchemy import exists, func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
@@ -23,21 +23,20 @@ MAX_TITLE, MAX_TEXT = 150, 4000
 class Recipient(NamedTuple):
     """A team that is told, and at how many addresses besides its inbox: never which ones."""
 
-    slug: str
+    team: str
+    """Its id."""
     name: str
     n_emails: int
     n_webhooks: int
 
 
 def recipients(
-    session: Session, slugs: Sequence[str] = (), phase_id: str | None = None
+    session: Session, teams: Sequence[str] = (), phase: str | None = None
 ) -> list[Recipient]:
-    """Return whom a message would reach, by slug.
+    """Return whom a message would reach, by id.
 
-    Args:
-        session: To read with.
-        slugs: These teams; empty: all that are approved, without reference teams and those gone.
-        phase_id: Of all: those that submitted to this phase.
+    Without ids of teams: all that are approved, without reference teams and those gone; with that of
+    a phase, those of them that submitted to it.
 
     Raises:
         NotFound: No such team.
@@ -51,7 +50,7 @@ def recipients(
             counts.get((team.id, Channel.EMAIL), 0),
             counts.get((team.id, Channel.WEBHOOK), 0),
         )
-        for team in _teams(session, slugs, phase_id)
+        for team in _teams(session, teams, phase)
     ]
 
 
@@ -61,20 +60,13 @@ def send_message(
     text: str,
     *,
     actor: str,
-    slugs: Sequence[str] = (),
-    phase_id: str | None = None,
+    teams: Sequence[str] = (),
+    phase: str | None = None,
 ) -> list[Recipient]:
     """Write to teams; each paragraph of the text is one sentence of the notice.
 
-    The same words reach a team once: sent by two organizers, or twice by one, the second is refused.
-
-    Args:
-        session: Of a write transaction.
-        title: Subject of mails, heading in the inbox.
-        text: Plain words; blank lines part paragraphs.
-        actor: Who writes.
-        slugs: As for `recipients`.
-        phase_id: As for `recipients`.
+    The same words reach a team once: sent by two organizers, or twice by one, the second is
+    refused. Blank lines part paragraphs. Teams and phase are as for `recipients`.
 
     Returns:
         Whom it reaches.
@@ -85,19 +77,16 @@ def send_message(
         Conflict: One of the teams has this very message, was forgotten, or is part of another one.
     """
     title, paragraphs = checked_message(title, text)
-    teams = _teams(session, slugs, phase_id)
-    if not teams:
+    found = _teams(session, teams, phase)
+    if not found:
         raise InvalidRecord("There is no team to write to.")
-    said = "\n\n".join((title, *paragraphs))
-    digest = bytes_digest(said.encode())
-    _lock(session, teams)
-    if session.scalar(_have(digest, teams).limit(1)) is not None:
-        raise Conflict("This very message was sent to one of these teams already.")
-    for team in teams:
-        tell_team(session, team, "message", title, paragraphs, phase=phase_id or "", subject=digest)
-    told = recipients(session, [team.slug for team in teams])
-    detail = {"title": title, "digest": digest, "n_teams": len(teams), "phase": phase_id}
-    subject = teams[0].slug if len(teams) == 1 else "teams"
+    refusal = "This very message was sent to one of these teams already."
+    digest = _digest_of_new(session, found, (title, *paragraphs), refusal)
+    for team in found:
+        tell_team(session, team, "message", title, paragraphs, phase=phase or "", subject=digest)
+    told = recipients(session, [team.slug for team in found])
+    detail = {"title": title, "digest": digest, "n_teams": len(found), "phase": phase}
+    subject = found[0].slug if len(found) == 1 else "teams"
     audit(session, actor, "message sent", subject, detail)
     return told
 
@@ -105,11 +94,7 @@ def send_message(
 def write_about(session: Session, submission_id: str, *, words: str, actor: str) -> Notification:
     """Write to a team about one of its submissions; the notice leads to it.
 
-    Args:
-        session: Of a write transaction.
-        submission_id: The submission.
-        words: What the organizers say; blank lines part paragraphs.
-        actor: Who writes.
+    Blank lines of the words part paragraphs.
 
     Raises:
         NotFound: No such submission.
@@ -118,12 +103,9 @@ def write_about(session: Session, submission_id: str, *, words: str, actor: str)
     """
     submission = find_submission(session, submission_id)
     title, paragraphs = checked_message(f"The organizers wrote about {submission.method}", words)
-    said = "\n\n".join((submission_id, title, *paragraphs))
-    digest = bytes_digest(said.encode())
     team = session.get_one(Team, submission.team_id)
-    _lock(session, [team])
-    if session.scalar(_have(digest, [team]).limit(1)) is not None:
-        raise Conflict("This very message about it was sent already.")
+    refusal = "This very message about it was sent already."
+    digest = _digest_of_new(session, [team], (submission_id, title, *paragraphs), refusal)
     row = tell_team(
         session,
         team,
@@ -138,13 +120,22 @@ def write_about(session: Session, submission_id: str, *, words: str, actor: str)
     return row
 
 
-def _have(digest: str, teams: Sequence[Team]) -> Select[int]:
-    """Select those of these teams that have a message."""
-    return select(Notification.team_id).where(
+def _digest_of_new(
+    session: Session, teams: Sequence[Team], words: Sequence[str], refusal: str
+) -> str:
+    """Return what stands for a message, and hold the teams; one that any of them has is refused."""
+    digest = bytes_digest("\n\n".join(words).encode())
+    ids = [team.id for team in teams]
+    weak = select(Team.id).where(Team.id.in_(ids)).order_by(Team.id)
+    session.execute(weak.with_for_update(key_share=True))
+    have = select(Notification.id).where(
         Notification.kind == "message",
         Notification.subject == digest,
-        Notification.team_id.in_([team.id for team in teams]),
+        Notification.team_id.in_(ids),
     )
+    if session.scalar(have.limit(1)) is not None:
+        raise Conflict(refusal)
+    return digest
 
 
 def checked_message(title: str, text: str) -> tuple[str, tuple[str, ...]]:
@@ -182,12 +173,6 @@ def _readable(session: Session, team: Team) -> Team:
     if team.forgotten_at is not None:
         raise Conflict(f"The team {team.slug} is forgotten: nobody reads what is written to it.")
     return team
-
-
-def _lock(session: Session, teams: Sequence[Team]) -> None:
-    ids = [team.id for team in teams]
-    weak = select(Team.id).where(Team.id.in_(ids)).order_by(Team.id)
-    session.execute(weak.with_for_update(key_share=True))
 
 
 def _addresses(session: Session) -> dict[tuple[int, Channel], int]:

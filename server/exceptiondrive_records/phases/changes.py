@@ -7,10 +7,7 @@ from sqlalchemy import exists, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
-from exceptiondrive_records.boards.boards import (
-    flip_board,
-    latest_board,
-)
+from exceptiondrive_records.boards.boards import flip_board, latest_board
 from exceptiondrive_records.boards.requests import want_boards
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import flush_or_refuse

@@ -102,11 +102,6 @@ def create_phase(session: Session, new: NewPhase, *, actor: str) -> Phase:
 
     Where nothing is said, a phase on a withheld split has what docs/leakage.md advises.
 
-    Args:
-        session: Of a write transaction.
-        new: What it is made of, and its settings.
-        actor: Who creates it.
-
     Raises:
         InvalidRecord: A text cannot be used, or two settings contradict each other.
         Conflict: The id is taken.
@@ -186,10 +181,7 @@ def lock_phase(session: Session, phase_id: str) -> Phase:
 def shown_phase(session: Session, phase_id: str, *, with_hidden: bool = False) -> Phase:
     """Return a phase that readers may see.
 
-    Args:
-        session: To read with.
-        phase_id: Its id.
-        with_hidden: Whether an organizer asks.
+    Hidden ones, too, where an organizer asks.
 
     Raises:
         NotFound: There is none, or it is hidden; the words are the same.
@@ -205,12 +197,8 @@ def list_phases(
 ) -> list[Phase]:
     """Return the phases that readers may see, by position, then in the order of their making.
 
-    Archived ones come last.
-
-    Args:
-        session: To read with.
-        challenge: Only those of this challenge.
-        with_hidden: Whether an organizer asks, or a team for what it submitted.
+    Archived ones come last. Hidden ones, too, where an organizer asks, or a team for what it
+    submitted.
     """
     query = select(Phase).order_by(
         Phase.visibility == "archived",

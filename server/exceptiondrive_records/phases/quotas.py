@@ -79,9 +79,7 @@ def _used_and_granted() -> Select[Any]:
 def require_quota(quota: Quota, *, is_sound: bool) -> None:
     """Refuse one submission more than allowed; who accepts one has read the quota under the team's lock.
 
-    Args:
-        quota: Of the team.
-        is_sound: Whether its file was found to be: it will not be rejected.
+    A sound file will not be rejected.
 
     Raises:
         QuotaExceeded: The day's or the total quota is used up.

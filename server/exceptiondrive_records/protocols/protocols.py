@@ -164,11 +164,6 @@ def usual_protocol(session: Session, actor: str, *, is_withheld: bool) -> str:
 
     Where no phase has one, that is the last that was added; a draft is not taken unasked where there is
     another. A packaged protocol is added where it is missing.
-
-    Args:
-        session: Of a write transaction.
-        actor: Who makes the phase.
-        is_withheld: Whether its split is.
     """
     if is_withheld:
         return add_protocol(session, packaged_protocol_toml(NEWEST_WITHHELD), actor).digest

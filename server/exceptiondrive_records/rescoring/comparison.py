@@ -34,9 +34,7 @@ _DECIMALS = 6
 def compare_boards(old: Board, new: Board) -> Comparison:
     """Return what changes for every scored entry from one board to the other.
 
-    Args:
-        old: What readers see now.
-        new: What they would see.
+    The old one is what readers see now, the new one what they would see.
     """
     before, after = _scored(old), _scored(new)
     order = [*before, *(key for key in after if key not in before)]

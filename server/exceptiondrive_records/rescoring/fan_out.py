@@ -41,9 +41,7 @@ _TENDED = (RunState.SCORING, RunState.PAUSED, RunState.READY, RunState.APPLIED)
 def tend_runs(database: Database, max_attempts: int) -> int:
     """Bring every open run one step further; return how many jobs were made.
 
-    Args:
-        database: The records.
-        max_attempts: Beyond this a sheet that is verified is given up.
+    Beyond `max_attempts` a sheet that is verified is given up.
     """
     is_tended = RescoringRun.state.in_(_TENDED)
     with database.read() as session:

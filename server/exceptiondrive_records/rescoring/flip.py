@@ -24,11 +24,7 @@ from exceptiondrive_records.phases.scoring_keys import (
     shadow_key,
 )
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.rescoring.comparison import (
-    Compared,
-    compare_to_shown,
-    what_changed,
-)
+from exceptiondrive_records.rescoring.comparison import Compared, compare_to_shown, what_changed
 from exceptiondrive_records.rescoring.fan_out import cancel_jobs
 from exceptiondrive_records.rescoring.pairs import count_pairs, failed_pairs, fresh_board
 from exceptiondrive_records.rescoring.reveal import reveal_blockers
@@ -153,12 +149,7 @@ def apply_run(
 ) -> RescoringRun:
     """Show the new board, in this one transaction.
 
-    Args:
-        session: Of a write transaction.
-        run_id: The run.
-        preview: Digest of the comparison that the organizer looked at.
-        reason: Why.
-        actor: Who.
+    `preview` is the digest of the comparison that the organizer looked at.
 
     Raises:
         NotFound: No such run.
@@ -248,10 +239,7 @@ def _turn_waiting_jobs(session: Session, phase_id: str, old: ScoringKey, new: Sc
     for key, is_first in ((old, False), (new, True)):
         session.execute(
             update(Job)
-            .where(
-                Job.submission_id.in_(both),
-                is_of_key(Job, key),
-            )
+            .where(Job.submission_id.in_(both), is_of_key(Job, key))
             .values(is_first=is_first, lane=Lane.LIVE if is_first else Lane.RESCORE)
             .execution_options(synchronize_session=False)
         )

@@ -90,11 +90,7 @@ def open_jobs(session: Session, phase_id: str, key: ScoringKey) -> int:
         select(func.count())
         .select_from(Job)
         .join(Submission, Submission.id == Job.submission_id)
-        .where(
-            Submission.phase_id == phase_id,
-            is_of_key(Job, key),
-            Job.state.in_(OPEN_STATES),
-        )
+        .where(Submission.phase_id == phase_id, is_of_key(Job, key), Job.state.in_(OPEN_STATES))
     )
     return session.scalar(query) or 0
 
@@ -144,16 +140,12 @@ def _scored(phase_id: str) -> Select[Submission]:
 
 def _has_sheet(key: ScoringKey) -> ColumnElement[bool]:
     return exists().where(
-        ScoreSheetRow.submission_id == Submission.id,
-        is_of_key(ScoreSheetRow, key),
+        ScoreSheetRow.submission_id == Submission.id, is_of_key(ScoreSheetRow, key)
     )
 
 
 def _jobs_of(key: ScoringKey) -> Select[str]:
-    return select(Job.id).where(
-        Job.submission_id == Submission.id,
-        is_of_key(Job, key),
-    )
+    return select(Job.id).where(Job.submission_id == Submission.id, is_of_key(Job, key))
 
 
 # Whether the files that a phase has accepted can be scored under what is to come.
@@ -170,11 +162,6 @@ def require_readable(
     challenge: str, old: tuple[ProtocolDocument, SplitRow], new: tuple[ProtocolDocument, SplitRow]
 ) -> None:
     """Refuse a protocol or split revision under which accepted files cannot be scored.
-
-    Args:
-        challenge: Of the phase.
-        old: What the phase shows.
-        new: What is to come.
 
     Raises:
         InvalidRecord: They cannot; every reason is given.

@@ -33,13 +33,7 @@ def retry_submission(
     """Queue a failed submission again, with all its attempts.
 
     If the protocol was changed since, it is scored under the new one besides: else no board that
-    the phase shows would ever hold it.
-
-    Args:
-        session: Of a write transaction.
-        submission_id: The submission.
-        actor: Who.
-        reason: Why; kept in the audit log if given.
+    the phase shows would ever hold it. A reason is kept in the audit log.
 
     Raises:
         InvalidRecord: The reason cannot be kept.
@@ -76,12 +70,6 @@ def restore_submission(
     """Let a withdrawn submission stand again, at its old place in time; no quota is touched.
 
     Its sheets were kept: it is scored only where none is there under what the phase shows now.
-
-    Args:
-        session: Of a write transaction.
-        submission_id: The submission.
-        actor: Who.
-        reason: Why; kept in the audit log.
 
     Raises:
         InvalidRecord: The reason cannot be kept.

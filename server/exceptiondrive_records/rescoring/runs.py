@@ -72,13 +72,7 @@ def create_run(
 ) -> RescoringRun:
     """Draft a run: nothing is scored yet, and nobody but organizers sees it.
 
-    Args:
-        session: Of a write transaction.
-        phase_id: Whose board is to change.
-        protocol: Version or digest to come; by default the one in force.
-        split_revision: Revision to come; by default the one in force.
-        reason: Why; kept in the audit log.
-        actor: Who.
+    Protocol (version or digest) and split revision are those to come, by default those in force.
 
     Raises:
         NotFound: No such phase, protocol or split revision.
@@ -113,15 +107,8 @@ def start_verification(
 ) -> RescoringRun:
     """Begin a run that recomputes sheets of a phase from their uploads, and demands every bit again.
 
-    It moves no pointer and keeps no sheet: other runs of the phase go their way beside it.
-
-    Args:
-        session: Of a write transaction.
-        phase_id: Whose sheets, under the protocol and split revision that it shows.
-        sample: How many, drawn by the database; None: all.
-        submission_id: Its sheet alone.
-        reason: Why.
-        actor: Who.
+    It moves no pointer and keeps no sheet: other runs of the phase go their way beside it. They
+    are `sample` sheets, drawn by the database, or without a sample all; or those of one submission.
 
     Raises:
         NotFound: No such phase.
@@ -238,13 +225,7 @@ def move_run(
 ) -> RescoringRun:
     """Move a run to another state and say so in the audit log.
 
-    Args:
-        session: Of a write transaction.
-        run_id: The run.
-        action: What is done.
-        reason: Why.
-        actor: Who.
-        no_longer_ranked: Submissions that lose their rank by it, and why.
+    `no_longer_ranked` tells of the submissions that lose their rank by it, and why.
 
     Raises:
         NotFound: No such run.
@@ -296,16 +277,8 @@ def retry_failed(session: Session, run: RescoringRun, key: ScoringKey) -> None:
     now = database_now(session)
     session.execute(
         update(Job)
-        .where(
-            Job.submission_id.in_(failed),
-            is_of_key(Job, key),
-        )
-        .values(
-            state=WorkState.QUEUED,
-            attempts=0,
-            available_at=now,
-            finished_at=None,
-        )
+        .where(Job.submission_id.in_(failed), is_of_key(Job, key))
+        .values(state=WorkState.QUEUED, attempts=0, available_at=now, finished_at=None)
         .execution_options(synchronize_session=False)
     )
 

@@ -4,6 +4,8 @@ It is a rescoring run whose target is its source. Each sheet is an item of the w
 keeps what came of it; no sheet is written.
 """
 
+from collections import Counter
+
 from sqlalchemy import func, select, update
 from sqlalchemy.orm import Session
 
@@ -37,11 +39,7 @@ def ask_for_rechecks(
 ) -> int:
     """Ask for sheets of a run to be recomputed, drawn by the database; return how many.
 
-    Args:
-        session: Of a write transaction.
-        run: The verification.
-        sample: How many; None: all.
-        submission_id: Its sheet alone.
+    Without a sample all of them; of one submission where it is given.
 
     Raises:
         InvalidRecord: There is no sheet.
@@ -122,7 +120,7 @@ def end_verification(session: Session, run: RescoringRun, max_attempts: int) -> 
         _tell(session, item, VerifyState.FAILED, None, _UNANSWERED)
     session.flush()
     counts = _counts(session, run.id)
-    if counts.get(VerifyState.WAITING):
+    if counts[VerifyState.WAITING]:
         return
     run.state, run.state_at, run.ended_at = RunState.CLOSED, now, now
     outcome = {state.value: count for state, count in counts.items()}
@@ -154,9 +152,9 @@ def verification_view(session: Session, run_id: str) -> VerificationView:
         created_at=run.created_at,
         finished_at=run.ended_at,
         n_sheets=sum(counts.values()),
-        n_equal=counts.get(VerifyState.EQUAL, 0),
-        n_different=counts.get(VerifyState.DIFFERS, 0),
-        n_failed=counts.get(VerifyState.FAILED, 0),
+        n_equal=counts[VerifyState.EQUAL],
+        n_different=counts[VerifyState.DIFFERS],
+        n_failed=counts[VerifyState.FAILED],
         problems=tuple(map(_item, session.scalars(bad.order_by(Recheck.submission_id)))),
     )
 
@@ -198,26 +196,21 @@ def _outcome(state: WorkState, *, has_note: bool) -> VerifyState:
     return VerifyState.FAILED
 
 
-def _counts(session: Session, run_id: str) -> dict[VerifyState, int]:
+def _counts(session: Session, run_id: str) -> Counter[VerifyState]:
     has_note = Recheck.note.is_not(None)
     query = (
         select(Recheck.state, has_note, func.count())
         .where(Recheck.run_id == run_id)
         .group_by(Recheck.state, has_note)
     )
-    counts: dict[VerifyState, int] = {}
+    counts: Counter[VerifyState] = Counter()
     for state, noted, count in session.execute(query):
-        outcome = _outcome(state, has_note=bool(noted))
-        counts[outcome] = counts.get(outcome, 0) + count
+        counts[_outcome(state, has_note=bool(noted))] += count
     return counts
 
 
 def _tell(
-    session: Session,
-    item: Recheck,
-    state: VerifyState,
-    found_digest: str | None,
-    note: str | None,
+    session: Session, item: Recheck, state: VerifyState, found_digest: str | None, note: str | None
 ) -> None:
     """Leave an audit line about a sheet that did not come again."""
     detail = {

@@ -89,10 +89,7 @@ def run_views(session: Session, phase_id: str | None = None) -> list[RunView]:
 def protocol_check(session: Session, toml: str, phase_id: str | None) -> Difference:
     """Return what a protocol document would change, without keeping it.
 
-    Args:
-        session: To read with.
-        toml: The document.
-        phase_id: Against the protocol of this phase; None: against the one added last.
+    Without a phase, against the protocol that was added last.
 
     Raises:
         InvalidRecord: Not a valid protocol document; every problem is listed.
@@ -115,10 +112,7 @@ def protocol_check(session: Session, toml: str, phase_id: str | None) -> Differe
 def preview_of(session: Session, run_id: str, seen: str | None = None) -> PreviewView:
     """Return the comparison that the next flip would make true.
 
-    Args:
-        session: To read with.
-        run_id: The run.
-        seen: Digest of an earlier preview: the answer says whether it is stale now.
+    With the digest of an earlier one as `seen`, the answer says whether that is stale now.
 
     Raises:
         NotFound: No such run.
@@ -170,10 +164,7 @@ def _unfinished_comparison(session: Session, run: RescoringRun) -> Compared | No
 def public_run(session: Session, run_id: str, *, with_hidden: bool = False) -> PublicRun:
     """Return an applied run as every reader may see it; its reason stays with the organizers.
 
-    Args:
-        session: To read with.
-        run_id: Its id.
-        with_hidden: Whether an organizer asks, who sees hidden phases.
+    One of a hidden phase, too, where an organizer asks.
 
     Raises:
         NotFound: There is none, it was never applied, or its phase is hidden; the words are the same.

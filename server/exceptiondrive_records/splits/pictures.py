@@ -29,12 +29,8 @@ def show_pictures(
 ) -> None:
     """Show these pictures of a split in the place of those that were shown; none take all away.
 
-    Args:
-        session: Of a write transaction.
-        split: Whose samples they show.
-        pictures: Sample, what it shows, stored file and size; the rest is filled in here.
-        licence: What stands under each; of no pictures it says nothing.
-        actor: Who shows them.
+    Each comes with sample, what it shows, stored file and size; the rest is filled in here. The
+    licence stands under each; of no pictures it says nothing.
 
     Raises:
         InvalidRecord: A sample is not of the split, or the licence is no line of words.

@@ -111,11 +111,7 @@ def publish_split(
         raise Conflict(f"Split {name!r} was published as another file ({row.public_file_digest}).")
     row.public_file_digest = file_digest
     audit(
-        session,
-        actor,
-        "split published",
-        name,
-        {"revision": revision, "file_digest": file_digest},
+        session, actor, "split published", name, {"revision": revision, "file_digest": file_digest}
     )
     return row
 

@@ -156,9 +156,7 @@ def edits_of(session: Session, submission_id: str) -> tuple[SubmissionEditView, 
     names = names_of_actors(session, (row.actor for row in rows))
     return tuple(
         SubmissionEditView(
-            changed=row.changes.changed,
-            edited_at=row.edited_at,
-            by=names.get(row.actor, row.actor),
+            changed=row.changes.changed, edited_at=row.edited_at, by=names.get(row.actor, row.actor)
         )
         for row in rows
     )
@@ -169,12 +167,8 @@ def facts_of_entries(
 ) -> dict[str, EntryFacts]:
     """Return what teams tell of entries now; who tells nothing and changed nothing is left out.
 
-    While a phase is anonymous nothing is told: facts name teams as links do.
-
-    Args:
-        session: To read with.
-        phase_id: Of the phase.
-        submission_ids: Of the entries of one of its boards: what is on none is its team's alone.
+    While a phase is anonymous nothing is told: facts name teams as links do. The submissions are
+    entries of one of its boards: what is on none is its team's alone.
     """
     phase = session.get(Phase, phase_id)
     if phase is None or is_anonymous(phase):

@@ -325,11 +325,8 @@ _SWEEP_LOCK = 0x45447377  # any constant: uploads share it, a sweep has it alone
 def is_kept(session: Session, files: FileStore, file_digest: str) -> bool:
     """Whether a stored file is there, and stays until the transaction that first mentions it ends.
 
-    Args:
-        session: Of a write transaction. On SQLite there is one at a time, so no lock is needed.
-        files: The store.
-        file_digest: Of the file, which has just been stored; a sweep may have taken it for an
-            orphan a moment ago.
+    The file has just been stored; a sweep may have taken it for an orphan a moment ago. SQLite has
+    one write transaction at a time, so no lock is needed there.
     """
     lock_store(session, alone=False)
     return files.holds(file_digest)

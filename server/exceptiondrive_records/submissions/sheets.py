@@ -64,13 +64,7 @@ def scored_within_a_day(session: Session, name: str, now: datetime, *, besides: 
     """Count the submissions that got their first sheet of a split in the 24 hours before `now`.
 
     Nothing that another role of the database may write counts: sheets alone, which only workers add
-    and nobody takes away.
-
-    Args:
-        session: To read with.
-        name: Of the split, at any revision.
-        now: The end of the day.
-        besides: A submission that is not counted.
+    and nobody takes away. The split counts at any revision, the submission `besides` does not.
     """
     given = {"split": name, "besides": besides, "since": now - _A_DAY}
     return session.scalar(_N_FIRSTS_SINCE, given) or 0
@@ -81,12 +75,7 @@ def require_room_last(
 ) -> None:
     """Keep this write transaction only if `scored_within_a_day` is less than `most` at its end.
 
-    Args:
-        session: Of the transaction; who comes here has locked the split last.
-        name: Of the split, at any revision.
-        most: Submissions within 24 hours.
-        besides: A submission that is not counted.
-        refusal: Raised otherwise.
+    Else `refusal` is raised. Who comes here has locked the split last.
     """
     given = {"split": name, "besides": besides, "most": most}
     require_last(session, _IS_ROOM, given, refusal)

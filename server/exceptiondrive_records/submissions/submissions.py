@@ -39,11 +39,7 @@ from exceptiondrive_schemas.method_facts import Links, MethodFacts
 # Links between two submissions of a team: an entry and its counterpart without reminder.
 
 
-_WITHOUT_A_SCORE = (
-    SubmissionStatus.WITHDRAWN,
-    SubmissionStatus.REJECTED,
-    SubmissionStatus.FAILED,
-)
+_WITHOUT_A_SCORE = (SubmissionStatus.WITHDRAWN, SubmissionStatus.REJECTED, SubmissionStatus.FAILED)
 
 
 def require_counterpart(
@@ -124,9 +120,7 @@ def checked_facts(facts: MethodFacts) -> MethodFacts | None:
 def require_same_words(first: Submission, told: Mapping[str, object]) -> None:
     """Refuse the same bytes with another name, link, description or facts than the first time.
 
-    Args:
-        first: The submission of these bytes.
-        told: What came with them by column; what is empty was not told.
+    `told` is what came with them by column; what is empty was not told.
 
     Raises:
         Conflict: They differ: they are changed by an edit, which keeps its history.

@@ -63,18 +63,10 @@ _SHEETS = select(ScoreSheetRow).where(
 )
 
 
-def view(
-    session: Session,
-    submission: Submission,
-    *,
-    is_duplicate: bool = False,
-) -> SubmissionView:
+def view(session: Session, submission: Submission, *, is_duplicate: bool = False) -> SubmissionView:
     """Return a submission as its team sees it.
 
-    Args:
-        session: To read with.
-        submission: The submission.
-        is_duplicate: Whether these bytes came a second time.
+    `is_duplicate`: these bytes came a second time.
     """
     (seen,) = views(session, [submission])
     return seen.model_copy(update={"is_duplicate": True}) if is_duplicate else seen

@@ -164,13 +164,8 @@ def make_pending_team(
 ) -> Team:
     """Make a team that waits for approval.
 
-    Args:
-        session: Of a write transaction.
-        slug: Id of the team.
-        name: As the board would show it.
-        note: Who they are and how to reach them; for organizers alone.
-        actor: Who registers it, for the audit line.
-        address: From where; a digest of its network is kept.
+    The note says who they are and how to reach them, for organizers alone. Of the address a digest
+    of its network is kept.
 
     Raises:
         InvalidRecord: A text cannot be used.
@@ -239,10 +234,8 @@ _SELF_REGISTRATION = "self_registration"
 def self_registration_is_on(session: Session, environment: bool | None) -> bool:
     """Whether teams may register themselves.
 
-    Args:
-        session: Of any transaction.
-        environment: False forces it off, whatever organizers switched; True switches it on until
-            they decide; None leaves it to them, off at first.
+    An `environment` of False forces it off, whatever organizers switched; True switches it on until
+    they decide; None leaves it to them, off at first.
     """
     if environment is False:
         return False

@@ -31,13 +31,8 @@ def want_board(
 ) -> None:
     """Ask, in this transaction, for a new board of the phase under a protocol.
 
-    A board that nobody sees yet, a draft's, waits behind the live work.
-
-    Args:
-        session: Of a write transaction.
-        phase_id: Of the phase.
-        protocol_digest: Under which its entries are ranked.
-        split_revision: Against which they were scored; by default the one the phase shows.
+    A board that nobody sees yet, a draft's, waits behind the live work. Its entries were scored
+    against `split_revision`, by default the one that the phase shows.
     """
     phase = session.get_one(Phase, phase_id)
     shown = (phase.protocol_digest, phase.split_revision)
@@ -66,13 +61,7 @@ def is_board_wanted(
 
 
 def claim_board(session: Session, lane: Lane, lease_s: float) -> BoardRequest | None:
-    """Lease the build of a board of a lane that is due longest; None: none is due.
-
-    Args:
-        session: Of a write transaction.
-        lane: Which.
-        lease_s: How long nobody else builds it.
-    """
+    """Lease the build of a board of a lane that is due longest; None: none is due."""
     return claim(session, BoardRequest, _due_longest_first(lane), lease_s)
 
 

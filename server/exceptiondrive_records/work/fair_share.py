@@ -28,12 +28,8 @@ def fair_order(
 ) -> Select[str]:
     """Select the ids of waiting jobs in the order in which they are to be scored.
 
-    Args:
-        waiting: Condition on `Job` (`waits`).
-        lane: Of these jobs.
-        now: By the database's clock.
-        firsts_alone: Of each team its oldest job: the first of all is one of them. To find it then
-            costs what there are teams, not what waits.
+    `waiting` is a condition on `Job` (`waits`). `firsts_alone`: of each team its oldest job, and
+    the first of all is one of them; to find it then costs what there are teams, not what waits.
     """
     one = aliased(Job) if firsts_alone else Job
     place = func.row_number().over(

@@ -91,12 +91,8 @@ def claim_job(
 ) -> Job | None:
     """Lease the job of a lane that comes next in fair order; None: nothing is free.
 
-    Args:
-        session: Of a write transaction.
-        lane: Which.
-        lease_s: How long nobody else may have it; longer than the hard limit of a scoring run.
-        max_attempts: Beyond this the reconciler gives a job up.
-        which: Conditions on `Job`, for a worker that cannot take every one.
+    The lease is longer than the hard limit of a scoring run. Beyond `max_attempts` the reconciler
+    gives a job up. `which` are conditions on `Job`, for a worker that cannot take every one.
     """
     job = claim(session, Job, _in_fair_order(lane, max_attempts, True, *which), lease_s)
     if job is None:  # others may have locked the first of each team: their next ones wait behind
@@ -125,13 +121,8 @@ def finish_scored(
 ) -> Finish:
     """Record a score sheet: job, sheet, status, audit line and board request, or none of them.
 
-    Args:
-        session: Of a write transaction.
-        job: As it was claimed.
-        sheet: Rounded for publication.
-        exact_digest: Of the unrounded sheet, which stays with the worker, keyed by the regions.
-        measurement_key: Key of the measurements in the worker's private store.
-        scorer_version: Which code scored.
+    The sheet is rounded for publication. The unrounded one, whose digest is told, stays with the
+    worker, and so do the measurements of `measurement_key`, in its private store.
     """
     if not finish(session, job):
         return Finish.LEASE_LOST
@@ -189,15 +180,9 @@ def finish_failed(
 ) -> Finish:
     """Record that we could not score: try again after a while, or give up.
 
-    Args:
-        session: Of a write transaction.
-        job: As it was claimed.
-        code: Stable and fit for publication.
-        message: One sentence fit for the team: never a traceback, path or geometry.
-        retry: Whether another attempt may help.
-        counts: Whether this was an attempt at all: while what scoring needs is away, jobs wait.
-        max_attempts: How many there may be.
-        backoff_s: Wait before the second attempt; doubles each time.
+    Code and message are fit for the team, the message one sentence: never a traceback, path or
+    geometry. `counts`: this was an attempt at all; while what scoring needs is away, jobs
+    wait. The wait before the second attempt is `backoff_s`, and doubles each time.
     """
     detail = {"code": code, "attempt": job.attempts}
     if retry and not (counts and job.attempts >= max_attempts):

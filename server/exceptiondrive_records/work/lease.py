@@ -104,15 +104,8 @@ def ask(
 ) -> None:
     """Ask, at the end of this transaction, for something to be done, again if it was asked for before.
 
-    What is being done now is done once more after that.
-
-    Args:
-        session: Of a write transaction.
-        kind: Of the item.
-        key: What names it.
-        lane: Who does it.
-        rests_s: How long it rests from now on at the least, if it was done before.
-        columns: Of this kind.
+    What is being done now is done once more after that. What was done before rests `rests_s` from
+    now on at the least.
     """
     how = upsert(session, kind, _NEW, _ASKED_AGAIN, takes=("lane",), keys=("kind", "key"))
     values = _new_values(kind, key, lane=lane) | columns | {"rests_s": rests_s}
@@ -140,12 +133,8 @@ def is_claimable(kind: type[WorkItem], now: Moment) -> ColumnElement[bool]:
 def claim(session: Session, kind: type[Item], first: Select[str], lease_s: float) -> Item | None:
     """Choose and lease an item in one statement; None: nothing is free.
 
-    Args:
-        session: Of a write transaction.
-        kind: Of the item.
-        first: Selects ids of free items at `NOW`, in the order in which they are to be done; one that
-            is kept makes the whole statement once.
-        lease_s: How long nobody else may have it; longer than doing it may take.
+    `first` selects ids of free items at `NOW`, in the order in which they are to be done; one that
+    is kept makes the whole statement once. The lease is longer than doing it may take.
 
     Returns:
         The item as it was claimed: with its fence it is the proof of the lease.
@@ -193,19 +182,11 @@ def _oldest_first(kind: type[WorkItem], max_attempts: int) -> Select[str]:
 
 
 def finish(
-    session: Session,
-    item: WorkItem,
-    state: WorkState = WorkState.DONE,
-    *,
-    note: str | None = None,
+    session: Session, item: WorkItem, state: WorkState = WorkState.DONE, *, note: str | None = None
 ) -> bool:
     """End an item; what was asked for meanwhile waits again.
 
-    Args:
-        session: Of a write transaction.
-        item: As it was claimed.
-        state: How it ended.
-        note: Why, where it came to nothing.
+    The note says why it came to nothing.
 
     Returns:
         Whether the lease was still held; otherwise nothing was changed but the audit log.
@@ -221,10 +202,7 @@ class LeaseLost(Exception):  # noqa: N818 - nothing is wrong: another one does i
 def finish_last(session: Session, item: WorkItem, pause_after: Callable[[float], float]) -> bool:
     """End an item at the end of this transaction, all of which is kept only while the lease is held.
 
-    Args:
-        session: Of a write transaction.
-        item: As it was claimed.
-        pause_after: Seconds that it took, to how many it rests before it is done once more.
+    `pause_after` tells, of the seconds that it took, how many it rests before it is done once more.
 
     Returns:
         Whether the lease is still held; otherwise nothing was changed but the audit log.
@@ -245,21 +223,11 @@ def finish_last(session: Session, item: WorkItem, pause_after: Callable[[float],
 
 
 def try_later(
-    session: Session,
-    item: WorkItem,
-    wait_s: float,
-    *,
-    counts: bool = True,
-    note: str | None = None,
+    session: Session, item: WorkItem, wait_s: float, *, counts: bool = True, note: str | None = None
 ) -> bool:
     """Give an item back, to be tried again after a while.
 
-    Args:
-        session: Of a write transaction.
-        item: As it was claimed.
-        wait_s: How long it rests.
-        counts: Whether this was one of its attempts.
-        note: Why it came to nothing.
+    `counts`: this was one of its attempts; the note says why it came to nothing.
 
     Returns:
         Whether the lease was still held; otherwise nothing was changed but the audit log.
@@ -317,11 +285,7 @@ def give_up_lead(session: Session, name: str, holder: str) -> None:
 
 
 def _new_values(
-    kind: type[WorkItem],
-    key: str,
-    *,
-    lane: Lane | None = None,
-    is_held: bool = False,
+    kind: type[WorkItem], key: str, *, lane: Lane | None = None, is_held: bool = False
 ) -> dict[str, Any]:
     """All but the times and what a kind has of its own."""
     return {

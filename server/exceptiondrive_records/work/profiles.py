@@ -47,11 +47,7 @@ def finish_profile(
 ) -> bool:
     """Record what a file looks like; False when the lease was lost.
 
-    Args:
-        session: Of a write transaction.
-        item: As it was claimed.
-        report: Without faults; None: it came to nothing.
-        note: Why.
+    Without a report it came to nothing, and the note says why.
     """
     if not finish(session, item, WorkState.DONE if report else WorkState.FAILED, note=note):
         return False

@@ -75,9 +75,7 @@ class Provider:
     async def begin(self, request: Request, back: str) -> str:
         """Return where to send the browser; what comes back must fit what its cookie now holds.
 
-        Args:
-            request: Of the browser.
-            back: The page to go to afterwards.
+        It goes on to `back` afterwards.
 
         Raises:
             ProviderAway: It cannot be reached.

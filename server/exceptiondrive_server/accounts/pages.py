@@ -108,8 +108,7 @@ def _session_for(services: Services, token: str, address: str) -> tuple[str, boo
     Returns the secret of the session, and whether it is an organizer's.
     """
     limits = keys_of(address, token)
-    with services.database.write() as session:
-        count_attempt(session, limits)
+    _count(services, limits)
     with services.database.read() as session:
         principal = verify_token(session, token)
     if principal is None:

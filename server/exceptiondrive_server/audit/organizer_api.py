@@ -73,10 +73,4 @@ def get_audit_verdict(
     """
     with services.database.read() as session:
         verdict = verify_audit(session, head)
-    return AuditVerdictView(
-        is_whole=verdict.is_whole,
-        n_lines=verdict.n_lines,
-        head=verdict.head,
-        broken_at=verdict.broken_at,
-        holds_kept_head=verdict.holds_kept_head,
-    )
+    return AuditVerdictView.model_validate(verdict, from_attributes=True)

@@ -34,15 +34,7 @@ class AuditLineView(BaseModel):
 
 def line_view(line: AuditLine) -> AuditLineView:
     """Return a line as the API shows it."""
-    return AuditLineView(
-        id=line.id,
-        at=line.at,
-        actor=line.actor,
-        action=line.action,
-        subject=line.subject,
-        detail=line.detail,
-        hash=line.hash,
-    )
+    return AuditLineView.model_validate(line, from_attributes=True)
 
 
 @dataclass(frozen=True)
@@ -63,26 +55,17 @@ def history(
     session: Session,
     subject: str,
     *,
-    actor: str = "",
-    before: int | None = None,
-    by_people: bool = False,
-    since: datetime | None = None,
-    until: datetime | None = None,
-    action: str = "",
     limit: int,
+    actor: str = "",
+    action: str = "",
+    **narrowed: Any,
 ) -> list[HistoryLine]:
-    """Return lines of the log for reading, newest first; empty subject, actor or action: any."""
-    lines = audit_page(
-        session,
-        before=before,
-        limit=limit,
-        actor=actor or None,
-        subject=subject or None,
-        by_people=by_people,
-        since=since,
-        until=until,
-        action=action or None,
-    )
+    """Return lines of the log for reading, newest first, narrowed as `audit_page` does it.
+
+    An empty subject, actor or action is any.
+    """
+    narrowed |= {"subject": subject or None, "actor": actor or None, "action": action or None}
+    lines = audit_page(session, limit=limit, **narrowed)
     phases = {line.detail["phase"] for line in lines if isinstance(line.detail.get("phase"), str)}
     subjects = _subjects(session, {line.subject for line in lines} | phases)
     names = names_of_actors(session, (line.actor for line in lines))

@@ -197,9 +197,7 @@ def get_board_by_number(
     responses=problem_responses(ProblemCode.NOT_FOUND, ProblemCode.NOT_SIGNED_IN),
 )
 def get_reported_boards(
-    services: ServicesOf,
-    principal: MaybePrincipal,
-    phase_id: PhaseId,
+    services: ServicesOf, principal: MaybePrincipal, phase_id: PhaseId
 ) -> list[ReportedBoardView]:
     """List boards of elsewhere beside a phase: rows that rank nowhere, each with what differs."""
     with services.database.read() as session:

@@ -232,11 +232,7 @@ def scatter_chart(
 ) -> ScatterChart | None:
     """Draw the entries of a board by the two metrics of its challenge; None if none has both.
 
-    Args:
-        board: Scored entries and references; the first twenty scored ones are drawn.
-        average: Which average to draw.
-        width: Width of the drawing; 640 for wide screens, 350 for phones.
-        height: Height of the drawing.
+    Of scored entries the first twenty are drawn. The width is 640 for wide screens, 350 for phones.
     """
     challenge = challenge_of(board)
     words = challenge.words.chart
@@ -435,12 +431,9 @@ def place_labels(
 ) -> tuple[Label, ...]:
     """Place the labels that fit; a label without room is left out (its point has a title).
 
-    The places of `_BESIDE` are given up where that lets more labels stand.
-
-    Args:
-        anchors: Text and position of each point, most important first.
-        frame: Labels stay inside it.
-        obstacles: Rectangles that labels keep off, besides the points themselves.
+    The places of `_BESIDE` are given up where that lets more labels stand. `anchors` are text and
+    position of each point, most important first; `obstacles` are kept off besides the points
+    themselves.
     """
     placed = _placed(anchors, frame, obstacles, _OFFSETS)
     if len(placed) == len(anchors):
@@ -508,11 +501,7 @@ def effect_arrows(
 ) -> tuple[Arrow, ...]:
     """Return an arrow for each linked pair of which both stand in the drawing.
 
-    Args:
-        entries: What the drawing shows.
-        metrics: What stands along x and along y, in per cent.
-        x: Scale of the first, in per cent.
-        y: Scale of the second, in per cent.
+    Metrics and scales are those of x and y, in per cent.
     """
     by_key = {entry_key(entry): entry for entry in entries}
     arrows = []

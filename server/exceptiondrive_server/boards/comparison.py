@@ -254,13 +254,7 @@ class DifferenceTable:
 def difference_table(
     both: Comparison, protocol: ProtocolDocument, sheets: Sheets
 ) -> DifferenceTable | None:
-    """Return the differences in the metric that ranks first; None where nothing is known.
-
-    Args:
-        both: Two entries of one board.
-        protocol: Names the tasks.
-        sheets: Their published score sheets, where they were scored here.
-    """
+    """Return the differences in the metric that ranks first; None where nothing is known."""
     lines = tuple(_differences(both, protocol, sheets))
     known = [line for line in lines if line.value is not None]
     if not known:

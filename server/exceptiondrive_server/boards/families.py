@@ -159,12 +159,8 @@ def dot_plot(
 ) -> DotPlot | None:
     """Draw some entries of a board by family, hardest first; None where none of theirs is told.
 
-    Args:
-        board: Whose families they are.
-        entries: At most six, in the order of their colours.
-        digits: Of the protocol.
-        width: Of the drawing, in SVG units.
-        order: Of the families, as `families_of` has it, where that is known.
+    At most six, in the order of their colours; the `order` of the families is as `families_of` has
+    it, where that is known.
     """
     metric = challenge_of(board).metrics[0]
     entries = [entry for entry in entries if entry.families]

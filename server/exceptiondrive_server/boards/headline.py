@@ -12,14 +12,7 @@ from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.boards.entry_facts import flags_of, is_listed, primary_metrics
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, BoardQuery
-from exceptiondrive_server.web.numbers import (
-    DASH,
-    Digits,
-    day,
-    grouped,
-    listed,
-    with_unit,
-)
+from exceptiondrive_server.web.numbers import DASH, Digits, day, grouped, listed, with_unit
 
 MAX_NAMED = 3
 
@@ -229,10 +222,8 @@ def own_entries(
 ) -> OwnEntries | None:
     """Return what of a board belongs to a team; None where nothing does.
 
-    Args:
-        board: The board as everybody reads it, under pseudonyms perhaps.
-        submission_ids: All submissions of the team.
-        query: The page that is asked for.
+    The board is as everybody reads it, under pseudonyms perhaps; the ids are all submissions of the
+    team.
     """
     own = [entry for entry in board.entries if entry.submission_id in submission_ids]
     if not own:

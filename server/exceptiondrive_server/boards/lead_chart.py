@@ -63,12 +63,8 @@ def lead_chart(
 ) -> LeadChart | None:
     """Draw who led since when; None where nobody ever did.
 
-    Args:
-        leads: Every board that was shown, oldest first.
-        now: Until when the last one leads.
-        metric: That ranks first.
-        digits: Of the protocol in force.
-        width: 640 for wide screens, 350 for phones.
+    `leads` are every board that was shown, oldest first. The width is 640 for wide screens, 350 for
+    phones.
     """
     changes = _changes(leads)
     if not changes:

@@ -11,14 +11,7 @@ from typing import Annotated, Any, Literal, Self
 from urllib.parse import urlencode
 
 from fastapi import Depends, Request
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    ValidationError,
-    field_validator,
-    model_validator,
-)
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from exceptiondrive_records.db.errors import InvalidRecord, NotFound, RecordsError
 from exceptiondrive_schemas.api.phase_settings import BoardView
@@ -235,11 +228,7 @@ _KEYS = frozenset(
 def without_unknown(request: Request, *further: str) -> str | None:
     """Return the address without what a page does not ask for, where there is such.
 
-    Each would be a page of its own to be kept.
-
-    Args:
-        request: Whose address counts.
-        further: What the page reads besides a board.
+    Each would be a page of its own to be kept. `further` is what the page reads besides a board.
     """
     known = _KEYS.union(further)
     if known.issuperset(request.query_params):

@@ -19,14 +19,10 @@ def sort_entries(
 ) -> list[BoardEntry]:
     """Sort entries of a board within scored, reference, reported; ranks stay as they are.
 
-    Entries that are listed without a rank stand below the others, whatever the sort.
-
-    Args:
-        board: The board they stand on.
-        entries: Some or all of its entries.
-        sort: `rank`, `method`, `date`, `family.ID` or a metric; `-` in front for descending.
-            Entries without the value come last in either direction.
-        average: Which average a metric is taken from; by default the headline.
+    Entries that are listed without a rank stand below the others, whatever the sort. The sort is
+    `rank`, `method`, `date`, `family.ID` or a metric, `-` in front for descending; without the
+    value entries come last in either direction. A metric is that of the headline, unless another
+    average is given.
 
     Raises:
         InvalidRecord: This board has nothing of that name to sort by.

@@ -12,14 +12,9 @@ router = APIRouter(prefix="/entries", tags=["boards"])
 
 
 @router.get(
-    "/{submission_id}",
-    operation_id="showEntry",
-    responses=problem_responses(ProblemCode.NOT_FOUND),
+    "/{submission_id}", operation_id="showEntry", responses=problem_responses(ProblemCode.NOT_FOUND)
 )
-def get_entry(
-    services: ServicesOf,
-    submission_id: SubmissionId,
-) -> EntryView:
+def get_entry(services: ServicesOf, submission_id: SubmissionId) -> EntryView:
     """Show an entry of a current board or late view; what is on neither is not found."""
     with services.database.read() as session:
         return published_entry(session, submission_id)

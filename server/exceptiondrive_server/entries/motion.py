@@ -204,11 +204,8 @@ def motion(
 ) -> Motion:
     """Lay the drawings of one sample over each other.
 
-    Args:
-        runs: Name and drawing of each entry; all of the same sample.
-        protocol: Under which they were drawn.
-        url: Of the first one's own page.
-        pictures: Of this sample, where there are some to be shown.
+    `runs` are name and drawing of each entry, all of the same sample; `url` is the first one's own
+    page.
     """
     first = runs[0][1]
     left, right, top, bottom = PLOT

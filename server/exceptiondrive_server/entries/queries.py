@@ -195,11 +195,8 @@ def read_comparison(
 ) -> ComparedEntries:
     """Read two or more entries of a board; without names the two best; none if there are none.
 
-    Args:
-        session: Reads the records.
-        query: Which board.
-        pairs: The address: `a`, `b` and any number of `more`, who step in where `a` or `b` is
-            missing; empty ones are nobody.
+    The pairs are those of the address: `a`, `b` and any number of `more`, who step in where `a` or
+    `b` is missing; empty ones are nobody.
 
     Raises:
         NotFound: A named entry does not stand on this board.

@@ -274,13 +274,6 @@ def launch(
 ) -> None:
     """Run the embedded default on a data folder until a signal ends it.
 
-    Args:
-        data: The folder that keeps everything.
-        address: Where to listen.
-        with_sample: Whether to fill it with the sample split and its planners.
-        own_split: A split file to make a live phase of.
-        say: Tells whoever started it.
-
     Raises:
         LaunchError: It cannot start; the text says why.
     """

@@ -183,11 +183,7 @@ def service_plans(
     return (
         ChildPlan("server", serve, shared, layout.logs / "server.log", server_user),
         ChildPlan(
-            "reconciler",
-            [server, "reconcile"],
-            shared,
-            layout.logs / "reconciler.log",
-            server_user,
+            "reconciler", [server, "reconcile"], shared, layout.logs / "reconciler.log", server_user
         ),
         ChildPlan(
             "worker",

@@ -31,8 +31,7 @@ _ONE_USER = (
 def own_user_of_server(data: Path) -> tuple[int | None, str]:
     """Prepare the data folder for a server of its own user.
 
-    Args:
-        data: The data folder; what the server writes in it becomes its own, all else stays root's.
+    What the server writes in it becomes its own, all else stays root's.
 
     Returns:
         The user, or None where it cannot be had, and then all is root's; and a sentence for who started this.

@@ -24,12 +24,7 @@ from exceptiondrive_schemas.api.rescoring import WISHES, NotificationView, Stand
 from exceptiondrive_schemas.api.standing_words import standing_words
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_server.web.auth import ServicesOf, team_of
-from exceptiondrive_server.web.browser_session import (
-    Browser,
-    PostedForm,
-    SignedIn,
-    require_scope,
-)
+from exceptiondrive_server.web.browser_session import Browser, PostedForm, SignedIn, require_scope
 from exceptiondrive_server.web.responses import private_page
 from exceptiondrive_server.web.services import Services
 from exceptiondrive_server.web.templating import template_filter

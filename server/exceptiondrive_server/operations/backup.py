@@ -11,6 +11,7 @@ import tarfile
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import IO, Literal
 
@@ -152,7 +153,9 @@ def _restore_files(archive: tarfile.TarFile, files: FileStore, head: BackupHead)
     for name in names:
         stream = archive.extractfile(name)
         assert stream is not None
-        digest, _ = files.put_stream(_chunks(stream), limit_bytes=LIMIT_BYTES)
+        digest, _ = files.put_stream(
+            iter(partial(stream.read, 2**20), b""), limit_bytes=LIMIT_BYTES
+        )
         if digest != f"sha256:{name.removeprefix('files/')}":
             raise BackupError(f"{name} in the backup does not hold the bytes of its name")
 
@@ -160,11 +163,6 @@ def _restore_files(archive: tarfile.TarFile, files: FileStore, head: BackupHead)
 def _require_empty(session: Session) -> None:
     if not is_empty(session):
         raise BackupError("these records are not empty: restore into new ones")
-
-
-def _chunks(stream: IO[bytes]) -> Iterator[bytes]:
-    while chunk := stream.read(2**20):
-        yield chunk
 
 
 def _restore_rows(archive: tarfile.TarFile, session: Session, head: BackupHead) -> None:

@@ -21,13 +21,7 @@ from exceptiondrive_records.operations.setup import opened, prepare
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_server.launcher.child import LaunchError
 from exceptiondrive_server.launcher.layout import Address, Layout
-from exceptiondrive_server.operations.records_commands import (
-    DataOption,
-    people_app,
-    receipts_app,
-    records_app,
-    say,
-)
+from exceptiondrive_server.operations.records_commands import DataOption, records_app, say
 from exceptiondrive_server.operations.upkeep_commands import upkeep_app
 
 app = typer.Typer(
@@ -37,8 +31,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.registered_commands += records_app.registered_commands
-app.registered_commands += people_app.registered_commands
-app.registered_commands += receipts_app.registered_commands
 app.registered_commands += upkeep_app.registered_commands
 
 HostOption = Annotated[str, typer.Option("--host", help="Address to listen on.")]

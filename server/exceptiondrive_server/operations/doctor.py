@@ -67,9 +67,7 @@ class Finding:
 def examine(settings: ServerSettings, withheld: tuple[Path, ...] = ()) -> list[Finding]:
     """Return all findings.
 
-    Args:
-        settings: Of the server.
-        withheld: Folders that the user of the server must not be able to enter.
+    `withheld` are folders that the user of the server must not be able to enter.
     """
     return [
         *_versions(),
@@ -350,16 +348,13 @@ def _receipt_key(path: Path) -> Iterator[Finding]:
 
 
 def _private_file(path: Path, name: str) -> Iterator[Finding]:
-    if stat.S_IMODE(path.stat().st_mode) & stat.S_IRWXO and _is_open(path.parent):
+    is_open = path.parent.stat().st_mode & stat.S_IXOTH
+    if path.stat().st_mode & stat.S_IRWXO and is_open:
         yield Finding(
             Severity.WARNING,
             f"every user may read {name} at {path}: digests of tokens, names, reports",
             f"run: chmod o-rwx {path.parent}",
         )
-
-
-def _is_open(folder: Path) -> bool:
-    return bool(stat.S_IMODE(folder.stat().st_mode) & stat.S_IXOTH)
 
 
 def _wall(folder: Path) -> Iterator[Finding]:

@@ -21,7 +21,7 @@ from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.rescoring.steps import RunLine, run_line
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import PostedForm, SignedIn
-from exceptiondrive_server.web.forms import filled, is_changed, made, read, text_of, typed
+from exceptiondrive_server.web.forms import changed, filled, made, read, text_of, typed
 from exceptiondrive_server.web.organizer_frame import (
     OrganizerBrowser,
     duration_words,
@@ -89,7 +89,7 @@ def post_site(
         with services.database.write() as session:
             kept = _site_texts(session)
             values = read(SITE_FIELDS, form, kept)
-            if not is_changed(values, kept):
+            if not changed(values, kept):
                 return go("/organize/site", "nothing_changed")
             links = made(SiteLinks, SITE_FIELDS, values)
             set_site_links(session, links, actor=browser.principal.actor)

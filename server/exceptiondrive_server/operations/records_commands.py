@@ -107,9 +107,6 @@ def revoke_token(
 # Operator commands on people and self-registration.
 
 
-people_app = typer.Typer()
-
-
 class Switch(StrEnum):
     """On or off."""
 
@@ -117,7 +114,7 @@ class Switch(StrEnum):
     OFF = "off"
 
 
-@people_app.command("list-people")
+@records_app.command("list-people")
 def list_people_command(data: DataOption = None) -> None:
     """List who signed in through the provider: id, name, email, role as an organizer."""
     with opened(load_settings(RecordsSettings, data)) as database, database.read() as session:
@@ -126,7 +123,7 @@ def list_people_command(data: DataOption = None) -> None:
             typer.echo("\t".join((person.id, person.name, person.email or "", role)))
 
 
-@people_app.command("set-organizer")
+@records_app.command("set-organizer")
 def set_organizer_command(
     person: Annotated[str, typer.Argument(metavar="PERSON", help="Id; list-people shows it.")],
     switch: Annotated[Switch, typer.Argument(help="on or off")] = Switch.ON,
@@ -142,7 +139,7 @@ def set_organizer_command(
     say(f"{name} is {'an organizer' if switch is Switch.ON else 'no organizer'} now")
 
 
-@people_app.command("self-registration")
+@records_app.command("self-registration")
 def self_registration_command(
     switch: Annotated[Switch, typer.Argument(help="on or off")], data: DataOption = None
 ) -> None:
@@ -157,10 +154,7 @@ def self_registration_command(
 # The operator's commands about keys: the first secrets of a server, the key that signs receipts.
 
 
-receipts_app = typer.Typer()
-
-
-@receipts_app.command("new-receipt-key")
+@records_app.command("new-receipt-key")
 def new_receipt_key(data: DataOption = None) -> None:
     """Replace the key that signs receipts; restart the server to use it.
 
@@ -174,7 +168,7 @@ def new_receipt_key(data: DataOption = None) -> None:
     say(f"a new key is in {path}; restart the server to use it")
 
 
-@receipts_app.command("init-secrets")
+@records_app.command("init-secrets")
 def init_secrets(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Made where it is not there.")],
     host: Annotated[
@@ -196,7 +190,7 @@ def init_secrets(
         say(f"tls.crt signs itself for {host}: put a real certificate into tls.crt and tls.key")
 
 
-@receipts_app.command("init")
+@records_app.command("init")
 def init(
     bare: Annotated[
         Path, typer.Option("--bare", metavar="DIR", help="Keeps data, secrets, settings and units.")

@@ -72,12 +72,8 @@ def write_first_secrets(
     """Write every file that the folder does not hold yet, and return those.
 
     The folder is for its owner alone; the files in it may be read by whoever gets one mounted.
-
-    Args:
-        folder: Made, with mode 0700, where it is not there.
-        host: Name of the server, for a certificate that signs itself until there is a real one.
-        database: Host of the database, as the services know it; by default that of compose.yaml.
-        broker: Host and port of the broker, likewise.
+    `host` is for a certificate that signs itself until there is a real one. Database and broker
+    stand where the services know them, by default as in compose.yaml.
 
     Raises:
         LaunchError: One of two files that agree is there and the other is not: nothing was written.

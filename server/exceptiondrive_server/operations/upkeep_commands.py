@@ -17,11 +17,7 @@ from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_server.launcher.broker import broker_url
 from exceptiondrive_server.launcher.layout import Layout
 from exceptiondrive_server.operations.backup import LIMIT_BYTES, restore_backup, write_backup
-from exceptiondrive_server.operations.records_commands import (
-    ACTOR,
-    DataOption,
-    say,
-)
+from exceptiondrive_server.operations.records_commands import ACTOR, DataOption, say
 from exceptiondrive_server.web.settings import ServerSettings
 
 upkeep_app = typer.Typer()

@@ -200,9 +200,7 @@ def post_team_disqualification(
 
 
 @router.post(
-    "/submissions/{submission_id}/disqualify",
-    operation_id="disqualifySubmission",
-    status_code=201,
+    "/submissions/{submission_id}/disqualify", operation_id="disqualifySubmission", status_code=201
 )
 def post_entry_disqualification(
     services: ServicesOf,
@@ -274,22 +272,11 @@ def post_message(services: ServicesOf, organizer: Organizer, message: NewMessage
             found = recipients(session, message.teams, message.phase)
     else:
         with services.database.write() as session:
-            found = send_message(
-                session,
-                message.title,
-                message.text,
-                actor=organizer.actor,
-                slugs=message.teams,
-                phase_id=message.phase,
-            )
+            given = message.model_dump(exclude={"is_preview"})
+            found = send_message(session, **given, actor=organizer.actor)
     return MessageView(
         title=title,
         paragraphs=paragraphs,
         is_sent=not message.is_preview,
-        recipients=[
-            RecipientView(
-                team=one.slug, name=one.name, n_emails=one.n_emails, n_webhooks=one.n_webhooks
-            )
-            for one in found
-        ],
+        recipients=[RecipientView(**one._asdict()) for one in found],
     )

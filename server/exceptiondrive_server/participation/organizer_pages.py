@@ -1,6 +1,6 @@
 """What organizers do with teams, each deed a step of its own, and messages with a preview."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Annotated, Any
@@ -50,14 +50,7 @@ from exceptiondrive_server.web.organizer_frame import (
 from exceptiondrive_server.web.path_ids import PhaseId, SubmissionId, TeamId
 
 router = APIRouter(prefix="/organize", include_in_schema=False)
-TOLD_REASON = FormField(
-    "reason",
-    "Reason",
-    "lines",
-    "told to the team, and kept in the audit log with your name",
-    is_required=True,
-    max_length=1000,
-)
+TOLD_REASON = replace(REASON, hint="told to the team, and kept in the audit log with your name")
 PUBLIC_NOTE = FormField(
     "public_note",
     "Public note",
@@ -115,11 +108,10 @@ def _import_page(
     issued: str | None = None,
     n_made: int = 0,
 ) -> Response:
-    template = "participation/organizer_import.html"
     return organizer_page(
         request,
         browser,
-        template,
+        "participation/organizer_import.html",
         "teams",
         refusal=refusal,
         fields=filled(TABLE, texts or {}),
@@ -397,7 +389,7 @@ def _message(session: Session) -> Step:
                   empty="any phase or none"),
         ),
         command='exceptiondrive organizer message "TITLE" --text FILE --to TEAM --preview',
-        take=_send,
+        take=send_message,
         done="message_sent",
     )  # fmt: skip
 
@@ -431,15 +423,9 @@ def _preview(session: Session, step: Step, values: Mapping[str, Any]) -> Step:
             ("is_seen", "yes"),
         ),
         command='exceptiondrive organizer message "TITLE" --text FILE --preview',
-        take=partial(_send, **values),
+        take=partial(send_message, **values),
         onward=lambda _: "/organize/teams",
     )
-
-
-def _send(
-    session: Session, title: str, text: str, *, teams: Sequence[str], phase: str | None, actor: str
-) -> None:
-    send_message(session, title, text, slugs=teams, phase_id=phase, actor=actor)
 
 
 def _step(team: Team, **words: Any) -> Step:

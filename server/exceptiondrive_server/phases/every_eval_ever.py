@@ -33,15 +33,7 @@ def record_path(record: dict[str, Any]) -> str:
 def record_of(
     board: Board, entry: BoardEntry, sheet: ScoreSheet, told: EntryFacts, site_url: str
 ) -> dict[str, Any]:
-    """Return an entry as a record; the same board gives the same record.
-
-    Args:
-        board: That shows the entry.
-        entry: A scored entry with a submission.
-        sheet: Of the entry, as it may be published.
-        told: What the team tells of the method.
-        site_url: Address of this site.
-    """
+    """Return a scored entry as a record; the same board gives the same record."""
     model = f"{_portable(entry.team)}/{_portable(entry.method)}"
     address = f"{site_url}/entries/{entry.submission_id}?phase={board.phase}&board={board.board}"
     return {

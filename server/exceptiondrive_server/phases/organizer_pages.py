@@ -52,7 +52,16 @@ from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.phases.export import export_phase
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import PostedForm, SignedIn
-from exceptiondrive_server.web.forms import NOTHING_KEPT, REASON, filled, made, read, text_of, typed
+from exceptiondrive_server.web.forms import (
+    NOTHING_KEPT,
+    REASON,
+    changed,
+    filled,
+    made,
+    read,
+    text_of,
+    typed,
+)
 from exceptiondrive_server.web.organizer_frame import (
     OrganizerBrowser,
     Step,
@@ -75,7 +84,6 @@ class PhaseStep:
     title: str
     meaning: str
     take: Callable[..., Phase | None]
-    command: str
     is_offered: Callable[[PhaseView], bool]
     is_grave: bool = False
     is_end: bool = False
@@ -96,7 +104,6 @@ PHASE_STEPS: Mapping[str, PhaseStep] = MappingProxyType(
                 "Put it on the front page",
                 "The phase stands before all others: in every list, and on the front page.",
                 feature_phase,
-                'feature {} --reason "…"',
                 lambda phase: phase.visibility == "shown",
             ),
             PhaseStep(
@@ -105,7 +112,6 @@ PHASE_STEPS: Mapping[str, PhaseStep] = MappingProxyType(
                 "The public board stays as it is from now on, until you reveal it. Scoring goes "
                 "on behind it.",
                 freeze_phase,
-                'freeze {} --reason "…"',
                 lambda phase: _now(phase).frozen_since is None,
             ),
             PhaseStep(
@@ -113,7 +119,6 @@ PHASE_STEPS: Mapping[str, PhaseStep] = MappingProxyType(
                 "Reveal the board",
                 "The freeze ends: readers see the newest board at once.",
                 reveal_board,
-                'reveal {} --what board --reason "…"',
                 lambda phase: _now(phase).frozen_since is not None,
                 is_grave=True,
             ),
@@ -123,7 +128,6 @@ PHASE_STEPS: Mapping[str, PhaseStep] = MappingProxyType(
                 "From the next board on teams and methods stand under their names. This cannot "
                 "be taken back.",
                 reveal_names,
-                'reveal {} --what names --reason "…"',
                 lambda phase: _now(phase).is_anonymous,
                 is_grave=True,
             ),
@@ -133,7 +137,6 @@ PHASE_STEPS: Mapping[str, PhaseStep] = MappingProxyType(
                 "Workers score the part of the split that the phase reveals; the board changes "
                 "when the run that this begins is applied.",
                 reveal_split,
-                'reveal {} --what split --reason "…"',
                 lambda phase: _now(phase).part == "public",
                 is_grave=True,
             ),
@@ -143,7 +146,6 @@ PHASE_STEPS: Mapping[str, PhaseStep] = MappingProxyType(
                 "The phase goes with its empty boards. This works only while nothing was "
                 "submitted or rescored in it; else archive or hide it.",
                 delete_phase,
-                'delete {} --reason "…"',
                 lambda phase: True,
                 is_grave=True,
                 is_end=True,
@@ -255,14 +257,11 @@ def post_phase(
     try:
         with services.database.write() as session:
             phase = lock_phase(session, phase_id)
-            now = values_of(SETTINGS, phase)
-            values = read(SETTINGS, form, _texts(phase))
-            changed = {
-                name: value for name, value in values.items() if not _is_same(now[name], value)
-            }
-            if not changed:
+            kept = _texts(phase)
+            values = changed(read(SETTINGS, form, kept), kept)
+            if not values:
                 return go(f"{HERE}/{phase_id}", "nothing_changed")
-            change = made(PhaseChange, SETTINGS, changed)
+            change = made(PhaseChange, SETTINGS, values)
             require_order_right(browser.principal, change)
             update_phase(session, phase_id, change, actor=browser.principal.actor)
     except NotFound:
@@ -288,6 +287,8 @@ def step_of(services: ServicesOf, phase_id: PhaseId, step: StepKey) -> Step:
     if step not in PHASE_STEPS:
         raise NotFound("action on a phase", step)
     known = PHASE_STEPS[step]
+    verb, _, revealed = step.partition("-")
+    what = f" --what {revealed}" if revealed else ""
     return Step(
         section="phases",
         title=known.title,
@@ -297,7 +298,7 @@ def step_of(services: ServicesOf, phase_id: PhaseId, step: StepKey) -> Step:
         back_words="The phase",
         fields=(REASON,),
         facts=(("Phase", phase.title),),
-        command=f"exceptiondrive organizer phases {known.command.format(phase_id)}",
+        command=f'exceptiondrive organizer phases {verb} {phase_id}{what} --reason "…"',
         is_grave=known.is_grave,
         take=partial(known.take, phase_id=phase_id),
         done="phase_deleted" if known.is_end else "phase_changed",
@@ -428,10 +429,3 @@ def _page(
 def _texts(phase: Phase) -> dict[str, str]:
     """Return the settings of a phase as their fields show them."""
     return {name: text_of(value) for name, value in values_of(SETTINGS, phase).items()}
-
-
-def _is_same(old: object, new: object) -> bool:
-    """A form knows whole seconds alone: what it shows again is not a change."""
-    if isinstance(old, datetime) and isinstance(new, datetime):
-        return old.replace(microsecond=0) == new.replace(microsecond=0)
-    return old == new

@@ -32,12 +32,7 @@ class ProtocolHead(BaseModel):
 
 def protocol_head(protocol: ProtocolDocument) -> ProtocolHead:
     """Return a protocol as it stands in a list."""
-    return ProtocolHead(
-        version=protocol.version,
-        digest=protocol.digest,
-        title=protocol.title,
-        changes=protocol.changes,
-    )
+    return ProtocolHead.model_validate(protocol, from_attributes=True)
 
 
 @router.get("/protocols", operation_id="listProtocols", responses=problem_responses())

@@ -33,8 +33,7 @@ Version = Annotated[str, Path(max_length=100, description="version or digest")]
 PhaseQuery = Annotated[str | None, Query(max_length=64, description="only of this phase")]
 ConfirmationId = Annotated[str, Path(max_length=64, description="id of a confirmation")]
 Toml = Annotated[
-    str,
-    Body(media_type="application/toml", min_length=1, max_length=MAX_PROTOCOL_CHARACTERS),
+    str, Body(media_type="application/toml", min_length=1, max_length=MAX_PROTOCOL_CHARACTERS)
 ]
 
 
@@ -90,11 +89,7 @@ def post_deletion(
 
 
 @router.post("/protocols/check", operation_id="checkProtocol")
-def post_protocol_check(
-    services: ServicesOf,
-    toml: Toml,
-    phase: PhaseQuery = None,
-) -> Difference:
+def post_protocol_check(services: ServicesOf, toml: Toml, phase: PhaseQuery = None) -> Difference:
     """Validate a protocol document and say in plain words what it changes; nothing is kept."""
     with services.database.read() as session:
         return protocol_check(session, toml, phase)
@@ -107,10 +102,7 @@ def post_protocol_check(
     responses={200: {"model": ProtocolHead, "description": "This very document is there already."}},
 )
 def post_protocol(
-    response: Response,
-    services: ServicesOf,
-    organizer: Organizer,
-    toml: Toml,
+    response: Response, services: ServicesOf, organizer: Organizer, toml: Toml
 ) -> ProtocolHead:
     """Add a protocol document; it is immutable from then on."""
     with services.database.write() as session:
@@ -139,10 +131,7 @@ def post_confirmation(
 
 @router.post("/confirmations/{confirmation_id}/withdraw", operation_id="withdrawConfirmation")
 def post_withdrawal(
-    services: ServicesOf,
-    organizer: Organizer,
-    confirmation_id: ConfirmationId,
-    deed: Deed,
+    services: ServicesOf, organizer: Organizer, confirmation_id: ConfirmationId, deed: Deed
 ) -> list[ConfirmationView]:
     """Take a confirmation back; return those that stay."""
     with services.database.write() as session:

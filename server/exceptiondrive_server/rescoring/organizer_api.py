@@ -153,9 +153,7 @@ def post_apply(
     """Show the new board, in one transaction; refused while anything is missing or stale."""
     flip.work_out(services.database, run_id)
     with services.database.write() as session:
-        flip.apply_run(
-            session, run_id, preview=step.preview, reason=step.reason, actor=organizer.actor
-        )
+        flip.apply_run(session, run_id, **step.model_dump(), actor=organizer.actor)
     return get_run(services, run_id)
 
 
@@ -173,11 +171,7 @@ def post_close(services: ServicesOf, organizer: Organizer, run_id: RunId, deed: 
 
 
 def _step(
-    services: Services,
-    take: Callable[..., RescoringRun],
-    actor: str,
-    run_id: str,
-    deed: Deed,
+    services: Services, take: Callable[..., RescoringRun], actor: str, run_id: str, deed: Deed
 ) -> RunView:
     with services.database.write() as session:
         take(session, run_id, reason=deed.reason, actor=actor)

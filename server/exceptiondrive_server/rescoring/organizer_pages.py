@@ -5,7 +5,6 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
-from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tokens import names_of_actors
 from exceptiondrive_records.db.errors import NotFound
@@ -211,7 +210,7 @@ def show_step(
     """Ask for a step; what readers will see is looked at before it is applied."""
     known = _known(step)
     with services.database.read() as session:
-        content = _page_of(session, known, run_id, preview)
+        content = page_of_step(session, known, run_id, preview)
     if known.needs_preview and not preview:
         return go(f"{HERE}/{run_id}/preview")
     return step_page(request, browser, content)
@@ -230,7 +229,7 @@ def post_step(
     known = _known(step)
     preview = str(form.get("preview", ""))[:100]
     with services.database.read() as session:
-        page = _page_of(session, known, run_id, preview)
+        page = page_of_step(session, known, run_id, preview)
     if known.is_flip:
         flip.work_out(services.database, run_id)
     return take_step(request, services, browser, page, form)
@@ -282,15 +281,6 @@ def show_verification(
         phase_title=titles[seen.phase],
         organizer_name=names.get(seen.actor, seen.actor),
     )
-
-
-def _page_of(session: Session, step: RunStep, run_id: str, preview: str) -> Step:
-    run = find_run(session, run_id)
-    seen = run_view(session, run)
-    comparison = preview_of(session, run_id).comparison if step.is_flip and seen.preview else None
-    blockers = flip.obstacles(session, run, step.key) if step.is_flip else ()
-    title = titles_of_phases(session)[seen.phase]
-    return page_of_step(step, seen, title, preview, comparison, blockers)
 
 
 def _known(step: str) -> RunStep:

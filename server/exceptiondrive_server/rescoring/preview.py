@@ -147,12 +147,8 @@ def rank_words(standing: Standing | None) -> str:
 def slope_chart(comparison: Comparison, *, width: int, longest: int) -> SlopeChart | None:
     """Return old rank to new rank, a line per entry; None when none is ranked on either board.
 
-    Of a long board those entries are drawn that move most; the table beside it has them all.
-
-    Args:
-        comparison: Two boards side by side.
-        width: Of the drawing.
-        longest: Characters of a name that have room beside the lines.
+    Of a long board those entries are drawn that move most; the table beside it has them all. Beside
+    the lines a name has room for `longest` characters.
     """
     ranked = [one for one in comparison.entries if one.old_rank or one.new_rank]
     worst = {submission_id: place for place, submission_id in enumerate(comparison.worst_movers)}

@@ -5,8 +5,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
 
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.phases.phases import titles_of_phases
+from exceptiondrive_records.phases.scoring_keys import find_run
 from exceptiondrive_records.rescoring import flip, runs
 from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.rescoring.views import preview_of, run_view
 from exceptiondrive_schemas.api.rescoring import (
     Comparison,
     Progress,
@@ -225,27 +230,18 @@ def offered(run: RunView) -> tuple[RunStep, ...]:
     return tuple(steps)
 
 
-def page_of_step(
-    step: RunStep,
-    run: RunView,
-    phase_title: str,
-    preview: str,
-    comparison: Comparison | None,
-    blockers: tuple[str, ...],
-) -> Step:
-    """Return the page that asks for a step.
-
-    Args:
-        step: The step.
-        run: The run.
-        phase_title: Of the phase that is rescored.
-        preview: Digest of the preview that was looked at, for a step that needs one.
-        comparison: What readers would see change, for a step that moves the pointer.
-        blockers: What stands in its way, for a step that moves the pointer.
-    """
-    here = f"/organize/rescoring/{run.id}"
-    preview = preview if step.needs_preview else ""
-    is_stale = step.needs_preview and not blockers and preview != run.preview
+def page_of_step(session: Session, step: RunStep, run_id: str, preview: str) -> Step:
+    """Return the page that asks for a step; `preview` is the digest of the one that was looked at."""
+    run = find_run(session, run_id)
+    seen = run_view(session, run)
+    here = f"/organize/rescoring/{run_id}"
+    given = {"preview": preview} if step.needs_preview else {}
+    comparison = preview_of(session, run_id).comparison if step.is_flip and seen.preview else None
+    blockers = flip.obstacles(session, run, step.key) if step.is_flip else ()
+    is_stale = step.needs_preview and not blockers and preview != seen.preview
+    facts = [*_facts(run_line(seen), titles_of_phases(session)[seen.phase], comparison)]
+    if step.needs_preview and preview:
+        facts.append(("Preview", preview))
     return Step(
         section="rescoring",
         title=step.title,
@@ -254,21 +250,19 @@ def page_of_step(
         back=f"{here}/preview" if step.needs_preview else here,
         back_words="The preview" if step.needs_preview else "The run",
         fields=(REASON,),
-        facts=tuple(_facts(run_line(run), phase_title, preview, comparison)),
-        command=step.in_a_terminal(run.id, preview),
+        facts=tuple(facts),
+        command=step.in_a_terminal(run_id, preview),
         is_grave=step.is_grave,
-        hidden=(("preview", preview),) if step.needs_preview else (),
+        hidden=tuple(given.items()),
         blockers=(flip.STALE,) if is_stale else blockers,
-        take=partial(
-            step.take, run_id=run.id, **({"preview": preview} if step.needs_preview else {})
-        ),
+        take=partial(step.take, run_id=run_id, **given),
         done=step.done,
         onward=lambda _: here,
     )
 
 
 def _facts(
-    line: RunLine, phase_title: str, preview: str, comparison: Comparison | None
+    line: RunLine, phase_title: str, comparison: Comparison | None
 ) -> Iterator[tuple[str, str | tuple[str, ...]]]:
     sentences = line.run.difference.sentences
     shown = sentences[:MOST_SENTENCES]
@@ -293,5 +287,3 @@ def _facts(
             ][:MOST_SENTENCES]
             more = [f"and {failing - len(named):,} more"] if failing > len(named) else []
             yield "No longer ranked", (*named, *more)
-    if preview:
-        yield "Preview", preview

@@ -299,10 +299,7 @@ def unpublish_submission(
 
 
 def _decide(
-    services: Services,
-    principal: Principal,
-    submission_id: str,
-    what: Callable[..., Submission],
+    services: Services, principal: Principal, submission_id: str, what: Callable[..., Submission]
 ) -> SubmissionView:
     """Let a team decide about a submission of its own, and tell it how that stands."""
     decide(services, principal, submission_id, what)

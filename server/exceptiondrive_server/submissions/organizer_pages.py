@@ -234,10 +234,7 @@ def deed_on(services: ServicesOf, submission_id: SubmissionId, deed: Deed) -> St
 
 @router.get("/similar/{phase_id}")
 def show_similar(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    phase_id: PhaseId,
+    request: Request, services: ServicesOf, browser: OrganizerBrowser, phase_id: PhaseId
 ) -> Response:
     """Show teams whose submissions are alike, and those that probe: reasons to ask, not proof."""
     with services.database.read() as session:

@@ -51,12 +51,7 @@ from exceptiondrive_server.submissions.upload import (
     received_upload,
     take_upload,
 )
-from exceptiondrive_server.submissions.view import (
-    actions_of,
-    policy_sentences,
-    status_of,
-    steps_of,
-)
+from exceptiondrive_server.submissions.view import actions_of, policy_sentences, status_of, steps_of
 from exceptiondrive_server.web.auth import ServicesOf, own_team
 from exceptiondrive_server.web.browser_session import (
     Browser,
@@ -85,10 +80,7 @@ _DECISIONS = {"publish": publish, "unpublish": unpublish}
 
 @router.get("/submit")
 def show_submit(
-    request: Request,
-    services: ServicesOf,
-    browser: MaybeSignedIn,
-    phase: str | None = None,
+    request: Request, services: ServicesOf, browser: MaybeSignedIn, phase: str | None = None
 ) -> Response:
     """Show how to submit; to a team that may, the form too."""
     return _submit_page(request, services, browser, phase)

@@ -109,9 +109,7 @@ def new_key_pem() -> bytes:
 def write_new_key(path: Path, *, replace: bool) -> None:
     """Make a private key: written beside the file with mode 0600, then moved to its name.
 
-    Args:
-        path: The file.
-        replace: Whether a key that is there gives way; else it stays.
+    A key that is there stays, unless it is to be replaced.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.{os.getpid()}.part")

@@ -62,11 +62,8 @@ def run_lines(
 ) -> tuple[OwnRun, ...]:
     """Return a line for each submission, in the order given: newest first.
 
-    Args:
-        seen: As their team sees them: what a phase keeps back is not in them.
-        rules: By phase.
-        ended: Submissions whose deadline has passed, the team's own where it has a later one.
-        can_decide: Whether who looks may choose, publish or withdraw.
+    What a phase keeps back is not in them. `ended` are those whose deadline has passed, the team's
+    own where it has a later one; `can_decide`: who looks may choose, publish or withdraw.
     """
     lines: list[OwnRun] = []
     runs: dict[tuple[str, str, str], list[SubmissionView]] = {}

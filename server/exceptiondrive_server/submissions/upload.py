@@ -223,12 +223,8 @@ def take_upload(
 ) -> tuple[SubmissionView, Quota]:
     """Store the file, then accept it in one transaction, then call a worker.
 
-    Args:
-        services: Of the application.
-        principal: Who submits.
-        upload: What was sent.
-        began_s: When it began to come, by `time.monotonic`: deadlines are judged by that moment.
-        idempotency_key: What the sender names this upload.
+    Deadlines are judged by `began_s`, when it began to come by `time.monotonic`. The sender may
+    name an upload by a key.
 
     Raises:
         RecordsError: It is refused, and nothing of it is kept.
@@ -291,11 +287,7 @@ def decide(
 ) -> None:
     """Let a team do something with a submission of its own, in one transaction.
 
-    Args:
-        services: Of the application.
-        principal: Who asks.
-        submission_id: Of the submission.
-        what: Does it: called with a session, the id, and `actor`.
+    `what` is called with a session, the id, and `actor`.
 
     Raises:
         NotAllowed: The token, or the place in the team, ended since the request began.

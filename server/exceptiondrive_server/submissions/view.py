@@ -276,10 +276,8 @@ def families_of(
 ) -> tuple[FamilyLine, ...]:
     """Return a line per family of its sheet, in the order of the protocol; none without one.
 
-    Args:
-        seen: The submission; its sheet holds no family that is not shown yet.
-        protocol: Of the sheet.
-        entry: As the board shows it: intervals are told there alone.
+    Intervals are told by the entry on the board alone; the sheet holds no family that is not shown
+    yet.
     """
     if seen.sheet is None:
         return ()

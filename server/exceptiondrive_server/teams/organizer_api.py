@@ -16,12 +16,7 @@ from exceptiondrive_records.accounts.tokens import (
 from exceptiondrive_records.participation.changes import MAX_AFFILIATION
 from exceptiondrive_records.participation.importing import make_team
 from exceptiondrive_records.teams.tables import Team
-from exceptiondrive_records.teams.teams import (
-    approve_team,
-    find_team,
-    list_teams,
-    refuse_team,
-)
+from exceptiondrive_records.teams.teams import approve_team, find_team, list_teams, refuse_team
 from exceptiondrive_schemas.datetimes import Time
 from exceptiondrive_server.accounts.queries import (
     IssuedToken,
@@ -86,16 +81,8 @@ def get_teams(services: ServicesOf) -> list[TeamView]:
 def post_team(services: ServicesOf, organizer: Organizer, team: NewTeam) -> TeamView:
     """Make a team."""
     with services.database.write() as session:
-        made = make_team(
-            session,
-            team.id,
-            team.name,
-            affiliation=team.affiliation,
-            email=team.email,
-            is_reference=team.is_reference,
-            actor=organizer.actor,
-        )
-        return _team(made)
+        given = team.model_dump()
+        return _team(make_team(session, given.pop("id"), **given, actor=organizer.actor))
 
 
 @router.post("/teams/{team_id}/approve", operation_id="approveTeam")

@@ -25,12 +25,7 @@ from exceptiondrive_records.participation.importing import make_team
 from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.submissions.submissions import counts_by_team
 from exceptiondrive_records.teams.tables import Team
-from exceptiondrive_records.teams.teams import (
-    approve_team,
-    find_team,
-    list_teams,
-    refuse_team,
-)
+from exceptiondrive_records.teams.teams import approve_team, find_team, list_teams, refuse_team
 from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_server.accounts.queries import left_behind, token_views
 from exceptiondrive_server.audit.queries import history
@@ -92,18 +87,11 @@ def post_team(
     try:
         values = read(NEW_TEAM, form)
         with services.database.write() as session:
-            make_team(
-                session,
-                values["id"],
-                values["name"],
-                affiliation=values["affiliation"] or "",
-                email=values["email"] or "",
-                is_reference=values["is_reference"],
-                actor=browser.principal.actor,
-            )
+            slug = values.pop("id")
+            make_team(session, slug, **values, actor=browser.principal.actor)
     except RecordsError as refusal:
         return _list(request, services, browser, texts=typed(form), refusal=refusal)
-    return go(f"/organize/teams/{values['id']}", "team_created")
+    return go(f"/organize/teams/{slug}", "team_created")
 
 
 @router.get("/teams/{team_id}")

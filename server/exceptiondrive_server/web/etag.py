@@ -25,13 +25,8 @@ def conditional(
 ) -> Response:
     """Answer with the body, or with 304 if the asker's copy is the same.
 
-    Args:
-        request: Whose `If-None-Match` counts.
-        body: What is answered; a function where it is dear to make, called only if needed.
-        media_type: Of the body.
-        etag: What stands for the body; by default its digest.
-        max_age_s: For how long caches may keep it; None: `headers` say.
-        headers: Of both answers.
+    A body that is dear to make is a function, called only if needed. The `etag` stands for it, by
+    default its digest. Without `max_age_s` the headers say for how long caches may keep it.
     """
     digest = etag or hashlib.sha256(body() if callable(body) else body).hexdigest()
     tagged = {**(headers or {}), "ETag": f'"{digest}"'}

@@ -62,10 +62,8 @@ def filled(
 ) -> tuple[Filled, ...]:
     """Return the fields with these texts; a missing one is empty.
 
-    Args:
-        fields: Of the form.
-        texts: Of the fields, or all that was typed.
-        kept: What is kept of some fields now. One that was left alone shows it.
+    `texts` may be all that was typed; of `kept`, what is kept of some fields now, a field that was
+    left alone shows it.
     """
     return tuple(_filled(field, texts, kept) for field in fields)
 
@@ -93,10 +91,7 @@ def read(
 ) -> dict[str, Any]:
     """Return the values of the fields; an empty one that may be empty is None.
 
-    Args:
-        fields: Of the form.
-        form: What was sent.
-        kept: What is kept of some fields now, as they show it. Of what was left alone this is returned.
+    Of a field that was left alone, what is kept of it now is returned, as `kept` shows it.
 
     Raises:
         InvalidRecord: Something is missing or wrong; every field that is so is named.
@@ -129,9 +124,13 @@ def read(
     return values
 
 
-def is_changed(values: Mapping[str, Any], kept: Mapping[str, str]) -> bool:
-    """Whether a value differs from what is kept of its field; seconds are the finest that a form knows."""
-    return any(_mark(text_of(values[name])) != _mark(text) for name, text in kept.items())
+def changed(values: Mapping[str, Any], kept: Mapping[str, str]) -> dict[str, Any]:
+    """Return the values that differ from what is kept; seconds are the finest that a form knows."""
+    return {
+        name: values[name]
+        for name, text in kept.items()
+        if _mark(text_of(values[name])) != _mark(text)
+    }
 
 
 def made(model: type[Model], fields: Sequence[FormField], values: Mapping[str, Any]) -> Model:

@@ -210,13 +210,8 @@ def nice_scale(
 ) -> Scale:
     """Return a scale that holds all values, with round ends.
 
-    Args:
-        values: What must fit; none gives the domain (0, 1).
-        extent: Positions of the two ends.
-        n_ticks: About how many ticks are wanted.
-        floor: The domain never goes below this.
-        ceiling: The domain never goes above this.
-        include: Further values that the domain must hold.
+    The domain holds `include` too, and never goes below `floor` or above `ceiling`; without values
+    it is (0, 1). `extent` has the positions of the two ends.
     """
     wanted = [*values, *include] or [0.0, 1.0]
     low, high = min(wanted), max(wanted)

@@ -17,7 +17,7 @@ from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import Browser, PhaseNeeded, PostedForm, SignedIn
-from exceptiondrive_server.web.forms import filled, is_changed, read, typed
+from exceptiondrive_server.web.forms import changed, filled, read, typed
 from exceptiondrive_server.web.organizer_rights import may_change, require_right, what_lacks
 from exceptiondrive_server.web.responses import private_page
 from exceptiondrive_server.web.services import Services
@@ -110,13 +110,7 @@ def organizer_page(
 ) -> Response:
     """Fill a template of the organizers; nothing may keep the answer.
 
-    Args:
-        request: What was asked.
-        browser: Of an organizer.
-        template: Its name.
-        section: Of `SECTIONS`.
-        refusal: Why what was sent was not done.
-        values: What else the template reads.
+    The section is one of `SECTIONS`; `values` is what else the template reads.
     """
     frame = {
         "section": section,
@@ -233,7 +227,7 @@ def take_step(
             kept = {} if step.kept is None else step.kept(session)
             step = replace(step, texts=kept or step.texts)
             values = read(step.fields, form, kept)
-            if kept and not is_changed(values, kept):
+            if kept and not changed(values, kept):
                 return go(step.back, "nothing_changed")
             came = step.take(session, **values, actor=browser.principal.actor)
             address = step.back if step.onward is None else step.onward(came)

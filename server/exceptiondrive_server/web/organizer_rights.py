@@ -78,9 +78,7 @@ _OWNED: Mapping[str, type[_Owned]] = MappingProxyType(
 def role_needed(method: str, path: str) -> OrganizerRole:
     """Return the role that a route asks for.
 
-    Args:
-        method: GET, POST, and so on.
-        path: Of the route, with the names of its parameters.
+    The path is that of the route, with the names of its parameters.
     """
     if method in ("GET", "HEAD") or path in _READING:
         return OrganizerRole.READ_ONLY
@@ -116,12 +114,7 @@ def require_right(request: Request, services: Services, principal: Principal) ->
 
 
 def what_lacks(request: Request, principal: Principal) -> str | None:
-    """Say why an organizer who may see a page may not send its form; None: they may.
-
-    Args:
-        request: For the page, which was granted.
-        principal: Who.
-    """
+    """Say why an organizer who may see a page may not send its form; None: they may."""
     needed = role_needed("POST", _path_of(request))
     role = principal.role
     if role is not None and role.includes(needed):
@@ -132,10 +125,8 @@ def what_lacks(request: Request, principal: Principal) -> str | None:
 def may_change(principal: Principal, path: str, phase_id: str | None = None) -> bool:
     """Whether an organizer may send the form of a page; what they may not is not offered.
 
-    Args:
-        principal: Who.
-        path: Of the route, with the names of its parameters.
-        phase_id: The phase that the path names, if it names one.
+    The path is that of the route, with the names of its parameters; `phase_id` is the phase that it
+    names, if any.
     """
     role = principal.role
     is_theirs = principal.organizes(None if path in _OF_THE_SITE else phase_id)

@@ -106,13 +106,8 @@ def private_page(
 ) -> Response:
     """Fill a template for one team's eyes; nothing between us and the browser may keep it.
 
-    Args:
-        request: What was asked.
-        template: Its name.
-        current: Where it stands in the navigation.
-        status: Of the answer; after a refusal the one that the API gives to it.
-        refusal: Why what was sent was not done, which the template says in words.
-        values: What else the template reads.
+    After a refusal the status is the one that the API gives to it, and the template says it in
+    words.
     """
     site = site_of(request, current)
     if refusal is not None:
@@ -147,11 +142,7 @@ def public_page(
 ) -> Response:
     """Answer with a page that follows from the records; what visitors see is kept until they say else.
 
-    Args:
-        request: Whose address and cookies count.
-        template: Of the page.
-        current: Where it stands in the navigation.
-        read: Reads what the page follows from besides its address.
+    `read` reads what the page follows from besides its address.
     """
     services = services_of(request)
     is_search = "q" in request.query_params  # free text: kept, it would push out all other pages
