@@ -142,7 +142,10 @@ def test_an_address_that_said_no_is_asked_by_no_team_again(
     leave = link(api, first, "unsubscribe")
     assert api.post(f"/contacts/{first}/remove", "alpha").status_code == 200
     assert "No more mail?" in browse(api).get(leave).text, "a team that removed it bars nobody's no"
-    assert browse(api).client.post(leave).status_code == 200
+    said = browse(api).client.post(leave)
+    assert (said.status_code, "No more mail about that team" in said.text) == (200, True)
+    again = browse(api).get(leave)
+    assert (again.status_code, "mail to it has ended" in again.text) == (404, True)
     assert api.get("/contacts", "beta").json() == [], "what another team asked is withdrawn"
     with api.database.read() as session:
         kept = session.get_one(ContactPoint, first)
