@@ -195,6 +195,16 @@ def test_a_score_is_told_once_with_what_the_page_says(
     assert [each["kind"] for each in api.get("/notifications", "alpha").json()] == ["scored"]
 
 
+def test_of_a_late_score_the_deadline_is_told(api: "Api", browse: Browse) -> None:
+    confirmed(api, browse, "scored")
+    closes_in(api, -timedelta(hours=1), policy=PhasePolicy(late_entries="own_view"))
+    api.score(api.submit("a").json()["id"])
+    api.publish()
+    assert tell_teams(api.database) == 1
+    told = mails(api)[-1][1].what_changed[-1]
+    assert told == "It came after the deadline, so it holds no rank and moves none."
+
+
 def test_what_failed_or_was_refused_is_told_once_to_who_wishes_that(
     api: "Api", browse: Browse
 ) -> None:

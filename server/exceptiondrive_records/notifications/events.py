@@ -142,7 +142,9 @@ def _sentences(session: Session, seen: SubmissionView) -> Iterator[str]:
         digits = protocol.publication
         for words in ranked_words(challenge, values, seen.intervals, digits):
             yield f"{words}."
-    if seen.rank is not None:
+    if seen.is_late:
+        yield "It came after the deadline, so it holds no rank and moves none."
+    elif seen.rank is not None:
         low, high = seen.rank_interval or (seen.rank, seen.rank)
         yield f"Rank {seen.rank}{f' ({low} to {high})' if low != high else ''}."
     elif seen.unranked_because is not None:

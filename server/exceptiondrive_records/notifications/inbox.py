@@ -10,6 +10,7 @@ from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.notifications.tables import ContactPoint, Delivery, Notification
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.splits.splits import find_split, part_of
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.lease import new_item
@@ -47,10 +48,10 @@ def notify_teams(
         what_changed: Of the protocol or split, in sentences.
     """
     changed = _changed(comparison)
-    owners = _teams_of(session, [entry.submission_id for entry in changed])
+    own = _submissions(session, [entry.submission_id for entry in changed])
     by_team: dict[int, list[EntryChange]] = {}
     for entry in changed:
-        by_team.setdefault(owners[entry.submission_id].id, []).append(entry)
+        by_team.setdefault(own[entry.submission_id].team_id, []).append(entry)
     phase = session.get_one(Phase, comparison.phase)
     now = database_now(session)
     rows = []
@@ -62,14 +63,14 @@ def notify_teams(
             phase=phase.id,
             challenge=comparison.challenge,
             created_at=now,
-            title=f"{phase.title} {_VERBS[kind]} {_what_stands(comparison)}",
+            title=f"{phase.title} {_VERBS[kind]} {_what_stands(session, comparison)}",
             from_protocol=comparison.from_protocol,
             to_protocol=comparison.to_protocol,
             what_changed=what_changed,
             entries=tuple(
                 ChangedEntry(
                     submission_id=entry.submission_id,
-                    method=entry.method,
+                    method=own[entry.submission_id].method,
                     old=entry.old,
                     new=entry.new,
                 )
@@ -81,12 +82,16 @@ def notify_teams(
     return rows
 
 
-def _what_stands(comparison: Comparison) -> str:
-    """The protocol, or where it stays, the revision of the split."""
+def _what_stands(session: Session, comparison: Comparison) -> str:
+    """The protocol, or where it stays, the part of the split that counts, or its revision."""
     if comparison.from_protocol != comparison.to_protocol:
         return f"protocol {comparison.to_protocol.version}"
-    revision = comparison.to_split.revision.removeprefix("sha256:")
-    return f"revision {revision[:12]} of split {comparison.to_split.name}"
+    old, new = comparison.from_split, comparison.to_split
+    parts = [part_of(find_split(session, each.name, each.revision)) for each in (old, new)]
+    if parts[0] != parts[1]:
+        which = f"the {parts[1]} part" if parts[1] else "all samples"
+        return f"{which} of split {new.name}"
+    return f"revision {new.revision.removeprefix('sha256:')[:12]} of split {new.name}"
 
 
 def _changed(comparison: Comparison) -> list[EntryChange]:
@@ -259,10 +264,7 @@ def _view(row: Notification) -> NotificationView:
     return view.model_copy(update={"read_at": row.read_at})
 
 
-def _teams_of(session: Session, submission_ids: list[str]) -> dict[str, Team]:
-    query = (
-        select(Submission.id, Team)
-        .join(Team, Team.id == Submission.team_id)
-        .where(Submission.id.in_(submission_ids))
-    )
-    return {submission_id: team for submission_id, team in session.execute(query)}
+def _submissions(session: Session, submission_ids: list[str]) -> dict[str, Submission]:
+    """By id, with the team's own words: on the boards of an anonymous phase stand others."""
+    query = select(Submission).where(Submission.id.in_(submission_ids))
+    return {submission.id: submission for submission in session.scalars(query)}
