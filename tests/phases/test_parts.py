@@ -267,7 +267,9 @@ def test_a_later_deadline_of_a_team_ends_with_the_reveal(life: "Life", what: str
     for each in own:
         refused = life.request("POST", f"/api/v1/submissions/{each}/choose", "beta")
         assert refused.status_code == 409
-    assert life.upload("beta", 3.0, "M", split).status_code == 403
+    late = life.upload("beta", 3.0, "M", split)
+    assert (late.status_code, "own deadline ended" in late.json()["detail"]) == (403, True)
+    assert life.get("/phases/test/report").status_code == 200, "all teams are done"
     assert "revealed" in life.refused("/teams/beta/allowances/test", grant, 409, "PUT")
 
 
