@@ -294,7 +294,8 @@ def withdraw(
 ) -> None:
     """Take a submission off the board; on a terminal it asks first.
 
-    It stays in the team's own list; the run of the method that it had replaced stands again.
+    It stays in the team's own list; until the deadline the run of the method that it had replaced
+    stands again.
     """
     with open_client(server) as client:
         asked = client.status(submission_id)
