@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from email import message_from_bytes
 from email.utils import parsedate_to_datetime
 from itertools import product
@@ -195,14 +195,30 @@ def test_a_score_is_told_once_with_what_the_page_says(
     assert [each["kind"] for each in api.get("/notifications", "alpha").json()] == ["scored"]
 
 
-def test_of_a_late_score_the_deadline_is_told(api: "Api", browse: Browse) -> None:
+FROZEN_AT = datetime(2026, 1, 2, 3, 4, tzinfo=UTC)
+
+
+@pytest.mark.parametrize(
+    ("closes_in_hours", "policy", "words"),
+    [
+        (-1, {"late_entries": "own_view"}, "It came after the deadline, so it holds no rank"),
+        (3, {"entries_private": True}, "It is private, and ranks nowhere until"),
+        (
+            3,
+            {"frozen_scores": "hidden", "freezes_at": FROZEN_AT},
+            "The board is frozen since 2026-01-02 03:04 UTC: score and rank are kept back",
+        ),
+    ],
+)
+def test_a_score_without_a_rank_is_told_with_its_reason(
+    api: "Api", browse: Browse, closes_in_hours: int, policy: dict[str, Any], words: str
+) -> None:
     confirmed(api, browse, "scored")
-    closes_in(api, -timedelta(hours=1), policy=PhasePolicy(late_entries="own_view"))
+    closes_in(api, timedelta(hours=closes_in_hours), policy=PhasePolicy(**policy))
     api.score(api.submit("a").json()["id"])
     api.publish()
     assert tell_teams(api.database) == 1
-    told = mails(api)[-1][1].what_changed[-1]
-    assert told == "It came after the deadline, so it holds no rank and moves none."
+    assert mails(api)[-1][1].what_changed[-1].startswith(words)
 
 
 def test_what_failed_or_was_refused_is_told_once_to_who_wishes_that(

@@ -142,11 +142,16 @@ def _sentences(session: Session, seen: SubmissionView) -> Iterator[str]:
         digits = protocol.publication
         for words in ranked_words(challenge, values, seen.intervals, digits):
             yield f"{words}."
-    if seen.is_late:
+    if seen.score_kept_back_since is not None:
+        since = f"{seen.score_kept_back_since:%Y-%m-%d %H:%M} UTC"
+        yield f"The board is frozen since {since}: score and rank are kept back until it is revealed."
+    elif seen.is_late:
         yield "It came after the deadline, so it holds no rank and moves none."
     elif seen.rank is not None:
         low, high = seen.rank_interval or (seen.rank, seen.rank)
         yield f"Rank {seen.rank}{f' ({low} to {high})' if low != high else ''}."
+    elif not seen.is_published:
+        yield "It is private, and ranks nowhere until your team publishes it."
     elif seen.unranked_because is not None:
         yield f"Not ranked: {seen.unranked_because}."
 
