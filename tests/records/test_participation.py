@@ -123,6 +123,9 @@ def test_a_disqualified_team_stands_nowhere_and_submits_nothing(world: World) ->
         reinstate(session, number, **WHY)
     assert list(standing(world)) == [kept]
     assert told(world)[0] == "Your team Alpha is reinstated in Development"
+    with world.database.write() as session:
+        disqualify_team(session, "alpha", **WHY)
+    assert told(world)[0] == "Your team Alpha is disqualified in all phases"
 
 
 def test_notes_of_an_anonymous_phase_join_with_no_other_by_phase_or_time(world: World) -> None:

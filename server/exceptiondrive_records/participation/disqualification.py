@@ -211,7 +211,8 @@ def _name(session: Session, team: Team, row: Disqualification) -> str:
 
 
 def _in(session: Session, row: Disqualification) -> str:
-    return "" if row.phase_id is None else f" in {find_phase(session, row.phase_id).title}"
+    where = "all phases" if row.phase_id is None else find_phase(session, row.phase_id).title
+    return f" in {where}"
 
 
 def _address(row: Disqualification) -> str:
