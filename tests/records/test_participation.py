@@ -328,7 +328,7 @@ def test_what_a_team_asked_is_answered_to_the_team_that_it_became_part_of(world:
         merge_teams(session, "beta", "alpha", **WHY)
     with world.database.write() as session:
         answer_question(session, asked, "Yes.", plain="Yes.", to_all=False, actor=WHO)
-    assert told(world)[0] == "A question, answered"
+    assert told(world)[0] == "Development: A question, answered"
 
 
 def test_an_upload_in_the_air_makes_no_entry_of_a_team_that_is_none_any_more(
