@@ -184,7 +184,8 @@ def _standing(view: SubmissionView) -> tuple[str, str]:
     if view.awaits_board:
         return "rank awaited", "the next board is being built"
     if not view.is_published:
-        return "not ranked", f"it is private until you run exceptiondrive publish {view.id}"
+        shows = f"exceptiondrive publish {view.id} shows it, until hidden scores are revealed"
+        return "not ranked", f"it is private: {shows}"
     return f"rank {view.rank}" if view.rank else "not ranked", view.unranked_because or ""
 
 
