@@ -209,6 +209,7 @@ def test_a_removed_member_is_out_at_once(
     keeper.sign_in("alpha")
     ada.post("/my/tokens", {"name": "kept", "scope": "submit", "days": ""}, page="/my/tokens")
     asked = keeper.get("/my/team").text.split('<details class="danger">')[1]
+    assert '<a href="/my/notices">addresses</a> are told as before' in " ".join(asked.split())
     assert "Ada Example is out of Alpha at once" in asked
     assert "What was made by Ada Example works on: <b>kept</b>" in " ".join(asked.split())
     assert '<td data-k="made by">Ada Example</td>' in keeper.get("/my/tokens").text

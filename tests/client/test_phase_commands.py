@@ -176,7 +176,7 @@ def test_a_team_publishes_and_takes_back(working: "Running", planning_file: Make
     board_shows(working, mine)
     undone = run(working, "publish", mine, "--undo")
     assert (
-        f"it is private until you run exceptiondrive publish {mine}"
+        f"it is private: exceptiondrive publish {mine} shows it, until hidden scores are revealed"
         in run(working, "status", mine).stdout
     )
     assert (undone.exit_code, undone.stdout) == (0, f"{mine} is private\n")

@@ -376,3 +376,15 @@ def test_a_replaced_run_that_the_board_still_shows_has_its_rank() -> None:
     assert "rank 2 in phase" in " ".join(map(str, submission_view(shown, "http://server/x")))
     gone = submission(0, "scored", rank=None, replaced_by="2mjvnt33drhnasw9")
     assert "not on the board" in " ".join(map(str, submission_view(gone, "http://server/x")))
+
+
+def test_a_phase_that_takes_nothing_more_has_nothing_left() -> None:
+    over = {"closes_at": datetime.now(UTC) - timedelta(days=1), "is_open": False}
+    archived = {"visibility": "archived", "is_open": False}
+    table = phases_table((phase("a", **over), phase("b", **archived), phase("c")))
+    said = [tuple(cell.plain for cell in row[-2:]) for row, *_ in table.rows]
+    assert [(when.split()[0], left) for when, left in said[:2]] == [
+        ("closed", "nothing"),
+        ("archived", "nothing"),
+    ]
+    assert said[2][1] != "nothing"

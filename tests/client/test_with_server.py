@@ -196,6 +196,7 @@ def test_check_says_what_an_upload_will_do(working: "Running", planning_file: Ma
     told = run(working, *checked, str(planning_file())).stdout
     assert f"it will be refused: these bytes, as {first['id']}, are disqualified in this" in told
     assert "stands, no quota is spent" not in told
+    assert "disqualified in phase " in run(working, "status", first["id"]).stdout
     assert "will be ranked" in run(working, *checked, str(slower_file(planning_file))).stdout
     with working.context.database.write() as session:
         disqualify_team(session, "alpha", **why)

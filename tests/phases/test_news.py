@@ -81,6 +81,16 @@ def asked(life: "Life", by: str) -> Any:
     return question
 
 
+def test_one_question_in_two_phases_gets_the_same_answer_in_both(open_phase: "Life") -> None:
+    life = open_phase
+    life.make_phase("two", split="plain", title="Two")
+    for phase in ("test", "two"):
+        address = f"/api/v1/phases/{phase}/questions"
+        question = life.request("POST", address, "alpha", json={"text": QUESTION}).json()
+        life.done(f"/questions/{question['id']}/answer", {"text": ANSWER})
+    assert inbox(life, "alpha") == ["Two: A question, answered", "Test: A question, answered"]
+
+
 @pytest.mark.parametrize("by", ["page", "api"])
 def test_a_question_is_answered_to_the_team_alone(open_phase: "Life", by: str) -> None:
     life, organizer = open_phase, visitor(open_phase, "organizer")
@@ -99,7 +109,7 @@ def test_a_question_is_answered_to_the_team_alone(open_phase: "Life", by: str) -
     assert (seen["answer"], seen["is_public"]) == (ANSWER, False)
     assert "Yes, <em>offline</em> ones." in visitor(life, "alpha").get("/my/questions/test").text
     assert told(life, "alpha")[-1] == "Yes, offline ones."
-    assert inbox(life, "alpha") == ["A question, answered"]
+    assert inbox(life, "alpha") == ["Test: A question, answered"]
     assert inbox(life, "beta") == []
     assert life.json("/api/v1/phases/test/questions", "beta") == []
     assert life.json("/api/v1/phases/test/news") == []

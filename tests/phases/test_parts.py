@@ -267,7 +267,9 @@ def test_a_later_deadline_of_a_team_ends_with_the_reveal(life: "Life", what: str
     for each in own:
         refused = life.request("POST", f"/api/v1/submissions/{each}/choose", "beta")
         assert refused.status_code == 409
-    assert life.upload("beta", 3.0, "M", split).status_code == 403
+    late = life.upload("beta", 3.0, "M", split)
+    assert (late.status_code, "own deadline ended" in late.json()["detail"]) == (403, True)
+    assert life.get("/phases/test/report").status_code == 200, "all teams are done"
     assert "revealed" in life.refused("/teams/beta/allowances/test", grant, 409, "PUT")
 
 
@@ -418,6 +420,22 @@ def test_after_a_rollback_pages_say_what_stands(life: "Life") -> None:
     assert "Only the public part of the split counts." in told
     assert "not been revealed" not in told, "readers saw it"
     assert "Another revision of parted" in life.get(f"/rescoring/{run}").text
+
+
+def test_a_team_is_told_of_a_reveal_by_its_own_names(life: "Life") -> None:
+    life.make_phase(closes_at=life.ahead(60), policy={"anonymous": True})
+    own = life.submit("alpha", PUBLIC_ONLY)
+    life.work()
+    life.move(closes_at=life.now())
+    run = reveal(life)
+    life.apply(run)
+    life.done(f"/rescoring/{run}/rollback", {"reason": "a mistake"})
+    method = life.json(f"/api/v1/submissions/{own}", "alpha")["method"]
+    assert method not in [entry["method"] for entry in life.board()["entries"]]
+    back, revealed = life.json("/api/v1/notifications", "alpha")
+    assert revealed["title"].endswith("now stands under the private part of split parted")
+    assert back["title"].endswith("stands again under the public part of split parted")
+    assert [entry["method"] for entry in (*back["entries"], *revealed["entries"])] == [method] * 2
 
 
 def test_after_a_rollback_the_late_view_is_there_again_and_takes_no_more(life: "Life") -> None:

@@ -338,6 +338,8 @@ def test_names_stand_nowhere_until_they_are_revealed(life: "Life") -> None:
     life.done("/phases/test/reveal", {"what": "names", "reason": "accepted"})
     life.work()
     assert {entry["team"] for entry in life.board()["entries"]} == {"Alpha Institute", "Beta Labs"}
+    ranked = [entry for entry in life.board()["entries"] if entry["rank"]]
+    assert [entry["previous_rank"] for entry in ranked] == [entry["rank"] for entry in ranked]
     for number, text in old.items():
         assert life.get(f"/api/v1/boards/test/{number}").text == text
         assert "Alpha" not in text

@@ -123,6 +123,9 @@ def test_a_disqualified_team_stands_nowhere_and_submits_nothing(world: World) ->
         reinstate(session, number, **WHY)
     assert list(standing(world)) == [kept]
     assert told(world)[0] == "Your team Alpha is reinstated in Development"
+    with world.database.write() as session:
+        disqualify_team(session, "alpha", **WHY)
+    assert told(world)[0] == "Your team Alpha is disqualified in all phases"
 
 
 def test_notes_of_an_anonymous_phase_join_with_no_other_by_phase_or_time(world: World) -> None:
@@ -325,7 +328,7 @@ def test_what_a_team_asked_is_answered_to_the_team_that_it_became_part_of(world:
         merge_teams(session, "beta", "alpha", **WHY)
     with world.database.write() as session:
         answer_question(session, asked, "Yes.", plain="Yes.", to_all=False, actor=WHO)
-    assert told(world)[0] == "A question, answered"
+    assert told(world)[0] == "Development: A question, answered"
 
 
 def test_an_upload_in_the_air_makes_no_entry_of_a_team_that_is_none_any_more(

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from email import message_from_bytes
 from email.utils import parsedate_to_datetime
 from itertools import product
@@ -142,7 +142,10 @@ def test_an_address_that_said_no_is_asked_by_no_team_again(
     leave = link(api, first, "unsubscribe")
     assert api.post(f"/contacts/{first}/remove", "alpha").status_code == 200
     assert "No more mail?" in browse(api).get(leave).text, "a team that removed it bars nobody's no"
-    assert browse(api).client.post(leave).status_code == 200
+    said = browse(api).client.post(leave)
+    assert (said.status_code, "No more mail about that team" in said.text) == (200, True)
+    again = browse(api).get(leave)
+    assert (again.status_code, "mail to it has ended" in again.text) == (404, True)
     assert api.get("/contacts", "beta").json() == [], "what another team asked is withdrawn"
     with api.database.read() as session:
         kept = session.get_one(ContactPoint, first)
@@ -182,7 +185,7 @@ def test_a_score_is_told_once_with_what_the_page_says(
     assert tell_teams(api.database) == 1
     assert tell_teams(api.database) == 0, "nothing is told twice"
     _, notice = mails(api)[-1]
-    assert (notice.kind, notice.title) == ("scored", "Planner was scored")
+    assert (notice.kind, notice.title) == ("scored", "Planner was scored in dev")
     assert notice.what_changed == (
         "HCC 50.00 % (40 to 60).",
         "UR 25.00 %.",
@@ -190,6 +193,32 @@ def test_a_score_is_told_once_with_what_the_page_says(
     )
     assert notice.comparison == f"/submissions/{one}"
     assert [each["kind"] for each in api.get("/notifications", "alpha").json()] == ["scored"]
+
+
+FROZEN_AT = datetime(2026, 1, 2, 3, 4, tzinfo=UTC)
+
+
+@pytest.mark.parametrize(
+    ("closes_in_hours", "policy", "words"),
+    [
+        (-1, {"late_entries": "own_view"}, "It came after the deadline, so it holds no rank"),
+        (3, {"entries_private": True}, "It is private, and ranks nowhere until"),
+        (
+            3,
+            {"frozen_scores": "hidden", "freezes_at": FROZEN_AT},
+            "The board is frozen since 2026-01-02 03:04 UTC: score and rank are kept back",
+        ),
+    ],
+)
+def test_a_score_without_a_rank_is_told_with_its_reason(
+    api: "Api", browse: Browse, closes_in_hours: int, policy: dict[str, Any], words: str
+) -> None:
+    confirmed(api, browse, "scored")
+    closes_in(api, timedelta(hours=closes_in_hours), policy=PhasePolicy(**policy))
+    api.score(api.submit("a").json()["id"])
+    api.publish()
+    assert tell_teams(api.database) == 1
+    assert mails(api)[-1][1].what_changed[-1].startswith(words)
 
 
 def test_what_failed_or_was_refused_is_told_once_to_who_wishes_that(
@@ -213,8 +242,8 @@ def test_what_failed_or_was_refused_is_told_once_to_who_wishes_that(
     assert tell_teams(api.database) == 2, "beta wishes to hear of scores alone"
     assert tell_teams(api.database) == 0, "nothing is told twice"
     told = {notice.title: notice.what_changed for who, notice in mails(api) if notice.title}
-    assert told["Planner could not be scored"] == ("We could not score it.",)
-    assert told["Planner was rejected"] == ("1 fault in the file.",)
+    assert told["Planner could not be scored in dev"] == ("We could not score it.",)
+    assert told["Planner was rejected in dev"] == ("1 fault in the file.",)
     assert {who for who, notice in mails(api) if notice.kind == "failed"} == {"alpha@example.org"}
 
 
@@ -238,7 +267,7 @@ def test_a_lost_rank_is_told_once_an_hour(
     one, other = api.submit("a").json()["id"], api.submit("b", "beta").json()["id"]
     api.publish(make_entry("Planner", submission_id=one, rank=1))
     assert tell_teams(api.database) == 0
-    passed = make_entry("Planner", submission_id=one, rank=2)
+    passed = make_entry("Method AY3", submission_id=one, rank=2)  # as anonymous phases call it
     api.publish(make_entry("Other", submission_id=other, rank=1), passed)
     assert tell_teams(api.database) == 1
     assert tell_teams(api.database) == 0
@@ -278,10 +307,10 @@ def closes_in(api: "Api", time: timedelta, phase_id: str = "dev", **more: Any) -
             setattr(phase, name, value)
 
 
-def test_the_end_of_a_phase_is_told_to_who_takes_part_and_once_a_day(
+def test_the_end_of_a_phase_is_told_to_who_takes_part_once_and_again_when_it_is_moved(
     api: "Api", browse: Browse
 ) -> None:
-    """Else who may set a title and a deadline writes to every team, as often as they like."""
+    """Who was told a deadline that is none any more must not rely on it."""
     confirmed(api, browse, "phase_ends")
     confirmed(api, browse, "phase_ends", who="beta")
     api.score(api.submit("a").json()["id"])
@@ -293,6 +322,13 @@ def test_the_end_of_a_phase_is_told_to_who_takes_part_and_once_a_day(
         assert phase.closes_at is not None
         phase.closes_at, phase.title = phase.closes_at.replace(second=2), "Other words"
     assert tell_teams(api.database) == 0
+    for minutes in (-90, 90):
+        with api.database.write() as session:
+            phase = session.get_one(Phase, "dev")
+            assert phase.closes_at is not None
+            phase.closes_at = moved = phase.closes_at + timedelta(minutes=minutes, seconds=60)
+        assert (tell_teams(api.database), tell_teams(api.database)) == (1, 0)
+        assert told_deadlines(api) == {"alpha": f"Its deadline is {moved:%Y-%m-%d %H:%M} UTC"}
 
 
 def test_a_team_with_a_deadline_of_its_own_is_told_that_one_unless_it_has_ended(

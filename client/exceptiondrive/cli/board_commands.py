@@ -188,10 +188,18 @@ def phases_table(views: tuple[PhaseView, ...]) -> FittedTable:
 def _left(view: PhaseView) -> str:
     if view.disqualified_at is not None:
         return f"nothing: disqualified since {view.disqualified_at:%Y-%m-%d}"
+    if _window(view).startswith(("archived", "closed")) and not _takes_late_entries(view):
+        return "nothing"
     return f"{view.quota_per_day} a day" if view.quota is None else left_words(view.quota)
 
 
+def _takes_late_entries(view: PhaseView) -> bool:
+    return view.now is not None and view.now.takes_late_entries
+
+
 def _window(view: PhaseView) -> str:
+    if view.visibility == "archived":
+        return "archived"
     opens, closes, now = view.opens_at, view.closes_at, datetime.now(UTC)
     if view.is_open:
         return "open" if closes is None else f"until {utc_text(closes)}"

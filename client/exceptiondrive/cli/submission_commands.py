@@ -243,7 +243,8 @@ def withdraw(
 ) -> Answer:
     """Take a submission off the board; on a terminal it asks first.
 
-    It stays in the team's own list; the run of the method that it had replaced stands again.
+    It stays in the team's own list; until the deadline the run of the method that it had replaced
+    stands again.
     """
     asked = client.status(submission_id)
     stands = asked.status is not SubmissionStatus.WITHDRAWN

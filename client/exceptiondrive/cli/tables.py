@@ -168,6 +168,9 @@ def submission_view(
 
 def _standing(view: SubmissionView) -> tuple[str, str]:
     """Return the rank of a scored submission, or what stands in its place, and why."""
+    if view.disqualified_at is not None:
+        since = utc_text(view.disqualified_at)
+        return "disqualified", f"since {since}; the reason stands in `exceptiondrive notices`"
     if view.replaced_by is not None and view.rank is None:
         return "not on the board", f"replaced by {view.replaced_by}"
     if view.score_kept_back_since is not None:
@@ -181,7 +184,8 @@ def _standing(view: SubmissionView) -> tuple[str, str]:
     if view.awaits_board:
         return "rank awaited", "the next board is being built"
     if not view.is_published:
-        return "not ranked", f"it is private until you run exceptiondrive publish {view.id}"
+        shows = f"exceptiondrive publish {view.id} shows it, until hidden scores are revealed"
+        return "not ranked", f"it is private: {shows}"
     return f"rank {view.rank}" if view.rank else "not ranked", view.unranked_because or ""
 
 

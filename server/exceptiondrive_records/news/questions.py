@@ -18,6 +18,7 @@ from exceptiondrive_records.participation.messages import (
     send_message,
 )
 from exceptiondrive_records.phases.phases import shown_phase
+from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.teams.tables import Team
 
 MAX_QUESTION = 1000
@@ -107,7 +108,9 @@ def answer_question(
         only_of = row.phase_id if to_its_teams else None
         is_told = slug in {one.team for one in recipients(session, phase=only_of)}
     if not is_told:
-        send_message(session, _TITLE, inbox, actor=actor, teams=[slug])
+        phase = session.get_one(Phase, row.phase_id)
+        title = f"{phase.title}: {_TITLE}"[:MAX_TITLE]
+        send_message(session, title, inbox, actor=actor, teams=[slug])
     detail = {"phase": row.phase_id, "to_all": to_all}
     audit(session, actor, "question answered", row.id, detail)
     return row

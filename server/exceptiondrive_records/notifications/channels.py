@@ -206,7 +206,7 @@ def message_of(
     message["List-Unsubscribe"] = f"<{leave}>"
     message["List-Unsubscribe-Post"] = "List-Unsubscribe=One-Click"
     message.set_content(
-        f"{text_of(notice, settings.public_url)}\nNo more mail to this address: {leave}\n"
+        f"{text_of(notice, settings.public_url)}\nNo more mail about this team: {leave}\n"
     )
     return message
 

@@ -126,7 +126,8 @@ def find_by_key(
         or contact.unsubscribed_at is not None
         or (contact.removed_at is not None and not may_be_removed)
     ):
-        raise NotFound("address", contact_id)
+        ended = " that this link opens: mail to it has ended, or the link was not copied whole"
+        raise NotFound("address", contact_id, ended)
     return contact
 
 

@@ -130,7 +130,8 @@ def _outcomes(
         if seen.awaits_board:
             continue
         outcome = "waits for your word" if seen.is_asked else _OUTCOME_WORDS[seen.status]
-        title = f"{seen.method} {outcome}"
+        phase = session.get_one(Phase, seen.phase)
+        title = f"{seen.method} {outcome} in {phase.title}"
         sentences = tuple(_sentences(session, seen))
         page = f"/submissions/{seen.id}"
         yield _Event(wish, seen.id, title, sentences, page, seen.phase)
@@ -151,9 +152,16 @@ def _sentences(session: Session, seen: SubmissionView) -> Iterator[str]:
         digits = protocol.publication
         for words in ranked_words(challenge, values, seen.intervals, digits):
             yield f"{words}."
-    if seen.rank is not None:
+    if seen.score_kept_back_since is not None:
+        since = f"{seen.score_kept_back_since:%Y-%m-%d %H:%M} UTC"
+        yield f"The board is frozen since {since}: score and rank are kept back until it is revealed."
+    elif seen.is_late:
+        yield "It came after the deadline, so it holds no rank and moves none."
+    elif seen.rank is not None:
         low, high = seen.rank_interval or (seen.rank, seen.rank)
         yield f"Rank {seen.rank}{f' ({low} to {high})' if low != high else ''}."
+    elif not seen.is_published:
+        yield "It is private, and ranks nowhere until your team publishes it."
     elif seen.unranked_because is not None:
         yield f"Not ranked: {seen.unranked_because}."
 
@@ -177,7 +185,7 @@ def _passed(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
         since = max(now - _PASSED_WITHIN, told_at or now - _PASSED_WITHIN)
         before = _best_ranks(session, phase, ids_of_team(session, team_id, phase.id), since)
         lines = [
-            f"{entry.method}: rank {best} before, {entry.rank} now."
+            f"{session.get_one(Submission, submission_id).method}: rank {best} before, {entry.rank} now."
             for submission_id, best in before
             if (entry := shown.get(submission_id)) and entry.rank is not None and entry.rank > best
         ]
@@ -214,7 +222,7 @@ def _best_ranks(
 
 
 def _ending(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
-    """Phases that the team takes part in; once for each day that is named as its last."""
+    """Phases that the team takes part in; once for each minute that is named as its deadline."""
     submitted = select(Submission.phase_id).where(Submission.team_id == team_id)
     accepted = select(TermsAcceptance.phase_id).where(TermsAcceptance.team_id == team_id)
     granted = and_(Allowance.phase_id == Phase.id, Allowance.team_id == team_id)
@@ -237,7 +245,7 @@ def _ending(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
         if not now < ends <= now + _ENDS_SOON:
             continue
         at = f"{ends:%Y-%m-%d %H:%M} UTC"
-        subject = f"{phase.id}/{ends:%Y-%m-%d}"
+        subject = f"{phase.id}/{ends:%Y-%m-%dT%H:%M}"
         sentences = (f"{whose} deadline is {at}; an upload is judged by its first byte.",)
         title = f"{phase.title} ends soon"
         yield _Event("phase_ends", subject, title, sentences, _board(phase), phase.id)

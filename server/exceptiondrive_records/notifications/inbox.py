@@ -13,6 +13,7 @@ from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.notifications.tables import ContactPoint, Delivery, Notification
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.splits.splits import find_split, part_of
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.lease import new_item
@@ -42,13 +43,14 @@ def notify_teams(
 ) -> list[Notification]:
     """Notify each team whose published numbers change of the old and the new ones; no others."""
     changed = _changed(comparison)
-    owners = _owners(session, [entry.submission_id for entry in changed])
+    own = _submissions(session, [entry.submission_id for entry in changed])
     by_team: defaultdict[Team, list[ChangedEntry]] = defaultdict(list)
     for entry in changed:
+        submission, team = own[entry.submission_id]
         told = ChangedEntry(
-            submission_id=entry.submission_id, method=entry.method, old=entry.old, new=entry.new
+            submission_id=submission.id, method=submission.method, old=entry.old, new=entry.new
         )
-        by_team[owners[entry.submission_id]].append(told)
+        by_team[team].append(told)
     phase = session.get_one(Phase, comparison.phase)
     now = database_now(session)
     return [
@@ -56,7 +58,7 @@ def notify_teams(
             session,
             team,
             kind,
-            f"{phase.title} {_VERBS[kind]} {_what_stands(comparison)}",
+            f"{phase.title} {_VERBS[kind]} {_what_stands(session, comparison)}",
             what_changed,
             address=f"/api/v1/rescoring/{run_id}",
             phase=phase.id,
@@ -77,12 +79,16 @@ def _changed(comparison: Comparison) -> list[EntryChange]:
     return [entry for entry in comparison.entries if entry.change != "none"]
 
 
-def _what_stands(comparison: Comparison) -> str:
-    """The protocol, or where it stays, the revision of the split."""
+def _what_stands(session: Session, comparison: Comparison) -> str:
+    """The protocol, or where it stays, the part of the split that counts, or its revision."""
     if comparison.from_protocol != comparison.to_protocol:
         return f"protocol {comparison.to_protocol.version}"
-    revision = comparison.to_split.revision.removeprefix("sha256:")
-    return f"revision {revision[:12]} of split {comparison.to_split.name}"
+    old, new = comparison.from_split, comparison.to_split
+    parts = [part_of(find_split(session, each.name, each.revision)) for each in (old, new)]
+    if parts[0] != parts[1]:
+        which = f"the {parts[1]} part" if parts[1] else "all samples"
+        return f"{which} of split {new.name}"
+    return f"revision {new.revision.removeprefix('sha256:')[:12]} of split {new.name}"
 
 
 def tell_team(
@@ -238,10 +244,11 @@ def _view(row: Notification) -> NotificationView:
     return view.model_copy(update={"read_at": row.read_at})
 
 
-def _owners(session: Session, submission_ids: list[str]) -> dict[str, Team]:
+def _submissions(session: Session, submission_ids: list[str]) -> dict[str, tuple[Submission, Team]]:
+    """By id, with the team's own words: on the boards of an anonymous phase stand others."""
     query = (
-        select(Submission.id, Team)
+        select(Submission, Team)
         .join(Team, Team.id == Submission.team_id)
         .where(Submission.id.in_(submission_ids))
     )
-    return {submission_id: team for submission_id, team in session.execute(query)}
+    return {submission.id: (submission, team) for submission, team in session.execute(query)}

@@ -144,10 +144,10 @@ def _publish(
     session.flush()
     want_boards_of_team(session, team.id, row.phase_id)
     detail = {**detail, "disqualification": row.id}
-    where = ""
+    where = "all phases"
     if row.phase_id is not None:
         detail["phase"] = row.phase_id
-        where = f" in {find_phase(session, row.phase_id).title}"
+        where = find_phase(session, row.phase_id).title
     if row.submission_id is None:
         audit(session, actor, f"team {done}", team.slug, detail)
         name, address = f"Your team {team.name}", "/my"
@@ -159,7 +159,7 @@ def _publish(
         session,
         team,
         done,
-        f"{name} is {done}{where}",
+        f"{name} is {done} in {where}",
         (f"Reason: {detail['reason']}", *words),
         address=address,
         phase=row.phase_id or "",

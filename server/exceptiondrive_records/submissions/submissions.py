@@ -571,7 +571,10 @@ def _require_open(
         raise PhaseClosed(phase.title, f"is {phase.visibility}")
     if phase.opens_at is not None and now < phase.opens_at:
         raise PhaseClosed(phase.title, f"opens at {phase.opens_at:%Y-%m-%d %H:%M} UTC")
-    raise PhaseClosed(phase.title, f"closed at {phase.closes_at:%Y-%m-%d %H:%M} UTC")
+    closed = f"closed at {phase.closes_at:%Y-%m-%d %H:%M} UTC"
+    if own_closes_at is not None and own_closes_at > now:
+        closed += ", and your team's own deadline ended when what had been kept back was revealed"
+    raise PhaseClosed(phase.title, closed)
 
 
 def lock_jobs(session: Session, submission_id: str) -> None:

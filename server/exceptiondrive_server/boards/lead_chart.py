@@ -6,6 +6,7 @@ from datetime import datetime, timedelta
 from typing import NamedTuple
 
 from exceptiondrive_records.boards.boards import Lead
+from exceptiondrive_schemas.board import BoardLeader
 from exceptiondrive_schemas.challenges import Metric
 from exceptiondrive_server.boards.charts import Box, Frame, Label, Tick, place_labels
 from exceptiondrive_server.web.numbers import Digits, day, minute, nice_scale, px
@@ -144,13 +145,19 @@ def takers(leads: Sequence[Lead]) -> list[Lead]:
 
 
 def _changes(leads: Sequence[Lead]) -> list[_Change]:
-    """Boards that say something else than the one before; those without a leader are left out."""
+    """Boards that say something else than the one before; those without a leader are left out.
+
+    An entry that was renamed, or whose pseudonym was lifted, still leads.
+    """
     found: list[_Change] = []
+    led: BoardLeader | None = None
     for lead in leads:
         if lead.leader is None:
             continue
         name, before = lead.leader.method, found[-1] if found else None
-        is_new = before is None or before.name != name
+        is_same = led is not None and led.submission_id == lead.leader.submission_id
+        led = lead.leader
+        is_new = before is None or (before.name != name and not is_same)
         is_other = before is not None and before.lead.protocol != lead.protocol
         if before is None or is_new or is_other or before.value != lead.leader.value:
             found.append(_Change(lead, name, lead.leader.value, is_new, is_other or before is None))

@@ -135,7 +135,8 @@ PHASE_STEPS: Mapping[str, PhaseStep] = MappingProxyType(
                 "reveal-split",
                 "Reveal the other part",
                 "Workers score the part of the split that the phase reveals; the board changes "
-                "when the run that this begins is applied.",
+                "when the run that this begins is applied, and later deadlines of single teams "
+                "end then.",
                 reveal_split,
                 lambda phase: _now(phase).part == "public",
                 is_grave=True,

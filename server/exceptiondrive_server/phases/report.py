@@ -10,6 +10,7 @@ from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, Board
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.participation.tables import Allowance
+from exceptiondrive_records.phases.allowances import is_revealed
 from exceptiondrive_records.phases.policy import (
     frozen_since,
     has_closed,
@@ -35,7 +36,7 @@ def has_ended(session: Session, phase: Phase) -> bool:
     granted_until = session.scalar(latest)
     return (
         has_closed(phase, now)
-        and (granted_until is None or granted_until <= now)
+        and (granted_until is None or granted_until <= now or is_revealed(session, phase))
         and frozen_since(phase, now) is None
         and phase.current_board_id is not None
         and not _waits_in_time(session, phase)

@@ -10,7 +10,7 @@ from tests.server.pages.reading import Node, read
 from exceptiondrive_records.boards.boards import Lead, leads
 from exceptiondrive_schemas.board import Board, BoardLeader
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_server.boards.lead_chart import lead_chart
+from exceptiondrive_server.boards.lead_chart import lead_chart, takers
 from exceptiondrive_server.web.numbers import Digits
 
 START = datetime(2026, 3, 1, tzinfo=UTC)
@@ -18,7 +18,7 @@ HCC = PLANNING.metrics[0]
 
 
 def lead(day: int, method: str, value: float, protocol: str = "1.0") -> Lead:
-    leader = BoardLeader(submission_id="s0000000kq", method=method, team="T", value=value)
+    leader = BoardLeader(submission_id=f"of-{method}", method=method, team="T", value=value)
     return Lead(START + timedelta(days=day), day + 1, protocol, leader)
 
 
@@ -29,6 +29,15 @@ STORY = (
     lead(10, "Second", 0.31),
     lead(15, "Second", 0.28, "1.1"),
 )
+
+
+def test_whose_pseudonym_is_lifted_takes_no_lead() -> None:
+    before, after = lead(0, "Method EG2", 0.20), lead(2, "Named", 0.20)
+    assert before.leader is not None
+    assert after.leader is not None
+    same = after.leader.model_copy(update={"submission_id": before.leader.submission_id})
+    assert takers((before, after._replace(leader=same))) == [before]
+    assert takers((before, after)) == [after, before]
 
 
 def corners(step: str) -> list[tuple[float, float]]:
@@ -102,11 +111,13 @@ def titles(page: Node) -> list[str]:
 async def test_the_history_names_who_led_each_board_and_draws_it(
     lively_site: Any, lively_board: Board
 ) -> None:
-    first, *others = lively_board.entries
+    first, second, *others = lively_board.entries
+    changed = second.model_copy(update={"metrics": {**second.metrics, "hcc": 0.5}})
+    metrics = {**first.metrics, "hcc": 0.6511}
     better = first.model_copy(
-        update={"metrics": {**first.metrics, "hcc": 0.6511}, "method": "Newcomer"}
+        update={"metrics": metrics, "method": "Newcomer", "submission_id": "s0000077kq"}
     )
-    newer = lively_board.model_copy(update={"entries": (better, *others)})
+    newer = lively_board.model_copy(update={"entries": (better, changed, *others)})
     lively_site.publish(newer)
     lively_site.change_protocol(lively_board)
     page = read((await lively_site.get("/history?phase=sample")).text)
@@ -119,7 +130,9 @@ async def test_the_history_names_who_led_each_board_and_draws_it(
     rows = [row.text for row in page.one("ol", "hist").all("li") if row.all("p", "no")]
     assert "Kestrel-2 leads, 61.40" in rows[0]
     assert "Newcomer leads, 65.11" in rows[1]
-    assert f"Newcomer {first.team} HCC 61.40 % to 65.11 % (+3.71)" in rows[1]
+    assert f"Newcomer {first.team} came onto the board at rank 1, HCC 65.11 %" in rows[1]
+    was = f"{100 * (second.metrics['hcc'] or 0.0):.2f}"
+    assert f"{second.method} {second.team} HCC {was} % to 50.00 % (" in rows[1]
     assert "The first board of the phase." in rows[2]
     led = [row.text for row in page.one("ol", "led").all("li")]
     assert [words.split()[0] for words in led] == ["Kestrel-2", "Newcomer", "Kestrel-2"]
