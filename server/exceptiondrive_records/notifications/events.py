@@ -5,7 +5,7 @@ The reconciler looks now and then. Nothing is told twice: each message has a sub
 
 from collections.abc import Iterator
 from datetime import datetime, timedelta
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from sqlalchemy import and_, func, select
 from sqlalchemy.orm import Session
@@ -36,7 +36,9 @@ LOOK_EVERY_S = 15.0
 _TOLD_WITHIN = timedelta(days=1)
 _ENDS_SOON = timedelta(days=1)
 _PASSED_WITHIN = timedelta(hours=1)
-_OUTCOMES: dict[SubmissionStatus, Wish] = {
+_Kind = Literal["scored", "failed", "overtaken", "phase_ends"]
+"""Of a notification, and the wish to be told of it."""
+_OUTCOMES: dict[SubmissionStatus, _Kind] = {
     SubmissionStatus.SCORED: "scored",
     SubmissionStatus.REJECTED: "failed",
     SubmissionStatus.FAILED: "failed",
@@ -51,7 +53,7 @@ _OUTCOME_WORDS: dict[SubmissionStatus, str] = {
 class _Event(NamedTuple):
     """What happened to a team; `subject` names it, so that it is told once."""
 
-    wish: Wish
+    kind: _Kind
     subject: str
     title: str
     sentences: tuple[str, ...]
@@ -71,17 +73,16 @@ def tell_teams(database: Database) -> int:
         for team_id, wishes in _wishes(session).items():
             for event in _events(session, team_id, wishes, now):
                 if not _is_told(session, team_id, event):
-                    assert event.wish != "updates"
                     tell_team(
                         session,
                         session.get_one(Team, team_id),
-                        event.wish,
+                        event.kind,
                         event.title,
                         event.sentences,
                         address=event.address,
                         phase=event.phase,
                         subject=event.subject,
-                        wish=event.wish,
+                        wish=event.kind,
                         at=now,
                     )
                     told += 1
@@ -123,8 +124,8 @@ def _outcomes(
         Submission.status_at > now - _TOLD_WITHIN,
     )
     for submission in session.scalars(query.order_by(Submission.status_at)):
-        wish = _OUTCOMES[submission.status]
-        if wish not in wishes or submission.status_at < wishes[wish]:
+        kind = _OUTCOMES[submission.status]
+        if kind not in wishes or submission.status_at < wishes[kind]:
             continue
         seen = view(session, submission)
         if seen.awaits_board:
@@ -134,7 +135,7 @@ def _outcomes(
         title = f"{seen.method} {outcome} in {phase.title}"
         sentences = tuple(_sentences(session, seen))
         page = f"/submissions/{seen.id}"
-        yield _Event(wish, seen.id, title, sentences, page, seen.phase)
+        yield _Event(kind, seen.id, title, sentences, page, seen.phase)
 
 
 def _sentences(session: Session, seen: SubmissionView) -> Iterator[str]:
@@ -258,7 +259,7 @@ def _board(phase: Phase) -> str:
 def _is_told(session: Session, team_id: int, event: _Event) -> bool:
     query = select(Notification.id).where(
         Notification.team_id == team_id,
-        Notification.kind == event.wish,
+        Notification.kind == event.kind,
         Notification.subject == event.subject,
     )
     return session.scalar(query) is not None

@@ -97,11 +97,11 @@ def with_previous_ranks(
     if latest is not None and _says_the_same(entries, latest):
         places = [row.previous_rank for row in entries_of(latest)]
     elif current is not None:
-        before = _ranks_on(current)
+        by_name, by_submission = _ranks_on(current)
         places = [
             row.previous_rank
             if row.rank is None
-            else before.get((row.team, row.method), before.get(row.submission_id))
+            else by_name.get((row.team, row.method), by_submission.get(row.submission_id))
             for row in entries
         ]
     else:
@@ -118,11 +118,13 @@ def _says_the_same(entries: tuple[BoardEntry, ...], body: str) -> bool:
     return all(one == other for one, other in zip_longest(said, entries))
 
 
-def _ranks_on(body: str) -> dict[tuple[str, str] | str | None, int | None]:
-    """By names, which a method's next run takes over, and by submission, which keeps its names not for ever."""
+def _ranks_on(
+    body: str,
+) -> tuple[dict[tuple[str, str], int | None], dict[str | None, int | None]]:
+    """By team and method, which the next run of a method keeps, and by submission, whose names may change."""
     scored = [row for row in entry_documents(body) if row["source"] == "scored"]
     by_name = {(row["team"], row["method"]): row["rank"] for row in scored}
-    return by_name | {row["submission_id"]: row["rank"] for row in scored}
+    return by_name, {row["submission_id"]: row["rank"] for row in scored}
 
 
 def _late_board(context: WorkerContext, claimed: BoardRequest) -> Board | None:
