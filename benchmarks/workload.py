@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_scoring.arrays import FloatArray, SplitArrays, TrajectoryPairs
+from exceptiondrive_scoring.aliases import FloatArray
+from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
 
 SEED = 20261121
 BENCHMARK_SAMPLES = 3181

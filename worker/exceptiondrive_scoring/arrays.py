@@ -9,24 +9,15 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import chain
 from operator import attrgetter
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from exceptiondrive_schemas.split import SplitSample
 from exceptiondrive_schemas.taxonomy import Strategy, Taxonomy
 from exceptiondrive_scoring.aliases import BoolArray, Columns, FloatArray, IntArray
 from exceptiondrive_scoring.region import PreparedRegions, prepare_regions
-
-__all__ = [
-    "BoolArray",
-    "Columns",
-    "FloatArray",
-    "IntArray",
-    "SplitArrays",
-    "TaskGroups",
-    "TrajectoryPairs",
-]
 
 
 @dataclass(frozen=True)
@@ -120,7 +111,7 @@ class SplitArrays:
         return len(self.task_index)
 
     @cached_property
-    def by_task(self) -> "TaskGroups":
+    def by_task(self) -> TaskGroups:
         """Samples grouped by task, once per split."""
         order = np.lexsort((self.task_index, self.family_index))
         starts = np.flatnonzero(np.diff(self.task_index[order], prepend=-1))
@@ -157,39 +148,7 @@ class SplitArrays:
 STRATEGIES = tuple(Strategy)
 
 
-class Sample(Protocol):
-    """What scoring needs to know of a sample; `exceptiondrive_schemas.split.SplitSample` fits."""
-
-    @property
-    def sample_id(self) -> str:
-        """Key of the sample."""
-
-    @property
-    def scene_id(self) -> str:
-        """Scene that the sample was made from."""
-
-    @property
-    def task(self) -> str:
-        """Task id."""
-
-    @property
-    def region(self) -> Sequence[Sequence[float]]:
-        """Four corners, metres."""
-
-    @property
-    def d_safe_m(self) -> float | None:
-        """Required clearance, where it differs from the task's."""
-
-    @property
-    def acceptable(self) -> Sequence[Strategy] | None:
-        """Acceptable strategies, where they differ from the task's."""
-
-    @property
-    def recorded(self) -> Sequence[Sequence[float]] | None:
-        """Waypoints that were really driven in the source scene, where they are told."""
-
-
-def split_arrays(samples: Iterable[Sample], taxonomy: Taxonomy) -> SplitArrays:
+def split_arrays(samples: Iterable[SplitSample], taxonomy: Taxonomy) -> SplitArrays:
     """Arrays of samples that count, sorted by sample id, under one taxonomy.
 
     Raises:
@@ -212,7 +171,7 @@ def split_arrays(samples: Iterable[Sample], taxonomy: Taxonomy) -> SplitArrays:
     return SplitArrays(
         regions_m=_points_m(regions_m, 4),
         task_index=task_index,
-        family_index=_family_of_task(taxonomy)[task_index],
+        family_index=family_of_task(taxonomy)[task_index],
         scene_index=np.array([scene_position[scene] for scene in scene_ids], dtype=np.intp),
         n_scenes=len(scenes),
         d_safe_m=_own_or_of_task(
@@ -251,7 +210,8 @@ def _points_m(rows: Sequence[Sequence[Sequence[float]]], n_points: int) -> Float
     return np.fromiter(flat, np.float64, 2 * n_points * len(rows)).reshape(-1, n_points, 2)
 
 
-def _family_of_task(taxonomy: Taxonomy) -> IntArray:
+def family_of_task(taxonomy: Taxonomy) -> IntArray:
+    """Return the position of the family of each task, in the order of `taxonomy.tasks`."""
     family = {family.id: index for index, family in enumerate(taxonomy.families)}
     return np.array([family[task.family] for task in taxonomy.tasks], dtype=np.intp)
 

@@ -82,15 +82,13 @@ def _sums_by(
 
 
 @dataclass(frozen=True)
-class SceneCounts:
-    """Scenes that a mean rests on: those with a sample that defines the metric.
+class OfAggregates:
+    """Something of each metric under both aggregates, and in each family.
 
     Attributes:
-        micro: (M,).
-        macro_family: (M,) scenes that the unweighted mean of F family means is worth:
-            F^2 / sum(1 / n_f) for independent families. But a scene may lie in several families, so
-            it is never worth more than there are scenes.
-        families: (F, M).
+        micro: (M, ...).
+        macro_family: (M, ...).
+        families: (F, M, ...).
     """
 
     micro: FloatArray
@@ -98,59 +96,45 @@ class SceneCounts:
     families: FloatArray
 
     def headline(self, aggregate: str) -> FloatArray:
-        """Scenes of the aggregate with this name, `micro` or `macro_family`."""
+        """What there is of the aggregate with this name, `micro` or `macro_family`."""
         return {"micro": self.micro, "macro_family": self.macro_family}[aggregate]
 
 
-def scene_counts(entry: SceneSums) -> SceneCounts:
-    """Count the scenes that the means of an entry rest on."""
+def scene_counts(entry: SceneSums) -> OfAggregates:
+    """Count the scenes that means rest on, (M,): those with a sample that defines the metric.
+
+    The unweighted mean of F family means is worth F^2 / sum(1 / n_f) scenes where families are
+    independent. But a scene may lie in several, so it is never worth more than there are scenes.
+    """
     occupied = entry.counts > 0
     micro = occupied.any(axis=1).sum(axis=0, dtype=np.float64)
     families = occupied.sum(axis=0, dtype=np.float64)
     present = families > 0
     harmonic = np.where(present, 1 / np.maximum(families, 1), 0.0).sum(axis=0)
     worth = present.sum(axis=0) ** 2 / np.where(harmonic > 0, harmonic, 1.0)
-    return SceneCounts(micro, np.minimum(worth, micro), families)
+    return OfAggregates(micro, np.minimum(worth, micro), families)
 
 
 BLOCK_DRAWS = 16_000
 """Draws, of all entries of a block together, that are held at once."""
 
 
-@dataclass(frozen=True)
-class Draws:
-    """Metric means in each of B draws; NaN where a draw holds no sample that defines one.
-
-    Attributes:
-        micro: (M, B).
-        macro_family: (M, B).
-        families: (F, M, B).
-    """
-
-    micro: FloatArray
-    macro_family: FloatArray
-    families: FloatArray
-
-    def headline(self, aggregate: str) -> FloatArray:
-        """Draws of the aggregate with this name, `micro` or `macro_family`."""
-        return {"micro": self.micro, "macro_family": self.macro_family}[aggregate]
+class Draws(OfAggregates):
+    """Metric means in each of B draws, (M, B); NaN where a draw holds no sample that defines one."""
 
 
 @dataclass(frozen=True)
-class Uncertainty:
-    """Intervals of one entry: low and high along the last axis, NaN where undefined.
+class Uncertainty(OfAggregates):
+    """Intervals of one entry, (M, 2): low and high, NaN where undefined.
 
     Attributes:
-        micro: (M, 2).
-        macro_family: (M, 2).
-        families: (F, M, 2).
+        micro: As in `OfAggregates`.
+        macro_family: The same.
+        families: The same.
         primary_draws: (B,) headline of the metric that ranks first: for `rank_intervals`.
         primary_cut: Draws that its interval leaves outside at each end.
     """
 
-    micro: FloatArray
-    macro_family: FloatArray
-    families: FloatArray
     primary_draws: FloatArray
     primary_cut: int
 
@@ -169,12 +153,8 @@ def bootstrap(
 ) -> Iterator[Uncertainty]:
     """Yield the intervals of each entry: every metric that has some, both aggregates and families.
 
-    Args:
-        entries: Scene sums over one split of `challenge.interval_metrics`; read block by block, so a
-            generator saves memory.
-        challenge: Metrics in column order.
-        ranking: Draws, seed, confidence, rank order.
-        headline: `micro` or `macro_family`.
+    The entries are scene sums over one split of `challenge.interval_metrics`, and read block by block,
+    so a generator saves memory. The headline is `micro` or `macro_family`.
     """
     metrics = challenge.interval_metrics
     reading = _Reading(

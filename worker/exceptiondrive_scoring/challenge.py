@@ -256,15 +256,9 @@ def exact_sheet(
     protocol: ProtocolDocument,
     of_controls: OfControls | None = None,
 ) -> ScoreSheet:
-    """Grade and aggregate measurements (docs/protocol.md section 3); nothing is rounded.
+    """Grade and aggregate measurements of the samples that count (docs/protocol.md section 3).
 
-    Args:
-        scoring: Of the challenge.
-        measured: Of the samples that count.
-        split: The same samples.
-        split_ref: Name and revision of the split.
-        protocol: Everything besides.
-        of_controls: What `scoring.of_controls` says, where the split has controls.
+    `of_controls` is what `scoring.of_controls` says, where the split has controls. Nothing is rounded.
     """
     settled = settle(scoring, measured, split, split_ref, protocol, of_controls)
     return graded_sheet(scoring, settled, split, split_ref, protocol)

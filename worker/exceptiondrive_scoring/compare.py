@@ -7,12 +7,12 @@ import numpy as np
 
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.protocol import ProtocolDocument, RankingSection
-from exceptiondrive_schemas.taxonomy import Taxonomy
+from exceptiondrive_schemas.taxonomy import Family, Task, Taxonomy
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.bootstrap import (
     Draws,
-    SceneCounts,
+    OfAggregates,
     SceneSums,
     resample,
     scene_counts,
@@ -66,37 +66,21 @@ def compare(
     protocol: ProtocolDocument,
     challenge: Challenge,
 ) -> Comparison:
-    """Compare entry A with entry B, paired by sample.
-
-    Args:
-        a: Sample scores of A.
-        b: Sample scores of B on the same split.
-        split: The split of both.
-        protocol: Headline aggregate, draws, seed, confidence.
-        challenge: Which way each metric is better.
-    """
+    """Compare entry A with entry B on the split of both, paired by sample."""
     headline, taxonomy = protocol.grading.headline, protocol.taxonomy
     metrics = challenge.interval_metrics
     a, b = a.only(metrics), b.only(metrics)
     paired = _paired(a, b, split, protocol, scene_sums)
-    overall = paired.intervals(paired.draws.headline(headline), headline)
-    by_family = paired.intervals(paired.draws.families, "families")
-    first = metrics[:1]
+    by_task = _paired(a.only(metrics[:1]), b.only(metrics[:1]), split, protocol, scene_sums_by_task)
     return Comparison(
         overall=_differences(
-            metrics, paired.values.headline(headline), paired.discordant.micro, overall
+            metrics,
+            paired.values.headline(headline),
+            paired.discordant.micro,
+            paired.intervals(headline),
         ),
-        families={
-            family.id: _differences(
-                metrics,
-                paired.values.families[family.id],
-                paired.discordant.families[family.id],
-                by_family[index],
-            )
-            for index, family in enumerate(taxonomy.families)
-            if family.id in paired.values.families
-        },
-        tasks=_by_task(a.only(first), b.only(first), split, protocol),
+        families=_by_group(metrics, paired, "families", taxonomy.families),
+        tasks=_by_group(metrics[:1], by_task, "tasks", taxonomy.tasks),
     )
 
 
@@ -115,12 +99,13 @@ class _Paired:
     values: Breakdown
     discordant: Breakdown
     draws: Draws
-    n_scenes: SceneCounts
+    n_scenes: OfAggregates
     ranking: RankingSection
 
-    def intervals(self, draws: FloatArray, counted: str) -> FloatArray:
-        n: FloatArray = getattr(self.n_scenes, counted)
-        found = percentile_intervals(draws, n, self.ranking.confidence)
+    def intervals(self, of: str) -> FloatArray:
+        """Intervals of an aggregate, or of the families."""
+        n: FloatArray = getattr(self.n_scenes, of)
+        found = percentile_intervals(getattr(self.draws, of), n, self.ranking.confidence)
         return where_enough(found, n, self.ranking)
 
 
@@ -183,21 +168,15 @@ def _replaced(values: Breakdown, a: Breakdown, b: Breakdown) -> Breakdown:
     )
 
 
-def _by_task(
-    a: SampleScores, b: SampleScores, split: SplitArrays, protocol: ProtocolDocument
+def _by_group(
+    metrics: Sequence[Metric], paired: _Paired, kind: str, groups: Sequence[Family | Task]
 ) -> dict[str, dict[str, Difference]]:
-    """Differences by task; the same draws of scenes as everything else."""
-    paired = _paired(a, b, split, protocol, scene_sums_by_task)
-    intervals = paired.intervals(paired.draws.families, "families")
+    """Differences by family, or by task; the same draws of scenes as everything else."""
+    values, discordant = getattr(paired.values, kind), getattr(paired.discordant, kind)
     return {
-        task.id: _differences(
-            a.metrics,
-            paired.values.tasks[task.id],
-            paired.discordant.tasks[task.id],
-            intervals[index],
-        )
-        for index, task in enumerate(protocol.taxonomy.tasks)
-        if task.id in paired.values.tasks
+        group.id: _differences(metrics, values[group.id], discordant[group.id], ends)
+        for group, ends in zip(groups, paired.intervals("families"), strict=True)
+        if group.id in values
     }
 
 

@@ -289,7 +289,7 @@ def _pushed_aside(
     edited: FloatArray, wanted_m: float, geometry: GeometrySection
 ) -> tuple[tuple[float, float], ...]:
     """Move the region to the right until the clearance is what is wanted."""
-    shape, path = np.array(REGION_M), np.concatenate([np.zeros((1, 2)), edited])[None]
+    shape, path = np.array(REGION_M), _path(edited)[None]
     low, high = -FURTHEST_ASIDE_M, SWERVE_M
     for _ in range(N_HALVINGS):
         middle = (low + high) / 2

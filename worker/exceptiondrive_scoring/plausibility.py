@@ -46,33 +46,24 @@ def plausibility(
     )
     reach_m = section.stationary_below_m
     shares = {
-        "edited_stationary": _share(~(m.edited_motion_m >= reach_m), all_samples),
-        "source_stationary": _share(~(m.source_motion_m >= reach_m), all_samples),
-        "edited_behind": _share(
+        "edited_stationary": share_of(~(m.edited_motion_m >= reach_m), all_samples),
+        "source_stationary": share_of(~(m.source_motion_m >= reach_m), all_samples),
+        "edited_behind": share_of(
             (m.edited_motion_m >= reach_m) & (m.edited_end_x_m < 0), all_samples
         ),
-        "source_behind": _share((m.source_motion_m >= reach_m) & m.source_behind, all_samples),
-        "blind": _share(m.shift_m < section.blind_shift_below_m, both),
-        "impossible": _share(impossible, m.edited_given),
-        "first_step": _share(steps_wrong, both),
+        "source_behind": share_of((m.source_motion_m >= reach_m) & m.source_behind, all_samples),
+        "blind": share_of(m.shift_m < section.blind_shift_below_m, both),
+        "impossible": share_of(impossible, m.edited_given),
+        "first_step": share_of(steps_wrong, both),
     }
-    return Plausibility(shares=shares, flags=_flags(m, shares, split, section))
-
-
-def _flags(
-    m: Measurements,
-    shares: dict[str, float | None],
-    split: SplitArrays,
-    section: PlausibilitySection,
-) -> tuple[Flag, ...]:
     known = {key: share or 0.0 for key, share in shares.items()}
-    is_any_missing = not (m.edited_given & m.source_given).all()
-    return (
-        *_flags_of_shares(known, section, is_any_missing=is_any_missing),
+    flags = (
+        *_flags_of_shares(known, section, is_any_missing=not both.all()),
         *_off_course(m, section),
         *_hardly_moves(m, split, section),
         *_same_answer(m, section),
     )
+    return Plausibility(shares=shares, flags=flags)
 
 
 def impossible_first_step(m: Measurements, protocol: ProtocolDocument) -> BoolArray:
@@ -94,7 +85,8 @@ def impossible_first_step(m: Measurements, protocol: ProtocolDocument) -> BoolAr
     return wrong
 
 
-def _share(which: BoolArray, among: BoolArray) -> float | None:
+def share_of(which: BoolArray, among: BoolArray) -> float | None:
+    """Return the share of some samples that are such; None where there are none."""
     n = int(np.count_nonzero(among))
     return int(np.count_nonzero(which & among)) / n if n else None
 

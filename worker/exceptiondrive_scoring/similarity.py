@@ -142,12 +142,8 @@ def alikeness(
 ) -> list[Alikeness]:
     """Compare one submission (N, P, C) with K others (K, N, P, C).
 
-    Args:
-        a: The submission.
-        others: With whom.
-        rule: What is alike.
-        told_from: An aligned share below this may be told as 0: most others are far from a copy, and
-            a few samples prove it.
+    An aligned share below `told_from` may be told as 0: most others are far from a copy, and a few
+    samples prove it.
     """
     apart = distances(a[None], others)
     shares, means = _share(apart, rule), apart.mean(axis=-1)

@@ -116,9 +116,11 @@ def lint(split: LintedSplit, protocol: ProtocolDocument) -> tuple[LintWarning, .
     def everything(code: str, what: str, is_so: bool) -> Iterator[LintWarning]:
         yield from found(code, what, counted & is_so)
 
-    behind = _behind_the_car(arrays.regions_m, geometry) & counted
+    front_m = geometry.footprint_centre_ahead_m + geometry.footprint_length_m / 2
+    behind = counted & (arrays.regions_m[..., 0].max(axis=1) <= front_m)
     away = ~drives.reaches() & counted & ~behind
-    unusual = [_far_from_usual(v, task, counted) for v in (_area_m2(arrays), _distance_m(arrays))]
+    area_m2 = np.abs(signed_area_m2(arrays.regions_m))
+    distance_m = np.linalg.norm(arrays.regions_m.mean(axis=1), axis=-1)
     suffices = counted & (still_m >= arrays.d_safe_m)
     nearly_all = suffices.sum() >= NEARLY_ALL * counted.sum() and not split.is_control.any()
     return (
@@ -173,13 +175,13 @@ def lint(split: LintedSplit, protocol: ProtocolDocument) -> tuple[LintWarning, .
             "unusual_area",
             f"the area of the region is over {USUAL_FACTOR:g} times, or under 1/{USUAL_FACTOR:g} "
             "of, the task's median",
-            unusual[0],
+            _far_from_usual(area_m2, task, counted),
         ),
         *found(
             "unusual_distance",
             f"the distance of the region is over {USUAL_FACTOR:g} times, or under "
             f"1/{USUAL_FACTOR:g} of, the task's median",
-            unusual[1],
+            _far_from_usual(distance_m, task, counted),
         ),
         *found(
             "control_in_the_way",
@@ -215,15 +217,6 @@ def lint(split: LintedSplit, protocol: ProtocolDocument) -> tuple[LintWarning, .
             counted & ~split.has_recorded,
         ),
     )
-
-
-def _behind_the_car(regions_m: FloatArray, geometry: GeometrySection) -> BoolArray:
-    behind: BoolArray = regions_m[..., 0].max(axis=1) <= _front_m(geometry)
-    return behind
-
-
-def _front_m(geometry: GeometrySection) -> float:
-    return geometry.footprint_centre_ahead_m + geometry.footprint_length_m / 2
 
 
 def _repeats_a_corner(regions_m: FloatArray) -> BoolArray:
@@ -263,15 +256,6 @@ def _x_y_exchanged(drives: "_Drives", recorded_m: FloatArray) -> BoolArray:
         sizes, n_aside = np.bincount(group), np.bincount(group[aside], minlength=group.max() + 1)
         mostly |= ((n_aside >= LEAST_EXCHANGED) & (2 * n_aside > sizes))[group]
     return np.where(split.has_recorded, meets_exchanged & ~split.is_control, aside & mostly)
-
-
-def _area_m2(arrays: SplitArrays) -> FloatArray:
-    return np.abs(signed_area_m2(arrays.regions_m))
-
-
-def _distance_m(arrays: SplitArrays) -> FloatArray:
-    distance: FloatArray = np.linalg.norm(arrays.regions_m.mean(axis=1), axis=-1)
-    return distance
 
 
 def _far_from_usual(values: FloatArray, task_index: IntArray, counted: BoolArray) -> BoolArray:

@@ -15,9 +15,9 @@ from exceptiondrive_schemas.score_sheet import ClearanceCurve, MetricRow, Plausi
 from exceptiondrive_schemas.submission_files import ReminderRecord
 from exceptiondrive_schemas.taxonomy import Strategy, Taxonomy
 from exceptiondrive_scoring.aliases import BoolArray, Columns, FloatArray, IntArray
-from exceptiondrive_scoring.arrays import STRATEGIES, SplitArrays
+from exceptiondrive_scoring.arrays import STRATEGIES, SplitArrays, family_of_task
 from exceptiondrive_scoring.grade import Regrading, SampleScores, sample_scores
-from exceptiondrive_scoring.plausibility import OfControls, raised
+from exceptiondrive_scoring.plausibility import OfControls, raised, share_of
 from exceptiondrive_scoring.similarity import AlikeRule
 
 NO_ANSWER = -1
@@ -119,9 +119,6 @@ def _look_up(table: BoolArray, strategy: IntArray) -> BoolArray:
     return chosen
 
 
-PRESENT = 1
-
-
 def reminder_scores(
     answers: StrategyAnswers,
     split: SplitArrays,
@@ -146,25 +143,20 @@ def reminder_scores(
     """
     given = answers.reminder_given
     truth = np.ones_like(given) if hazard_is_present is None else hazard_is_present
-    alarm = answers.hazard_present == PRESENT
+    alarm = answers.hazard_present == PRESENCE_CODE[True]
     task = _task_positions(answers, taxonomy)
     named = task != NO_ANSWER
-    family = split.family_index == _families(taxonomy)[task]
+    family = split.family_index == family_of_task(taxonomy)[task]
     recommended = np.maximum(answers.recommended, 0)[:, None].astype(np.intp)
     fits = np.take_along_axis(split.acceptable, recommended, axis=1)[:, 0]
     return {
-        "given": _share(given, np.ones_like(given)),
-        "presence_precision": _share(truth, given & alarm),
-        "presence_recall": _share(alarm, given & truth),
-        "type_task_accuracy": _share(task == split.task_index, given & truth),
-        "type_family_accuracy": _share(family & named, given & truth),
-        "strategy_accuracy": _share(fits & (answers.recommended != NO_ANSWER), given),
+        "given": share_of(given, np.ones_like(given)),
+        "presence_precision": share_of(truth, given & alarm),
+        "presence_recall": share_of(alarm, given & truth),
+        "type_task_accuracy": share_of(task == split.task_index, given & truth),
+        "type_family_accuracy": share_of(family & named, given & truth),
+        "strategy_accuracy": share_of(fits & (answers.recommended != NO_ANSWER), given),
     }
-
-
-def _families(taxonomy: Taxonomy) -> IntArray:
-    ids = [family.id for family in taxonomy.families]
-    return np.array([ids.index(task.family) for task in taxonomy.tasks])
 
 
 def _task_positions(answers: StrategyAnswers, taxonomy: Taxonomy) -> IntArray:
@@ -172,11 +164,6 @@ def _task_positions(answers: StrategyAnswers, taxonomy: Taxonomy) -> IntArray:
     position = {task.id.encode(): index for index, task in enumerate(taxonomy.tasks)}
     named, inverse = np.unique(answers.hazard_type, return_inverse=True)
     return np.array([position.get(bytes(name), NO_ANSWER) for name in named])[inverse]
-
-
-def _share(which: BoolArray, among: BoolArray) -> float | None:
-    n = int(np.count_nonzero(among))
-    return int(np.count_nonzero(which & among)) / n if n else None
 
 
 def strategy_answers(answers: Sequence[StrategyAnswer]) -> StrategyAnswers:
