@@ -1,15 +1,14 @@
 """Both challenges through the one interface that callers use."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tests.scoring.made import answers_alone
 
 from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, STRATEGY, ChallengeId
 from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.challenge import SCORING, ChallengeScoring
 from exceptiondrive_scoring.planning import PlanningScoring
@@ -22,14 +21,15 @@ CLASSES: tuple[type[ChallengeScoring], ...] = (PlanningScoring, StrategyScoring)
 """mypy holds them to the interface: they are registered by their names."""
 
 
-def _answers(challenge_id: ChallengeId) -> dict[str, NDArray[Any]]:
+def _answers(challenge_id: ChallengeId) -> Columns:
     drive = np.cumsum(np.full((N, 6, 2), [2.0, 0.1]), axis=1)
     drive[0] = np.nan
     strategies = answers_alone(np.array([-1, 2, 2, 2, 2, 2]))
-    return {
+    answers: dict[ChallengeId, Columns] = {
         PLANNING.id: {"source": drive.copy(), "edited": drive},
         STRATEGY.id: strategies.columns(),
-    }[challenge_id]
+    }
+    return answers[challenge_id]
 
 
 @pytest.fixture
@@ -83,7 +83,7 @@ def test_the_strategy_sheet_carries_confusion_and_reminder_rows(
     scoring = SCORING[STRATEGY.id]
     answers = _answers(STRATEGY.id)
     assert "reminder" not in scoring.extra(answers, split, protocol)
-    answers["reminder_given"] = np.ones(N, dtype=np.bool_)
-    rows = scoring.extra(answers, split, protocol)
+    reminded = {**answers, "reminder_given": np.ones(N, dtype=np.bool_)}
+    rows = scoring.extra(reminded, split, protocol)
     assert rows["confusion_CD"]["missing"] == 1
     assert rows["reminder"]["given"] == 1.0

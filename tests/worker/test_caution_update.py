@@ -67,13 +67,10 @@ def stages(tmp_path: Path, tiny: Split, done: Counter[str]) -> Stages:
         measure = staticmethod(counting("measure", strategy.measure))
         grade = staticmethod(counting("grade", strategy.grade))
 
-    def read(data: bytes, challenge: Any, manifest: Any, protocol: Any) -> Any:
-        return read_upload(data, challenge=challenge, manifest=manifest, protocol=protocol)
-
     return Stages(
         PrivateStore(tmp_path / "private"),
         counting("load", lambda digest: upload),
-        counting("read", read),
+        counting("read", read_upload),
         {STRATEGY.id: Counted()},
     )
 

@@ -24,9 +24,7 @@ def test_the_exact_sheet_equals_the_reference(
     stages = Stages(
         PrivateStore(tmp_path / "private"),
         lambda digest: case.file.read_bytes(),
-        lambda data, challenge, manifest, protocol: read_upload(
-            data, challenge=challenge, manifest=manifest, protocol=protocol
-        ),
+        read_upload,
     )
     target = Target("sha256:real", PLANNING, split, protocol)
     sheet = stages.score(target).sheet

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from exceptiondrive_schemas.base import content_digest
-from exceptiondrive_schemas.challenges import PLANNING, Challenge
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.protocol import (
     GradingSection,
@@ -24,11 +24,6 @@ from exceptiondrive_worker.splits.private_store import PrivateStore, Shelf
 from exceptiondrive_worker.splits.store import load_split
 from exceptiondrive_worker.stages import RejectedUpload, Stages, Target
 from exceptiondrive_worker.upload_reader import read_upload
-
-
-def read(data: bytes, challenge: Challenge, *where: Any) -> Any:
-    manifest, protocol = where
-    return read_upload(data, challenge=challenge, manifest=manifest, protocol=protocol)
 
 
 class Counted:
@@ -54,7 +49,7 @@ class Counted:
         self.stages = Stages(
             self.private,
             self._counting("load", lambda digest: self.upload, bound=False),
-            self._counting("read", read, bound=False),
+            self._counting("read", read_upload, bound=False),
             {PLANNING.id: counted},
         )
 
@@ -281,8 +276,8 @@ def test_what_another_version_kept_of_a_sheet_is_graded_again(
     (path,) = (counted.private.root / Shelf.SETTLED).iterdir()
     columns = counted.private.read_columns(Shelf.SETTLED, path.name)
     assert columns is not None
-    columns["sheet"] = np.array(b'{"rows": 3}')
-    counted.private.write_columns(Shelf.SETTLED, path.name, columns)
+    other = {**columns, "sheet": np.array(b'{"rows": 3}')}
+    counted.private.write_columns(Shelf.SETTLED, path.name, other)
     assert counted.score(under(target, tiny, grading={"d_safe_scale": 2.0}))[1] == GRADED
 
 

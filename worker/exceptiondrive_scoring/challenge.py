@@ -9,10 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pkgutil import resolve_name
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.challenges import Challenge, ChallengeId
@@ -55,14 +53,10 @@ class ChallengeScoring(typing.Protocol):
     def regrading(self) -> Regrading | None:
         """How new required clearances are graded from few columns; None: everything is graded anew."""
 
-    def columns(
-        self, document: CheckedDocument, sample_ids: Sequence[str]
-    ) -> dict[str, NDArray[Any]]:
+    def columns(self, document: CheckedDocument, sample_ids: Sequence[str]) -> Columns:
         """The answers of a sound file, one row per sample, in the order of `sample_ids`."""
 
-    def measure(
-        self, answers: Columns, split: SplitArrays, geometry: GeometrySection
-    ) -> dict[str, NDArray[Any]]:
+    def measure(self, answers: Columns, split: SplitArrays, geometry: GeometrySection) -> Columns:
         """Columns that depend on answers, regions and geometry alone: kept by content."""
 
     def grade(
@@ -124,9 +118,7 @@ def _scoring_named(name: str) -> ChallengeScoring:
 SCORING: Mapping[ChallengeId, ChallengeScoring] = _Scoring()
 
 
-def document_columns(
-    document: CheckedDocument, sample_ids: Sequence[str]
-) -> dict[str, NDArray[Any]]:
+def document_columns(document: CheckedDocument, sample_ids: Sequence[str]) -> Columns:
     """Return the answers of a sound file, one row per sample, in the order of `sample_ids`.
 
     Raises:
@@ -161,7 +153,7 @@ class Settled:
         sheet, means = measured.pop("sheet"), measured.pop("means")
         return cls(ScoreSheet.model_validate_json(sheet.item()), means, measured)
 
-    def columns(self) -> dict[str, NDArray[Any]]:
+    def columns(self) -> Columns:
         """What a store keeps: `sheet` as JSON, `means`, and the measurements."""
         return {"sheet": np.array(canonical_json(self.sheet)), "means": self.means, **self.measured}
 

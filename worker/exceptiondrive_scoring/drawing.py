@@ -166,11 +166,7 @@ Corner = tuple[float, float]
 
 
 def tube_pieces_m(points_m: FloatArray, geometry: GeometrySection) -> list[FloatArray]:
-    """Convex pieces whose union is the collision tube of one trajectory.
-
-    Args:
-        points_m: (T + 1, 2) positions, the origin first.
-        geometry: Footprint, heading rule, kind of tube.
+    """Convex pieces whose union is the collision tube of (T + 1, 2) positions, the origin first.
 
     Returns:
         T hulls of consecutive footprints (or the T + 1 footprints), each (k, 2) corners in metres,
@@ -220,12 +216,8 @@ def clearance_segment_m(
 ) -> ClearanceSegment:
     """Nearest points of one collision tube and one hazard region that do not meet.
 
-    Two polygons that do not meet are nearest at a corner of one and an edge of the other.
-
-    Args:
-        points_m: (T + 1, 2) positions, the origin first.
-        region_m: (4, 2) corners, in either rotation.
-        geometry: Footprint, heading rule, kind of tube.
+    The tube is that of (T + 1, 2) positions, the origin first; the region has (4, 2) corners, in either
+    rotation. Two polygons that do not meet are nearest at a corner of one and an edge of the other.
     """
     segments = (_nearest_m(piece, region_m) for piece in tube_pieces_m(points_m, geometry))
     return min(segments, key=lambda segment: segment.length_m)

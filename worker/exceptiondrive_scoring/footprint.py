@@ -124,12 +124,7 @@ def footprints(at: Positions, moves: Steps, geometry: GeometrySection) -> Footpr
 def footprints_m(points_m: FloatArray, geometry: GeometrySection) -> FloatArray:
     """Corners of the footprint at every time step, counter-clockwise from the front left.
 
-    Args:
-        points_m: (N, T + 1, 2) positions, the origin first.
-        geometry: Size and place of the rectangle, heading rule.
-
-    Returns:
-        (N, T + 1, 4, 2).
+    Of positions with the origin first, (N, T + 1, 2) -> (N, T + 1, 4, 2).
     """
     at = positions(points_m)
     x, y = footprints(at, steps(at), geometry).corners_m()

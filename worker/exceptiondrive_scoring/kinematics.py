@@ -100,15 +100,9 @@ class Progress(NamedTuple):
 def progress_along(
     path: Positions, moves: Steps, end_x_m: FloatArray, end_y_m: FloatArray
 ) -> Progress:
-    """Project ends onto the polylines of paths (docs/protocol.md section 9).
+    """Project ends, (N,) each, onto the polylines of N paths (docs/protocol.md section 9).
 
     The arc length of the nearest point of the polyline, of the first where several are equally near.
-
-    Args:
-        path: Positions of N paths.
-        moves: Their steps.
-        end_x_m: (N,) what is projected.
-        end_y_m: (N,).
     """
     from_x, from_y = end_x_m - path.x_m[:-1], end_y_m - path.y_m[:-1]
     square = moves.length_m * moves.length_m

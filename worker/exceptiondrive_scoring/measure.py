@@ -1,10 +1,8 @@
 """Measure: trajectories and regions to one row of numbers per sample. The only geometry."""
 
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from exceptiondrive_schemas.protocol import GeometrySection
 from exceptiondrive_scoring.aliases import BoolArray, Columns, FloatArray
@@ -95,7 +93,7 @@ class Measurements(Clearances):
             **{each.name: columns[each.name] for each in fields(cls) if each.name in columns}
         )
 
-    def columns(self) -> dict[str, NDArray[Any]]:
+    def columns(self) -> Columns:
         """What a store keeps, one array per attribute that is not None."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: value for name, value in values.items() if value is not None}

@@ -1,10 +1,9 @@
 """The planning challenge: trajectory pairs against hazard regions (docs/protocol.md sections 1 to 5)."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import CheckedDocument, PlanningDocument
@@ -62,9 +61,7 @@ class PlanningScoring:
         grade=_grade_clearances,
     )
 
-    def columns(
-        self, document: CheckedDocument, sample_ids: Sequence[str]
-    ) -> dict[str, NDArray[Any]]:
+    def columns(self, document: CheckedDocument, sample_ids: Sequence[str]) -> Columns:
         """The trajectories of a sound file: `source` and `edited`, (N, T, 2) metres."""
         assert isinstance(document, PlanningDocument)
         shape = (len(sample_ids), document.n_waypoints, 2)
@@ -72,9 +69,7 @@ class PlanningScoring:
         rows = {side: np.frombuffer(flat[side]).reshape(shape) for side in flat}
         return TrajectoryPairs.from_columns(rows).columns()
 
-    def measure(
-        self, answers: Columns, split: SplitArrays, geometry: GeometrySection
-    ) -> dict[str, NDArray[Any]]:
+    def measure(self, answers: Columns, split: SplitArrays, geometry: GeometrySection) -> Columns:
         """Clearance, intrusion, shift, motion; from the columns `source` and `edited`."""
         pairs = TrajectoryPairs.from_columns(answers)
         return measure(pairs, split.prepared_regions, geometry, split.recorded_m).columns()

@@ -193,10 +193,9 @@ def _same_answer(m: Measurements, section: PlausibilitySection) -> Iterator[Flag
 
 
 def _median(values: FloatArray) -> FloatArray:
-    """Return the medians over the last axis, to the bit those of numpy, which imports masked arrays.
+    """Return the medians over the last axis of numbers, (..., n), n > 0, to the bit as numpy does.
 
-    Args:
-        values: (..., n), n > 0, none of them NaN.
+    Its own would import masked arrays.
     """
     ordered, n = np.sort(values, axis=-1), values.shape[-1]
     medians: FloatArray = (ordered[..., (n - 1) // 2] + ordered[..., n // 2]) / 2

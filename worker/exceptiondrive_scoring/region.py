@@ -30,13 +30,9 @@ class PreparedRegions:
 
 
 def corner_turns_m2(corners_m: FloatArray) -> FloatArray:
-    """Cross product of the two edges that meet at each corner.
+    """Cross product of the two edges that meet at each corner, (N, 4, 2) -> (N, 4).
 
-    Args:
-        corners_m: (N, 4, 2).
-
-    Returns:
-        (N, 4): positive where a counter-clockwise boundary turns left.
+    It is positive where a counter-clockwise boundary turns left.
     """
     incoming = corners_m - np.roll(corners_m, 1, axis=1)
     outgoing = np.roll(corners_m, -1, axis=1) - corners_m
@@ -85,13 +81,10 @@ def counter_clockwise(corners_m: FloatArray) -> FloatArray:
 
 
 def prepare_regions(regions_m: FloatArray) -> PreparedRegions:
-    """Cut every region into one or two convex pieces.
+    """Cut every region, (N, 4, 2) finite corners, into one or two convex pieces.
 
     A concave quadrilateral has exactly one reflex corner; the diagonal from there cuts it into two
     triangles. Either rotation of the corners is accepted.
-
-    Args:
-        regions_m: (N, 4, 2) finite corners.
 
     Raises:
         ValueError: A region crosses itself.

@@ -98,10 +98,8 @@ class LintedSplit:
 def lint(split: LintedSplit, protocol: ProtocolDocument) -> tuple[LintWarning, ...]:
     """Every doubt about a split that can be scored, in a fixed order.
 
-    Args:
-        split: All samples that are not withdrawn; regions finite, simple and clear of the footprint
-            at t = 0.
-        protocol: Footprint, horizon, taxonomy and least size of a published cell.
+    It holds all samples that are not withdrawn, their regions finite, simple and clear of the footprint
+    at t = 0.
     """
     arrays, geometry = split.arrays, protocol.geometry
     counted, scene, task = ~split.is_control, arrays.scene_index, arrays.task_index

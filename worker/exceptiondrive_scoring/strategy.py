@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +49,7 @@ class StrategyAnswers:
         """Read what `columns` wrote."""
         return cls(**{field.name: columns[field.name] for field in fields(cls)})
 
-    def columns(self) -> dict[str, NDArray[Any]]:
+    def columns(self) -> Columns:
         """What a store keeps, one array per attribute."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
@@ -61,15 +60,7 @@ def caution_ranks(grading: GradingSection) -> IntArray:
 
 
 def under_warning_sets(acceptable: BoolArray, grading: GradingSection) -> BoolArray:
-    """Which answers warn too little: not acceptable, and below the least cautious acceptable one.
-
-    Args:
-        acceptable: (N, 5) bool, A..E.
-        grading: Caution ranks.
-
-    Returns:
-        (N, 5) bool.
-    """
+    """Which answers A..E warn too little: not acceptable, below the least cautious acceptable; (N, 5)."""
     caution = caution_ranks(grading)
     least = np.where(acceptable, caution, caution.max() + 1).min(axis=1)
     under: BoolArray = ~acceptable & (caution < least[:, None])
@@ -128,14 +119,7 @@ def reminder_scores(
     """Score what the reminder records say, over the samples that carry one.
 
     A record that leaves something unsaid is wrong in it: an unnamed type is no hit, an unsaid
-    presence is no alarm.
-
-    Args:
-        answers: Answers with their reminder records.
-        split: Acceptable strategies, tasks and families.
-        taxonomy: Task ids in the order of `split.task_index`.
-        hazard_is_present: (N,) the truth; by default every sample has its hazard, as edited
-            samples do.
+    presence is no alarm. By default every sample has its hazard, as edited samples do: the truth, (N,).
 
     Returns:
         `given` (share of samples with a record), `presence_precision`, `presence_recall`,
@@ -192,16 +176,12 @@ class StrategyScoring:
     )
     regrading: Regrading | None = None
 
-    def columns(
-        self, document: CheckedDocument, sample_ids: Sequence[str]
-    ) -> dict[str, NDArray[Any]]:
+    def columns(self, document: CheckedDocument, sample_ids: Sequence[str]) -> Columns:
         """The answers of a sound file."""
         assert isinstance(document, StrategyDocument)
         return strategy_answers([document.answers[each] for each in sample_ids]).columns()
 
-    def measure(
-        self, answers: Columns, split: SplitArrays, geometry: GeometrySection
-    ) -> dict[str, NDArray[Any]]:
+    def measure(self, answers: Columns, split: SplitArrays, geometry: GeometrySection) -> Columns:
         """Answers need no geometry: they are their own measurements."""
         return StrategyAnswers.from_columns(answers).columns()
 

@@ -2,16 +2,12 @@
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from functools import partial
 
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.work.dispatch import Dispatcher
-from exceptiondrive_schemas.challenges import Challenge
-from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_schemas.split import Manifest
-from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.splits.private_store import PrivateStore
 from exceptiondrive_worker.splits.store import SplitStore
@@ -59,20 +55,8 @@ def open_context(
 
 def stages_over(settings: WorkerSettings, files: FileStore, private: PrivateStore) -> Stages:
     """Return the stages that keep their results in this private store."""
-
-    def load_upload(digest: str) -> bytes:
-        return files.read(digest, limit_bytes=settings.max_upload_bytes)
-
-    def read_answers(
-        data: bytes, challenge: Challenge, manifest: Manifest, protocol: ProtocolDocument
-    ) -> Columns | CheckReport:
-        return read_upload(
-            data,
-            challenge=challenge,
-            manifest=manifest,
-            protocol=protocol,
-            max_upload_bytes=settings.max_upload_bytes,
-            max_inflated_bytes=settings.max_inflated_bytes,
-        )
-
-    return Stages(private, load_upload, read_answers)
+    most_bytes = settings.max_upload_bytes
+    read = partial(
+        read_upload, max_upload_bytes=most_bytes, max_inflated_bytes=settings.max_inflated_bytes
+    )
+    return Stages(private, partial(files.read, limit_bytes=most_bytes), read)

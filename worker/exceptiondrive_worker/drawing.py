@@ -38,17 +38,11 @@ class WithheldSplitError(Exception):
 
 
 def draw_entries(
-    context: WorkerContext,
-    entries: Sequence[Drawable],
-    *,
-    most: int | None = None,
+    context: WorkerContext, entries: Sequence[Drawable], *, most: int | None = None
 ) -> int:
     """Draw the entries that have no drawings yet, if their split is public; return how many.
 
-    Args:
-        context: Of this process.
-        entries: Target and submission, of one phase under one protocol and split revision.
-        most: Leave the rest for the next time.
+    All are of one phase under one protocol and split revision. Beyond `most` they wait for the next time.
     """
     if not entries:
         return 0

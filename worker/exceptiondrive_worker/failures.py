@@ -43,19 +43,13 @@ class FailureCode(StrEnum):
 
 @dataclass(frozen=True)
 class Failure:
-    """A code, a sentence for the team, and whether another attempt may help.
-
-    Attributes:
-        code: Stable.
-        message: Fit for the team.
-        may_retry: Whether another attempt may help.
-        is_outage: Whether what every job needs was away: that was no attempt at this one.
-    """
+    """A code, a sentence for the team, and whether another attempt may help."""
 
     code: FailureCode
     message: str
     may_retry: bool
     is_outage: bool = False
+    """Whether what every job needs was away: that was no attempt at this one."""
 
 
 INTERNAL = Failure(
@@ -146,22 +140,15 @@ def places(error: BaseException) -> list[str]:
 
 @dataclass
 class Ending:
-    """What became of a job.
-
-    Attributes:
-        is_outage: Whether what every job needs is away: another one would come no further.
-    """
+    """What became of a job."""
 
     is_outage: bool = False
+    """Whether what every job needs is away: another one would come no further."""
 
 
 @contextmanager
 def job_boundary(job: str, on_failure: Callable[[Failure], None]) -> Iterator[Ending]:
     """Let no error out of a job: log its kind and place, and hand its meaning on.
-
-    Args:
-        job: Ids of the job, for the log.
-        on_failure: Records the failure.
 
     Yields:
         What became of the job, once it is over.

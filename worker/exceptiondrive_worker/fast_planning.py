@@ -2,7 +2,6 @@
 
 import math
 import struct
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +11,7 @@ from exceptiondrive_schemas.check.frame import FAR_M
 from exceptiondrive_schemas.check.planning_columns import Side, planning_columns
 from exceptiondrive_schemas.protocol import GeometrySection, PlausibilitySection, ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
-from exceptiondrive_scoring.aliases import FloatArray
+from exceptiondrive_scoring.aliases import Columns, FloatArray
 
 ANGLE_MARGIN_DEG = 1e-6
 """Directions this close to the limit of the frame check are left to the precise checker."""
@@ -20,9 +19,7 @@ MOVES_ON_M = 1.0
 """More than a single point repeated, or degrees of latitude and longitude, spread from first to last."""
 
 
-def read_planning(
-    text: bytes, manifest: Manifest, protocol: ProtocolDocument
-) -> dict[str, NDArray[Any]] | None:
+def read_planning(text: bytes, manifest: Manifest, protocol: ProtocolDocument) -> Columns | None:
     """Return the columns `source` and `edited`, (N, T, 2) metres, NaN where missing.
 
     Returns:
@@ -72,10 +69,7 @@ def is_surely_in_frame(source_m: FloatArray, rules: PlausibilitySection) -> bool
 
     More than half of the moving trajectories end within the cone around +x, and so does their
     median; more than half of all begin near the car and go on from there, and so do the medians.
-
-    Args:
-        source_m: (N, T, 2) source waypoints, NaN where missing.
-        rules: Thresholds.
+    Missing ones, of (N, T, 2) source waypoints, are NaN.
     """
     (first_x, first_y), (x_m, y_m) = source_m[:, 0].T, source_m[:, -1].T
     moves = x_m * x_m + y_m * y_m > rules.frame_check_min_motion_m**2

@@ -4,7 +4,6 @@ from typing import Any, Literal
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.check import StrategyAnswer
@@ -22,6 +21,7 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_schemas.submission_files import MAX_TEXT_CHARACTERS, ReminderRecord, RiskLevel
 from exceptiondrive_schemas.taxonomy import Strategy
+from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_scoring.strategy import strategy_answers
 
 Letter = Literal["A", "B", "C", "D", "E"]
@@ -53,9 +53,7 @@ DECODER = submission_decoder(PREDICTION)
 MAX_TEXTS_PER_PREDICTION = 5 + 2 * len(REMINDER_KEYS)
 
 
-def read_strategy(
-    text: bytes, manifest: Manifest, protocol: ProtocolDocument
-) -> dict[str, NDArray[Any]] | None:
+def read_strategy(text: bytes, manifest: Manifest, protocol: ProtocolDocument) -> Columns | None:
     """Return the columns of `StrategyAnswers` in canonical order.
 
     Returns:

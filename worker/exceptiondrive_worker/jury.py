@@ -10,7 +10,6 @@ from pathlib import Path
 
 from exceptiondrive_schemas.base import bytes_digest
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.references import FREEZE, REFERENCES, SOURCE_AS_EDITED
 from exceptiondrive_scoring.references import reference_answers
@@ -57,22 +56,12 @@ def files_of_jury(folder: Path) -> dict[str, bytes]:
 def jury(
     split: LoadedSplit, protocol: ProtocolDocument, files: Mapping[str, bytes], folder: Path
 ) -> Iterator[Verdict]:
-    """Score reference rows and files, one after the other.
+    """Score reference rows and files, by the name of their planner, one after the other.
 
-    Args:
-        split: Under this protocol.
-        protocol: What scores.
-        files: Name of a planner to its file.
-        folder: For what scoring keeps meanwhile: withheld, to be removed by the caller.
+    What scoring keeps meanwhile in the folder is withheld, and to be removed by the caller.
     """
     by_digest = {bytes_digest(data): data for data in files.values()}
-    stages = Stages(
-        PrivateStore(folder),
-        by_digest.__getitem__,
-        lambda data, challenge, manifest, rules: read_upload(
-            data, challenge=challenge, manifest=manifest, protocol=rules
-        ),
-    )
+    stages = Stages(PrivateStore(folder), by_digest.__getitem__, read_upload)
     for reference in REFERENCES[PLANNING.id]:
         answers = reference_answers(
             reference, len(split.manifest.sample_ids), protocol.geometry, split.recorded_m
@@ -88,8 +77,10 @@ def _verdict(stages: Stages, target: Target, method: str) -> Verdict:
     try:
         sheet = stages.score(target).sheet
     except RejectedUpload as rejected:
-        return Verdict(method, None, None, _why(rejected.report))
-    row = getattr(sheet, target.protocol.grading.headline)
+        faults = rejected.report.faults
+        why = "; ".join(f"{group.code.value} ({group.count:,})" for group in faults)
+        return Verdict(method, None, None, why)
+    row = sheet.average(target.protocol.grading.headline)
     return Verdict(method, row["hcc"], row["ur"], _objection(method, row["hcc"], row["ur"]))
 
 
@@ -109,7 +100,3 @@ def _objection(method: str, hcc: float | None, ur: float | None) -> str:
     elif hcc > TOO_EASY:
         return f"a moving planner has HCC above {TOO_EASY:.0%}: the split tells nobody apart"
     return ""
-
-
-def _why(report: CheckReport) -> str:
-    return "; ".join(f"{group.code.value} ({group.count:,})" for group in report.faults)

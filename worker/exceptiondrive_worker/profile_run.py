@@ -79,11 +79,6 @@ def sound_report(stages: Stages, target: Target, size_bytes: int) -> CheckReport
     It is made of the file and of what the manifest tells everybody, never of regions or of recorded
     drives that are withheld.
 
-    Args:
-        stages: Hold the answers.
-        target: What was scored.
-        size_bytes: Of the upload.
-
     Raises:
         RejectedUpload: The answers are not kept any more, and the upload now has faults.
     """

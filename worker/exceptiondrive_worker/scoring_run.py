@@ -69,11 +69,7 @@ def score_next(context: WorkerContext, lane: Lane, *which: ColumnElement[bool]) 
 
     While no file holds the registered split revision of a job, or its protocol was altered, it is
     not claimed, and others come first. While the store or the records are away, all of them wait.
-
-    Args:
-        context: Of this process.
-        lane: Which.
-        which: Conditions on `Job`; by default any.
+    `which` are conditions on `Job`.
     """
     with context.database.read() as session:
         wanted = _wanted(session, lane, *which)

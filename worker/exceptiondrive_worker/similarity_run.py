@@ -6,7 +6,7 @@ a score goes into them.
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import structlog
@@ -41,6 +41,9 @@ NEAREST_KEPT = 10
 CANDIDATES = 30
 AT_ONCE = 100
 Fingerprint = NDArray[np.float32]
+Fingerprinted = tuple[ScoredFile, Fingerprint]
+Candidate = tuple[ScoredFile, Alikeness]
+"""A file, and how alike another one is by their fingerprints."""
 
 _log = structlog.get_logger("exceptiondrive.worker")
 
@@ -49,11 +52,7 @@ def compare_submissions(context: WorkerContext, phase_id: str, like: Target) -> 
     """Compare what was not compared yet; return how many submissions that were.
 
     Gives way as soon as a live job waits, or its time is over: the rest follow with the next board.
-
-    Args:
-        context: Of this process.
-        phase_id: The phase.
-        like: A target with the challenge, split and protocol of all, whatever its file.
+    `like` is a target with the challenge, split and protocol of all, whatever its file.
     """
     rule = SCORING[like.challenge.id].alike
     if rule is None:
@@ -65,16 +64,18 @@ def compare_submissions(context: WorkerContext, phase_id: str, like: Target) -> 
     if not fresh or _live_job_waits(context):
         return 0
     comparing = _Comparing(context, like, rule, accepted)
-    compared = _Crowd()
-    for file in files:
-        if file.is_compared:
-            compared.add(file, comparing.fingerprint(file))
+    compared: list[Fingerprinted] = [
+        (file, fingerprint)
+        for file in files
+        if file.is_compared and (fingerprint := comparing.fingerprint(file)) is not None
+    ]
     found: list[tuple[str, Sequence[AlikeSubmission]]] = []
     try:
         for file in _while_there_is_time(context, fresh):
-            fingerprint = comparing.fingerprint(file)
-            alike = [] if fingerprint is None else comparing.alike(file, fingerprint, compared)
-            compared.add(file, fingerprint)
+            alike: Sequence[AlikeSubmission] = []
+            if (fingerprint := comparing.fingerprint(file)) is not None:
+                alike = comparing.alike(file, fingerprint, compared)
+                compared.append((file, fingerprint))
             found.append((file.submission_id, alike))
     finally:  # what ends this ends it after the files that were compared
         with context.database.write() as session:
@@ -107,25 +108,6 @@ def _live_job_waits(context: WorkerContext) -> bool:
         return is_live_job_waiting(session)
 
 
-class _Crowd:
-    """Files that were compared, and their fingerprints."""
-
-    def __init__(self) -> None:
-        self.files: list[ScoredFile] = []
-        self.fingerprints: list[Fingerprint] = []
-
-    def add(self, file: ScoredFile, fingerprint: Fingerprint | None) -> None:
-        if fingerprint is not None:
-            self.files.append(file)
-            self.fingerprints.append(fingerprint)
-
-
-@dataclass(frozen=True)
-class _Candidate:
-    file: ScoredFile
-    by_fingerprint: Alikeness
-
-
 class _Comparing:
     """Comparisons within one phase."""
 
@@ -156,23 +138,23 @@ class _Comparing:
         return fingerprint
 
     def alike(
-        self, file: ScoredFile, fingerprint: Fingerprint, crowd: _Crowd
+        self, file: ScoredFile, fingerprint: Fingerprint, compared: Sequence[Fingerprinted]
     ) -> Sequence[AlikeSubmission]:
         """Return what a file is like: the nearest of other teams, and the nearest of its own."""
-        candidates = self._candidates(file, fingerprint, crowd)
+        candidates = self._candidates(file, fingerprint, compared)
         ways = self._ways(file) if candidates else None
         if ways is None:
             return []
         own: list[AlikeSubmission] = []
         others: list[AlikeSubmission] = []
-        for candidate in candidates:
-            other = self._ways(candidate.file)
+        for candidate, _ in candidates:
+            other = self._ways(candidate)
             if other is None:
                 continue
             found, n_different = compare_pair(ways, other, self._rule)
-            is_own = candidate.file.team_id == file.team_id
+            is_own = candidate.team_id == file.team_id
             if (self._rule.is_probe if is_own else self._rule.is_alike)(found):
-                recorded = self._recorded(candidate.file, found, n_different, len(ways))
+                recorded = self._recorded(candidate, found, n_different, len(ways))
                 (own if is_own else others).append(recorded)
         return [*sorted(others, key=_nearest)[:NEAREST_KEPT], *sorted(own, key=_nearest)[:1]]
 
@@ -191,20 +173,19 @@ class _Comparing:
         )
 
     def _candidates(
-        self, file: ScoredFile, fingerprint: Fingerprint, crowd: _Crowd
-    ) -> list[_Candidate]:
-        own: list[_Candidate] = []
-        others: list[_Candidate] = []
-        for start in range(0, len(crowd.files), AT_ONCE):
-            some = np.stack(crowd.fingerprints[start : start + AT_ONCE])
-            found = alikeness(fingerprint, some, self._rule, self._rule.least_share - SLACK)
-            for each, by_fingerprint in zip(
-                crowd.files[start : start + AT_ONCE], found, strict=True
-            ):
+        self, file: ScoredFile, fingerprint: Fingerprint, compared: Sequence[Fingerprinted]
+    ) -> list[Candidate]:
+        own: list[Candidate] = []
+        others: list[Candidate] = []
+        for start in range(0, len(compared), AT_ONCE):
+            files, some = zip(*compared[start : start + AT_ONCE], strict=True)
+            least = self._rule.least_share - SLACK
+            found = alikeness(fingerprint, np.stack(some), self._rule, least)
+            for each, by_fingerprint in zip(files, found, strict=True):
                 is_own = each.team_id == file.team_id
                 rule = self._rule.is_probe if is_own else self._rule.is_alike
                 if rule(by_fingerprint, SLACK):
-                    (own if is_own else others).append(_Candidate(each, by_fingerprint))
+                    (own if is_own else others).append((each, by_fingerprint))
         return [
             *sorted(own, key=_likeliest)[:CANDIDATES],
             *sorted(others, key=_likeliest)[:CANDIDATES],
@@ -220,8 +201,9 @@ class _Comparing:
             return None
 
 
-def _likeliest(candidate: _Candidate) -> tuple[float, float]:
-    return -candidate.by_fingerprint.best_share, candidate.by_fingerprint.mean_distance
+def _likeliest(candidate: Candidate) -> tuple[float, float]:
+    _, found = candidate
+    return -found.best_share, found.mean_distance
 
 
 def _nearest(found: AlikeSubmission) -> tuple[int, int, float]:

@@ -31,11 +31,7 @@ from exceptiondrive_scoring.challenge import (
     settle,
 )
 from exceptiondrive_scoring.grade import SampleScores
-from exceptiondrive_worker.splits.private_store import (
-    PrivateStore,
-    Shelf,
-    content_key,
-)
+from exceptiondrive_worker.splits.private_store import PrivateStore, Shelf, content_key
 from exceptiondrive_worker.splits.store import LoadedSplit
 
 LoadUpload = Callable[[str], bytes]
@@ -196,7 +192,7 @@ class Stages:
         """
         if target.made is not None:
             return target.made
-        key = _answers_key(target)
+        key = content_key("answers", *_read_as(target))
         kept = self._private.read_columns(Shelf.ANSWERS, key)
         if kept is not None:
             return kept
@@ -262,10 +258,6 @@ class Stages:
 def _rows(answers: Columns, rows: IntArray | None) -> Columns:
     """Return the answers about some samples; a file always answers the whole split."""
     return answers if rows is None else {name: column[rows] for name, column in answers.items()}
-
-
-def _answers_key(target: Target) -> str:
-    return content_key("answers", *_read_as(target))
 
 
 def _measurement_key(target: Target) -> str:

@@ -6,9 +6,7 @@ client runs too, and which decides. So only a faulty or an unusual file pays for
 """
 
 from collections.abc import Callable
-from typing import Any
 
-from numpy.typing import NDArray
 from zlib_ng import zlib_ng
 
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, Challenge, ChallengeId
@@ -27,7 +25,7 @@ from exceptiondrive_scoring.challenge import document_columns
 from exceptiondrive_worker.fast_planning import read_planning
 from exceptiondrive_worker.fast_strategy import read_strategy
 
-FastReader = Callable[[bytes, Manifest, ProtocolDocument], dict[str, NDArray[Any]] | None]
+FastReader = Callable[[bytes, Manifest, ProtocolDocument], Columns | None]
 
 FAST_READERS: dict[ChallengeId, FastReader] = {
     PLANNING.id: read_planning,
@@ -38,22 +36,16 @@ FAST_READERS: dict[ChallengeId, FastReader] = {
 
 def read_upload(
     data: bytes,
-    *,
     challenge: Challenge,
     manifest: Manifest,
     protocol: ProtocolDocument,
+    *,
     max_upload_bytes: int = MAX_UPLOAD_BYTES,
     max_inflated_bytes: int = MAX_INFLATED_BYTES,
 ) -> Columns | CheckReport:
     """Read an upload completely, or say everything that is wrong with it.
 
-    Args:
-        data: The file as uploaded, plain JSON or gzip.
-        challenge: The challenge that the file must be for.
-        manifest: Sample ids of the split, in canonical order.
-        protocol: Waypoints, bounds, tasks and the frame check.
-        max_upload_bytes: Most bytes of the file itself.
-        max_inflated_bytes: Most bytes of JSON in it.
+    It is plain JSON or gzip; `max_inflated_bytes` bounds the JSON in it.
 
     Returns:
         Named arrays in the order of the manifest, as `ChallengeScoring.measure` takes them; or the

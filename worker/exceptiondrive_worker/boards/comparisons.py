@@ -46,14 +46,7 @@ def comparisons(
     """Compare each of the best ranked entries with each, the better ranked first; rounded.
 
     Of a withheld split two entries of one team are not compared: two files that differ in one sample
-    would have an interval that is that sample's value.
-
-    Args:
-        private: Keeps exact comparisons.
-        stages: Gives the sample scores of the pairs that are not kept.
-        best: Target and record of each that is compared, with its whole sheet, the best first.
-        protocol: Under which they were scored.
-        rounding: For what may be published of this split.
+    would have an interval that is that sample's value. The records have their whole sheets.
     """
     return tuple(
         published_comparison(
@@ -102,7 +95,7 @@ def published_comparison(
     samples differ is told of public splits alone: it counts differences below any rounding.
     """
     first = challenge.metrics[0].key
-    headlines = [headline_of(sheet, protocol) for sheet in sheets]
+    headlines = [sheet.average(protocol.grading.headline) for sheet in sheets]
 
     def cells(group: str, key: str) -> list[MetricRow]:
         return [getattr(sheet, group)[key].metrics for sheet in sheets]
@@ -133,11 +126,6 @@ def published_comparison(
             },
         }
     )
-
-
-def headline_of(sheet: ScoreSheet, protocol: ProtocolDocument) -> MetricRow:
-    """Return the row that ranks."""
-    return sheet.micro if protocol.grading.headline == "micro" else sheet.macro_family
 
 
 def _is_shown(
@@ -241,13 +229,7 @@ _FIELDS = fields(Uncertainty)
 def entry_uncertainties(
     private: PrivateStore, stages: Stages, entries: Sequence[tuple[Target, str]]
 ) -> list[Uncertainty]:
-    """Return the intervals of every entry, in order.
-
-    Args:
-        private: Keeps intervals.
-        stages: Gives the scene sums of the entries whose intervals are not kept.
-        entries: Of one board: target, and key of its measurements.
-    """
+    """Return the intervals of the entries of one board, told by target and key of measurements, in order."""
     keys = [_key(stages, target, measurement_key) for target, measurement_key in entries]
     kept = {key: _kept_uncertainty(private, key) for key in keys}
     found = {key: uncertainty for key, uncertainty in kept.items() if uncertainty is not None}

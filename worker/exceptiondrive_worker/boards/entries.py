@@ -14,7 +14,7 @@ from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.coverage import unranked_flags, unranked_reasons
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.references import REFERENCES, TEAM, Reference
-from exceptiondrive_schemas.score_sheet import Interval, MetricRow, ScoreSheet
+from exceptiondrive_schemas.score_sheet import Interval, ScoreSheet
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.bootstrap import Uncertainty
 from exceptiondrive_scoring.rank import long_rank_intervals, ranks, told_rank_intervals
@@ -96,7 +96,7 @@ class _Rows:
     ) -> None:
         self._challenge = challenge
         self._protocol = protocol
-        self._ranking = protocol.ranking
+        self._average = protocol.grading.headline
         self._order = protocol.ranking.order_of(challenge)
         self._rounding = rounding
         self._sharing = Sharing()
@@ -105,7 +105,7 @@ class _Rows:
     def ranks(self, entries: Sequence[ScoredEntry], may_rank: Sequence[bool]) -> list[int | None]:
         """Rank entries among those that may, by what is published; None for the others."""
         sheets = [entry.record.sheet for entry in entries]
-        headlines = [self._headline(sheet) for sheet in sheets]
+        headlines = [sheet.average(self._average) for sheet in sheets]
         values = {key.metric: [row.get(key.metric) for row in headlines] for key in self._order}
         takes_part = [
             may and not self._uncovered(sheet) for may, sheet in zip(may_rank, sheets, strict=True)
@@ -121,7 +121,7 @@ class _Rows:
         """
         first = self._order[0]
         index = self._keys_of_intervals.index(first.metric)
-        ends = [self._overall(entry.uncertainty)[index] for entry in ranked]
+        ends = [entry.uncertainty.headline(self._average)[index] for entry in ranked]
         told = [
             None
             if np.isnan(each).any()
@@ -194,11 +194,12 @@ class _Rows:
 
     def _numbers(self, sheet: ScoreSheet, sure: Uncertainty) -> dict[str, Any]:
         """What a row says of its sheet."""
+        headline = sheet.average(self._average)
         return {
-            "metrics": self._headline(sheet),
+            "metrics": headline,
             "micro": sheet.micro,
             "macro_family": sheet.macro_family,
-            "intervals": self._intervals(self._overall(sure), self._headline(sheet)),
+            "intervals": self._intervals(sure.headline(self._average), headline),
             "families": {
                 family.id: self._family(sheet, family.id, sure.families[index])
                 for index, family in enumerate(self._protocol.families)
@@ -226,17 +227,9 @@ class _Rows:
             for key, (low, high) in zip(self._keys_of_intervals, intervals.tolist(), strict=True)
         }
 
-    def _headline(self, sheet: ScoreSheet) -> MetricRow:
-        return sheet.micro if self._protocol.grading.headline == "micro" else sheet.macro_family
-
-    def _overall(self, uncertainty: Uncertainty) -> FloatArray:
-        is_micro = self._protocol.grading.headline == "micro"
-        return uncertainty.micro if is_micro else uncertainty.macro_family
-
     def _uncovered(self, sheet: ScoreSheet) -> dict[str, float]:
         """Shares that are too low, by what is published of them; judged by the exact ones."""
-        least, coverage = self._ranking.min_coverage, sheet.coverage
-        exact = coverage.exact_shares(sheet.n)
+        least, exact = self._protocol.ranking.min_coverage, sheet.coverage.exact_shares(sheet.n)
         return {key: share for key, share in exact.items() if share < least}
 
     def _why_unranked(self, sheet: ScoreSheet) -> str:
@@ -244,7 +237,7 @@ class _Rows:
         undefined = [
             self._challenge.metric(key.metric).label
             for key in self._order
-            if self._headline(sheet).get(key.metric) is None
+            if sheet.average(self._average).get(key.metric) is None
         ]
         if undefined and not self._uncovered(sheet):
             reasons.append(f"{' and '.join(undefined)} not defined")

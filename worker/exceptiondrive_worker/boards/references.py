@@ -4,7 +4,6 @@ They are no submissions: nobody uploaded them, and they depend on split and prot
 board makes its own, from the private store where they are kept, and an old board keeps its.
 """
 
-from exceptiondrive_records.splits.drawings import find_public_split
 from exceptiondrive_schemas.base import bytes_digest
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -20,7 +19,11 @@ from exceptiondrive_worker.stages import Target
 
 
 def scored_references(
-    context: WorkerContext, challenge: Challenge, split: LoadedSplit, protocol: ProtocolDocument
+    context: WorkerContext,
+    challenge: Challenge,
+    split: LoadedSplit,
+    protocol: ProtocolDocument,
+    rounding: Rounding,
 ) -> list[ScoredReference]:
     """Score the references of a challenge, so far as the split has what they are made of."""
     n_samples = len(split.manifest.sample_ids)
@@ -39,15 +42,8 @@ def scored_references(
         context.stages,
         [(target, each.measurement_key) for target, each in zip(targets, scored, strict=True)],
     )
-    with context.database.read() as session:
-        is_public = find_public_split(session, split.manifest.ref) is not None
-    rounding = Rounding(challenge, protocol.publication, is_public=is_public)
-    drives = split.manifest.recorded
+    has_drives = split.manifest.recorded is not None
     return [
-        ScoredReference(
-            reference,
-            rounding.sheet(each.sheet, has_public_drives=drives is not None),
-            sure,
-        )
+        ScoredReference(reference, rounding.sheet(each.sheet, has_public_drives=has_drives), sure)
         for reference, each, sure in zip(made, scored, uncertainties, strict=True)
     ]

@@ -13,11 +13,7 @@ from exceptiondrive_schemas.board import ReminderEffect
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.score_sheet import MetricRow
 from exceptiondrive_scoring.compare import Comparison, compare
-from exceptiondrive_worker.boards.comparisons import (
-    headline_of,
-    paired_difference,
-    rounded_difference,
-)
+from exceptiondrive_worker.boards.comparisons import paired_difference, rounded_difference
 from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.splits.private_store import PrivateStore, Shelf, content_key
 from exceptiondrive_worker.stages import Stages, Target
@@ -36,14 +32,7 @@ def reminder_effects(
     entries: Sequence[tuple[Target, EntryRecord]],
     rounding: Rounding,
 ) -> list[ReminderEffect | None]:
-    """Return the published effect of each entry, in order; None where nothing is linked.
-
-    Args:
-        private: Keeps exact effects.
-        stages: Gives the sample scores of the entries whose effects are not kept.
-        entries: Of one board: target, and what is on record.
-        rounding: For what may be published of this split.
-    """
+    """Return the published effect of each entry of one board, in order; None where nothing is linked."""
     return [
         None
         if record.linked is None
@@ -77,7 +66,8 @@ def _effect(
         compared = compare(with_it, without, target.split.arrays, target.protocol, target.challenge)
         effect = exact_effect(compared, linked)
         private.write(Shelf.EFFECTS, key, canonical_json(effect))
-    rows = [headline_of(sheet, target.protocol) for sheet in (record.sheet, linked.sheet)]
+    headline = target.protocol.grading.headline
+    rows = [sheet.average(headline) for sheet in (record.sheet, linked.sheet)]
     return published_effect(effect, target.challenge, rounding, rows)
 
 
@@ -98,12 +88,8 @@ def published_effect(
 ) -> ReminderEffect:
     """Round an effect, metrics in column order; only this may leave the worker.
 
-    Args:
-        effect: Exact.
-        challenge: Metrics in column order.
-        rounding: For what may be published of this split.
-        rows: Published headline with the reminder and without it: of a withheld split shares
-            differ by these, and tell nothing more.
+    `rows` are the published headlines with the reminder and without it: of a withheld split shares
+    differ by these, and tell nothing more.
     """
     differences = {}
     for metric in challenge.interval_metrics:

@@ -21,12 +21,9 @@ from exceptiondrive_schemas.score_sheet import (
 class Rounding:
     """Rounds values of one challenge by the protocol's publication section.
 
-    Args:
-        challenge: Says which metrics are shares.
-        publication: Digits and cells.
-        is_public: Whether anybody may read the regions of the split. Of a withheld one intervals of
-            shares are told to whole per cents: they are further readings of the same samples, and
-            finer ones would tell more than the bounds of docs/leakage.md count.
+    Of a withheld split, whose regions not everybody may read, intervals of shares are told to whole per
+    cents: they are further readings of the same samples, and finer ones would tell more than the bounds
+    of docs/leakage.md count.
     """
 
     def __init__(
@@ -81,9 +78,7 @@ class Rounding:
     def cell(self, row: BreakdownRow, told: Collection[str]) -> BreakdownRow:
         """Round a family or task; below the least number of samples its metrics are withheld.
 
-        Args:
-            row: Exact.
-            told: The kinds of `Metric.cells` that this split tells.
+        `told` are the kinds of `Metric.cells` that this split tells.
         """
         metrics = row.metrics
         if row.n is not None and row.n < self._least_samples:
@@ -92,12 +87,7 @@ class Rounding:
         return row.model_copy(update=self.row(metrics) | dict.fromkeys(metrics.keys() & hidden))
 
     def sheet(self, sheet: ScoreSheet, *, has_public_drives: bool = False) -> ScoreSheet:
-        """Return the sheet that may be published.
-
-        Args:
-            sheet: Exact.
-            has_public_drives: Whether anybody may read the recorded paths.
-        """
+        """Return what may be published of an exact sheet."""
         publication, told, is_public = self._publication, {"always"}, self.is_public
         if publication.shows_outcome_cells(is_public_split=is_public):
             told.add("of public regions")

@@ -84,15 +84,10 @@ def build_board(context: WorkerContext, claimed: BoardRequest) -> None:
 def with_previous_ranks(
     entries: tuple[BoardEntry, ...], latest: str | None, current: str | None
 ) -> tuple[BoardEntry, ...]:
-    """Mark where each ranked entry stood on the current board.
+    """Mark where each ranked entry of a new board stood on the current board, which is told as recorded.
 
     Entries that say what the latest board of this protocol says get the marks that stand there:
     building a board twice changes nothing.
-
-    Args:
-        entries: Of the new board.
-        latest: The latest board of this protocol as recorded, where there is one.
-        current: The current board as recorded, where there is one.
     """
     if latest is not None and _says_the_same(entries, latest):
         places = [row.previous_rank for row in entries_of(latest)]
@@ -169,8 +164,8 @@ def _board(
         for record in records
     ]
     standings = list(zip(targets, records, strict=True))
-    references = scored_references(context, challenge, split, protocol)
     rounding = Rounding(challenge, protocol.publication, is_public=is_public)
+    references = scored_references(context, challenge, split, protocol, rounding)
     scored = _scored(context, standings, rounding)
     entries = board_entries(scored, references, challenge, protocol, rounding)
     best = _best(context, standings, best_ranked(entries, protocol), claimed.split_revision)

@@ -80,7 +80,7 @@ def pack_columns(columns: Columns) -> bytes:
     return b"".join([head.encode(), b" " * blanks, b"\n", *(each.data for each in arrays.values())])
 
 
-def unpack_columns(data: bytes) -> dict[str, NDArray[Any]]:
+def unpack_columns(data: bytes) -> Columns:
     """Read what `pack_columns` wrote; the arrays are views and cannot be written to."""
     end_of_head = data.index(b"\n")
     columns: dict[str, NDArray[Any]] = {}
@@ -132,7 +132,7 @@ class PrivateStore:
         except OSError as error:
             _log.warning("not kept in the private store", shelf=shelf.value, why=error.strerror)
 
-    def read_columns(self, shelf: Shelf, key: str) -> dict[str, NDArray[Any]] | None:
+    def read_columns(self, shelf: Shelf, key: str) -> Columns | None:
         """Return the columns kept under `key`, or None."""
         data = self.read(shelf, key)
         return None if data is None else unpack_columns(data)
