@@ -84,8 +84,15 @@ class Split(Document):
         """Whether samples are parted into public and private ones."""
         return any(sample.part is not None for sample in self.samples)
 
-    def part(self, part: Literal["public", "private"]) -> "Split":
-        """Return the samples of a part as a split of its own, with its own revision."""
+    @property
+    def ref(self) -> "SplitRef":
+        """Name and revision."""
+        return SplitRef(name=self.name, revision=self.revision)
+
+    def part(self, part: Literal["public", "private"] | None) -> "Split":
+        """Return the samples of a part as a split of its own, with its own revision; None: all of it."""
+        if part is None:
+            return self
         chosen = tuple(sample for sample in self.samples if sample.part == part)
         return self.model_copy(update={"samples": chosen})
 

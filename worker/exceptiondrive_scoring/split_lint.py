@@ -14,7 +14,7 @@ from itertools import compress
 
 import numpy as np
 
-from exceptiondrive_schemas.datasheet import NO_RECORDED_DRIVE
+from exceptiondrive_schemas.datasheet import NO_RECORDED_DRIVE, SplitWarning
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 from exceptiondrive_schemas.taxonomy import Taxonomy
 from exceptiondrive_scoring.aliases import BoolArray, FloatArray, IntArray
@@ -66,6 +66,11 @@ class LintWarning:
     what: str
     count: int
     sample_ids: tuple[str, ...]
+
+    @property
+    def told(self) -> SplitWarning:
+        """What readers elsewhere get of it."""
+        return SplitWarning(code=self.code, what=self.what, count=self.count)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ import json
 import sys
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated
 
 import structlog
 import typer
@@ -97,9 +97,8 @@ def run(
     settings = load_settings(WorkerSettings, data)
     with (
         opened(settings) as database,  # its connections must not reach the processes that score
-        suppress(
-            SQLAlchemyError
-        ),  # a database that is away refuses nobody: no job begins without it
+        # a database that is away refuses nobody: no job begins without it
+        suppress(SQLAlchemyError),
         database.read() as session,
     ):
         refuse_if_older(session)
@@ -222,10 +221,7 @@ def _told(registered: RegisteredSplit) -> dict[str, object]:
         "title": manifest.title,
         "revision": manifest.revision,
         "n_samples": len(manifest.sample_ids),
-        "warnings": [
-            {"code": found.code, "what": found.what, "count": found.count}
-            for found in registered.warnings
-        ],
+        "warnings": [found.told.model_dump() for found in registered.warnings],
     }
 
 
@@ -318,12 +314,8 @@ def main() -> None:
     try:
         app()
     except _KNOWN_ERRORS as error:
-        _end(str(error))
-
-
-def _end(sentence: str) -> NoReturn:
-    typer.echo(f"exceptiondrive-worker: {sentence}", err=True)
-    sys.exit(2)
+        typer.echo(f"exceptiondrive-worker: {error}", err=True)
+        sys.exit(2)
 
 
 def _lanes(text: str) -> list[Lane]:

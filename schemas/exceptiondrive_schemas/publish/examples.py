@@ -30,7 +30,6 @@ from exceptiondrive_schemas.score_sheet import (
     ProtocolRef,
     ScoreSheet,
 )
-from exceptiondrive_schemas.split import SplitRef
 
 RECEIVED_AT = datetime(2026, 3, 2, 9, 30, tzinfo=UTC)
 SCORED_AT = datetime(2026, 3, 2, 9, 30, 2, tzinfo=UTC)
@@ -68,12 +67,6 @@ def protocol_ref(protocol: ProtocolDocument) -> ProtocolRef:
     return ProtocolRef(version=protocol.version, digest=protocol.digest)
 
 
-def split_ref() -> SplitRef:
-    """Name and revision of the example split."""
-    split = example_split()
-    return SplitRef(name=split.name, revision=split.revision)
-
-
 def example_score_sheet() -> ScoreSheet:
     """The published, rounded score sheet of the example planning file."""
     tasks = {task: BreakdownRow.of(1, row) for task, row in BY_TASK.items()}
@@ -81,7 +74,7 @@ def example_score_sheet() -> ScoreSheet:
     return ScoreSheet(
         challenge=PLANNING.id,
         protocol=protocol_ref(packaged_protocol()),
-        split=split_ref(),
+        split=example_split().ref,
         scorer_version="1",
         n=3,
         coverage=Coverage(edited=0.6667, source=1.0),
@@ -103,7 +96,7 @@ def example_board() -> Board:
     return Board(
         challenge=PLANNING.id,
         phase=PHASE,
-        split=split_ref(),
+        split=example_split().ref,
         protocol=protocol_ref(protocol),
         headline=protocol.grading.headline,
         board=1,

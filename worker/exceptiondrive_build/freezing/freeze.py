@@ -26,7 +26,6 @@ from exceptiondrive_schemas.datasheet import (
     Datasheet,
     Example,
     SplitChange,
-    SplitWarning,
     WithdrawnSamples,
     Words,
 )
@@ -323,10 +322,7 @@ def _datasheet(
         audit=audit(candidates, settings.inspect),
         agreement=agreed if agreed.n else None,
         deciders=deciders(workshop, candidates.values()),
-        warnings=tuple(
-            SplitWarning(code=found.code, what=found.what, count=found.count)
-            for found in split_warnings(split, workshop.protocol)
-        ),
+        warnings=tuple(found.told for found in split_warnings(split, workshop.protocol)),
         examples=tuple(_examples(workshop, candidates, split)),
     )
 

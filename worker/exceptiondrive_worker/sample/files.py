@@ -3,13 +3,12 @@
 import gzip
 import json
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from exceptiondrive_schemas.base import Document, canonical_json
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY
-from exceptiondrive_schemas.datasheet import Cell, Datasheet, SplitWarning, Words
+from exceptiondrive_schemas.datasheet import Cell, Datasheet, Words
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_schemas.submission_files import PlanningSubmission, StrategySubmission
@@ -88,17 +87,29 @@ def sample_datasheet(split: Split) -> Datasheet:
         stages=(),
         families=tuple(cell(family, of_family[family.id]) for family in families),
         tasks=tuple(cell(task, of_task[task.id]) for task in tasks),
-        warnings=tuple(
-            SplitWarning(code=found.code, what=found.what, count=found.count)
-            for found in split_warnings(split, protocol)
-        ),
+        warnings=tuple(found.told for found in split_warnings(split, protocol)),
     )
 
 
 def write_planners(folder: Path) -> list[Path]:
     """Write a file per synthetic planner and agent, and `planners.json` that lists them."""
     folder.mkdir(parents=True, exist_ok=True)
-    written: list[_Written] = [*_planner_files(), *_agent_files()]
+    samples, protocol = sample_scenes(), packaged_protocol()
+    written: list[_Written] = []
+    for planner in PLANNERS:
+        driven = PlanningSubmission(
+            schema_="exceptiondrive.planning/1",
+            split=SPLIT_NAME,
+            predictions=tuple(predictions(planner, samples, SEED)),
+        )
+        written.append((planner, driven))
+    for agent in AGENTS:
+        answered = StrategySubmission(
+            schema_="exceptiondrive.strategy/1",
+            split=SPLIT_NAME,
+            predictions=agent_predictions(agent, samples, protocol, SEED),
+        )
+        written.append((agent, answered))
     for who, submission in written:
         _path(folder, who).write_bytes(_gzipped(submission))
     listing = [
@@ -109,7 +120,7 @@ def write_planners(folder: Path) -> list[Path]:
             "description": who.description,
             "without_reminder": who.without_reminder if isinstance(who, Agent) else "",
         }
-        for who, submission in written
+        for who, _ in written
     ]
     (folder / "planners.json").write_text(json.dumps(listing, indent=1) + "\n", encoding="utf-8")
     return [_path(folder, who) for who, _ in written]
@@ -117,32 +128,6 @@ def write_planners(folder: Path) -> list[Path]:
 
 def _path(folder: Path, who: Planner | Agent) -> Path:
     return folder / f"{who.file_name}.json.gz"
-
-
-def _planner_files() -> Iterator[tuple[Planner, PlanningSubmission]]:
-    samples = sample_scenes()
-    for planner in PLANNERS:
-        yield (
-            planner,
-            PlanningSubmission(
-                schema_="exceptiondrive.planning/1",
-                split=SPLIT_NAME,
-                predictions=tuple(predictions(planner, samples, SEED)),
-            ),
-        )
-
-
-def _agent_files() -> Iterator[tuple[Agent, StrategySubmission]]:
-    samples, protocol = sample_scenes(), packaged_protocol()
-    for agent in AGENTS:
-        yield (
-            agent,
-            StrategySubmission(
-                schema_="exceptiondrive.strategy/1",
-                split=SPLIT_NAME,
-                predictions=agent_predictions(agent, samples, protocol, SEED),
-            ),
-        )
 
 
 def _gzipped(document: Document) -> bytes:

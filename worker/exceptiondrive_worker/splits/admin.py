@@ -19,7 +19,7 @@ from exceptiondrive_records.splits.splits import list_splits, publish_split, reg
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_schemas.api.phase_settings import SplitPart
 from exceptiondrive_schemas.check.inflate import GZIP_MAGIC
-from exceptiondrive_schemas.datasheet import Datasheet, SplitChange, SplitWarning, SplitWarnings
+from exceptiondrive_schemas.datasheet import Datasheet, SplitChange, SplitWarnings
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest, Split, SplitRef
 from exceptiondrive_schemas.submission_files import PlanningSubmission
@@ -72,13 +72,8 @@ def register_all_splits(
 ) -> list[RegisteredSplit]:
     """Register the manifest of every split file; what is registered already stays as it is.
 
-    A file that is refused keeps no other from being registered.
-
-    Args:
-        database: The system of record.
-        splits: Where the files lie.
-        protocol: Under which they have to be scorable.
-        words: What readers are told of a revision that is new and has no datasheet that says it.
+    A file that is refused keeps no other from being registered. The words are told to readers of a
+    revision that is new and has no datasheet that says what changed.
 
     Raises:
         SplitUnavailableError: There is no file.
@@ -113,14 +108,8 @@ def add_split_file(
 
     A revision that lies there already, be it the current one or an earlier, changes nothing but its
     datasheet, which is taken anew. The file of an earlier revision stays beside the current one, under
-    a number: what was scored against it can be scored again.
-
-    Args:
-        database: The system of record.
-        splits: Where the files lie.
-        source: The file to add.
-        protocol: Under which it has to be scorable.
-        words: What readers are told of a later revision; without them none is added.
+    a number: what was scored against it can be scored again. Without words for readers no later revision
+    is added.
 
     Raises:
         SplitUnreadableError: It is no split, or the datasheet beside it is none, or not this one's.
@@ -187,10 +176,7 @@ def _require_same_samples(earlier: Split, later: Split) -> None:
 def with_drives(split: Split, drives: PlanningSubmission, *, are_public: bool) -> Split:
     """Return a split with what was really driven: the source trajectories of a file about it.
 
-    Args:
-        split: Without recorded drives, or with others.
-        drives: A trajectory file whose planner is the recorded driver.
-        are_public: Whether everybody may know them: checks at home then tell a wrong time step.
+    Drives that are public are known to everybody: checks at home then tell a wrong time step.
 
     Raises:
         SplitUnreadableError: The file is of another split, or holds no drive of it.
@@ -253,17 +239,11 @@ def publish_split_file(
 ) -> RegisteredSplit:
     """Make the current file of a split public, regions and all: for development splits only.
 
-    Args:
-        database: The records.
-        files: Where it is downloaded from.
-        splits: Where it lies.
-        name: Of the split.
-        protocol: Under which it is registered, if it was not yet.
-        while_open: Also while a phase on it takes submissions and has scored some.
+    It is registered, if it was not yet.
 
     Raises:
         SplitUnavailableError: There is no file for this name.
-        Conflict: Such a phase is open.
+        Conflict: A phase on it takes submissions and has scored some, and that was not asked for.
     """
     path = splits.current_file(name)
     registered = _register(database, splits, path, protocol)
@@ -291,7 +271,7 @@ def current_split(splits: SplitStore, name: str) -> tuple[SplitRef, Path]:
     """
     path = splits.current_file(name)
     split = read_split(path)
-    return SplitRef(name=split.name, revision=split.revision), path.parent
+    return split.ref, path.parent
 
 
 def _register(
@@ -307,7 +287,6 @@ def _register(
     splits.floors(split.name)  # refuses what cannot be read
     loaded = {part: load_split(split, protocol, part) for part in parts_of(split)}
     whole, warnings = loaded[None].manifest, split_warnings(split, protocol)
-    counts = [SplitWarning(code=w.code, what=w.what, count=w.count) for w in warnings]
     sheet = read_datasheet(path)
     changes = _changes(database, splits, split, sheet, words)
     with database.write() as session:
@@ -315,12 +294,12 @@ def _register(
             register_split(
                 session,
                 of_part.manifest,
-                family_counts(split if part is None else split.part(part), protocol),
+                family_counts(split.part(part), protocol),
                 ACTOR,
                 n_aside=len(split.samples) - len(split.counted) if part is None else 0,
                 part=part,
                 whole_revision=None if part is None else whole.revision,
-                warnings=SplitWarnings(found=tuple(counts if part is None else ())),
+                warnings=SplitWarnings(found=() if part else tuple(w.told for w in warnings)),
                 changes=changes.get(part),
                 datasheet=sheet if part is None else None,
             )
@@ -349,7 +328,7 @@ def _changes(
         return {} if said is None else {None: said}
     told: dict[SplitPart | None, SplitChange] = {}
     for part in parts_of(split):
-        old, new = (it if part is None else it.part(part) for it in (before, split))
+        old, new = before.part(part), split.part(part)
         if old.revision != new.revision:
             told[part] = SplitChange.between(old, new, words)
     return told if said is None else {**told, None: said}

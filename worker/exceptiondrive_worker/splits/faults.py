@@ -5,18 +5,20 @@ terminal and the worker's own log.
 """
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 from exceptiondrive_schemas.split import Split, SplitSample
 from exceptiondrive_scoring.aliases import BoolArray, FloatArray
 from exceptiondrive_scoring.clearance import touches_start
 from exceptiondrive_scoring.region import is_far, is_small, prepare_regions
+
+Found = tuple[str, list[str]]
+"""What is wrong, and the ids of the samples that have it."""
 
 
 @dataclass(frozen=True)
@@ -49,71 +51,58 @@ def split_faults(split: Split, protocol: ProtocolDocument) -> tuple[SplitFault, 
     repeated = [sample_id for sample_id, count in Counter(ids).items() if count > 1]
     known = {task.id for task in protocol.tasks}
     strangers = [sample.sample_id for sample in left if sample.task not in known]
-    partless = [sample.sample_id for sample in split.samples if sample.part is None]
-    found = [
-        SplitFault("sample ids that occur more than once", tuple(sorted(repeated))),
-        SplitFault(
-            f"samples of a task that protocol {protocol.version} does not know",
-            tuple(sorted(strangers)),
-        ),
-        *_part_faults(split, partless),
+    found = (
+        ("sample ids that occur more than once", repeated),
+        (f"samples of a task that protocol {protocol.version} does not know", strangers),
+        *_part_faults(split),
         *_count_faults(split),
         *_recorded_faults(split, protocol.geometry),
         *_region_faults(left, protocol.geometry),
-    ]
-    return tuple(fault for fault in found if fault.sample_ids)
+    )
+    return tuple(SplitFault(what, tuple(sorted(ids))) for what, ids in found if ids)
 
 
-def _part_faults(split: Split, partless: list[str]) -> list[SplitFault]:
+def _part_faults(split: Split) -> Iterator[Found]:
     """A split has no parts, or every sample has one and neither part is empty."""
-    if not split.has_parts:
-        return []
-    ids = tuple(sorted(sample.sample_id for sample in split.samples))
-    parts = {sample.part for sample in split.samples if sample.part is not None}
-    return [
-        SplitFault("samples of no part, though others have one", tuple(sorted(partless))),
-        *(SplitFault(f"all samples are {part}", ids) for part in parts if len(parts) == 1),
-    ]
+    if split.has_parts:
+        yield "samples of no part, though others have one", _ids_of(split, None)
+        parts = {sample.part for sample in split.samples} - {None}
+        for part in parts if len(parts) == 1 else ():
+            yield f"all samples are {part}", [sample.sample_id for sample in split.samples]
 
 
-def _count_faults(split: Split) -> list[SplitFault]:
+def _count_faults(split: Split) -> Iterator[Found]:
     """Something counts, in the split and in each of its parts."""
     parts = {sample.part for sample in split.samples}
-    counted = {sample.part for sample in split.counted}
-    return [
-        SplitFault(
-            "no sample counts: all are controls or withdrawn"
-            + (f" in the {part} part" if part else ""),
-            tuple(sorted(each.sample_id for each in split.samples if each.part == part)),
-        )
-        for part in sorted(parts - counted, key=str)
-    ]
+    for part in sorted(parts - {sample.part for sample in split.counted}, key=str):
+        where = f" in the {part} part" if part else ""
+        yield f"no sample counts: all are controls or withdrawn{where}", _ids_of(split, part)
 
 
-def _recorded_faults(split: Split, geometry: GeometrySection) -> list[SplitFault]:
+def _ids_of(split: Split, part: str | None) -> list[str]:
+    return [sample.sample_id for sample in split.samples if sample.part == part]
+
+
+def _recorded_faults(split: Split, geometry: GeometrySection) -> Iterator[Found]:
     told = {each.sample_id: each.recorded for each in split.samples if each.recorded is not None}
     wrong = [name for name, path in told.items() if len(path) != geometry.waypoints]
     limit_m = geometry.max_coordinate_m
     far = [name for name, path in told.items() if any(abs(c) > limit_m for at in path for c in at)]
-    return [
-        SplitFault(
-            f"recorded paths of other than {geometry.waypoints} waypoints", tuple(sorted(wrong))
-        ),
-        SplitFault(f"recorded paths beyond {limit_m:g} m", tuple(sorted(far))),
-    ]
+    yield f"recorded paths of other than {geometry.waypoints} waypoints", wrong
+    yield f"recorded paths beyond {limit_m:g} m", far
 
 
-def _region_faults(samples: Sequence[SplitSample], geometry: GeometrySection) -> list[SplitFault]:
+def _region_faults(samples: Sequence[SplitSample], geometry: GeometrySection) -> list[Found]:
     """Faults of the regions; each later question is asked only where the earlier ones are well."""
     ids = np.array([sample.sample_id for sample in samples])
     regions_m = np.array([it.region for it in samples], dtype=np.float64).reshape(-1, 4, 2)
     sound = np.asarray(np.isfinite(regions_m).all(axis=(1, 2)), dtype=np.bool_)
-    faults = [_fault("hazard regions with a corner that is not finite", ids, ~sound)]
+    faults = [("hazard regions with a corner that is not finite", ids[~sound].tolist())]
 
     def ask(what: str, question: Callable[[FloatArray], BoolArray]) -> BoolArray:
         has_it = np.zeros(len(ids), dtype=np.bool_)
         has_it[sound] = question(regions_m[sound])
-        faults.append(_fault(what, ids, has_it))
+        faults.append((what, ids[has_it].tolist()))
         return has_it
 
     limit_m, least_m2 = geometry.max_region_distance_m, geometry.min_region_area_m2
@@ -138,7 +127,3 @@ def _region_faults(samples: Sequence[SplitSample], geometry: GeometrySection) ->
 def _crosses_itself(regions_m: FloatArray) -> BoolArray:
     simple: BoolArray = np.asarray(shapely.is_valid(shapely.polygons(regions_m)), dtype=np.bool_)
     return ~simple
-
-
-def _fault(what: str, ids: NDArray[np.str_], has_it: BoolArray) -> SplitFault:
-    return SplitFault(what, tuple(sorted(str(sample_id) for sample_id in ids[has_it])))

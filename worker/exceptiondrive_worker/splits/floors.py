@@ -179,9 +179,7 @@ def breaches(floors: SplitFloors, protocol: ProtocolDocument) -> Iterator[str]:
 def unconfirmed(floors: SplitFloors, keys: set[str]) -> Iterator[str]:
     """Yield in words whose confirmation is missing.
 
-    Args:
-        floors: Of a split.
-        keys: Whose signature holds for what is asked; keys of nobody named there count nothing.
+    The keys are those whose signature holds for what is asked; of nobody named there they count nothing.
     """
     names = sorted(name for name, key in floors.organizers.items() if key in keys)
     if floors.second_organizer and len(names) < NEEDED:

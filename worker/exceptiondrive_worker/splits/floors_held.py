@@ -40,12 +40,7 @@ def hold_floors(
 ) -> None:
     """Let pass what the floors of a withheld split allow; a public one has nothing to hold back.
 
-    Args:
-        session: To read with.
-        floors: Of the split.
-        ref: The split, at the revision that is asked for.
-        protocol: Under which something is to be published.
-        newcomer: A submission that is to get its first sheet of the split; None: none is.
+    The newcomer is a submission that is to get its first sheet of the split.
 
     Raises:
         SplitDayFullError: Enough submissions were scored within a day.

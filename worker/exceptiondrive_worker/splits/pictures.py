@@ -38,17 +38,9 @@ class PicturesRefusedError(ValueError):
 def publish_pictures(
     database: Database, files: FileStore, split: SplitRef, folder: Path, licence: str
 ) -> int:
-    """Show the pictures beside a public split in the place of those that were shown.
+    """Show the pictures beside a public split, in the place of those that were shown; return how many.
 
-    Args:
-        database: The system of record.
-        files: Where the pictures are stored, by their content.
-        split: Whose samples they show.
-        folder: Of the split.
-        licence: What stands under each picture.
-
-    Returns:
-        How many are shown.
+    The licence stands under each of them.
 
     Raises:
         PicturesRefusedError: The split is withheld, there are no pictures, or one is none.

@@ -17,11 +17,7 @@ class PictureUnreadableError(ValueError):
 
 
 def small_jpeg(data: bytes, longest_side_px: int) -> tuple[bytes, int, int]:
-    """Make a picture small, upright and bare of what cameras write into files.
-
-    Args:
-        data: A JPEG, PNG or WebP file.
-        longest_side_px: It is scaled down to this.
+    """Make a JPEG, PNG or WebP picture small, upright and bare of what cameras write into files.
 
     Returns:
         A JPEG, its width and its height in pixels.

@@ -156,10 +156,9 @@ def load_split(
     controls = [i for i in chosen if samples[i].sample_id in control_ids]
     control_rows = np.array(controls, dtype=np.int64)
     arrays = split_arrays([samples[i] for i in rows], protocol.taxonomy)
-    revision = split.revision if part is None else split.part(part).revision
     recorded = [] if arrays.recorded_m is None else [arrays.recorded_m]
     return LoadedSplit(
-        manifest=Manifest.of(split, protocol.geometry, revision),
+        manifest=Manifest.of(split, protocol.geometry, split.part(part).revision),
         arrays=arrays,
         samples_digest=content_digest([sample.sample_id for sample in samples]),
         regions_digest=array_digest(arrays.regions_m, *recorded),
@@ -279,7 +278,7 @@ class SplitStore:
             except SplitUnreadableError:
                 continue
             for part in parts_of(split):
-                revision = split.revision if part is None else split.part(part).revision
+                revision = split.part(part).revision
                 seen.add(revision)
                 self._split_of_revision[split.name, revision] = (split, part)
         return seen
