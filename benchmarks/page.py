@@ -39,7 +39,7 @@ def big_board(protocol: ProtocolDocument, n_entries: int = 1_000) -> Board:
         challenge=PLANNING.id,
         phase="bench",
         split=SplitRef(name="bench", revision="sha256:" + "3f9a" * 16),
-        protocol=ProtocolRef(version=protocol.version, digest=protocol.digest),
+        protocol=ProtocolRef.of(protocol),
         headline=protocol.grading.headline,
         board=2,
         published_at=AT,

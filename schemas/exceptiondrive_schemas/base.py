@@ -95,10 +95,7 @@ def in_words(words: str) -> WrapValidator:
 
 
 def canonical_json(value: Any) -> bytes:
-    """Return the one byte string that stands for a JSON value.
-
-    Args:
-        value: A JSON-compatible value, or a `Document`.
+    """Return the one byte string that stands for a JSON value, or for a `Document`.
 
     Raises:
         ValueError: A number is NaN or infinite.

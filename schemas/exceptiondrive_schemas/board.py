@@ -12,6 +12,7 @@ from exceptiondrive_schemas.base import Document, canonical_json, content_digest
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.flags import bars_leading
 from exceptiondrive_schemas.method_facts import Links
+from exceptiondrive_schemas.protocol import Average
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
     Flag,
@@ -167,7 +168,7 @@ class Board(Document):
     phase: str
     split: SplitRef
     protocol: ProtocolRef
-    headline: Literal["micro", "macro_family"]
+    headline: Average
     board: int
     published_at: datetime
     n_samples: int
@@ -210,10 +211,9 @@ class Board(Document):
         return content_digest(self)
 
     def canonical_pieces(self, *left_out: str) -> Iterator[bytes]:
-        """Yield the canonical JSON of the board entry by entry: all at once, it is many times as long.
+        """Yield the canonical JSON of the board, without some fields, entry by entry.
 
-        Args:
-            left_out: Fields other than `entries` that it is to lack.
+        All at once, it is many times as long.
         """
         frame = self.model_copy(update={"entries": ()}).model_dump(mode="json", by_alias=True)
         for name in left_out:

@@ -34,10 +34,7 @@ def too_little_covered(
 ) -> str | None:
     """Say which answers cover too few of the samples to be ranked; None where enough are given.
 
-    Args:
-        covered: What the shares are of, by key of an answer.
-        shares: By key of an answer, the share of the samples that has one.
-        least: Share that ranks.
+    `shares` are those of the samples that have an answer, by its key, and `covered` says of what.
     """
     parts = [
         f"{_below(share, least)} of the {covered[key]}"

@@ -150,12 +150,9 @@ class View:
 
     @classmethod
     def of(cls, samples: Sequence[SampleDrawing], width: float, height: float) -> "View":
-        """Return the view that holds everything that moves, and the region near it.
+        """Return the view, in pixels, that holds everything that moves, and the region near it.
 
-        Args:
-            samples: The same sample of one or more entries.
-            width: Of the box, in pixels.
-            height: Of the box, in pixels.
+        They are the same sample of one or more entries.
         """
         points = [(0.0, 0.0)]
         for sample in samples:

@@ -161,7 +161,7 @@ class MethodFacts(Document):
             if self.time_per_sample_s is None
             else f"{self.time_per_sample_s:g} s",
         }
-        titles = {**{name: str(type(self).model_fields[name].title) for name in words}}
+        titles = {name: str(type(self).model_fields[name].title) for name in words}
         titles |= {"parameters_millions": "Parameters", "time_per_sample_s": "Time per sample"}
         return tuple((titles[name], said) for name, said in words.items() if said)
 

@@ -24,6 +24,7 @@ from exceptiondrive_schemas.taxonomy import Family, Strategy, Task, Taxonomy
 
 PositiveMetres = Annotated[float, Field(gt=0, le=1000)]
 Share = Annotated[float, Field(ge=0, le=1)]
+Average = Literal["micro", "macro_family"]
 ClearanceFactor = Annotated[float, Field(gt=0, le=10)]
 
 
@@ -55,7 +56,7 @@ class GeometrySection(Document):
 class GradingSection(Document):
     """Read by grade; the required clearances stand with the tasks."""
 
-    headline: Literal["micro", "macro_family"]
+    headline: Average
     d_safe_scale: Annotated[float, Field(gt=0, le=10)] = 1.0
     sensitivity_factors: Annotated[tuple[ClearanceFactor, ...], Field(max_length=8)] = ()
     clearance_curve_step: Annotated[float, Field(ge=0.01, le=1)] = 0.1

@@ -1,12 +1,12 @@
 """The score sheet: totals and breakdown of one scoring run, all that may ever be published."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, TypeAdapter, WithJsonSchema
 
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenges import ChallengeId, Metric
-from exceptiondrive_schemas.protocol import PublicationSection
+from exceptiondrive_schemas.protocol import Average, ProtocolDocument, PublicationSection
 from exceptiondrive_schemas.python310 import Self
 from exceptiondrive_schemas.split import SplitRef
 
@@ -31,6 +31,11 @@ class ProtocolRef(Document):
 
     version: str
     digest: str
+
+    @classmethod
+    def of(cls, protocol: ProtocolDocument) -> Self:
+        """Return that of a document."""
+        return cls(version=protocol.version, digest=protocol.digest)
 
 
 class Coverage(Document):
@@ -122,7 +127,7 @@ class ScoreSheet(Document):
     clearance_curve: ClearanceCurve | None = Field(default=None, exclude_if=lambda it: it is None)
     """Left out where the challenge has none or the protocol does not publish it."""
 
-    def average(self, name: Literal["micro", "macro_family"]) -> MetricRow:
+    def average(self, name: Average) -> MetricRow:
         """Return the totals under one of the two averages, as the protocol names the one that ranks."""
         return self.micro if name == "micro" else self.macro_family
 
@@ -130,13 +135,7 @@ class ScoreSheet(Document):
 def metric_text(
     metric: Metric, value: float | None, publication: PublicationSection | None = None
 ) -> str:
-    """Return a value as the board shows it.
-
-    Args:
-        metric: Which metric.
-        value: Fraction or metres; None where undefined.
-        publication: Digits; two where not given.
-    """
+    """Return a fraction or metres as the board shows it: with two digits, where nothing says how many."""
     if value is None:
         return "-"
     if metric.unit == "fraction":

@@ -135,10 +135,8 @@ class Manifest(Document):
     def of(cls, split: Split, geometry: GeometrySection, revision: str | None = None) -> Self:
         """Return what may be known of a split, samples by id.
 
-        Args:
-            split: All samples that a file answers.
-            geometry: How a trajectory is given.
-            revision: Of the part that counts; by default of the whole.
+        It has all samples that a file answers; the revision is of the part that counts, by default the
+        whole.
         """
         told = sorted(map(attrgetter("sample_id", "recorded"), split.samples), key=itemgetter(0))
         paths = {sample_id: path for sample_id, path in told if path is not None}

@@ -174,7 +174,7 @@ def settle(
     plausibility = scoring.plausibility(measured, split, protocol)
     sheet = ScoreSheet(
         challenge=scoring.challenge.id,
-        protocol=ProtocolRef(version=protocol.version, digest=protocol.digest),
+        protocol=ProtocolRef.of(protocol),
         split=split_ref,
         scorer_version=SCORER_VERSION,
         n=split.n_samples,
@@ -223,7 +223,7 @@ def graded_sheet(
     measured, split = settled.measured, _as_kept(split, scoring)
     found = graded_breakdown(scoring, settled, split, protocol)
     graded = {
-        "protocol": ProtocolRef(version=protocol.version, digest=protocol.digest),
+        "protocol": ProtocolRef.of(protocol),
         "split": split_ref,
         "micro": found.micro | settled.sheet.micro,
         "macro_family": found.macro_family,

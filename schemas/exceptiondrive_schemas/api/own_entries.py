@@ -14,11 +14,8 @@ def replaced_entry(
 ) -> SubmissionView | None:
     """Return the entry that another upload of a team takes the place of once it is scored.
 
-    Args:
-        own: Submissions of the team in the phase.
-        method: Name of the method of the upload; None: a new one.
-        policy: Of the phase.
-        is_open: Whether the phase is; else what comes is late.
+    `own` are the team's submissions in the phase; the upload is of a new method where it names none, and
+    late where the phase is not open.
     """
     if policy.entries_private:
         return None

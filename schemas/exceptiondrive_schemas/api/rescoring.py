@@ -267,8 +267,7 @@ class Comparison(Document):
     @property
     def n_newly_ranked(self) -> int:
         """How many get a rank that had none."""
-        ranks = [(one.old and one.old.rank, one.new and one.new.rank) for one in self.entries]
-        return sum(before is None and after is not None for before, after in ranks)
+        return sum(one.old_rank is None and one.new_rank is not None for one in self.entries)
 
     @property
     def no_longer_ranked(self) -> dict[str, str]:

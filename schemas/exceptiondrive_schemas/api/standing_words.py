@@ -18,14 +18,7 @@ def ranked_words(
     intervals: Mapping[str, Interval | None],
     publication: PublicationSection | None = None,
 ) -> Iterator[str]:
-    """Yield the metrics that rank: `HCC 65.47 % (63.00 to 68.00)`; unknown ones are left out.
-
-    Args:
-        challenge: Of the entry.
-        values: Of its metrics.
-        intervals: Of its metrics.
-        publication: Digits; two where not given.
-    """
+    """Yield the metrics that rank: `HCC 65.47 % (63.00 to 68.00)`; unknown ones are left out."""
     for key in challenge.primary_order:
         metric, value = challenge.metric(key.metric), values.get(key.metric)
         if value is not None:
@@ -34,11 +27,9 @@ def ranked_words(
 
 
 def standing_words(challenge: Challenge | None, standing: Standing | None) -> str:
-    """Say how an entry stands: rank and its range, then the metrics that rank.
+    """Say how an entry stands on a board: rank and its range, then the metrics that rank.
 
-    Args:
-        challenge: Of its phase; None: a message of an older release, which tells the rank alone.
-        standing: On one board; None: it is not on it.
+    A message of an older release names no challenge, and tells the rank alone.
     """
     if standing is None:
         return "not on the board"

@@ -64,16 +64,7 @@ OTHER_DOCUMENTS: Mapping[str, str] = MappingProxyType(
 def check_schema(
     value: object, wanted: ChallengeId | None, faults: FaultList
 ) -> ChallengeId | None:
-    """Check what stands under `schema`.
-
-    Args:
-        value: What stands there.
-        wanted: The challenge that the file must be for; any, if None.
-        faults: Takes the fault.
-
-    Returns:
-        The challenge that the file names, None where there is no such challenge.
-    """
+    """Check what stands under `schema`; return the challenge that the file names, if there is one."""
     named = _challenge_of(value)
     if named is not None and wanted in (None, named):
         return named
@@ -128,10 +119,9 @@ def check_split_name(value: object, manifest: Manifest | None, faults: FaultList
     """Check what stands under `split`: the manifest's name, or any legal name without one."""
     expected = quoted(manifest.name) if manifest else "a split name such as nuscenes-test"
     if not isinstance(value, str):
-        hint = f"{convert_advice(manifest)}"
+        hint = convert_advice(manifest)
         faults.add(FaultCode.WRONG_TYPE, ("split",), expected=expected, got=kind(value), hint=hint)
-        return
-    if not is_split_name(value, manifest):
+    elif not is_split_name(value, manifest):
         faults.add(FaultCode.WRONG_SPLIT, ("split",), expected=expected, got=quoted(value))
 
 

@@ -45,10 +45,9 @@ WHOLE_PREDICTIONS = submission_decoder(msgspec.Raw)
 
 
 def are_short(text: bytes) -> bool:
-    """Whether no prediction is longer than the precise checker takes, blanks included.
+    """Whether no prediction of a file that could be decoded is longer than the precise checker takes.
 
-    Args:
-        text: A whole file that could be decoded.
+    Blanks are included.
     """
     return len(text) <= MAX_VALUE_CHARACTERS or all(
         len(each) <= MAX_VALUE_CHARACTERS for each in WHOLE_PREDICTIONS.decode(text).predictions

@@ -25,11 +25,11 @@ def escaped(text: str) -> str:
     Control characters, lone surrogates and invisible or direction-turning marks become `\uXXXX`:
     what the reader sees is what the file holds, and it can be printed anywhere.
     """
-    shown = "".join(
+    shown = (
         character if character.isprintable() else f"\\u{ord(character):04x}"
         for character in text[:MAX_SHOWN_CHARACTERS]
     )
-    return shown if len(shown) <= MAX_SHOWN_CHARACTERS else shown[:MAX_SHOWN_CHARACTERS]
+    return "".join(shown)[:MAX_SHOWN_CHARACTERS]
 
 
 def quoted(text: str) -> str:
@@ -40,11 +40,7 @@ def quoted(text: str) -> str:
 
 
 def shown(value: Any) -> str:
-    """Describe one decoded JSON value in a few words.
-
-    Args:
-        value: None, bool, int, float, str, list or dict, as the JSON decoder gave it.
-    """
+    """Describe one value, as the JSON decoder gave it, in a few words."""
     if isinstance(value, str):
         return quoted(value)
     if isinstance(value, dict):
@@ -130,13 +126,8 @@ class FaultList:
     ) -> None:
         """Count a fault, and keep it while there is room.
 
-        Args:
-            code: Kind of fault.
-            path: Keys and indices from the root of the document.
-            expected: What belongs there, in words.
-            got: What stands there, already shortened and escaped.
-            sample_id: Sample that the fault is in, shortened and escaped.
-            hint: What probably went wrong.
+        The path is of keys and indices from the root of the document. What stands there, and the id of
+        the sample, are shortened and escaped already.
         """
         self._counts[code] = self._counts.get(code, 0) + 1
         is_new = sample_id is None or self._note_sample(code, sample_id)
@@ -190,10 +181,8 @@ class FaultList:
     ) -> tuple[FaultGroup, ...]:
         """Return all faults, grouped by code in the order of `FaultCode`.
 
-        Args:
-            n_predictions: How many predictions the file has, where it has a list of them.
-            is_of_planner: Whether a fault in few samples is the planner's nonsense, and not due to
-                one mistake of the whole file.
+        Where `is_of_planner`, a fault in few samples is the planner's nonsense, and not due to one mistake
+        of the whole file.
         """
         per_code = MAX_EXAMPLES_IN_REPORT // max(len(self._counts), 1)
         kept = min(MAX_EXAMPLES, max(per_code, MIN_EXAMPLES_PER_CODE))

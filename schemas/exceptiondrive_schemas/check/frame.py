@@ -79,10 +79,8 @@ class FrameCheck:
     def finish(self, faults: FaultList, profile: FileProfile | None) -> None:
         """Refuse the file where it is in another frame or unit, in place of every number of it.
 
-        Args:
-            faults: Takes the fault.
-            profile: What the file looks like; where recorded drives are known it tells a frame from
-                its mirror image, and a unit from another.
+        Where recorded drives are known the profile tells a frame from its mirror image, and a unit from
+        another.
         """
         if not self.is_judged:
             return

@@ -58,14 +58,7 @@ def wide_encoding(data: bytes) -> str | None:
 
 
 def other_file_kind(data: bytes) -> str | None:
-    """Name the kind of a file that is certainly not JSON.
-
-    Args:
-        data: The file, inflated if it was gzip.
-
-    Returns:
-        A name with its article, or None where the file may be JSON.
-    """
+    """Name the kind, with its article, of an inflated file that is certainly not JSON; else None."""
     if data[:1] == b"\x80" and data[1:2] and data[1] in PICKLE_PROTOCOLS:
         return "a Python pickle (never loaded: it could run code)"
     if data.startswith(TAR_MAGIC, TAR_MAGIC_AT):

@@ -107,7 +107,10 @@ class JsonStream:
 
     def place(self) -> str:
         """Return line and column of the next character, counted from 1."""
-        return self._place_of(self._at)
+        newlines = self._text.count("\n", 0, self._at)
+        column = self._at - (self._text.rfind("\n", 0, self._at) + 1)
+        column += 0 if newlines else self._columns_before
+        return f"line {self._lines_before + newlines + 1:,} column {column + 1:,}"
 
     def not_json(self, expected: str) -> JsonStreamError:
         """Return the error that says what should have come next instead of what does."""
@@ -167,12 +170,6 @@ class JsonStream:
         self._at = min(error.pos, len(self._text))
         return self.not_json(_EXPECTED.get(error.msg, "valid JSON"))
 
-    def _place_of(self, at: int) -> str:
-        newlines = self._text.count("\n", 0, at)
-        column = at - (self._text.rfind("\n", 0, at) + 1)
-        column += 0 if newlines else self._columns_before
-        return f"line {self._lines_before + newlines + 1:,} column {column + 1:,}"
-
 
 def members(stream: JsonStream) -> Iterator[str]:
     """Walk the object that comes next: yield each key; the caller takes each value."""
@@ -190,9 +187,7 @@ def skip(
 ) -> None:
     """Read over the value that comes next, however long a list or object it is.
 
-    Args:
-        stream: Stands before the value.
-        on_value: Is told each value of the list or object, and its index or key.
+    `on_value` is told each value of the list or object, and its index or key.
     """
     first = stream.peek()
     if first not in ("{", "["):

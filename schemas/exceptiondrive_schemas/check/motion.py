@@ -16,10 +16,7 @@ def motion_flags(
 ) -> Iterator[tuple[str, str]]:
     """Yield codes of flags of motion, and why they will be raised.
 
-    Args:
-        tracks: All trajectories, with the waypoints of the protocol.
-        n_samples: Of the file; some may have no trajectory.
-        protocol: Thresholds and time step.
+    All trajectories have the waypoints of the protocol; some samples may have none.
     """
     section = protocol.plausibility
     source, edited, n_both = tracks.source, tracks.edited, tracks.n_both

@@ -59,15 +59,7 @@ class PlanningColumns(NamedTuple):
 
 
 def planning_columns(text: bytes, n_waypoints: int) -> PlanningColumns | None:
-    """Decode a planning file.
-
-    Args:
-        text: The inflated file.
-        n_waypoints: T.
-
-    Returns:
-        None where the text is faulty or not certainly sound.
-    """
+    """Decode an inflated planning file; None where it is faulty or not certainly sound."""
     submission = decode(text, DECODER, PLANNING.file_schema)
     if submission is None:
         return None

@@ -119,13 +119,11 @@ class PlanningRules:
         """Whether certainly no coordinate and no step is too large."""
         if not tracks.n:
             return True
-        longest_m = max(map(max, tracks.step_lengths_m))
+        longest_m, margin = max(map(max, tracks.step_lengths_m)), 1 - STEP_MARGIN
         most_m = self._geometry.max_coordinate_m
-        is_near = longest_m * len(tracks.step_lengths_m) < most_m * (
-            1 - STEP_MARGIN
-        )  # no path reaches it
+        is_near = longest_m * len(tracks.step_lengths_m) < most_m * margin  # no path reaches it
         columns = () if is_near else (*tracks.x_m, *tracks.y_m)
-        return longest_m < self._geometry.max_step_m * (1 - STEP_MARGIN) and all(
+        return longest_m < self._geometry.max_step_m * margin and all(
             -most_m <= min(column) and max(column) <= most_m for column in columns
         )
 

@@ -55,10 +55,7 @@ SCORED_BY: Registry[str] = Registry()
 def register(challenge: Challenge, rules: type[PredictionRules], scored_by: str) -> None:
     """Make a challenge known, to everyone and here alone.
 
-    Args:
-        challenge: Its metrics and words.
-        rules: How the predictions of its file are checked.
-        scored_by: `module:class` of its `exceptiondrive_scoring.challenge.ChallengeScoring`.
+    It is scored by a `module:class` that is a `exceptiondrive_scoring.challenge.ChallengeScoring`.
 
     Raises:
         ValueError: There is one of this name.

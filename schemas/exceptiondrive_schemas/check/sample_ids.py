@@ -67,15 +67,7 @@ class SampleIds:
         self._unknown: list[tuple[int, str]] = []
 
     def admit(self, value: object, index: int) -> str | None:
-        """Check the id of one prediction.
-
-        Args:
-            value: What stands under `sample_id`.
-            index: Place of the prediction in the list.
-
-        Returns:
-            The id where it is usable, None where not.
-        """
+        """Check what stands under `sample_id` of one prediction; return it where it is usable."""
         if not isinstance(value, str) or not value:
             got = "an empty text" if value == "" else kind(value)
             hint = "take the ids from the manifest; a number or a place in a list is none"
@@ -101,11 +93,8 @@ class SampleIds:
         """Report unknown and missing samples, each with the id that was probably meant.
 
         Where no prediction names a sample of the split, that is said once, in place of every sample
-        that is missing.
-
-        Args:
-            n_read: Length of the list of predictions; None where it was not read to its end, so that
-                nothing can be called missing.
+        that is missing. Where the list of predictions was not read to its end, and its length is not
+        known, nothing can be called missing.
         """
         if self._manifest is None:
             return

@@ -299,11 +299,7 @@ def _whole_or_part(
 ) -> Mend:
     """Name a transformation; where it mends a part of the rows and spoils the others, say so.
 
-    Args:
-        best: What is named.
-        error: Of the file as it is.
-        mended_error: Of the file after it.
-        changes: How far each row is off, before and after, as shares.
+    The changes are how far each row is off, before and after, as shares.
     """
     nearer = [after < before for before, after in changes if abs(before - after) > FITS]
     share = sum(nearer) / len(nearer) if len(nearer) >= MIN_COMPARED else 1.0
@@ -578,12 +574,7 @@ def _edited_mend(sources: Tracks, edited: Tracks, plausibility: PlausibilitySect
 
 
 def _of_others(lengths_m: Column, own_m: Column) -> tuple[float, float] | None:
-    """Return how far lengths are off those beside them, and in order of length, where they are of others.
-
-    Args:
-        lengths_m: One of each sample.
-        own_m: What each should be.
-    """
+    """Return how far lengths are off what they should be, and in order of length, where they are of others."""
     scale_m = math.fsum(own_m)
     if len(own_m) < MIN_COMPARED or not scale_m:
         return None
@@ -611,9 +602,7 @@ def _neighbour(
 ) -> tuple[float, str] | None:
     """Return the share of answers that are nearer to what a neighbour is, and on which side of it.
 
-    Args:
-        own: First waypoint of each sample, x and y, in the order of the file.
-        answers: First waypoint of what is answered to it.
+    Both are first waypoints, x and y, in the order of the file.
     """
     most_farther = (1 - OF_NEIGHBOUR) * len(own[0])
     for step, side in ((1, "behind"), (-1, "before")):

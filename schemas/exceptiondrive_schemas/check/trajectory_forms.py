@@ -52,10 +52,7 @@ def point_in(value: Any) -> list[Any] | None:
 
 
 def trajectory_in(value: Any) -> tuple[list[Any], str] | None:
-    """Find the waypoints in what stands in place of a trajectory.
-
-    Args:
-        value: Decoded JSON.
+    """Find the waypoints in decoded JSON that stands in place of a trajectory.
 
     Returns:
         The waypoints as they stand there, and the form in words; None where it is a list of

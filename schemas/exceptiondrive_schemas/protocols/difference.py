@@ -93,13 +93,9 @@ class Difference(Document):
 def protocol_difference(
     old: ProtocolDocument, new: ProtocolDocument, n_sheets: int, *, split: tuple[Change, ...] = ()
 ) -> Difference:
-    """Return every change from `old` to `new` in plain words.
+    """Return every change from `old` to `new` in plain words, those of the split revision first.
 
-    Args:
-        old: In force.
-        new: To come.
-        n_sheets: Score sheets that stand to be made again.
-        split: Changes of the split revision, from `split_changes`.
+    `n_sheets` stand to be made again, where a change repeats anything.
     """
     changes = (*split, *_protocol_changes(old, new))
     stages = {change.stage for change in changes} or {Stage.NONE}
@@ -142,11 +138,8 @@ def split_changes(
 ) -> tuple[Change, ...]:
     """Return the changes from one revision of a split to another, as far as they may be known.
 
-    Args:
-        old: What participants know of the earlier revision.
-        new: And of the later one.
-        n_counted: N of the earlier and of the later one.
-        steps: What its makers say of each step between them, oldest first.
+    `n_counted` is N of the earlier and of the later one; `steps` are what the makers say of each step
+    between them, oldest first.
     """
     if old.revision == new.revision:
         return ()

@@ -46,16 +46,11 @@ def _leaves(value: object, place: Place) -> Iterator[tuple[Place, object]]:
 
 
 def faults_of(
-    error: ValidationError,
-    document: Mapping[str, Any],
-    models: Mapping[str, type[BaseModel]],
+    error: ValidationError, document: Mapping[str, Any], models: Mapping[str, type[BaseModel]]
 ) -> list[str]:
     """Return a line for everything that breaks the schema.
 
-    Args:
-        error: What the schema has against it.
-        document: What was read.
-        models: Which names each section may hold; `""` for the document itself.
+    The models say which names each section may hold; `""` is the document itself.
     """
     found = error.errors(include_url=False)
     lines = [_line(item, document, models) for item in found[:MOST_LINES]]

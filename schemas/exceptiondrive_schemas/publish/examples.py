@@ -10,9 +10,9 @@ from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.board import Board, BoardEntry, FamilyCell, FamilyHead
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import check_bytes
-from exceptiondrive_schemas.faults import CheckReport, FaultCode
+from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.method_facts import Links
-from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
+from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.publish.broken_files import file_bytes, report_of
 from exceptiondrive_schemas.publish.example_split import (
     example_manifest,
@@ -35,11 +35,6 @@ RECEIVED_AT = datetime(2026, 3, 2, 9, 30, tzinfo=UTC)
 SCORED_AT = datetime(2026, 3, 2, 9, 30, 2, tzinfo=UTC)
 SUBMISSION_ID = "s-example-4f7q"
 PHASE, TEAM, METHOD = "planning-example", "Example Team", "Braking planner"
-FAMILY_OF_TASK = {
-    "SE1": "sudden_emergence",
-    "LB1": "lane_blockage",
-    "BG1": "bypass_and_gap_conflict",
-}
 
 
 def _row(*values: float | None) -> MetricRow:
@@ -62,9 +57,8 @@ FREEZE_BY_TASK = {
 }
 
 
-def protocol_ref(protocol: ProtocolDocument) -> ProtocolRef:
-    """Version and digest."""
-    return ProtocolRef(version=protocol.version, digest=protocol.digest)
+def _family(task: str) -> str:
+    return packaged_protocol().taxonomy.task(task).family
 
 
 def example_score_sheet() -> ScoreSheet:
@@ -73,14 +67,14 @@ def example_score_sheet() -> ScoreSheet:
     shares = ("edited_stationary", "source_stationary", "blind", "impossible")
     return ScoreSheet(
         challenge=PLANNING.id,
-        protocol=protocol_ref(packaged_protocol()),
+        protocol=ProtocolRef.of(packaged_protocol()),
         split=example_split().ref,
         scorer_version="1",
         n=3,
         coverage=Coverage(edited=0.6667, source=1.0),
         micro=TOTAL,
         macro_family=TOTAL,
-        families={FAMILY_OF_TASK[task]: row for task, row in tasks.items()},
+        families={_family(task): row for task, row in tasks.items()},
         tasks=tasks,
         plausibility=Plausibility(shares=dict.fromkeys(shares, 0.0)),
         extra={
@@ -93,11 +87,12 @@ def example_score_sheet() -> ScoreSheet:
 def example_board() -> Board:
     """A board with the example entry, which covers too little to rank, and a reference row."""
     protocol = packaged_protocol()
+    cells = _cells(BY_TASK)
     return Board(
         challenge=PLANNING.id,
         phase=PHASE,
         split=example_split().ref,
-        protocol=protocol_ref(protocol),
+        protocol=ProtocolRef.of(protocol),
         headline=protocol.grading.headline,
         board=1,
         published_at=SCORED_AT,
@@ -106,7 +101,7 @@ def example_board() -> Board:
         families=tuple(
             FamilyHead(id=family.id, title=family.title, n=1)
             for family in protocol.families
-            if family.id in FAMILY_OF_TASK.values()
+            if family.id in cells
         ),
         entries=(_scored_entry(), _reference_entry()),
     )
@@ -153,7 +148,7 @@ def _reference_entry() -> BoardEntry:
 
 
 def _cells(by_task: dict[str, MetricRow]) -> dict[str, FamilyCell]:
-    return {FAMILY_OF_TASK[task]: FamilyCell.of(1, row) for task, row in by_task.items()}
+    return {_family(task): FamilyCell.of(1, row) for task, row in by_task.items()}
 
 
 FILES = frozenset({"planning", "strategy", "split"})
@@ -182,11 +177,6 @@ def example_submission() -> SubmissionView:
     )
 
 
-def example_report() -> CheckReport:
-    """The report of a file with a mistyped sample id."""
-    return report_of(FaultCode.UNKNOWN_SAMPLE)
-
-
 def example_problem() -> Problem:
     """The answer to one upload too many."""
     return Problem(
@@ -211,7 +201,7 @@ EXAMPLES: Mapping[str, Callable[[], Document]] = MappingProxyType(
         "score-sheet": example_score_sheet,
         "board": example_board,
         "submission": example_submission,
-        "check-report": example_report,
+        "check-report": lambda: report_of(FaultCode.UNKNOWN_SAMPLE),
         "problem": example_problem,
     }
 )

@@ -1,48 +1,26 @@
 """All generated files: where each one belongs and what it says."""
 
 import json
-from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any, Literal
 
 from exceptiondrive_schemas.api.form_fields import FormField, fields_of
 from exceptiondrive_schemas.api.phase_settings import PhaseSettings
-from exceptiondrive_schemas.api.problems import Problem
-from exceptiondrive_schemas.api.submission import SubmissionView
-from exceptiondrive_schemas.base import Document
-from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.faults import CheckReport
-from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.publish.broken_files import errors_page
 from exceptiondrive_schemas.publish.examples import EXAMPLES, example_json
-from exceptiondrive_schemas.score_sheet import ScoreSheet
-from exceptiondrive_schemas.split import Manifest, Split
-from exceptiondrive_schemas.submission_files import PlanningSubmission, StrategySubmission
 
-MODELS: Mapping[str, type[Document]] = MappingProxyType(
-    {
-        "planning": PlanningSubmission,
-        "strategy": StrategySubmission,
-        "split": Split,
-        "manifest": Manifest,
-        "protocol": ProtocolDocument,
-        "score-sheet": ScoreSheet,
-        "board": Board,
-        "submission": SubmissionView,
-        "check-report": CheckReport,
-        "problem": Problem,
-    }
-)
 WRITTEN_BY_SERVER = frozenset({"score-sheet", "board", "submission", "check-report", "problem"})
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def json_schema(name: str) -> dict[str, Any]:
-    """Return the JSON Schema of a document, as it is written or as it is read."""
+    """Return the JSON Schema of the class of an example, as it is written or as it is read."""
     mode: Literal["serialization", "validation"] = (
         "serialization" if name in WRITTEN_BY_SERVER else "validation"
     )
-    return {"$schema": DIALECT, **MODELS[name].model_json_schema(by_alias=True, mode=mode)}
+    return {
+        "$schema": DIALECT,
+        **type(EXAMPLES[name]()).model_json_schema(by_alias=True, mode=mode),
+    }
 
 
 HEAD = """# The settings of a phase
@@ -101,7 +79,7 @@ PACKAGE_DATA = "schemas/exceptiondrive_schemas/published"
 
 def written_files() -> dict[str, str]:
     """Return path, relative to the repository, and text of every generated file."""
-    texts = {f"schemas/{name}.json": _schema_text(name) for name in MODELS}
+    texts = {f"schemas/{name}.json": _schema_text(name) for name in EXAMPLES}
     texts |= {f"examples/{name}.json": example_json(name) for name in EXAMPLES}
     files = {f"{PACKAGE_DATA}/{path}": text for path, text in texts.items()}
     return files | {"docs/errors.md": errors_page(), "docs/phase-settings.md": settings_page()}

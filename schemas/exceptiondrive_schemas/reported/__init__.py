@@ -11,10 +11,10 @@ from pydantic import Field
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.board import BoardEntry, FamilyCell
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, ChallengeId
+from exceptiondrive_schemas.protocol import Average
 from exceptiondrive_schemas.python310 import tomllib
 from exceptiondrive_schemas.score_sheet import MetricRow
 
-Aggregate = Literal["micro", "macro_family"]
 Printed = Annotated[str, Field(pattern=r"^\d+(\.\d+)?$")]
 """A number as printed, trailing zeros included: fractions in per cent, CTS in metres."""
 
@@ -32,7 +32,7 @@ class ReportedRow(Document):
 class ReportedChallenge(Document):
     """What a paper reports on one challenge; without an aggregate it does not say which."""
 
-    aggregate: Aggregate | None = None
+    aggregate: Average | None = None
     n_samples: int | None = None
     samples: str
     """What was scored, in words; `n_samples` of them, where the paper says how many."""
@@ -58,7 +58,7 @@ def reported_paper() -> ReportedPaper:
     return ReportedPaper.model_validate_json(json.dumps(document))
 
 
-def reported_entries(challenge_id: ChallengeId, headline: Aggregate) -> tuple[BoardEntry, ...]:
+def reported_entries(challenge_id: ChallengeId, headline: Average) -> tuple[BoardEntry, ...]:
     """Return the reported rows of a challenge, in the paper's order.
 
     Metrics that the paper does not report are None; so are all of them under a headline that is
@@ -76,9 +76,9 @@ def reported_entries(challenge_id: ChallengeId, headline: Aggregate) -> tuple[Bo
 def _entry(
     row: ReportedRow,
     paper: ReportedPaper,
-    aggregate: Aggregate | None,
+    aggregate: Average | None,
     challenge: Challenge,
-    headline: Aggregate,
+    headline: Average,
 ) -> BoardEntry:
     undefined: MetricRow = dict.fromkeys(challenge.metric_keys)
     values = undefined | {key: _value(challenge, key, text) for key, text in row.metrics.items()}

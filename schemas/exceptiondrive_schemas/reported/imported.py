@@ -1,13 +1,10 @@
 """Rows of a board of elsewhere, as an organizer imports them: never ranked beside own entries."""
 
-from typing import Literal
-
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.protocol import Average
 from exceptiondrive_schemas.score_sheet import MetricRow
 from exceptiondrive_schemas.split import SplitRef
-
-Average = Literal["micro", "macro_family"]
 
 
 class ImportedRow(Document):
@@ -57,12 +54,7 @@ class Measured(Document):
 
 
 def differences(row: ImportedRow, own: Measured) -> tuple[str, ...]:
-    """Say what keeps a row from being compared with a phase's own entries; nothing where nothing does.
-
-    Args:
-        row: Of another board.
-        own: What the phase measures by.
-    """
+    """Say what keeps a row from being compared with a phase's own entries; nothing where nothing does."""
     return tuple(filter(None, (_split(row, own), _protocol(row, own), *_counts(row, own))))
 
 

@@ -15,7 +15,8 @@ from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.method_facts import MethodFacts
 from exceptiondrive_schemas.printable import from_spreadsheet
-from exceptiondrive_schemas.reported.imported import Average, ImportedRow
+from exceptiondrive_schemas.protocol import Average
+from exceptiondrive_schemas.reported.imported import ImportedRow
 from exceptiondrive_schemas.score_sheet import MetricRow
 from exceptiondrive_schemas.split import SPLIT_NAME_PATTERN, SplitRef
 

@@ -145,7 +145,7 @@ def verification_view(session: Session, run_id: str) -> VerificationView:
     return VerificationView(
         id=run.id,
         phase=run.phase_id,
-        protocol=ProtocolRef(version=protocol.version, digest=protocol.digest),
+        protocol=ProtocolRef.of(protocol),
         split=SplitRef(name=phase.split_name, revision=run.to_split_revision),
         reason=run.reason,
         actor=run.actor,

@@ -279,5 +279,4 @@ def _runs_by_flip(session: Session, phase_id: str) -> dict[int, RescoringRun]:
 
 
 def _protocol_ref(session: Session, digest: str) -> ProtocolRef:
-    protocol = find_protocol(session, digest)
-    return ProtocolRef(version=protocol.version, digest=protocol.digest)
+    return ProtocolRef.of(find_protocol(session, digest))

@@ -216,7 +216,7 @@ def _document(
         challenge=challenge.id,
         phase=phase.id,
         split=split.manifest.ref,
-        protocol=ProtocolRef(version=protocol.version, digest=protocol.digest),
+        protocol=ProtocolRef.of(protocol),
         headline=protocol.grading.headline,
         board=0,
         published_at=datetime.fromtimestamp(0, UTC),
