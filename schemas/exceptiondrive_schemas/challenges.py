@@ -280,11 +280,15 @@ class Metric(Document):
         return 0.0 if self.aggregation == "minimum" else self.level
 
 
+Order = Literal["descending", "ascending"]
+"""Whether more of a metric is better (`descending`), or less."""
+
+
 class RankKey(Document):
     """One key of the rank order."""
 
     metric: str
-    order: Literal["descending", "ascending"]
+    order: Order
 
 
 class Challenge(Document):

@@ -17,7 +17,7 @@ from pydantic import Field
 from exceptiondrive_schemas.base import Document, content_digest
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import PACKAGED_PROTOCOLS, ProtocolDocument
-from exceptiondrive_schemas.score_sheet import MetricRow
+from exceptiondrive_schemas.score_sheet import MetricRow, text_with_unit
 from exceptiondrive_schemas.taxonomy import Strategy, Task
 
 Position = tuple[float, float]
@@ -220,7 +220,7 @@ def caption(sample: SampleDrawing) -> tuple[str, str]:
     values = []
     for key in CAPTION_KEYS:
         metric, value = PLANNING.metric(key), sample.metrics[key]
-        text = "undefined" if value is None else _with_unit(value, metric.unit)
+        text = "undefined" if value is None else text_with_unit(metric, value)
         values.append(f"{metric.label} {text}")
     return f"{sample.task} · {sample.hazard}", f"{outcome(sample)} · {' · '.join(values)}"
 
@@ -232,10 +232,6 @@ def outcome(sample: SampleDrawing) -> str:
     if sample.is_intrusion:
         return f"hit; {sample.d_safe_m:g} m required"
     return f"clearance {sample.clearance_m:.2f} m of {sample.d_safe_m:g} m required"
-
-
-def _with_unit(value: float, unit: str) -> str:
-    return f"{value * 100:.2f} %" if unit == "fraction" else f"{value:.2f} m"
 
 
 def grid(view: View) -> Iterator[str]:

@@ -143,3 +143,11 @@ def metric_text(
     else:
         number, decimals = value, publication.metre_decimals if publication else 2
     return f"{round(number, decimals) + 0.0:.{decimals}f}"  # adding zero turns -0.0 into 0.0
+
+
+def text_with_unit(
+    metric: Metric, value: float, publication: PublicationSection | None = None
+) -> str:
+    """Return a value as in running text: `65.47 %`, `1.20 m`."""
+    unit = "%" if metric.unit == "fraction" else "m"
+    return f"{metric_text(metric, value, publication)} {unit}"

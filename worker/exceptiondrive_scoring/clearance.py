@@ -59,10 +59,7 @@ def clearance_so_far_m(
 ) -> FloatArray:
     """Clearance of what is swept until each time step: the tube of the trajectory, cut off there.
 
-    Args:
-        points_m: (N, T + 1, 2) finite positions, the origin first.
-        regions: Prepared regions of the same N samples.
-        geometry: Heading rule, footprint, kind of tube.
+    It takes what `clearance_m` takes.
 
     Returns:
         (N, T + 1) metres, never growing with time: the footprint's at step 0, `clearance_m` at T.

@@ -88,12 +88,7 @@ def compare(
 class _Paired:
     """A minus B: over all samples and groups, and in each draw.
 
-    Attributes:
-        values: Differences.
-        discordant: Shares of samples that differ.
-        draws: Differences in each draw; by family, or by what else the sums were grouped by.
-        n_scenes: Scenes that they rest on.
-        ranking: Confidence of intervals, and the scenes that they take.
+    Draws and the scenes that they rest on are by family, or by what else the sums were grouped by.
     """
 
     values: Breakdown

@@ -43,12 +43,7 @@ DECIMALS = 4
 class Drawer:
     """Draws the samples of one planning entry on one split under one protocol.
 
-    Attributes:
-        sample_ids: N keys, in the canonical order of all arrays.
-        pairs: What was submitted.
-        measured: What geometry gave.
-        split: Regions and tasks.
-        protocol: Geometry, required clearances, names of tasks.
+    All arrays are in the order of the N sample ids.
     """
 
     sample_ids: Sequence[str]

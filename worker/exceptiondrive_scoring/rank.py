@@ -1,12 +1,12 @@
 """Rank entries by the protocol, and say which ranks the draws leave open."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from exceptiondrive_schemas.challenges import RankKey
+from exceptiondrive_schemas.challenges import Order, RankKey
 from exceptiondrive_scoring.aliases import FloatArray, IntArray
 from exceptiondrive_scoring.bootstrap import Uncertainty
 
@@ -57,9 +57,7 @@ def _sort_key(
     return tuple(parts)
 
 
-def rank_intervals(
-    entries: Sequence[Uncertainty], order: Literal["descending", "ascending"]
-) -> IntArray:
+def rank_intervals(entries: Sequence[Uncertainty], order: Order) -> IntArray:
     """Best and worst rank of each entry that the draws leave open (docs/protocol.md section 4).
 
     Entry i is surely better than j if the interval of their paired difference lies wholly above
@@ -69,12 +67,7 @@ def rank_intervals(
     Draws are compared pair by pair for those alone whose spans of draws meet: of two that lie apart,
     order statistics tell it.
 
-    Args:
-        entries: Primary draws of the K entries that rank, all of one split and protocol.
-        order: Of the metric that ranks first: whether more is better (`descending`) or less.
-
-    Returns:
-        (K, 2).
+    All are of one split and protocol, the order is that of the metric that ranks first; (K, 2).
     """
     n_entries = len(entries)
     if not entries:
@@ -104,22 +97,14 @@ def rank_intervals(
 def long_rank_intervals(
     entries: Sequence[Uncertainty],
     intervals: FloatArray,
-    order: Literal["descending", "ascending"],
+    order: Order,
     n_paired: int = PAIRED,
 ) -> IntArray:
     """Rank intervals of a board of any length: `rank_intervals` among the first `n_paired`.
 
     Of two that are not both among them, the one is surely better whose interval lies wholly above
-    the other's, as in `told_rank_intervals`. That is n log n, and wider.
-
-    Args:
-        entries: The K entries that rank, the first ones first.
-        intervals: (K, 2) of the metric that ranks first; of an entry that has none, all numbers.
-        order: Whether more of it is better (`descending`) or less.
-        n_paired: How many are compared with each other draw by draw.
-
-    Returns:
-        (K, 2).
+    the other's, as in `told_rank_intervals`. That is n log n, and wider. The first entries stand first;
+    (K, 2).
     """
     found = told_rank_intervals(intervals, order)
     low, high = _signed(intervals, order)
@@ -130,30 +115,19 @@ def long_rank_intervals(
     return found
 
 
-def told_rank_intervals(
-    intervals: FloatArray, order: Literal["descending", "ascending"]
-) -> IntArray:
+def told_rank_intervals(intervals: FloatArray, order: Order) -> IntArray:
     """Best and worst rank of each entry that published intervals leave open.
 
     Entry i is surely better than j if its interval lies wholly above that of j. Whoever reads the
-    intervals can say so: of a withheld split ranks tell nothing besides (docs/leakage.md).
-
-    Args:
-        intervals: (K, 2) of the metric that ranks first, as they are told; of an entry that has
-            none, all numbers.
-        order: Whether more of it is better (`descending`) or less.
-
-    Returns:
-        (K, 2).
+    intervals can say so: of a withheld split ranks tell nothing besides (docs/leakage.md). They are those
+    of the metric that ranks first, as they are told; of an entry that has none, all numbers. (K, 2).
     """
     low, high = _signed(intervals, order)
     better, worse = _apart(low, high, low, high)
     return np.stack([1 + better, len(low) - worse], axis=1)
 
 
-def _signed(
-    intervals: FloatArray, order: Literal["descending", "ascending"]
-) -> tuple[FloatArray, FloatArray]:
+def _signed(intervals: FloatArray, order: Order) -> tuple[FloatArray, FloatArray]:
     """Return lower and upper ends, more being better."""
     low, high = intervals.T if order == "descending" else -intervals[:, ::-1].T
     return low, high

@@ -77,10 +77,7 @@ class LintWarning:
 class LintedSplit:
     """What lint looks at; arrays in the order of the sample ids.
 
-    Attributes:
-        sample_ids: N ids.
-        arrays: Regions, tasks, scenes, required clearances, and what was really driven.
-        is_control: (N,) whether no good driver would heed the region.
+    Of a control, (N,), no good driver would heed the region.
     """
 
     sample_ids: Sequence[str]

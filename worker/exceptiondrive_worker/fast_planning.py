@@ -22,8 +22,7 @@ MOVES_ON_M = 1.0
 def read_planning(text: bytes, manifest: Manifest, protocol: ProtocolDocument) -> Columns | None:
     """Return the columns `source` and `edited`, (N, T, 2) metres, NaN where missing.
 
-    Returns:
-        None where the file is faulty or not certainly sound.
+    None where the file is faulty or not certainly sound.
     """
     columns = planning_columns(text, protocol.geometry.waypoints)
     if columns is None or columns.split != manifest.name:

@@ -54,11 +54,7 @@ MAX_TEXTS_PER_PREDICTION = 5 + 2 * len(REMINDER_KEYS)
 
 
 def read_strategy(text: bytes, manifest: Manifest, protocol: ProtocolDocument) -> Columns | None:
-    """Return the columns of `StrategyAnswers` in canonical order.
-
-    Returns:
-        None where the file is faulty or not certainly sound.
-    """
+    """Return the columns of `StrategyAnswers` in canonical order; None where it is not certainly sound."""
     n_max = ROOT_TEXTS + MAX_TEXTS_PER_PREDICTION * len(manifest.sample_ids)
     if n_texts(text) > n_max:
         return None

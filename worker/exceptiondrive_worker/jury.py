@@ -28,13 +28,9 @@ TOO_EASY = 0.95
 
 @dataclass(frozen=True)
 class Verdict:
-    """How a member of the jury fares.
+    """How a member of the jury, a reference row or a file, fares by the average that ranks.
 
-    Attributes:
-        method: Name of the reference row, or of the file.
-        hcc: Primary metric, as the protocol's headline has it; None: not scored.
-        ur: Unsafe rate.
-        objection: What is not as expected; empty where it is.
+    None: not scored. The objection says what is not as expected.
     """
 
     method: str

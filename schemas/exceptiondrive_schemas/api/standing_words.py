@@ -7,9 +7,7 @@ from exceptiondrive_schemas.board import ReminderEffect
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.printable import one_line
 from exceptiondrive_schemas.protocol import PublicationSection
-from exceptiondrive_schemas.score_sheet import Interval, metric_text
-
-_UNITS = {"fraction": "%", "metre": "m"}
+from exceptiondrive_schemas.score_sheet import Interval, metric_text, text_with_unit
 
 
 def ranked_words(
@@ -22,7 +20,7 @@ def ranked_words(
     for key in challenge.primary_order:
         metric, value = challenge.metric(key.metric), values.get(key.metric)
         if value is not None:
-            told = f"{metric_text(metric, value, publication)} {_UNITS[metric.unit]}"
+            told = text_with_unit(metric, value, publication)
             yield f"{metric.label} {told}{_range(metric, intervals.get(key.metric), publication)}"
 
 
@@ -48,8 +46,7 @@ def _effect_words(challenge: Challenge, effect: ReminderEffect | None) -> Iterat
         if value is not None:
             metric = challenge.metric(key)
             sign = "+" if value >= 0 else ""
-            told = f"{sign}{metric_text(metric, value)} {_UNITS[metric.unit]}"
-            yield f"by the reminder {metric.label} {told}"
+            yield f"by the reminder {metric.label} {sign}{text_with_unit(metric, value)}"
 
 
 def _range(

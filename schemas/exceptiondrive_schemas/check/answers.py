@@ -62,12 +62,7 @@ class StrategyAnswer(NamedTuple):
 
 @dataclass(frozen=True)
 class CheckedDocument:
-    """A sound file.
-
-    Attributes:
-        split: Name of the split.
-        answers: Sample id to what the file says of it.
-    """
+    """A sound file: the name of its split, and sample id to what it says of that."""
 
     challenge: ClassVar[ChallengeId]
     split: str

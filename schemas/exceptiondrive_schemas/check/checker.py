@@ -150,8 +150,6 @@ def report_repeated_keys(value: Any, path: Path, faults: FaultList) -> None:
 ROOT_KEYS = ("schema", "split", "predictions")
 OUR_KEYS = ("sample_id", "source", "edited", "strategy")
 """Of predictions."""
-
-
 A_COMMENT = "looks like a comment: JSON has none, remove it"
 CLOSING = ('"]', '"}')
 AFTER_A_COMMA = (
@@ -239,12 +237,7 @@ class _TooManyFaultsError(Exception):
 class SubmissionReader:
     """One reading of one file.
 
-    Attributes:
-        faults: The faults found.
-        challenge: What the file's `schema` says it is for, None where that is unknown.
-        split: What the file says it is for, shortened and escaped.
-        n_predictions: Length of the list of predictions, None where there is none.
-        notes: What else is worth knowing.
+    Challenge and split are what the file says it is for, the split shortened and escaped.
     """
 
     def __init__(
@@ -603,12 +596,7 @@ UTF8_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
 @dataclass(frozen=True)
 class Checked:
-    """The outcome of a check.
-
-    Attributes:
-        report: What is wrong, for people and programs.
-        document: What the file says; None where anything is wrong.
-    """
+    """The outcome of a check: the report, and what the file says, None where anything is wrong."""
 
     report: CheckReport
     document: CheckedDocument | None

@@ -55,11 +55,7 @@ def are_short(text: bytes) -> bool:
 
 
 def decode(text: bytes, decoder: msgspec.json.Decoder[Any], file_schema: str) -> DecodedFile | None:
-    """Decode a file that is for this schema.
-
-    Returns:
-        None where the text does not fit, or holds anything that calls for the precise checker.
-    """
+    """Decode a file for this schema; None where it does not fit, or calls for the precise checker."""
     if b"\\" in text or not text.isascii():
         return None
     try:

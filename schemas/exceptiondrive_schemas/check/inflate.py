@@ -81,13 +81,7 @@ GZIP_WINDOW_BITS = 31
 
 @dataclass
 class UnreadableFileError(Exception):
-    """Nothing in the file can be checked further.
-
-    Attributes:
-        code: Kind of fault.
-        expected: What belongs there, in words.
-        got: What is there, in words.
-    """
+    """Nothing in the file can be checked further: what belongs there, and what is there, in words."""
 
     code: FaultCode
     expected: str

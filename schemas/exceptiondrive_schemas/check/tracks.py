@@ -26,12 +26,7 @@ class Steps(NamedTuple):
 
 @dataclass(frozen=True)
 class Tracks:
-    """Trajectories of n samples with T waypoints each.
-
-    Attributes:
-        x_m: T columns, one for each waypoint.
-        y_m: The same.
-    """
+    """Trajectories of n samples with T waypoints each: T columns of x, and of y."""
 
     x_m: Sequence[Column]
     y_m: Sequence[Column]
@@ -125,13 +120,7 @@ def both_first(pairs: Iterable[Whole]) -> tuple[list[array[float]], list[array[f
 
 
 class PairTracks(NamedTuple):
-    """Whole trajectories of a file; those of pairs that have both come first, in the same order.
-
-    Attributes:
-        source: The source trajectories.
-        edited: The edited ones.
-        n_both: Pairs that have both.
-    """
+    """Whole trajectories of a file; those of the `n_both` pairs that have both come first, in one order."""
 
     source: Tracks
     edited: Tracks

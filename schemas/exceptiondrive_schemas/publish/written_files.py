@@ -79,11 +79,9 @@ PACKAGE_DATA = "schemas/exceptiondrive_schemas/published"
 
 def written_files() -> dict[str, str]:
     """Return path, relative to the repository, and text of every generated file."""
-    texts = {f"schemas/{name}.json": _schema_text(name) for name in EXAMPLES}
-    texts |= {f"examples/{name}.json": example_json(name) for name in EXAMPLES}
+    texts = {f"examples/{name}.json": example_json(name) for name in EXAMPLES}
+    for name in EXAMPLES:
+        schema = json.dumps(json_schema(name), indent=2, ensure_ascii=False)
+        texts[f"schemas/{name}.json"] = schema + "\n"
     files = {f"{PACKAGE_DATA}/{path}": text for path, text in texts.items()}
     return files | {"docs/errors.md": errors_page(), "docs/phase-settings.md": settings_page()}
-
-
-def _schema_text(name: str) -> str:
-    return json.dumps(json_schema(name), indent=2, ensure_ascii=False) + "\n"

@@ -11,7 +11,6 @@ from exceptiondrive_records.boards.boards import current_board, latest_board, pu
 from exceptiondrive_records.boards.documents import entries_of, entry_documents
 from exceptiondrive_records.boards.ranking import entries_for_board, whole_sheets
 from exceptiondrive_records.phases.phases import find_phase
-from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.drawings import find_public_split
 from exceptiondrive_records.splits.splits import find_split, part_of
@@ -19,9 +18,8 @@ from exceptiondrive_records.work.board_requests import claim_board
 from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.api.phase_settings import BoardView
 from exceptiondrive_schemas.board import Board, BoardEntry
-from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.reported import reported_entries
 from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
@@ -41,7 +39,7 @@ from exceptiondrive_worker.failures import job_boundary
 from exceptiondrive_worker.similarity_run import compare_submissions
 from exceptiondrive_worker.splits.floors import FloorHeldError
 from exceptiondrive_worker.splits.floors_held import held_floors_are_told, hold_floors
-from exceptiondrive_worker.splits.store import LoadedSplit, SplitUnavailableError
+from exceptiondrive_worker.splits.store import SplitUnavailableError
 from exceptiondrive_worker.stages import Target
 
 _log = structlog.get_logger("exceptiondrive.worker")
@@ -173,8 +171,24 @@ def _board(
     if phase.shows_reported:
         entries += reported_entries(challenge.id, protocol.grading.headline)
     entries = with_previous_ranks(entries, latest, current)
-    board = _document(phase, challenge, split, protocol, entries)
-    board = board.model_copy(update={"comparisons": compared, "view": view, "part": part})
+    has_too_few_scenes = any(row.rank is not None and row.rank_interval is None for row in entries)
+    board = Board(
+        challenge=challenge.id,
+        phase=phase.id,
+        split=split.manifest.ref,
+        protocol=ProtocolRef.of(protocol),
+        headline=protocol.grading.headline,
+        board=0,  # number and date are given when it is published
+        published_at=datetime.fromtimestamp(0, UTC),
+        n_samples=split.arrays.n_samples,
+        confidence=protocol.ranking.confidence,
+        families=family_heads(split, protocol),
+        entries=entries,
+        comparisons=compared,
+        view=view,
+        part=part,
+        min_scenes=protocol.ranking.min_scenes if has_too_few_scenes else None,
+    )
     _ = board.content_digest  # kept from here on: it is not made while the write lock is held
     return board, [(target, record.submission_id) for target, record in standings], like
 
@@ -201,28 +215,3 @@ def _scored(
     effects = reminder_effects(context.private, context.stages, standings, rounding)
     records = (record for _, record in standings)
     return [ScoredEntry(*parts) for parts in zip(records, uncertainties, effects, strict=True)]
-
-
-def _document(
-    phase: Phase,
-    challenge: Challenge,
-    split: LoadedSplit,
-    protocol: ProtocolDocument,
-    entries: tuple[BoardEntry, ...],
-) -> Board:
-    """The board; number and date are given when it is published."""
-    has_too_few_scenes = any(row.rank is not None and row.rank_interval is None for row in entries)
-    return Board(
-        challenge=challenge.id,
-        phase=phase.id,
-        split=split.manifest.ref,
-        protocol=ProtocolRef.of(protocol),
-        headline=protocol.grading.headline,
-        board=0,
-        published_at=datetime.fromtimestamp(0, UTC),
-        n_samples=split.arrays.n_samples,
-        confidence=protocol.ranking.confidence,
-        families=family_heads(split, protocol),
-        entries=entries,
-        min_scenes=protocol.ranking.min_scenes if has_too_few_scenes else None,
-    )

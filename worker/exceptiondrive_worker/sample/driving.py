@@ -35,14 +35,9 @@ SHIFT_LENGTH_M = 14.0
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """One way through the next seconds, along the lane.
+    """One way through the next seconds, along the lane, and aside: to the left of its centre.
 
-    Attributes:
-        speed_mps: At the start.
-        acceleration_mps2: Before any braking.
-        brake_at_s: When braking begins.
-        brake_mps2: How hard.
-        aside_m: Where the car goes to, to the left of the lane's centre.
+    The speed is that at the start, the acceleration that before any braking.
     """
 
     speed_mps: float
