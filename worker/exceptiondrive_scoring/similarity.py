@@ -135,27 +135,35 @@ def _is_missing(ways: NDArray[np.floating]) -> BoolArray:
 
 
 def alikeness(
-    a: NDArray[np.floating],
-    others: NDArray[np.floating],
-    rule: AlikeRule,
-    told_from: float = 0.0,
+    a: NDArray[np.floating], others: NDArray[np.floating], rule: AlikeRule
 ) -> list[Alikeness]:
-    """Compare one submission (N, P, C) with K others (K, N, P, C).
-
-    An aligned share below `told_from` may be told as 0: most others are far from a copy, and a few
-    samples prove it.
-    """
+    """Compare one submission (N, P, C) with K others (K, N, P, C)."""
     apart = distances(a[None], others)
-    shares, means = _share(apart, rule), apart.mean(axis=-1)
     aligned, scales = np.zeros(len(others)), np.ones(len(others))
     if rule.may_be_scaled:
         scales = _scales(a, others)
-        tried = _may_align(a, others, scales, rule, told_from)
-        if tried.any():
-            some = others[tried]
-            aligned[tried] = _share(distances(_moved(a, some, scales[tried]), some), rule)
-    columns = (shares, means, aligned, scales)
+        aligned = _share(distances(_moved(a, others, scales), others), rule)
+    columns = (_share(apart, rule), apart.mean(axis=-1), aligned, scales)
     return [Alikeness(*map(float, row)) for row in zip(*columns, strict=True)]
+
+
+def may_be_alike(
+    a: NDArray[np.floating], others: NDArray[np.floating], rule: AlikeRule, slack: float = 0.0
+) -> BoolArray:
+    """Whether a first look leaves it open that a submission is like each of K others, (K,).
+
+    Most are so far from each other that the rest of the samples could not make up for the first ones.
+    """
+    n_samples, n_first = len(a), min(len(a), FIRST_LOOK)
+    least_share = rule.least_share - slack
+    apart = distances(a[None, :n_first], others[:, :n_first])
+    n_alike = (apart <= rule.tolerance + ROUNDING).sum(axis=-1) + n_samples - n_first
+    may = n_alike >= least_share * n_samples - ROUNDING
+    if rule.mean_distance is not None:
+        may |= apart.sum(axis=-1) <= (rule.mean_distance + slack + ROUNDING) * n_samples
+    if rule.may_be_scaled:
+        may |= _may_align(a, others, rule, least_share)
+    return np.asarray(may)
 
 
 def _share(apart: FloatArray, rule: AlikeRule) -> FloatArray:
@@ -179,7 +187,6 @@ def _scales(a: NDArray[np.floating], others: NDArray[np.floating]) -> FloatArray
 def _may_align(
     a: NDArray[np.floating],
     others: NDArray[np.floating],
-    scales: FloatArray,
     rule: AlikeRule,
     share: float,
 ) -> BoolArray:
@@ -190,7 +197,8 @@ def _may_align(
     """
     n_samples, n_first = len(a), min(len(a), FIRST_LOOK)
     first = others[:, :n_first]
-    gaps = first - a[None, :n_first] * scales[:, None, None, None].astype(a.dtype)
+    scales = _scales(a, others)[:, None, None, None].astype(a.dtype)
+    gaps = first - a[None, :n_first] * scales
     moved = _sum(gaps.transpose(0, 3, 1, 2)) / gaps.shape[-2]  # (K, C, n)
     n_needed = np.full(len(others), n_first - math.floor((1 - share) * n_samples + 1e-9))
     if np.isnan(moved).any():  # missing in both: alike, however moved
@@ -212,7 +220,7 @@ def _moved(
     Beyond what still is a copy it is not shifted.
     """
     scaled = a[None] * scales[:, None, None, None]
-    points = (others - scaled).reshape(len(others), -1, a.shape[-1])
+    points = (others - scaled).reshape(len(others), a[..., 0].size, a.shape[-1])
     gaps = np.ascontiguousarray(np.moveaxis(points, -1, 1))  # (K, C, N * P)
     unknown = np.asarray(np.isnan(gaps).any(axis=1))
     if unknown.any():
