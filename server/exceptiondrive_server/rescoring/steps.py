@@ -171,7 +171,8 @@ RUN_STEPS: Mapping[str, RunStep] = MappingProxyType(
                 "Apply",
                 "Apply the run",
                 "One transaction shows the new board to every reader, and tells the teams whose "
-                "numbers change. It can be rolled back until you close the run.",
+                "numbers change. While the phase is hidden, organizers alone see that board and nobody is "
+                "told. It can be rolled back until you close the run.",
                 "run_applied",
                 flip.apply_run,
                 "apply",
@@ -184,7 +185,9 @@ RUN_STEPS: Mapping[str, RunStep] = MappingProxyType(
                 RunAction.ROLLBACK,
                 "Roll back",
                 "Roll back",
-                "Readers see the board under the earlier protocol again, and the teams are told.",
+                "Readers see the board under the earlier protocol again, and the teams whose numbers "
+                "change are told. While the phase is hidden, organizers alone see that board and "
+                "nobody is told.",
                 "run_rolled_back",
                 flip.rollback_run,
                 "rollback",
