@@ -26,13 +26,14 @@ from exceptiondrive import (
     Client,
     InvalidArgumentError,
     InvalidFileError,
-    NotAllowedError,
     NotFoundError,
+    NotSignedInError,
     QuotaError,
     WaitTimeoutError,
     evaluate_file,
 )
 from exceptiondrive.cli import app
+from exceptiondrive.outlook import Outlook
 
 if TYPE_CHECKING:
     from tests.client.servers import Running
@@ -370,8 +371,16 @@ def test_without_a_token_it_is_4(running: "Running", planning_file: MakeFile) ->
     done = run(running, "whoami", token="edk_t_wrong")
     assert done.exit_code == 4
     assert "exceptiondrive login" in done.stderr
-    with Client(running.url) as client, pytest.raises(NotAllowedError):
-        client.submit(planning_file(), phase="dev", method="Planner")
+    for token in (None, running.organizer_token):
+        asked: list[Outlook] = []
+        with (
+            Client(running.url, token) as client,
+            pytest.raises(NotSignedInError, match="Only teams submit, and no token of a team"),
+        ):
+            client.submit(
+                planning_file(), phase="dev", method="Planner", before_upload=asked.append
+            )
+        assert asked == [], "who cannot submit is told so before any consent is asked"
 
 
 def test_what_is_not_there_is_2(running: "Running") -> None:
