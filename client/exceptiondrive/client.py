@@ -308,7 +308,7 @@ class Client(Connection):
         return self._transport.post_once(path, {"version": version})
 
     def quota(self, phase: str | None = None) -> dict[str, Quota]:
-        """Return what the team may still submit, by phase; of one phase or of all.
+        """Return what the team may still submit, by phase; of one, or of all that take files now.
 
         Raises:
             NotSignedInError: No token was given, or it is an organizer's.
@@ -316,7 +316,8 @@ class Client(Connection):
         views = self.phases() if phase is None else (self.phase(phase),)
         if views and all(view.quota is None for view in views):
             raise _no_team("Only teams have a quota")
-        return {view.id: view.quota for view in views if view.quota is not None}
+        asked = (view for view in views if phase is not None or view.takes_files)
+        return {view.id: view.quota for view in asked if view.quota is not None}
 
     def manifest(self, phase: str) -> Manifest:
         """Return the sample ids of a phase's split."""

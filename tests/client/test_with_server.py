@@ -447,6 +447,24 @@ def test_the_quota_is_shown_by_phase_and_belongs_to_teams(running: "Running") ->
     assert (organizer.exit_code, "Only teams have a quota" in organizer.stderr) == (4, True)
 
 
+def test_the_quota_of_a_phase_that_takes_nothing_is_shown_where_it_is_named_alone(
+    running: "Running",
+) -> None:
+    from exceptiondrive_records.db.clock import database_now
+    from exceptiondrive_records.phases.phases import find_phase
+
+    nothing = "nothing can be sent now"
+    assert nothing not in run(running, "quota", "--phase", "dev").stdout
+    with running.context.database.write() as session:
+        find_phase(session, "dev").closes_at = database_now(session)
+    assert set(json.loads(run(running, "quota", "--json").stdout)) == {"words"}
+    named = run(running, "quota", "--phase", "dev").stdout
+    assert (f"{QUOTA} of {QUOTA}" in named, nothing in named) == (True, True)
+    with running.context.database.write() as session:
+        find_phase(session, "words").visibility = "archived"
+    assert run(running, "quota").stdout.startswith(nothing)
+
+
 def test_the_address_of_a_page_does_for_an_id_on_its_own_server_alone(
     running: "Running", planning_file: MakeFile
 ) -> None:
