@@ -422,7 +422,16 @@ class Client(Connection):
         if is_late:
             rule = "What comes after the deadline takes no place on the board, and nothing is chosen any more."
         is_closed = not (phase.is_open or is_late)
-        return Outlook(report, replaces, rule, first, is_closed=is_closed, is_late=is_late)
+        return Outlook(
+            report,
+            replaces,
+            rule,
+            first,
+            is_closed=is_closed,
+            is_late=is_late,
+            owes_terms=phase.terms_version is not None and phase.terms_accepted_at is None,
+            is_private=phase.policy.entries_private,
+        )
 
     def submit(
         self,
