@@ -6,6 +6,7 @@ from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from tests.phases.browsing import visitor
 from tests.support.worker import add_split
 
 from exceptiondrive_records.db.errors import PhaseClosed
@@ -475,7 +476,10 @@ def test_nobody_picks_after_the_reveal(life: "Life") -> None:
     late = life.submit("gamma", CAREFUL)
     life.work()
     assert life.json(f"/api/v1/submissions/{late}", "gamma")["sheet"]["n"] == 2
+    beta, pages = visitor(life, "beta"), ("/my", f"/submissions/{secret}")
+    assert all("Publish it" in beta.get(page).text for page in pages)
     life.apply(reveal(life))
+    assert not any("Publish it" in beta.get(page).text for page in pages)
     assert set(life.entry_ids()) == {chosen, other}
     sheets = {
         each: life.json(f"/api/v1/submissions/{each}", who)["sheet"]
