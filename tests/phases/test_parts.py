@@ -420,7 +420,10 @@ def test_after_a_rollback_pages_say_what_stands(life: "Life") -> None:
     told = life.get(report).text
     assert "Only the public part of the split counts." in told
     assert "not been revealed" not in told, "readers saw it"
-    assert "Another revision of parted" in life.get(f"/rescoring/{run}").text
+    for page in (f"/rescoring/{run}", f"/organize/rescoring/{run}"):
+        told = visitor(life, "organizer").get(page).text
+        assert "Reveal of the private part of parted" in told
+        assert "nother revision" not in told
 
 
 def test_a_team_is_told_of_a_reveal_by_its_own_names(life: "Life") -> None:
