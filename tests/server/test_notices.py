@@ -243,9 +243,37 @@ def test_what_failed_or_was_refused_is_told_once_to_who_wishes_that(
     assert tell_teams(api.database) == 2, "beta wishes to hear of scores alone"
     assert tell_teams(api.database) == 0, "nothing is told twice"
     told = {notice.title: notice.what_changed for who, notice in mails(api) if notice.title}
-    assert told["Planner could not be scored in dev"] == ("We could not score it.",)
+    assert told["Planner could not be scored in dev"] == (
+        "We could not score it.",
+        "It cost no quota; while the phase takes files, the same one may be sent again.",
+    )
+    again = api.submit("a")
+    assert (again.status_code, again.json()["id"] != failed) == (202, True)
+    assert again.headers["RateLimit-Remaining"] == "4", "it alone costs quota"
     assert told["Planner was rejected in dev"] == ("1 fault in the file.",)
     assert {who for who, notice in mails(api) if notice.kind == "failed"} == {"alpha@example.org"}
+
+
+def test_what_waits_for_a_word_says_a_deadline_that_comes_first(api: "Api", browse: Browse) -> None:
+    confirmed(api, browse, "failed")
+    asked = api.submit("a", asks_first="true").json()["id"]
+    report = check_bytes(b"[]", protocol=packaged_protocol())
+    report = report.model_copy(update={"faults": (), "to_confirm": ("It replaces another.",)})
+    with api.database.write() as session:
+        job = claim_this(session, session.query(Job).one().id, 120, 4)
+        assert job is not None
+        finish_rejected(session, job, report)
+    (plain,) = api.get(f"/submissions/{asked}", "alpha").json()["report"]["to_confirm"]
+    closes_in(api, timedelta(hours=3))
+    assert tell_teams(api.database) == 1
+    _, notice = mails(api)[-1]
+    assert notice.title == "Planner waits for your word in dev"
+    with api.database.read() as session:
+        ends = session.get_one(Phase, "dev").closes_at
+    assert notice.what_changed[0].startswith(
+        f"Nothing is counted yet. {plain} It is in time where it is confirmed before the deadline, "
+        f"{ends:%Y-%m-%d %H:%M} UTC. Confirm it until 20"
+    )
 
 
 def test_a_message_that_is_being_sent_has_not_failed_yet(api: "Api") -> None:

@@ -147,6 +147,7 @@ def _sentences(session: Session, seen: SubmissionView) -> Iterator[str]:
         yield question
     if seen.failure is not None:
         yield seen.failure.message
+        yield "It cost no quota; while the phase takes files, the same one may be sent again."
     if seen.sheet is not None:
         protocol = find_protocol(session, seen.sheet.protocol.digest)
         values = seen.sheet.average(protocol.grading.headline)
