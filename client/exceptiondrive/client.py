@@ -221,6 +221,14 @@ class Submission:
         )
 
 
+def _no_team(why: str) -> NotSignedInError:
+    return NotSignedInError(
+        "no_team",
+        f"{why}, and no token of a team was given.",
+        "Run: exceptiondrive login (or set EXCEPTIONDRIVE_TOKEN).",
+    )
+
+
 def _require_quota(quota: Quota) -> None:
     """Refuse what the server would, before anything is asked of who submits."""
     if quota.remaining_today > 0:
@@ -300,19 +308,16 @@ class Client(Connection):
         return self._transport.post_once(path, {"version": version})
 
     def quota(self, phase: str | None = None) -> dict[str, Quota]:
-        """Return what the team may still submit, by phase; of one phase or of all.
+        """Return what the team may still submit, by phase; of one, or of all that take files now.
 
         Raises:
             NotSignedInError: No token was given, or it is an organizer's.
         """
         views = self.phases() if phase is None else (self.phase(phase),)
         if views and all(view.quota is None for view in views):
-            raise NotSignedInError(
-                "no_team",
-                "Only teams have a quota, and no token of a team was given.",
-                "Run: exceptiondrive login (or set EXCEPTIONDRIVE_TOKEN).",
-            )
-        return {view.id: view.quota for view in views if view.quota is not None}
+            raise _no_team("Only teams have a quota")
+        asked = (view for view in views if phase is not None or view.takes_files)
+        return {view.id: view.quota for view in asked if view.quota is not None}
 
     def manifest(self, phase: str) -> Manifest:
         """Return the sample ids of a phase's split."""
@@ -417,7 +422,16 @@ class Client(Connection):
         if is_late:
             rule = "What comes after the deadline takes no place on the board, and nothing is chosen any more."
         is_closed = not (phase.is_open or is_late)
-        return Outlook(report, replaces, rule, first, is_closed=is_closed, is_late=is_late)
+        return Outlook(
+            report,
+            replaces,
+            rule,
+            first,
+            is_closed=is_closed,
+            is_late=is_late,
+            owes_terms=phase.terms_version is not None and phase.terms_accepted_at is None,
+            is_private=phase.policy.entries_private,
+        )
 
     def submit(
         self,
@@ -466,9 +480,12 @@ class Client(Connection):
             InvalidArgumentError: It replaces an entry, or will not be ranked; nothing was sent.
             QuotaError: Enough submitted for now.
             NotAllowedError: The phase is closed, or the token may not submit.
+            NotSignedInError: No token of a team was given; nothing was read or asked.
             NetworkError: The server cannot be reached.
         """
         view = self.phase(phase)
+        if view.quota is None:
+            raise _no_team("Only teams submit")
         given = given_submission(file, view.split)
         if not require_text(method, "The name of a method").strip():
             raise InvalidArgumentError(
@@ -477,7 +494,7 @@ class Client(Connection):
         outlook = self._outlook(given, view, method)
         if not outlook.report.is_valid:
             raise InvalidFileError(outlook.report, advice=SUBMIT_AGAIN)
-        if outlook.first is None and view.is_open and view.quota is not None:
+        if outlook.first is None and view.is_open:
             _require_quota(view.quota)
         if before_upload is not None:
             before_upload(outlook)

@@ -24,6 +24,9 @@ class Outlook:
             upload will be refused; None: they are not.
         is_closed: Whether the phase takes nothing now, early or late: the upload will be refused.
         is_late: Whether its deadline has passed, and it takes files for its late view alone.
+        owes_terms: Whether the phase has terms that nobody accepted for the team: until then the
+            upload will be refused.
+        is_private: Whether it ranks nowhere until the team publishes it.
     """
 
     report: CheckReport
@@ -33,6 +36,8 @@ class Outlook:
     disqualified_at: datetime | None = None
     is_closed: bool = False
     is_late: bool = False
+    owes_terms: bool = False
+    is_private: bool = False
 
     @property
     def is_known(self) -> bool:
@@ -42,7 +47,7 @@ class Outlook:
     @property
     def to_confirm(self) -> Mapping[str, str]:
         """What nobody may be surprised by, in a sentence; by the argument of `submit` that says yes."""
-        if self.is_known or self.is_closed:
+        if self.is_known or self.is_closed or self.owes_terms:
             return {}
         from exceptiondrive_schemas.api.own_entries import to_confirm
 

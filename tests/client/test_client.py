@@ -73,6 +73,16 @@ PHASE: dict[str, Any] = {
     "quota_per_day": 3,
     "quota_total": None,
     "max_upload_bytes": 1_000_000,
+    "quota": {
+        "per_day": 3,
+        "used_today": 0,
+        "remaining_today": 3,
+        "total": None,
+        "used_total": 0,
+        "resets_at": "2026-11-22T00:00:00Z",
+        "rejected_per_day": 10,
+        "rejected_today": 0,
+    },
 }
 
 

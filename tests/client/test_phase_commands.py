@@ -188,6 +188,22 @@ def test_a_team_publishes_and_takes_back(working: "Running", planning_file: Make
             client.choose(mine)
 
 
+def test_check_says_what_a_rank_still_needs(working: "Running", planning_file: MakeFile) -> None:
+    make_phase(working, "--entries-private", "--terms", "Be fair.", "--terms-required")
+    unanswered = [{"sample_id": f"s{n}", "source": None, "edited": None} for n in range(4)]
+    files = planning_file(), planning_file("none.json", predictions=unanswered)
+    told = run(working, "check", files[0], "--phase", "test").stdout
+    assert "it will be refused until your team accepts the terms" in told
+    assert "outlook: then it will be ranked once your team publishes it" in told
+    refused = run(working, "submit", files[1], "--phase", "test", "--method", "None")
+    assert (refused.exit_code, "terms" in refused.stderr) == (4, True), "nothing is asked first"
+    with working.client() as client:
+        client.accept_terms("test", str(client.phase("test").terms_version))
+    told = run(working, "check", files[0], "--phase", "test").stdout
+    assert "outlook: it will be ranked once your team publishes it" in told
+    assert "accepts the terms" not in told
+
+
 def test_late_entries_are_read_with_view_late(working: "Running", planning_file: MakeFile) -> None:
     make_phase(working, CLOSES, "--late-entries=own_view")
     in_time = scored(working, planning_file(), "InTime")

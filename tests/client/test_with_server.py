@@ -26,13 +26,14 @@ from exceptiondrive import (
     Client,
     InvalidArgumentError,
     InvalidFileError,
-    NotAllowedError,
     NotFoundError,
+    NotSignedInError,
     QuotaError,
     WaitTimeoutError,
     evaluate_file,
 )
 from exceptiondrive.cli import app
+from exceptiondrive.outlook import Outlook
 
 if TYPE_CHECKING:
     from tests.client.servers import Running
@@ -370,8 +371,16 @@ def test_without_a_token_it_is_4(running: "Running", planning_file: MakeFile) ->
     done = run(running, "whoami", token="edk_t_wrong")
     assert done.exit_code == 4
     assert "exceptiondrive login" in done.stderr
-    with Client(running.url) as client, pytest.raises(NotAllowedError):
-        client.submit(planning_file(), phase="dev", method="Planner")
+    for token in (None, running.organizer_token):
+        asked: list[Outlook] = []
+        with (
+            Client(running.url, token) as client,
+            pytest.raises(NotSignedInError, match="Only teams submit, and no token of a team"),
+        ):
+            client.submit(
+                planning_file(), phase="dev", method="Planner", before_upload=asked.append
+            )
+        assert asked == [], "who cannot submit is told so before any consent is asked"
 
 
 def test_what_is_not_there_is_2(running: "Running") -> None:
@@ -436,6 +445,24 @@ def test_the_quota_is_shown_by_phase_and_belongs_to_teams(running: "Running") ->
     assert f"{QUOTA} of {QUOTA}" in run(running, "quota", "--phase", "dev").stdout
     organizer = run(running, "quota", token=running.organizer_token)
     assert (organizer.exit_code, "Only teams have a quota" in organizer.stderr) == (4, True)
+
+
+def test_the_quota_of_a_phase_that_takes_nothing_is_shown_where_it_is_named_alone(
+    running: "Running",
+) -> None:
+    from exceptiondrive_records.db.clock import database_now
+    from exceptiondrive_records.phases.phases import find_phase
+
+    nothing = "nothing can be sent now"
+    assert nothing not in run(running, "quota", "--phase", "dev").stdout
+    with running.context.database.write() as session:
+        find_phase(session, "dev").closes_at = database_now(session)
+    assert set(json.loads(run(running, "quota", "--json").stdout)) == {"words"}
+    named = run(running, "quota", "--phase", "dev").stdout
+    assert (f"{QUOTA} of {QUOTA}" in named, nothing in named) == (True, True)
+    with running.context.database.write() as session:
+        find_phase(session, "words").visibility = "archived"
+    assert run(running, "quota").stdout.startswith(nothing)
 
 
 def test_the_address_of_a_page_does_for_an_id_on_its_own_server_alone(

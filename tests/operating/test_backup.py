@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import select
 from tests.chaos.story import Lived
+from typer.testing import CliRunner
 
 from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.boards.tables import BoardRow
@@ -20,6 +21,8 @@ from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_server.operations.backup import BackupError, restore_backup, write_backup
+from exceptiondrive_server.operations.cli import app
+from exceptiondrive_server.submissions.receipts import ReceiptSigner
 
 
 @pytest.fixture
@@ -74,6 +77,23 @@ def test_a_restored_backup_holds_every_row_and_every_file(
         assert (verdict.n_lines, verdict.head) == (head.audit_lines, head.audit_head)
         assert verdict.n_lines > 5
     restored.dispose()
+
+
+def test_a_restore_says_that_a_new_key_signs_receipts_where_the_former_is_not_put_back(
+    lived: Lived, tmp_path: Path
+) -> None:
+    (former,) = ReceiptSigner(tmp_path / "receipt-key.pem", lived.database).keys()
+    write_backup(lived.database, lived.files, tmp_path / "backup.tar")
+    data = tmp_path / "new"
+    done = CliRunner().invoke(app, ["restore", f"{tmp_path}/backup.tar", "--data", str(data)])
+    assert (done.exit_code, "put the key that signs receipts back" in done.stderr) == (0, True)
+    restored = Database(f"sqlite:///{data}/records.sqlite3")
+    keys = ReceiptSigner(data / "receipt-key.pem", restored).keys()
+    restored.dispose()
+    assert [(one.key_id == former.key_id, one.is_current) for one in keys] == [
+        (True, False),
+        (False, True),
+    ]
 
 
 def test_a_submission_that_is_linked_to_one_of_a_later_id_comes_back(

@@ -53,6 +53,8 @@ def test_news_stand_on_the_page_in_the_feed_and_in_every_inbox_until_withdrawn(
     for team in ("alpha", "beta"):
         assert "The workshop moves" in inbox(life, team)[0]
         assert told(life, team) == ["It is on Friday now."]
+        page, _, place = life.json("/api/v1/notifications", team)[0]["comparison"].partition("#")
+        assert f'id="{place}"' in life.get(page).text, "the notice leads to the news themselves"
     assert "very message" in life.refused("/phases/test/news", NEWS, 409)
     assert len(life.json("/api/v1/phases/test/news")) == 1
     if by == "page":
@@ -109,6 +111,7 @@ def test_a_question_is_answered_to_the_team_alone(open_phase: "Life", by: str) -
     assert (seen["answer"], seen["is_public"]) == (ANSWER, False)
     assert "Yes, <em>offline</em> ones." in visitor(life, "alpha").get("/my/questions/test").text
     assert told(life, "alpha")[-1] == "Yes, offline ones."
+    assert life.json("/api/v1/notifications", "alpha")[0]["comparison"] == "/my/questions/test"
     assert inbox(life, "alpha") == ["Test: A question, answered"]
     assert inbox(life, "beta") == []
     assert life.json("/api/v1/phases/test/questions", "beta") == []

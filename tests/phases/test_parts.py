@@ -6,6 +6,7 @@ from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from tests.phases.browsing import visitor
 from tests.support.worker import add_split
 
 from exceptiondrive_records.db.errors import PhaseClosed
@@ -419,7 +420,10 @@ def test_after_a_rollback_pages_say_what_stands(life: "Life") -> None:
     told = life.get(report).text
     assert "Only the public part of the split counts." in told
     assert "not been revealed" not in told, "readers saw it"
-    assert "Another revision of parted" in life.get(f"/rescoring/{run}").text
+    for page in (f"/rescoring/{run}", f"/organize/rescoring/{run}"):
+        told = visitor(life, "organizer").get(page).text
+        assert "Reveal of the private part of parted" in told
+        assert "nother revision" not in told
 
 
 def test_a_team_is_told_of_a_reveal_by_its_own_names(life: "Life") -> None:
@@ -475,7 +479,10 @@ def test_nobody_picks_after_the_reveal(life: "Life") -> None:
     late = life.submit("gamma", CAREFUL)
     life.work()
     assert life.json(f"/api/v1/submissions/{late}", "gamma")["sheet"]["n"] == 2
+    beta, pages = visitor(life, "beta"), ("/my", f"/submissions/{secret}")
+    assert all("Publish it" in beta.get(page).text for page in pages)
     life.apply(reveal(life))
+    assert not any("Publish it" in beta.get(page).text for page in pages)
     assert set(life.entry_ids()) == {chosen, other}
     sheets = {
         each: life.json(f"/api/v1/submissions/{each}", who)["sheet"]

@@ -285,6 +285,17 @@ def test_two_teams_become_one_with_entries_people_and_addresses(world: World) ->
         assert find_team(session, "beta").name == "Beta"
 
 
+def test_a_merged_team_without_submissions_is_said_to_have_had_none(world: World) -> None:
+    another(world)
+    with world.database.write() as session:
+        merge_teams(session, "beta", "alpha", **WHY)
+    with world.database.read() as session:
+        (notice,) = list_notifications(session, world.team_id)
+    assert notice.what_changed == (
+        "It had no submissions; its people and addresses are your team's from now on.",
+    )
+
+
 def test_an_address_that_is_sent_twice_at_once_is_added_once(world: World) -> None:
     def attempt(_: int) -> bool:
         try:

@@ -20,6 +20,7 @@ from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.notifications.inbox import list_notifications
 from exceptiondrive_records.participation.forgetting import forget_team
 from exceptiondrive_records.phases.scoring_keys import find_run
+from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring import fan_out, runs
 from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.rescoring.views import board_history, public_run
@@ -509,3 +510,18 @@ def test_only_teams_whose_published_numbers_change_are_told_old_and_new(
     assert re.search(
         r"slow: rank 1.*, HCC [\d.]+ %.* -> rank 1.*, HCC [\d.]+ %", page.export_text()
     )
+
+
+def test_while_a_phase_is_hidden_no_team_is_told_of_an_update(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    run_id = stage.ready(make_protocol("1.1", "d_safe_m = 2.0", "d_safe_m = 3.0"))
+    for step, visibility, n_told in (
+        (stage.apply, "hidden", 0),
+        (stage.rollback, "shown", 1),
+    ):
+        with stage.owner.write() as session:
+            session.get_one(Phase, "dev").visibility = visibility
+        step(run_id)
+        with stage.database.read() as session:
+            assert len(list_notifications(session, find_team(session, "alpha").id)) == n_told

@@ -26,6 +26,7 @@ from exceptiondrive_records.notifications.tables import (
     Notification,
 )
 from exceptiondrive_records.participation.allowances import set_allowance
+from exceptiondrive_records.participation.disqualification import disqualify_team, reinstate
 from exceptiondrive_records.participation.tables import Allowance
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.teams.teams import find_team, register_team
@@ -242,9 +243,37 @@ def test_what_failed_or_was_refused_is_told_once_to_who_wishes_that(
     assert tell_teams(api.database) == 2, "beta wishes to hear of scores alone"
     assert tell_teams(api.database) == 0, "nothing is told twice"
     told = {notice.title: notice.what_changed for who, notice in mails(api) if notice.title}
-    assert told["Planner could not be scored in dev"] == ("We could not score it.",)
+    assert told["Planner could not be scored in dev"] == (
+        "We could not score it.",
+        "It cost no quota; while the phase takes files, the same one may be sent again.",
+    )
+    again = api.submit("a")
+    assert (again.status_code, again.json()["id"] != failed) == (202, True)
+    assert again.headers["RateLimit-Remaining"] == "4", "it alone costs quota"
     assert told["Planner was rejected in dev"] == ("1 fault in the file.",)
     assert {who for who, notice in mails(api) if notice.kind == "failed"} == {"alpha@example.org"}
+
+
+def test_what_waits_for_a_word_says_a_deadline_that_comes_first(api: "Api", browse: Browse) -> None:
+    confirmed(api, browse, "failed")
+    asked = api.submit("a", asks_first="true").json()["id"]
+    report = check_bytes(b"[]", protocol=packaged_protocol())
+    report = report.model_copy(update={"faults": (), "to_confirm": ("It replaces another.",)})
+    with api.database.write() as session:
+        job = claim_this(session, session.query(Job).one().id, 120, 4)
+        assert job is not None
+        finish_rejected(session, job, report)
+    (plain,) = api.get(f"/submissions/{asked}", "alpha").json()["report"]["to_confirm"]
+    closes_in(api, timedelta(hours=3))
+    assert tell_teams(api.database) == 1
+    _, notice = mails(api)[-1]
+    assert notice.title == "Planner waits for your word in dev"
+    with api.database.read() as session:
+        ends = session.get_one(Phase, "dev").closes_at
+    assert notice.what_changed[0].startswith(
+        f"Nothing is counted yet. {plain} It is in time where it is confirmed before the deadline, "
+        f"{ends:%Y-%m-%d %H:%M} UTC. Confirm it until 20"
+    )
 
 
 def test_a_message_that_is_being_sent_has_not_failed_yet(api: "Api") -> None:
@@ -284,6 +313,31 @@ def test_a_lost_rank_is_told_once_an_hour(
     api.publish(make_entry("Other", submission_id=other, rank=1), again)
     assert tell_teams(api.database) == 1
     assert mails(api)[-1][1].what_changed == ("Planner: rank 2 before, 3 now.",)
+
+
+def test_what_an_entry_of_its_own_passed_is_no_news_to_a_team(
+    api_on_both: "Api", browse: Browse, make_entry: Callable[..., Any]
+) -> None:
+    api = api_on_both
+    confirmed(api, browse, "overtaken")
+    one, newer = api.submit("a").json()["id"], api.submit("c", method="Newer").json()["id"]
+    other, more = (api.submit(name, "beta").json()["id"] for name in ("b", "d"))
+    api.publish(make_entry("Planner", submission_id=one, rank=1))
+    first = make_entry("Newer", submission_id=newer, rank=1)
+    api.publish(first, make_entry("Planner", submission_id=one, rank=2))
+    assert tell_teams(api.database) == 0
+    passed = make_entry("Planner", submission_id=one, rank=3)
+    api.publish(first, make_entry("Other", submission_id=other, rank=2), passed)
+    assert tell_teams(api.database) == 1
+    assert mails(api)[-1][1].what_changed == ("Planner: rank 1 before, 3 now.",)
+    with api.database.write() as session:
+        told = session.scalars(select(Notification).where(Notification.kind == "overtaken")).one()
+        told.subject = "dev/2026-01-01T00"
+    passed = make_entry("Planner", submission_id=one, rank=4)
+    others = [make_entry("Other", submission_id=key, rank=n) for key, n in ((other, 2), (more, 3))]
+    api.publish(first, *others, passed)
+    assert tell_teams(api.database) == 1, "its own entry was ahead before, too"
+    assert mails(api)[-1][1].what_changed == ("Planner: rank 3 before, 4 now.",)
 
 
 def test_only_what_is_wished_is_told(api: "Api", browse: Browse) -> None:
@@ -357,6 +411,22 @@ def test_a_team_with_a_deadline_of_its_own_is_told_that_one_unless_it_has_ended(
     assert tell_teams(api.database) == 1
     words = f"Your team's own deadline is {own:%Y-%m-%d %H:%M} UTC"
     assert told_deadlines(api)["alpha"] == words
+
+
+@pytest.mark.parametrize("phase", [None, "dev"])
+def test_the_end_of_a_phase_is_not_told_to_a_team_that_is_disqualified_there(
+    api: "Api", browse: Browse, phase: str | None
+) -> None:
+    confirmed(api, browse, "phase_ends")
+    api.score(api.submit("a").json()["id"])
+    closes_in(api, timedelta(hours=3))
+    why: dict[str, Any] = {"reason": "copied", "actor": "test"}
+    with api.database.write() as session:
+        row = disqualify_team(session, "alpha", phase_id=phase, **why).id
+    assert tell_teams(api.database) == 0
+    with api.database.write() as session:
+        reinstate(session, row, **why)
+    assert tell_teams(api.database) == 1
 
 
 def told_deadlines(api: "Api") -> dict[str, str]:

@@ -192,9 +192,15 @@ def submissions(
 
 @with_client
 def quota(client: "Client", phase: options.Phase = None) -> Answer:
-    """Show what the team may still submit, and when the count resets."""
+    """Show what the team may still submit, and when the count resets.
+
+    Phases that take no files now are left out, unless --phase names one.
+    """
     found = client.quota(phase)
-    return found, quota_table(found)
+    words = (quota_table(found),) if found else ()
+    if not found or (phase is not None and not client.phase(phase).takes_files):
+        words = (*words, "nothing can be sent now: see `exceptiondrive phases`")
+    return found, *words
 
 
 @with_client

@@ -96,10 +96,14 @@ def outlook_view(outlook: Outlook) -> Iterator[RenderableType]:
     if outlook.is_closed:
         yield "outlook: it will be refused: the phase takes none now; see `exceptiondrive phases`"
         return
+    if outlook.owes_terms:
+        yield "outlook: it will be refused until your team accepts the terms: see `exceptiondrive terms`"
     if outlook.is_late:
         yield "outlook: the deadline has passed: it will stand on the late view alone"
     elif outlook.report.unranked_because is None:
-        yield f"outlook: it will be ranked, {AS_FAR}"
+        then = "then it" if outlook.owes_terms else "it"
+        once = " once your team publishes it" if outlook.is_private else ""
+        yield f"outlook: {then} will be ranked{once}, {AS_FAR}"
     if outlook.replaces is not None:
         yield f"outlook: it replaces {entry_words(outlook.replaces)}"
     elif outlook.report.is_valid:

@@ -204,6 +204,12 @@ class PhaseView(PhaseSettings):
     disqualified_at: datetime | None = None
     """Since when the asking team is disqualified here: its uploads are refused."""
 
+    @property
+    def takes_files(self) -> bool:
+        """Whether what the asking team sends now is taken, for the board or for the late view."""
+        takes_late = self.now is not None and self.now.takes_late_entries
+        return self.disqualified_at is None and (self.is_open or takes_late)
+
 
 class Me(Document):
     """Who the token speaks for."""

@@ -14,9 +14,8 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, NotFound
 from exceptiondrive_records.phases.policy import (
     can_change,
+    can_publish,
     deadline_of,
-    has_closed,
-    hid_scores,
     is_late,
 )
 from exceptiondrive_records.phases.tables import Phase
@@ -159,7 +158,7 @@ def _scored(session: Session, submission_id: str) -> tuple[Submission, Phase]:
 def _require_private(session: Session, phase: Phase) -> None:
     if not phase.policy.entries_private:
         raise Conflict("This phase shows every scored entry; withdraw it to take it off.")
-    if has_closed(phase, database_now(session)) and hid_scores(session, phase):
+    if not can_publish(session, phase):
         raise Conflict(
             "Scores that were hidden are shown now: what is public stays public, and the rest private."
         )

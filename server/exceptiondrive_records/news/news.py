@@ -53,7 +53,9 @@ def publish_news(
     only_of = phase.id if to_its_teams else None
     if recipients(session, phase=only_of):
         title = f"{phase.title}: {row.title}"[:MAX_TITLE]
-        send_message(session, title, plain or row.text, actor=actor, phase=only_of)
+        here = f"/phases/{phase.id}#news-{row.id}"
+        words = plain or row.text
+        send_message(session, title, words, actor=actor, phase=only_of, address=here)
     audit(session, actor, "news published", row.id, {"phase": phase.id, "title": row.title})
     return row
 

@@ -109,7 +109,8 @@ def answer_question(
         is_told = slug in {one.team for one in recipients(session, phase=only_of)}
     if not is_told:
         phase = session.get_one(Phase, row.phase_id)
-        send_message(session, f"{phase.title}: {_TITLE}", inbox, actor=actor, teams=[slug])
+        title, here = f"{phase.title}: {_TITLE}", f"/my/questions/{phase.id}"
+        send_message(session, title, inbox, actor=actor, teams=[slug], address=here)
     detail = {"phase": row.phase_id, "to_all": to_all}
     audit(session, actor, "question answered", row.id, detail)
     return row

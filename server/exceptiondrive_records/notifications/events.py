@@ -8,7 +8,7 @@ from datetime import datetime, timedelta
 from typing import Literal, NamedTuple
 
 from sqlalchemy import and_, func, select
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import Session, aliased
 
 from exceptiondrive_records.boards.boards import board_at, entries_on
 from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, BoardRow
@@ -18,6 +18,7 @@ from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.notifications.tables import ContactPoint, Notification
 from exceptiondrive_records.participation.tables import Allowance, TermsAcceptance
 from exceptiondrive_records.phases.allowances import is_revealed
+from exceptiondrive_records.phases.disqualified import team_disqualified_since
 from exceptiondrive_records.phases.policy import own_deadline
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
@@ -146,6 +147,7 @@ def _sentences(session: Session, seen: SubmissionView) -> Iterator[str]:
         yield question
     if seen.failure is not None:
         yield seen.failure.message
+        yield "It cost no quota; while the phase takes files, the same one may be sent again."
     if seen.sheet is not None:
         protocol = find_protocol(session, seen.sheet.protocol.digest)
         values = seen.sheet.average(protocol.grading.headline)
@@ -170,7 +172,8 @@ def _sentences(session: Session, seen: SubmissionView) -> Iterator[str]:
 def _passed(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
     """Entries with a worse rank than on a board of the last hour, under the same protocol and split.
 
-    Of that hour only what came after the last such message: what it told is not told again.
+    Of that hour only what came after the last such message: what it told is not told again. That an
+    entry of its own passed another is no news to a team.
     """
     hour = now.strftime("%Y-%m-%dT%H")
     query = select(Phase).where(Phase.current_board_id.is_not(None), Phase.visibility == "shown")
@@ -184,11 +187,13 @@ def _passed(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
             )
         )
         since = max(now - _PASSED_WITHIN, told_at or now - _PASSED_WITHIN)
-        before = _best_ranks(session, phase, ids_of_team(session, team_id, phase.id), since)
+        own = ids_of_team(session, team_id, phase.id)
+        ranks = {key: shown[key].rank or 0 for key in own if key in shown}
         lines = [
-            f"{session.get_one(Submission, submission_id).method}: rank {best} before, {entry.rank} now."
-            for submission_id, best in before
-            if (entry := shown.get(submission_id)) and entry.rank is not None and entry.rank > best
+            f"{session.get_one(Submission, key).method}: rank {best} before, {rank} now."
+            for key, best, best_among_others in _best_ranks(session, phase, own, since)
+            if (rank := ranks.get(key, 0)) > best
+            and rank - sum(0 < each < rank for each in ranks.values()) > best_among_others
         ]
         if lines:
             title = f"Your entries were passed in {phase.title}"
@@ -198,11 +203,28 @@ def _passed(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
 
 def _best_ranks(
     session: Session, phase: Phase, submission_ids: frozenset[str], since: datetime
-) -> list[tuple[str, int]]:
-    """The best rank of each submission on the boards that the phase showed since then."""
+) -> list[tuple[str, int, int]]:
+    """The best rank of each submission on the boards that the phase showed since then.
+
+    Last stands the best one among the others: without those of `submission_ids` that were ahead.
+    """
     stood = board_at(session, phase.id, since)
+    ahead = aliased(BoardEntryRow)
+    n_own_ahead = (
+        select(func.count())
+        .where(
+            ahead.board_id == BoardEntryRow.board_id,
+            ahead.submission_id.in_(submission_ids),
+            ahead.rank < BoardEntryRow.rank,
+        )
+        .scalar_subquery()
+    )
     query = (
-        select(BoardEntryRow.submission_id, func.min(BoardEntryRow.rank))
+        select(
+            BoardEntryRow.submission_id,
+            func.min(BoardEntryRow.rank),
+            func.min(BoardEntryRow.rank - n_own_ahead),
+        )
         .join(BoardRow, BoardRow.id == BoardEntryRow.board_id)
         .where(
             BoardRow.protocol_digest == phase.protocol_digest,
@@ -219,11 +241,15 @@ def _best_ranks(
         .group_by(BoardEntryRow.submission_id)
         .order_by(BoardEntryRow.submission_id)
     )
-    return [(key, rank) for key, rank in session.execute(query) if rank is not None]
+    found = session.execute(query)
+    return [(key, rank, place) for key, rank, place in found if rank and place]
 
 
 def _ending(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
-    """Phases that the team takes part in; once for each minute that is named as its deadline."""
+    """Phases that the team takes part in; once for each minute that is named as its deadline.
+
+    Not those that take none of its uploads, as it is disqualified.
+    """
     submitted = select(Submission.phase_id).where(Submission.team_id == team_id)
     accepted = select(TermsAcceptance.phase_id).where(TermsAcceptance.team_id == team_id)
     granted = and_(Allowance.phase_id == Phase.id, Allowance.team_id == team_id)
@@ -244,6 +270,8 @@ def _ending(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
         if own is not None and not is_revealed(session, phase):
             ends, whose = own, "Your team's own"
         if not now < ends <= now + _ENDS_SOON:
+            continue
+        if team_disqualified_since(session, team_id, phase) is not None:
             continue
         at = f"{ends:%Y-%m-%d %H:%M} UTC"
         subject = f"{phase.id}/{ends:%Y-%m-%dT%H:%M}"

@@ -41,8 +41,12 @@ def notify_teams(
     run_id: str,
     what_changed: tuple[str, ...],
 ) -> list[Notification]:
-    """Notify each team whose published numbers change of the old and the new ones; no others."""
-    changed = _changed(comparison)
+    """Notify each team whose published numbers change of the old and the new ones; no others.
+
+    While the phase is hidden nothing of it is published, so nobody is told.
+    """
+    phase = session.get_one(Phase, comparison.phase)
+    changed = [] if phase.visibility == "hidden" else _changed(comparison)
     own = _submissions(session, [entry.submission_id for entry in changed])
     by_team: defaultdict[Team, list[ChangedEntry]] = defaultdict(list)
     for entry in changed:
@@ -51,7 +55,6 @@ def notify_teams(
             submission_id=submission.id, method=submission.method, old=entry.old, new=entry.new
         )
         by_team[team].append(told)
-    phase = session.get_one(Phase, comparison.phase)
     now = database_now(session)
     return [
         tell_team(

@@ -118,9 +118,8 @@ def merge_teams(
     audit(session, actor, "team merged", target.slug, {**detail, "from": team.slug})
     for phase_id in sorted(phases):
         want_boards_of_team(session, target.id, phase_id)
-    told = (
-        f"Its {counted(n_moved, 'submission')}, people and addresses are your team's from now on.",
-    )
+    its = f"Its {counted(n_moved, 'submission')}," if n_moved else "It had no submissions; its"
+    told = (f"{its} people and addresses are your team's from now on.",)
     title = f"The team {team.name} is part of your team"
     tell_team(session, target, "team_changed", title, told)
     return target, n_moved

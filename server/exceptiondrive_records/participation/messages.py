@@ -62,11 +62,13 @@ def send_message(
     actor: str,
     teams: Sequence[str] = (),
     phase: str | None = None,
+    address: str = "/my/notices",
 ) -> list[Recipient]:
     """Write to teams; each paragraph of the text is one sentence of the notice.
 
     The same words reach a team once: sent by two organizers, or twice by one, the second is
-    refused. Blank lines part paragraphs. Teams and phase are as for `recipients`.
+    refused. Blank lines part paragraphs. Teams and phase are as for `recipients`;
+    `address` is where there is more.
 
     Returns:
         Whom it reaches.
@@ -83,7 +85,16 @@ def send_message(
     refusal = "This very message was sent to one of these teams already."
     digest = _digest_of_new(session, found, (title, *paragraphs), refusal)
     for team in found:
-        tell_team(session, team, "message", title, paragraphs, phase=phase or "", subject=digest)
+        tell_team(
+            session,
+            team,
+            "message",
+            title,
+            paragraphs,
+            address=address,
+            phase=phase or "",
+            subject=digest,
+        )
     told = recipients(session, [team.slug for team in found])
     detail = {"title": title, "digest": digest, "n_teams": len(found), "phase": phase}
     subject = found[0].slug if len(found) == 1 else "teams"

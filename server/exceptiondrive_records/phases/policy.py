@@ -115,6 +115,13 @@ def hid_scores(session: Session, phase: Phase) -> bool:
     return has_revealed(session, phase, datetime.min.replace(tzinfo=UTC))
 
 
+def can_publish(session: Session, phase: Phase) -> bool:
+    """Whether entries are private until their teams publish them, and no reveal has ended that."""
+    if not phase.policy.entries_private:
+        return False
+    return not (has_closed(phase, database_now(session)) and hid_scores(session, phase))
+
+
 def has_revealed(session: Session, phase: Phase, since: datetime) -> bool:
     """Whether scores that had been kept back were shown at or after a moment; a split at any time."""
     unfrozen_at = phase.unfrozen_at if phase.policy.frozen_scores == "hidden" else None

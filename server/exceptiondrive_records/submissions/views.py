@@ -14,6 +14,7 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.entries.selection import rules_of
 from exceptiondrive_records.phases.disqualified import disqualified_since
 from exceptiondrive_records.phases.policy import (
+    deadline_of,
     frozen_since,
     is_anonymous,
     is_late,
@@ -40,6 +41,7 @@ from exceptiondrive_schemas.api.submission import (
     SubmissionView,
 )
 from exceptiondrive_schemas.board import BoardEntry
+from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.method_facts import Links, MethodFacts
 from exceptiondrive_schemas.score_sheet import ScoreSheet
@@ -194,7 +196,7 @@ def _view(
         received_at=submission.received_at,
         status_at=submission.status_at,
         queue=queue,
-        report=submission.report,
+        report=_report(submission, phase, seen.now),
         failure=_failure(submission),
         sheet=seen.sheets.get(submission.id) if is_scored else None,
         rank=shown.rank if shown else None,
@@ -291,6 +293,16 @@ def _lease_until(job: Job, now: datetime) -> datetime | None:
         job.state is WorkState.LEASED and job.lease_until is not None and job.lease_until > now
     )
     return job.lease_until if is_held else None
+
+
+def _report(submission: Submission, phase: Phase, now: datetime) -> CheckReport | None:
+    """Return the report; what waits for a yes says where the deadline comes before the time for it ends."""
+    report, ends = submission.report, deadline_of(phase, submission)
+    until = submission.confirm_until
+    if report is None or ends is None or until is None or not now < ends < until:
+        return report
+    words = f"It is in time where it is confirmed before the deadline, {ends:%Y-%m-%d %H:%M} UTC."
+    return report.model_copy(update={"to_confirm": (*report.to_confirm, words)})
 
 
 def _failure(submission: Submission) -> Failure | None:

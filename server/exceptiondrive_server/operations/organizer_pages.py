@@ -51,7 +51,7 @@ def show_overview(request: Request, services: ServicesOf, browser: OrganizerBrow
     """Show what waits for an organizer, the queue, and the workers."""
     with services.database.read() as session:
         found = overview(session)
-        runs = [run_line(run_view(session, run)) for run in found.open_runs]
+        runs = [run_line(session, run_view(session, run)) for run in found.open_runs]
         teams = list_teams(session)
         team_names = {team.id: team.name for team in teams}
         is_new = all(team.is_reference or team.is_gone for team in teams)

@@ -43,6 +43,10 @@ def restore(file: File, data: DataOption = None) -> None:
     say(f"restored as of {head.created_at}: {head.n_files} files, audit chain whole")
     if settings.database_url.startswith("postgresql"):
         say("next: exceptiondrive-server migrate --grant-to, which gives each service its rights")
+    say(
+        "next: put the key that signs receipts back, which no backup holds; where it is not, a new "
+        "one signs from then on, and former receipts stay valid"
+    )
     say("next: register the splits again with exceptiondrive-worker, then start everything")
 
 

@@ -55,7 +55,7 @@ HISTORY = 100
 def show_runs(request: Request, services: ServicesOf, browser: OrganizerBrowser) -> Response:
     """List runs and verifications, newest first."""
     with services.database.read() as session:
-        lines = [run_line(run) for run in run_views(session)]
+        lines = [run_line(session, run) for run in run_views(session)]
         verifications = list_verifications(session)
         titles = titles_of_phases(session)
     return organizer_page(
@@ -135,6 +135,7 @@ def show_run(
         if run.kind is RunKind.VERIFICATION:
             return go(f"/organize/verifications/{run_id}")
         seen = run_view(session, run)
+        line = run_line(session, seen)
         lines = history(session, run_id, limit=HISTORY)
         names, titles = names_of_actors(session, [seen.actor]), titles_of_phases(session)
     return organizer_page(
@@ -142,7 +143,7 @@ def show_run(
         browser,
         "rescoring/organizer_run.html",
         "rescoring",
-        line=run_line(seen),
+        line=line,
         steps=offered(seen),
         lines=lines,
         phase_title=titles[seen.phase],
@@ -161,6 +162,7 @@ def show_preview(
     """Compare every entry before and after, worst movers first."""
     with services.database.read() as session:
         seen = run_view(session, find_run(session, run_id))
+        line = run_line(session, seen)
         preview = preview_of(session, run_id)
         comparison = preview.comparison
         protocol = find_protocol(session, comparison.to_protocol.digest)
@@ -172,7 +174,7 @@ def show_preview(
         browser,
         "rescoring/organizer_preview.html",
         "rescoring",
-        line=run_line(seen),
+        line=line,
         steps=steps,
         commands=(f"exceptiondrive organizer rescore preview {run_id} --csv new.csv", *flips),
         preview=preview,

@@ -35,7 +35,7 @@ def show_update(
         return outline, lambda: {
             "run": run,
             "phase_title": phase.title,
-            "change": change_words(run),
+            "change": change_words(session, run),
             "sentences": _sentences(run, protocol),
             **compared(run.comparison, protocol, page),
         }

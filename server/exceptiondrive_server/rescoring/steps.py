@@ -12,6 +12,7 @@ from exceptiondrive_records.phases.scoring_keys import find_run
 from exceptiondrive_records.rescoring import flip, runs
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.views import preview_of, run_view
+from exceptiondrive_records.splits.splits import find_split, part_of
 from exceptiondrive_schemas.api.rescoring import (
     Comparison,
     Progress,
@@ -65,12 +66,12 @@ class RunLine:
     """Sheets that are there, from 0 to 1; an empty phase is done."""
 
 
-def run_line(run: RunView) -> RunLine:
+def run_line(session: Session, run: RunView) -> RunLine:
     """Return a run in words."""
     progress = run.progress
     return RunLine(
         run=run,
-        change=change_words(run) or "verification of sheets",
+        change=change_words(session, run) or "verification of sheets",
         state=run.state.value.replace("_", " "),
         tone=_TONE[run.state],
         next_words=_next_words(run),
@@ -79,13 +80,20 @@ def run_line(run: RunView) -> RunLine:
     )
 
 
-def change_words(run: RunView | PublicRun) -> str:
+def change_words(session: Session, run: RunView | PublicRun) -> str:
     """Return what a run changes to what: `protocol 1.0 to 1.1`; empty for a verification."""
+    name = run.to_split.name
     changes = []
     if run.from_protocol != run.to_protocol:
         changes.append(f"protocol {run.from_protocol.version} to {run.to_protocol.version}")
     if run.from_split != run.to_split:
-        changes.append(f"another revision of {run.to_split.name}")
+        parts = [
+            part_of(find_split(session, name, each.revision))
+            for each in (run.from_split, run.to_split)
+        ]
+        which = f"the {parts[1]} part" if parts[1] else "all samples"
+        is_same = parts[0] == parts[1]
+        changes.append(f"{'another revision' if is_same else f'reveal of {which}'} of {name}")
     return " and ".join(changes)
 
 
@@ -171,7 +179,8 @@ RUN_STEPS: Mapping[str, RunStep] = MappingProxyType(
                 "Apply",
                 "Apply the run",
                 "One transaction shows the new board to every reader, and tells the teams whose "
-                "numbers change. It can be rolled back until you close the run.",
+                "numbers change. While the phase is hidden, organizers alone see that board and nobody is "
+                "told. It can be rolled back until you close the run.",
                 "run_applied",
                 flip.apply_run,
                 "apply",
@@ -184,7 +193,9 @@ RUN_STEPS: Mapping[str, RunStep] = MappingProxyType(
                 RunAction.ROLLBACK,
                 "Roll back",
                 "Roll back",
-                "Readers see the board under the earlier protocol again, and the teams are told.",
+                "Readers see the board under the earlier protocol again, and the teams whose numbers "
+                "change are told. While the phase is hidden, organizers alone see that board and "
+                "nobody is told.",
                 "run_rolled_back",
                 flip.rollback_run,
                 "rollback",
@@ -239,7 +250,7 @@ def page_of_step(session: Session, step: RunStep, run_id: str, preview: str) -> 
     comparison = preview_of(session, run_id).comparison if step.is_flip and seen.preview else None
     blockers = flip.obstacles(session, run, step.key) if step.is_flip else ()
     is_stale = step.needs_preview and not blockers and preview != seen.preview
-    facts = [*_facts(run_line(seen), titles_of_phases(session)[seen.phase], comparison)]
+    facts = [*_facts(run_line(session, seen), titles_of_phases(session)[seen.phase], comparison)]
     if step.needs_preview and preview:
         facts.append(("Preview", preview))
     return Step(

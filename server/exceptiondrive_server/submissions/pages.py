@@ -21,7 +21,7 @@ from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.entries.selection import choose, publish, unpublish
 from exceptiondrive_records.notifications.inbox import list_notifications, notices_about
 from exceptiondrive_records.phases.phases import find_phase, list_phases, phase_view
-from exceptiondrive_records.phases.policy import can_change
+from exceptiondrive_records.phases.policy import can_change, can_publish
 from exceptiondrive_records.submissions.edits import edits_of
 from exceptiondrive_records.submissions.submissions import (
     find_submission,
@@ -276,6 +276,7 @@ def show_submission(
         seen = view(session, found)
         phase = find_phase(session, seen.phase)
         ended = not can_change(phase, found, database_now(session))
+        is_publishing = can_publish(session, phase)
         sheet = score_tables(session, seen)
         edits = edits_of(session, seen.id)
         notices = notices_about(session, seen.id)
@@ -295,7 +296,7 @@ def show_submission(
         notices=notices,
         edits=edits,
         form_token=browser.form_token if Scope.SUBMIT in browser.principal.scopes else None,
-        actions=actions_of(seen, phase.policy, has_closed=ended),
+        actions=actions_of(seen, phase.policy, has_closed=ended, can_publish=is_publishing),
         can_withdraw=seen.status not in without_score,
         can_send_again=seen.status in (SubmissionStatus.REJECTED, SubmissionStatus.WITHDRAWN)
         and not (ended or seen.is_asked or seen.confirmed_as),

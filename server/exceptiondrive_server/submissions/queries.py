@@ -7,6 +7,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.boards import entries_on
 from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_records.phases.policy import can_publish
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_schemas.api.submission import SubmissionView
@@ -47,6 +48,10 @@ def score_tables(session: Session, seen: SubmissionView) -> ScoreTables:
 def phase_rules(session: Session, phases: Iterable[Phase]) -> dict[str, PhaseRules]:
     """Return what a list of submissions needs of each phase."""
     return {
-        phase.id: PhaseRules(phase.policy, find_protocol(session, phase.protocol_digest))
+        phase.id: PhaseRules(
+            phase.policy,
+            find_protocol(session, phase.protocol_digest),
+            can_publish(session, phase),
+        )
         for phase in phases
     }

@@ -18,10 +18,11 @@ SPARK_PX = (76, 22)
 
 @dataclass(frozen=True)
 class PhaseRules:
-    """What of a phase the list needs: its policy and its protocol."""
+    """What of a phase the list needs: its policy, its protocol, whether entries can be published."""
 
     policy: PhasePolicy
     protocol: ProtocolDocument
+    can_publish: bool
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,11 @@ def _line(
         + ", ".join(digits.text(metrics[0], value) or "" for value in known),
         note=_note(one),
         standing=standing(one, rule.policy),
-        actions=actions_of(one, rule.policy, has_closed=not can_choose) if can_decide else (),
+        actions=actions_of(
+            one, rule.policy, has_closed=not can_choose, can_publish=rule.can_publish
+        )
+        if can_decide
+        else (),
     )
 
 

@@ -178,21 +178,21 @@ def policy_sentences(seen: SubmissionView, policy: PhasePolicy) -> Iterator[str]
 
 
 def actions_of(
-    seen: SubmissionView, policy: PhasePolicy, *, has_closed: bool
+    seen: SubmissionView, policy: PhasePolicy, *, has_closed: bool, can_publish: bool
 ) -> tuple[tuple[str, str], ...]:
     """Return what the team may say of a submission now: end of the address, and words."""
     if seen.is_asked:
         return (("confirm", "Submit it"),)
     is_scored = seen.status is SubmissionStatus.SCORED
-    return tuple(_actions(seen, policy, has_closed)) if is_scored else ()
+    return tuple(_actions(seen, policy, has_closed, can_publish)) if is_scored else ()
 
 
 def _actions(
-    seen: SubmissionView, policy: PhasePolicy, has_closed: bool
+    seen: SubmissionView, policy: PhasePolicy, has_closed: bool, can_publish: bool
 ) -> Iterator[tuple[str, str]]:
     if not has_closed and not seen.is_late:
         yield from _choices(seen, policy)
-    if policy.entries_private:
+    if can_publish:
         yield ("unpublish", "Make it private") if seen.is_published else ("publish", "Publish it")
 
 
