@@ -13,7 +13,7 @@ from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.notifications.tables import ContactPoint, Delivery, Notification
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.splits.splits import find_split, part_of
+from exceptiondrive_records.splits.splits import newly_counted
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.lease import new_item
@@ -86,10 +86,8 @@ def _what_stands(session: Session, comparison: Comparison) -> str:
     """The protocol, or where it stays, the part of the split that counts, or its revision."""
     if comparison.from_protocol != comparison.to_protocol:
         return f"protocol {comparison.to_protocol.version}"
-    old, new = comparison.from_split, comparison.to_split
-    parts = [part_of(find_split(session, each.name, each.revision)) for each in (old, new)]
-    if parts[0] != parts[1]:
-        which = f"the {parts[1]} part" if parts[1] else "all samples"
+    new = comparison.to_split
+    if which := newly_counted(session, comparison.from_split, new):
         return f"{which} of split {new.name}"
     return f"revision {new.revision.removeprefix('sha256:')[:12]} of split {new.name}"
 

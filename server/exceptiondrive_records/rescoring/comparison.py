@@ -12,7 +12,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.pairs import count_pairs
 from exceptiondrive_records.rescoring.tables import RescoringRun
-from exceptiondrive_records.splits.splits import find_split, list_splits
+from exceptiondrive_records.splits.splits import find_split, list_splits, part_words
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_schemas.api.rescoring import Change, Comparison, EntryChange, Standing
 from exceptiondrive_schemas.board import Board, BoardEntry
@@ -270,11 +270,10 @@ def _part_change(before: SplitRow, after: SplitRow) -> tuple[Change_of_differenc
     """Say which samples count, where the part of the split changes."""
     if before.part == after.part:
         return ()
-    old, new = (f"{_part_words(row)} ({row.n_samples:,} samples)" for row in (before, after))
+    old, new = (
+        f"{part_words(row.part)} of the split ({row.n_samples:,} samples)"
+        for row in (before, after)
+    )
     counts = "count" if after.part is None else "counts"
     sentence = f"{new} {counts} in place of {old}"
     return (Change_of_differences(sentence=sentence, stage=Stage.MEASURE),)
-
-
-def _part_words(row: SplitRow) -> str:
-    return "all samples of the split" if row.part is None else f"the {row.part} part of the split"

@@ -13,7 +13,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.comparison import splits_of
 from exceptiondrive_records.rescoring.runs import create_run, start_run
 from exceptiondrive_records.rescoring.tables import RescoringRun
-from exceptiondrive_records.splits.splits import part_of, part_revision
+from exceptiondrive_records.splits.splits import part_of, part_revision, part_words
 from exceptiondrive_schemas.api.phase_settings import SplitPart
 from exceptiondrive_schemas.api.rescoring import RunState
 
@@ -62,8 +62,7 @@ def _same_part(session: Session, run: RescoringRun) -> Iterator[str]:
     old, new = splits_of(session, run)
     same = part_revision(session, new.name, new.revision, part_of(old))
     if same is not None and same != old.revision:
-        what = "all samples" if old.part is None else f"the {old.part} part"
-        yield f"To count {what} of that revision instead, cancel this run and name {same}."
+        yield f"To count {part_words(old.part)} of that revision instead, cancel this run and name {same}."
 
 
 def _against_reveal(phase: Phase, now: datetime) -> str | None:

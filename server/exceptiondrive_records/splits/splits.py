@@ -11,7 +11,7 @@ from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_schemas.api.phase_settings import LivePart, SplitPart
 from exceptiondrive_schemas.datasheet import Datasheet, SplitChange, SplitWarnings
-from exceptiondrive_schemas.split import Manifest
+from exceptiondrive_schemas.split import Manifest, SplitRef
 
 NO_WARNINGS = SplitWarnings()
 
@@ -188,3 +188,14 @@ def manifest_of(session: Session, name: str, revision: str | None = None) -> Man
 def part_of(split: SplitRow) -> SplitPart | None:
     """Return which part of a split a revision is; None: all of it."""
     return "public" if split.part == "public" else "private" if split.part == "private" else None
+
+
+def newly_counted(session: Session, old: SplitRef, new: SplitRef) -> str | None:
+    """Say which part of a split counts at a revision; None where the same one did at an earlier."""
+    before, part = (part_of(find_split(session, each.name, each.revision)) for each in (old, new))
+    return None if before == part else part_words(part)
+
+
+def part_words(part: str | None) -> str:
+    """Say which samples count."""
+    return f"the {part} part" if part else "all samples"

@@ -12,7 +12,7 @@ from exceptiondrive_records.phases.scoring_keys import find_run
 from exceptiondrive_records.rescoring import flip, runs
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.views import preview_of, run_view
-from exceptiondrive_records.splits.splits import find_split, part_of
+from exceptiondrive_records.splits.splits import newly_counted
 from exceptiondrive_schemas.api.rescoring import (
     Comparison,
     Progress,
@@ -82,18 +82,13 @@ def run_line(session: Session, run: RunView) -> RunLine:
 
 def change_words(session: Session, run: RunView | PublicRun) -> str:
     """Return what a run changes to what: `protocol 1.0 to 1.1`; empty for a verification."""
-    name = run.to_split.name
     changes = []
     if run.from_protocol != run.to_protocol:
         changes.append(f"protocol {run.from_protocol.version} to {run.to_protocol.version}")
     if run.from_split != run.to_split:
-        parts = [
-            part_of(find_split(session, name, each.revision))
-            for each in (run.from_split, run.to_split)
-        ]
-        which = f"the {parts[1]} part" if parts[1] else "all samples"
-        is_same = parts[0] == parts[1]
-        changes.append(f"{'another revision' if is_same else f'reveal of {which}'} of {name}")
+        which = newly_counted(session, run.from_split, run.to_split)
+        what = f"reveal of {which}" if which else "another revision"
+        changes.append(f"{what} of {run.to_split.name}")
     return " and ".join(changes)
 
 
