@@ -9,7 +9,7 @@ from urllib.parse import parse_qs
 
 import pytest
 from sqlalchemy import func, insert, make_url, select, text, update
-from sqlalchemy.exc import DBAPIError
+from sqlalchemy.exc import DBAPIError, InvalidRequestError
 from tests.chaos.proxy import Proxy
 from tests.records.test_boards import board, take
 from tests.records.world import World
@@ -184,6 +184,15 @@ def test_what_reads_changes_nothing(world: World) -> None:
         change()
     with world.database.read() as session:
         assert session.get_one(Team, world.team_id).name != "changed"
+
+
+@pytest.mark.parametrize("kind", ["read", "write", "claim"])
+def test_a_session_asks_nothing_once_its_block_is_over(world: World, kind: str) -> None:
+    with getattr(world.database, kind)() as session:
+        team = session.get_one(Team, world.team_id)
+    assert team.name, "what was read stays readable"
+    with pytest.raises(InvalidRequestError):
+        session.scalar(select(Team.id))
 
 
 def test_many_changes_at_once_are_one_transaction(database: Database) -> None:

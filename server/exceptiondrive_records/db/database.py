@@ -40,6 +40,8 @@ __all__ = ["Database", "database_now", "flush_or_refuse"]
 BUSY_TIMEOUT_MS = 15_000
 _AUTOCOMMIT = "AUTOCOMMIT"
 _BY_ITSELF = {"isolation_level": _AUTOCOMMIT}
+_FOR_ONE_BLOCK: dict[str, Any] = {"expire_on_commit": False, "close_resets_only": False}
+"""What was read stays readable; what is asked after the block is an error, not a connection left open."""
 _STATE = {"sqlite": "PRAGMA data_version", "postgresql": "SELECT pg_current_snapshot()"}
 """What changes with every commit: SQLite counts those of other connections; the snapshot of PostgreSQL
 names the transactions whose work can be seen, and is the same only where the same can be seen."""
@@ -65,11 +67,11 @@ class Database:
         self.engine = _engine(url)
         is_server = self.engine.dialect.name == "postgresql"
         reads = self.engine.execution_options(**_BY_ITSELF) if is_server else self.engine
-        self._reads = sessionmaker(reads, class_=_Session, expire_on_commit=False)
+        self._reads = sessionmaker(reads, class_=_Session, **_FOR_ONE_BLOCK)
         event.listen(self._reads, "before_flush", _refuse_to_write)
         writes = reads.execution_options(**{WRITES: True})
-        self._writes = sessionmaker(writes, class_=_Session, expire_on_commit=False)
-        self._claims = sessionmaker(reads if is_server else writes, expire_on_commit=False)
+        self._writes = sessionmaker(writes, class_=_Session, **_FOR_ONE_BLOCK)
+        self._claims = sessionmaker(reads if is_server else writes, **_FOR_ONE_BLOCK)
         self._watcher = _Watcher(self.engine)
 
     def state(self) -> str:

@@ -31,11 +31,12 @@ def show_update(
         run = public_run(session, run_id, with_hidden=browser_sees_hidden(session, request))
         phase = find_phase(session, run.phase)
         protocol = find_protocol(session, run.to_protocol.digest)
+        change = change_words(session, run)
         outline = (page, phase.title, run.state, run.ended_at, run.comparison.digest)
         return outline, lambda: {
             "run": run,
             "phase_title": phase.title,
-            "change": change_words(session, run),
+            "change": change,
             "sentences": _sentences(run, protocol),
             **compared(run.comparison, protocol, page),
         }
