@@ -73,7 +73,7 @@ def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False
         protocol = packaged_protocol(NEWEST)
         return BoardPage(query, (), None, None, protocol, (), protocol.version)
     row = choose_board(session, phase, query)
-    board = own_board(parsed_board(row)) if row else None
+    board = without_reported(parsed_board(row)) if row else None
     current = find_protocol(session, phase.protocol_digest)
     protocol = find_protocol(session, board.protocol.digest) if board else current
     told = _told_by_sheets(session, phase, board, query.chosen) if board else ToldBySheets((), ())
@@ -112,14 +112,14 @@ def facts_on(session: Session, board: Board) -> FactsOfBoard:
     return of_board(board, what, lambda: facts_of_entries(session, phase.id, ids))
 
 
-def own_board(board: Board) -> Board:
+def without_reported(board: Board) -> Board:
     """Return a board without what papers report, which is of other samples; made once per board."""
-    return of_board(board, "own", lambda: _own_board(board))
+    return of_board(board, "without reported", lambda: _without_reported(board))
 
 
-def _own_board(board: Board) -> Board:
-    own = tuple([entry for entry in board.entries if entry.source != "reported"])
-    return board.model_copy(update={"entries": own}) if len(own) < len(board.entries) else board
+def _without_reported(board: Board) -> Board:
+    kept = tuple([entry for entry in board.entries if entry.source != "reported"])
+    return board.model_copy(update={"entries": kept}) if len(kept) < len(board.entries) else board
 
 
 class ToldBySheets(NamedTuple):
@@ -289,8 +289,8 @@ def choose_board(session: Session, phase: Phase, query: BoardQuery) -> BoardRow 
     return current_board(session, phase.id)
 
 
-def chosen_board(session: Session, query: BoardQuery) -> BoardRow:
-    """Return the board that is asked for.
+def find_chosen_board(session: Session, query: BoardQuery) -> BoardRow:
+    """Return the board that `choose_board` finds.
 
     Raises:
         NotFound: There is none.
@@ -312,7 +312,7 @@ def asked_entries(
     Raises:
         NotFound: There is no such board.
     """
-    row = chosen_board(session, query)
+    row = find_chosen_board(session, query)
     board = parsed_board(row)
     facts = facts_on(session, board)
     protocol = find_protocol(session, row.protocol_digest)

@@ -40,8 +40,8 @@ from exceptiondrive_server.boards.queries import (
     choose_board,
     choose_phase,
     facts_on,
-    own_board,
     read_board,
+    without_reported,
 )
 from exceptiondrive_server.boards.query import BoardQuery
 
@@ -97,7 +97,7 @@ def read_entry(session: Session, key: str, query: BoardQuery) -> EntryData:
     """
     submission = _shown_submission(session, key)
     row, is_current = _board_with(session, key, submission, query)
-    board = own_board(parsed_board(row))
+    board = without_reported(parsed_board(row))
     entry = find_entry(board, key)
     phase = session.get(Phase, board.phase)
     if entry is None or phase is None:
