@@ -100,17 +100,17 @@ def of_board(board: Board, what: Hashable, make: Callable[[], T]) -> T:
 
 
 def _shown(
-    same_board: Same[Board],
-    same_protocol: Same[ProtocolDocument],
-    same_curves: Same[Curves],
-    same_tasks: Same[Tasks],
+    board: Board,
+    protocol: ProtocolDocument,
+    curves: Curves,
+    tasks: Tasks,
+    facts: FactsOfBoard,
     query: BoardQuery,
     is_current: bool,
     before: BoardBefore | None,
-    facts: Same[FactsOfBoard],
 ) -> ShownBoard:
-    board, protocol, curves = same_board.value, same_protocol.value, same_curves.value
-    table = board_table(board, protocol, query, is_current, facts.value)
+    """It takes all that it follows from, under which `BoardPage.shown` keeps it."""
+    table = board_table(board, protocol, query, is_current, facts)
     digits, average = table.builder.digits, table.builder.average
     set_row, pair = macro("boards/table.html", "board_row"), default_pair(board)
     narrow, low = NARROW_PX
@@ -140,7 +140,7 @@ def _shown(
             table=table,
             shown=families,
             plot=dot_plot(board, best_entries(board, query.chosen), digits, order=families.order),
-            tasks=same_tasks.value,
+            tasks=tasks,
             protocol=protocol,
         ),
         metrics=_metrics(Same(table.builder.challenge), average),
@@ -323,11 +323,13 @@ class BoardPage:
         Raises:
             InvalidRecord: This board has nothing of the name that the query sorts by.
         """
-        if self.board is None:
+        board = self.board
+        if board is None:
             return None
-        same = Same(self.board), Same(self.protocol), Same(self.curves), Same(self.tasks)
-        key = *same, self.query, self.is_current, self.before, Same(self.facts)
-        return of_board(self.board, key, lambda: _shown(*key))
+        read = (self.protocol, self.curves, self.tasks, self.facts)
+        asked = (self.query, self.is_current, self.before)
+        key = (*(Same(each) for each in read), *asked)
+        return of_board(board, key, lambda: _shown(board, *read, *asked))
 
     @property
     def challenge(self) -> Challenge:
