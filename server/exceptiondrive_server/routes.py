@@ -7,11 +7,11 @@ from starlette.types import Scope
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_server.accounts import api as accounts
 from exceptiondrive_server.accounts import organizer_api as organizer_accounts
-from exceptiondrive_server.accounts import organizer_pages as people_pages
+from exceptiondrive_server.accounts import organizer_pages as organizer_account_pages
 from exceptiondrive_server.accounts import pages as account_pages
 from exceptiondrive_server.accounts import token_pages
 from exceptiondrive_server.audit import organizer_api as organizer_audit
-from exceptiondrive_server.audit import organizer_pages as audit_pages
+from exceptiondrive_server.audit import organizer_pages as organizer_audit_pages
 from exceptiondrive_server.boards import api as boards
 from exceptiondrive_server.boards import organizer_api as organizer_boards
 from exceptiondrive_server.boards import organizer_pages as organizer_board_pages
@@ -24,18 +24,18 @@ from exceptiondrive_server.guide import client_files, machines
 from exceptiondrive_server.guide import pages as guide_pages
 from exceptiondrive_server.news import api as news
 from exceptiondrive_server.news import organizer_api as organizer_news
-from exceptiondrive_server.news import organizer_pages as news_pages
-from exceptiondrive_server.news import pages as question_pages
+from exceptiondrive_server.news import organizer_pages as organizer_news_pages
+from exceptiondrive_server.news import pages as news_pages
 from exceptiondrive_server.notifications import api as notifications
-from exceptiondrive_server.notifications import pages as notice_pages
+from exceptiondrive_server.notifications import pages as notification_pages
 from exceptiondrive_server.operations import api as operations
 from exceptiondrive_server.operations import organizer_api as organizer_operations
-from exceptiondrive_server.operations import organizer_pages as overview_pages
+from exceptiondrive_server.operations import organizer_pages as organizer_operation_pages
 from exceptiondrive_server.operations import pages as operation_pages
 from exceptiondrive_server.participation import api as participation
 from exceptiondrive_server.participation import organizer_api as organizer_participation
-from exceptiondrive_server.participation import organizer_pages as participation_pages
-from exceptiondrive_server.participation import pages as terms_pages
+from exceptiondrive_server.participation import organizer_pages as organizer_participation_pages
+from exceptiondrive_server.participation import pages as participation_pages
 from exceptiondrive_server.phases import api as phases
 from exceptiondrive_server.phases import organizer_api as organizer_phases
 from exceptiondrive_server.phases import organizer_pages as organizer_phase_pages
@@ -46,8 +46,8 @@ from exceptiondrive_server.protocols import organizer_pages as organizer_protoco
 from exceptiondrive_server.protocols import pages as protocol_pages
 from exceptiondrive_server.rescoring import api as rescoring
 from exceptiondrive_server.rescoring import organizer_api as organizer_rescoring
-from exceptiondrive_server.rescoring import organizer_pages as run_pages
-from exceptiondrive_server.rescoring import pages as update_pages
+from exceptiondrive_server.rescoring import organizer_pages as organizer_rescoring_pages
+from exceptiondrive_server.rescoring import pages as rescoring_pages
 from exceptiondrive_server.splits import api as splits
 from exceptiondrive_server.splits import organizer_api as organizer_splits
 from exceptiondrive_server.splits import pages as split_pages
@@ -127,11 +127,11 @@ _API.include_router(_ORGANIZER_API, prefix="/organizer")
 
 PAGES = (
     board_pages.router,
-    update_pages.router,
+    rescoring_pages.router,
     entry_pages.router,
     phase_pages.router,
-    terms_pages.router,
-    question_pages.router,
+    participation_pages.router,
+    news_pages.router,
     protocol_pages.router,
     split_pages.router,
     guide_pages.router,
@@ -141,24 +141,24 @@ PAGES = (
     pictures.router,
     responses.router,
     account_pages.router,
-    notice_pages.router,
+    notification_pages.router,
     edit_pages.router,
     submission_pages.router,
     team_pages.router,
     token_pages.router,
 )
 _ORGANIZER_PAGES = (
-    overview_pages.router,
-    participation_pages.router,
-    news_pages.router,
+    organizer_operation_pages.router,
+    organizer_participation_pages.router,
+    organizer_news_pages.router,
     organizer_board_pages.router,
     organizer_team_pages.router,
-    people_pages.router,
+    organizer_account_pages.router,
     organizer_phase_pages.router,
     organizer_submission_pages.router,
     organizer_protocol_pages.router,
-    run_pages.router,
-    audit_pages.router,
+    organizer_rescoring_pages.router,
+    organizer_audit_pages.router,
 )
 
 ROUTES = APIRouter()

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import tomllib
 from tests.chaos.suite import FAULTS
 from tests.hostile.rows import ROWS
 from typer.main import get_command
@@ -26,7 +27,6 @@ OUTSIDE = re.compile(
 DOCUMENT = re.compile(r"docs/[\w./-]+\.md")
 SECTION = re.compile(r"docs/protocol\.md sections? (\d)(?: and (\d))?")
 FILE = re.compile(r"`(?:server/\.\.\./)?((?:[\w-]+/)*\w+\.(?:py|toml|html|conf))(?:::\w+)?`")
-NO_NOUNS = {"migrations"}
 OF_READERS = {
     "evaluate.py",
     "config.toml",
@@ -176,7 +176,20 @@ def test_the_nouns_of_the_architecture_are_the_folders_of_both_sides() -> None:
     for package, column in sides.items():
         others = set(re.findall(rf"`{package}\.(\w+)`", text))
         folders = {path.parent.name for path in (ROOT / "server" / package).glob("*/__init__.py")}
-        assert folders - others - NO_NOUNS == {row[0] for row in nouns if row[column] == "yes"}
+        assert folders - others == {row[0] for row in nouns if row[column] == "yes"}
+
+
+def test_the_nouns_of_the_records_stand_as_the_architecture_says() -> None:
+    text = (DOCS / "architecture.md").read_text("utf-8")
+    (line,) = re.findall(r"^The nouns of the records stand .*: (.+)\.$", text, re.MULTILINE)
+    said = [re.findall(r"`(\w+)`", floor) for floor in line.split(" < ")]
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]
+    (layers,) = (
+        each["layers"]
+        for each in contracts["contracts"]
+        if each.get("containers") == ["exceptiondrive_records"]
+    )
+    assert said == [layer.split(" | ") for layer in reversed(layers)]
 
 
 def test_the_page_of_faults_has_the_faults_and_inputs_that_are_tried() -> None:

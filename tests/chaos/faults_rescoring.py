@@ -12,7 +12,7 @@ from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.phases.scoring_keys import find_run, shadow_key
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.rescoring.flip import apply_run, comparison_of, rollback_run
-from exceptiondrive_records.rescoring.pairs import failed_pairs, progress_of
+from exceptiondrive_records.rescoring.progress import failed_sheets, progress_of
 from exceptiondrive_records.rescoring.runs import create_run, resume_run, start_run
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import Submission
@@ -89,7 +89,7 @@ def _until_ready(run: Run, run_id: str, may_fail_by: frozenset[str]) -> tuple[fl
 
 def _failures_of(session: Session, run: RescoringRun) -> list[str]:
     """Why the sheets failed that a run lacks."""
-    failed = failed_pairs(run.phase_id, shadow_key(run)).with_only_columns(Submission.id)
+    failed = failed_sheets(run.phase_id, shadow_key(run)).with_only_columns(Submission.id)
     query = select(Job.note).where(
         Job.submission_id.in_(failed), Job.protocol_digest == run.to_protocol_digest
     )

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from exceptiondrive import ServerError
+from exceptiondrive.challenges import challenge_of
 from exceptiondrive.cli import app
-from exceptiondrive.words import challenge_of
 from exceptiondrive_schemas import check
 from exceptiondrive_schemas.challenges import (
     CHALLENGES,

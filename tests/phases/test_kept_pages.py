@@ -130,7 +130,7 @@ def test_an_unchanged_page_asks_the_records_for_their_state_alone(
     life: "Life", boarded: dict[str, str], address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for clock in (kept_pages, of_site):  # a slow machine must not turn it in between
-        monkeypatch.setattr(clock, "CLOCK_S", 3600.0)
+        monkeypatch.setattr(clock, "MAX_AGE_S", 3600.0)
     database = services(life.client).database
     for _ in range(20):
         before = database.state()
@@ -148,7 +148,7 @@ def test_what_the_clock_turns_is_looked_at_again(
     life: "Life", boarded: dict[str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     life.client.get(BOARDS[0])
-    monkeypatch.setattr(kept_pages, "CLOCK_S", -1.0)
+    monkeypatch.setattr(kept_pages, "MAX_AGE_S", -1.0)
     with statements(services(life.client).database) as asked:
         life.client.get(BOARDS[0])
     assert len(asked) > 1

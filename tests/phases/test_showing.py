@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from exceptiondrive_records.boards.requests import tend_phases
+from exceptiondrive_records.boards.renewal import renew_where_families_show
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.submissions.submissions import LONGEST_UPLOAD, arrival
@@ -275,11 +275,11 @@ def test_families_are_absent_everywhere_until_their_date(life: "Life") -> None:
     for path in ("/?phase=test", f"/entries/{mine}", "/compare?phase=test"):
         assert life.get(path).status_code == 200, path
         assert not re.search(r'family\.sudden_emergence"|n = [0-9]+ of', life.get(path).text), path
-    assert tend_phases(life.database) == 0
+    assert renew_where_families_show(life.database) == 0
     life.move(families_from=life.now())
-    assert tend_phases(life.database) == 1
+    assert renew_where_families_show(life.database) == 1
     life.work()
-    assert tend_phases(life.database) == 0
+    assert renew_where_families_show(life.database) == 0
     assert {family["id"] for family in life.board()["families"]} >= {"sudden_emergence"}
     assert life.json(f"/api/v1/entries/{mine}")["sheet"]["families"] != {}
     refuses_to_hide_families(life)

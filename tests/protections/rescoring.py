@@ -23,18 +23,20 @@ def _believed_text(_: Any) -> Callable[..., Any]:
 def _asks_though_a_job_waits(_: Any) -> Callable[..., Any]:
     from sqlalchemy import not_
 
-    from exceptiondrive_records.rescoring import pairs
+    from exceptiondrive_records.rescoring import progress
 
-    return lambda phase_id, key, limit: pairs._scored(phase_id).where(not_(pairs._has_sheet(key)))
+    return lambda phase_id, key, limit: progress._scored(phase_id).where(
+        not_(progress._has_sheet(key))
+    )
 
 
 def _asks_though_a_sheet_is_there(_: Any) -> Callable[..., Any]:
     from sqlalchemy import not_
 
-    from exceptiondrive_records.rescoring import pairs
+    from exceptiondrive_records.rescoring import progress
 
-    return lambda phase_id, key, limit: pairs._scored(phase_id).where(
-        not_(pairs._jobs_of(key).exists())
+    return lambda phase_id, key, limit: progress._scored(phase_id).where(
+        not_(progress._jobs_of(key).exists())
     )
 
 
@@ -139,7 +141,7 @@ def _equal(_: Any) -> Callable[..., Any]:
 
 RECORDS, RUNS = "exceptiondrive_records", "exceptiondrive_records.rescoring"
 HERE = "tests/rescoring"
-BLOCKED = f"{HERE}/test_runs.py::test_apply_is_refused_while_a_pair_is_failed_or_missing"
+BLOCKED = f"{HERE}/test_runs.py::test_apply_is_refused_while_a_sheet_is_failed_or_missing"
 STALE = f"{HERE}/test_runs.py::test_a_preview_is_stale_once_a_submission_has_come"
 CHAIN = "tests/records/test_audit.py::test_whoever_changes_a_line_breaks_the_chain"
 RESCORING = (
@@ -157,14 +159,14 @@ RESCORING = (
     ),
     Protection(
         "readable",
-        f"{RUNS}.pairs:require_readable",
+        f"{RUNS}.progress:require_readable",
         nothing,
         f"{HERE}/test_drafts.py::test_what_accepted_files_cannot_be_scored_under_is_refused",
     ),
-    Protection("one-job", f"{RUNS}.pairs:missing_pairs", _asks_though_a_job_waits, BLOCKED),
+    Protection("one-job", f"{RUNS}.progress:scored_left_out", _asks_though_a_job_waits, BLOCKED),
     Protection(
         "one-sheet",
-        f"{RUNS}.pairs:missing_pairs",
+        f"{RUNS}.progress:scored_left_out",
         _asks_though_a_sheet_is_there,
         f"{HERE}/test_flip.py::test_a_sheet_whose_job_is_gone_is_not_made_again",
     ),
@@ -181,8 +183,8 @@ RESCORING = (
         f"{HERE}/test_runs.py::test_a_paused_run_scores_nothing_until_it_is_resumed",
     ),
     Protection("stale-preview", f"{RUNS}.flip:_require_seen", nothing, STALE),
-    Protection("fresh-draft", f"{RUNS}.pairs:fresh_board", _any_board, STALE),
-    Protection("missing-pairs", f"{RUNS}.flip:blockers_of", always(()), BLOCKED),
+    Protection("fresh-draft", f"{RUNS}.progress:fresh_board", _any_board, STALE),
+    Protection("missing-sheets", f"{RUNS}.flip:blockers_of", always(()), BLOCKED),
     Protection(
         "one-transaction",
         f"{RECORDS}.db.database:Database.write",

@@ -11,7 +11,7 @@ from tests.support.work import claim_this
 from exceptiondrive_records.audit.log import count_audit_lines, verify_audit
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.scoring_keys import ScoringKey
-from exceptiondrive_records.rescoring.pairs import count_pairs, left_out, missing_pairs
+from exceptiondrive_records.rescoring.progress import count_sheets, left_out, scored_left_out
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.jobs import Finish
@@ -244,6 +244,6 @@ def test_a_file_that_is_looked_at_has_no_job_by_that(world: World) -> None:
             assert [one.id for one in waiting] == [accepted.submission.id], each
     world.score(accepted.job_id)
     with world.database.read() as session:
-        missing = session.scalars(missing_pairs(world.phase_id, key, 9)).all()
+        missing = session.scalars(scored_left_out(world.phase_id, key, 9)).all()
         assert [one.id for one in missing] == [accepted.submission.id]
-        assert count_pairs(session, world.phase_id, key).failed == 0
+        assert count_sheets(session, world.phase_id, key).failed == 0

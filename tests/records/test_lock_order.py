@@ -10,7 +10,7 @@ from tests.records.test_boards import board, take
 from tests.records.world import World
 
 from exceptiondrive_records.boards.boards import publish_board
-from exceptiondrive_records.boards.requests import want_boards
+from exceptiondrive_records.boards.renewal import renew_boards
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.phases import create_phase, lock_phase
 from exceptiondrive_records.submissions.submissions import withdraw
@@ -79,7 +79,7 @@ def test_a_change_of_the_phase_waits_for_no_board_that_waits_for_it(world: World
         publishing = threading.Thread(target=publish_it)
         publishing.start()
         _wait_until_it_waits(world.database, publishing)
-        want_boards(session, phase)  # as after every change of what a board may say
+        renew_boards(session, phase)  # as after every change of what a board may say
     publishing.join()
 
     assert errors == []

@@ -34,7 +34,7 @@ from exceptiondrive_records.operations.invariants import unfinished, violations
 from exceptiondrive_records.phases.scoring_keys import OPEN, UNFINISHED, key_of_phase, new_key
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.fan_out import tend_runs
-from exceptiondrive_records.rescoring.pairs import count_pairs
+from exceptiondrive_records.rescoring.progress import count_sheets
 from exceptiondrive_records.rescoring.retry import retry_submission
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.submissions import withdraw
@@ -175,10 +175,10 @@ class Updates(RuleBasedStateMachine):
             assert statuses <= {SubmissionStatus.SCORED, SubmissionStatus.WITHDRAWN}
             assert unfinished(session) == []
             phase = session.get_one(Phase, "dev")
-            assert count_pairs(session, "dev", key_of_phase(phase)).missing == 0
+            assert count_sheets(session, "dev", key_of_phase(phase)).missing == 0
             for run in session.scalars(select(RescoringRun)):
                 if run.state in (*UNFINISHED, RunState.APPLIED):
-                    assert count_pairs(session, "dev", new_key(run)).missing == 0
+                    assert count_sheets(session, "dev", new_key(run)).missing == 0
         self.every_promise_is_kept()
         self.opened.__exit__(None, None, None)
 

@@ -107,7 +107,7 @@ def test_nothing_can_be_drafted_that_changes_nothing_or_gives_no_reason(stage: S
 
 
 @pytest.mark.parametrize("state", [WorkState.FAILED, WorkState.QUEUED])
-def test_apply_is_refused_while_a_pair_is_failed_or_missing(
+def test_apply_is_refused_while_a_sheet_is_failed_or_missing(
     stage: Stage, make_protocol: Callable[..., str], state: WorkState
 ) -> None:
     stage.add_protocol(make_protocol("1.1", *D_SAFE))
@@ -312,7 +312,7 @@ def test_the_rate_of_a_run_is_that_of_the_last_half_minute_since_scoring_went_on
     )
 
 
-def test_a_run_resumes_after_any_crash_without_losing_or_doubling_a_pair(
+def test_a_run_resumes_after_any_crash_without_losing_or_doubling_a_sheet(
     stage: Stage, make_protocol: Callable[..., str]
 ) -> None:
     stage.add_protocol(make_protocol("1.1", *WIDER))

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from exceptiondrive.challenges import challenge_of
 from exceptiondrive.cli import options
 from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.fitted_table import Column, FittedTable
@@ -15,7 +16,6 @@ from exceptiondrive.cli.session import open_client, with_client
 from exceptiondrive.cli.tables import board_view, left_words
 from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive.settings import default_phase, find_setting
-from exceptiondrive.words import challenge_of
 from exceptiondrive_schemas.api.submission import PhaseView
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.printable import counted, printable

@@ -6,8 +6,8 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from exceptiondrive.challenges import challenge_of
 from exceptiondrive.cli.fitted_table import Column, FittedTable
-from exceptiondrive.words import challenge_of
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.faults import CheckReport, FaultGroup
 from exceptiondrive_schemas.printable import counted

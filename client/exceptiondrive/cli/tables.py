@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from rich.console import RenderableType
 from rich.text import Text
 
+from exceptiondrive.challenges import challenge_of
 from exceptiondrive.cli.file_tables import (
     AGGREGATES,
     FIRST_LEFT_OUT,
@@ -20,7 +21,6 @@ from exceptiondrive.cli.file_tables import (
 from exceptiondrive.cli.fitted_table import ByWidth, Column, FittedTable
 from exceptiondrive.errors import utc_text
 from exceptiondrive.outlook import Outlook
-from exceptiondrive.words import challenge_of
 from exceptiondrive_schemas.api.own_entries import entry_words, question_of
 from exceptiondrive_schemas.api.submission import (
     QueuePlace,

@@ -37,7 +37,7 @@ MAX_NEWS = 20
 
 
 def publish_board(
-    session: Session, claim: BoardRequest, board: Board, late: Board | None = None
+    session: Session, request: BoardRequest, board: Board, late: Board | None = None
 ) -> BoardRow | None:
     """Append a board and, under the phase's own protocol and split, make it the current one.
 
@@ -51,14 +51,14 @@ def publish_board(
     Raises:
         LeaseLost: At the end of the transaction: it was lost meanwhile, and nothing is recorded.
     """
-    phase = lock_phase(session, claim.phase_id)
-    if not finish_board(session, claim):
+    phase = lock_phase(session, request.phase_id)
+    if not finish_board(session, request):
         return None
     now = database_now(session)
-    kept_back = _kept_back(phase, claim, now)
-    row = _kept_or_appended(session, claim, shown_board(phase, board, now), "main", kept_back)
+    kept_back = _kept_back(phase, request, now)
+    row = _kept_or_appended(session, request, shown_board(phase, board, now), "main", kept_back)
     late_row = late and _kept_or_appended(
-        session, claim, shown_board(phase, late, now), "late", kept_back
+        session, request, shown_board(phase, late, now), "late", kept_back
     )
     if not kept_back:
         flip_board(session, phase, row, at=max(now, row.published_at))
@@ -66,23 +66,23 @@ def publish_board(
     return row
 
 
-def _kept_back(phase: Phase, claim: BoardRequest, now: datetime) -> str:
+def _kept_back(phase: Phase, request: BoardRequest, now: datetime) -> str:
     """Say why readers do not see a board as soon as it is built; nothing where they do."""
     shown = (phase.protocol_digest, phase.split_revision)
-    if shown != (claim.protocol_digest, claim.split_revision):
+    if shown != (request.protocol_digest, request.split_revision):
         return "it is a draft"
     return "the board is frozen" if frozen_since(phase, now) is not None else ""
 
 
 def _kept_or_appended(
-    session: Session, claim: BoardRequest, board: Board, view: BoardView, kept_back: str
+    session: Session, request: BoardRequest, board: Board, view: BoardView, kept_back: str
 ) -> BoardRow:
-    key = (claim.protocol_digest, claim.split_revision)
-    row = latest_board(session, claim.phase_id, *key, view=view)
+    key = (request.protocol_digest, request.split_revision)
+    row = latest_board(session, request.phase_id, *key, view=view)
     digest = board.content_digest
     if row is not None and row.digest == digest:
         return row
-    return _append(session, claim, board, digest, view, kept_back)
+    return _append(session, request, board, digest, view, kept_back)
 
 
 def flip_board(
@@ -477,20 +477,20 @@ def find_board(session: Session, phase_id: str, number: int) -> BoardRow:
 
 def _append(
     session: Session,
-    claim: BoardRequest,
+    request: BoardRequest,
     board: Board,
     digest: str,
     view: BoardView,
     kept_back: str,
 ) -> BoardRow:
-    query = select(func.max(BoardRow.number)).where(BoardRow.phase_id == claim.phase_id)
+    query = select(func.max(BoardRow.number)).where(BoardRow.phase_id == request.phase_id)
     number = (session.scalar(query) or 0) + 1
     now = database_now(session)
     numbered = board.model_copy(update={"board": number, "published_at": now})
     body = b"".join(numbered.canonical_pieces())
     row = BoardRow(
-        phase_id=claim.phase_id,
-        protocol_digest=claim.protocol_digest,
+        phase_id=request.phase_id,
+        protocol_digest=request.protocol_digest,
         split_revision=board.split.revision,
         number=number,
         digest=digest,
@@ -512,10 +512,10 @@ def _append(
     detail = {
         "number": number,
         "digest": row.digest,
-        "protocol": claim.protocol_digest,
+        "protocol": request.protocol_digest,
         "view": view,
     }
     published, built = BOARD_LINES
     detail |= {"kept_back": kept_back} if kept_back else {}
-    audit(session, "worker", built if kept_back else published, claim.phase_id, detail)
+    audit(session, "worker", built if kept_back else published, request.phase_id, detail)
     return row

@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.boards.ranking import stood_at_deadline
-from exceptiondrive_records.boards.requests import want_boards
+from exceptiondrive_records.boards.renewal import renew_boards
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, NotFound
 from exceptiondrive_records.phases.policy import (
@@ -59,7 +59,7 @@ def choose(
         raise Conflict("This entry came after the deadline; it stands on the late view alone.")
     _require_changes_left(session, submission)
     submission.chosen_at, submission.chosen_rule = now, rule
-    want_boards(session, phase)
+    renew_boards(session, phase)
     audit(session, actor, "entry chosen", submission_id, {"phase": phase.id, "rule": rule})
     return submission
 
@@ -123,7 +123,7 @@ def _show(session: Session, submission_id: str, actor: str, *, is_public: bool) 
     if is_public != (submission.published_at is not None):
         _require_changes_left(session, submission)
         submission.published_at = database_now(session) if is_public else None
-        want_boards(session, phase)
+        renew_boards(session, phase)
         done = "entry published" if is_public else "entry made private"
         audit(session, actor, done, submission_id, {"phase": phase.id})
     return submission

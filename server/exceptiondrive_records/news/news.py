@@ -96,7 +96,7 @@ def news_of(session: Session, phase_id: str) -> list[News]:
     return list(session.scalars(query.order_by(News.published_at.desc(), News.id)))
 
 
-def all_news(session: Session, phase_id: str | None = None) -> list[News]:
+def list_news(session: Session, phase_id: str | None = None) -> list[News]:
     """Return the news of one phase or of all, withdrawn ones too, newest first."""
     query = select(News).order_by(News.published_at.desc(), News.id)
     if phase_id is not None:

@@ -139,7 +139,7 @@ def questions_of(session: Session, team_id: int, phase_id: str) -> list[Question
     return list(session.scalars(select(Question).where(*mine).order_by(Question.asked_at.desc())))
 
 
-def all_questions(session: Session, phase_id: str | None = None) -> list[tuple[Question, str]]:
+def list_questions(session: Session, phase_id: str | None = None) -> list[tuple[Question, str]]:
     """Return questions, of one phase or all, with the id of the team: those that wait first, oldest first."""
     query = select(Question, Team.slug).join(Team, Team.id == Question.team_id)
     if phase_id is not None:

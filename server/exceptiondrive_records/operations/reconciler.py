@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import structlog
 from sqlalchemy.exc import OperationalError
 
-from exceptiondrive_records.boards.requests import tend_phases
+from exceptiondrive_records.boards.renewal import renew_where_families_show
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.db.settings import RecordsSettings
@@ -46,7 +46,7 @@ def reconcile_once(database: Database, dispatcher: Dispatcher, settings: Records
         dead_jobs = give_up_exhausted(session, settings.max_attempts)
         for kind in (Profile, Trial):
             give_up(session, kind, settings.max_attempts)
-    tend_phases(database)
+    renew_where_families_show(database)
     rescoring_jobs = tend_runs(database, settings.max_attempts)
     woken_for = wake_lanes(database, dispatcher, settings)
     if woken_for:

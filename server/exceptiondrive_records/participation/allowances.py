@@ -6,7 +6,7 @@ from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
-from exceptiondrive_records.boards.requests import want_boards
+from exceptiondrive_records.boards.renewal import renew_boards
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
 from exceptiondrive_records.db.identifiers import checked_reason
@@ -74,7 +74,7 @@ def set_allowance(
         .where(Submission.team_id == team.id, Submission.phase_id == phase.id)
         .values(granted_until=closes_at)
     )
-    want_boards(session, phase)
+    renew_boards(session, phase)
     detail = {"phase": phase.id, "reason": checked_reason(reason), "was": before, "is": after}
     audit(session, actor, "allowance changed", team.slug, detail)
     words = [f"Your {line}." for line in after] or ["It is the same for all teams again."]

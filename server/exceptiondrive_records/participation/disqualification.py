@@ -11,7 +11,7 @@ from sqlalchemy import exists, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
-from exceptiondrive_records.boards.requests import want_boards
+from exceptiondrive_records.boards.renewal import renew_boards
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, NotFound
 from exceptiondrive_records.db.identifiers import checked_reason, checked_text
@@ -205,4 +205,4 @@ def want_boards_of_team(session: Session, team_id: int, phase_id: str | None = N
     else:
         query = query.where(Phase.id == phase_id)
     for phase in session.scalars(query.order_by(Phase.id)):
-        want_boards(session, phase)
+        renew_boards(session, phase)

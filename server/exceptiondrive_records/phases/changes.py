@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.boards.boards import flip_board, latest_board
-from exceptiondrive_records.boards.requests import want_boards
+from exceptiondrive_records.boards.renewal import renew_boards
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import flush_or_refuse
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
@@ -74,7 +74,7 @@ def update_phase(session: Session, phase_id: str, change: PhaseChange, *, actor:
     changed = {key: [before[key], after[key]] for key in after if after[key] != before[key]}
     if changed:
         audit(session, actor, "phase changed", phase.id, changed)
-        want_boards(session, phase)
+        renew_boards(session, phase)
     return phase
 
 
@@ -160,7 +160,7 @@ def unfreeze(session: Session, phase: Phase, now: datetime) -> None:
     row = latest_board(session, phase.id, phase.protocol_digest, phase.split_revision)
     if row is not None:
         flip_board(session, phase, row)
-    want_boards(session, phase)
+    renew_boards(session, phase)
 
 
 def reveal_names(session: Session, phase_id: str, *, reason: str, actor: str) -> Phase:
@@ -177,7 +177,7 @@ def reveal_names(session: Session, phase_id: str, *, reason: str, actor: str) ->
         raise Conflict("The names of this phase are shown already.")
     phase.names_revealed_at = database_now(session)
     audit(session, actor, "names revealed", phase.id, {"reason": checked_reason(reason)})
-    want_boards(session, phase)
+    renew_boards(session, phase)
     return phase
 
 

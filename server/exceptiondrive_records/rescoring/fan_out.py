@@ -1,4 +1,4 @@
-"""What the reconciler does for runs: jobs for missing pairs, the draft board, the next state.
+"""What the reconciler does for runs: jobs for missing sheets, the draft board, the next state.
 
 Everything is decided anew from what is recorded, so that any crash is made good by the next pass.
 """
@@ -16,12 +16,12 @@ from exceptiondrive_records.phases.scoring_keys import (
     old_key,
     shadow_key,
 )
-from exceptiondrive_records.rescoring.pairs import (
-    count_pairs,
+from exceptiondrive_records.rescoring.progress import (
+    count_sheets,
     fresh_board,
     left_out,
-    missing_pairs,
     open_jobs,
+    scored_left_out,
     want_fresh_board,
 )
 from exceptiondrive_records.rescoring.tables import RescoringRun
@@ -84,7 +84,7 @@ def _insert_missing(session: Session, run: RescoringRun, key: ScoringKey) -> int
     room = BATCH - open_jobs(session, run.phase_id, key)
     if room <= 0:
         return 0
-    return _make_jobs(session, missing_pairs(run.phase_id, key, room), key)
+    return _make_jobs(session, scored_left_out(run.phase_id, key, room), key)
 
 
 def score_left_out(session: Session, phase_id: str, key: ScoringKey) -> None:
@@ -105,7 +105,7 @@ def _make_jobs(session: Session, query: Select[Submission], key: ScoringKey) -> 
 
 
 def _missing(session: Session, run: RescoringRun, key: ScoringKey) -> int:
-    return count_pairs(session, run.phase_id, key).missing
+    return count_sheets(session, run.phase_id, key).missing
 
 
 def hold_jobs(session: Session, run: RescoringRun) -> None:

@@ -26,7 +26,7 @@ from exceptiondrive_records.phases.scoring_keys import (
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.comparison import Compared, compare_to_shown, what_changed
 from exceptiondrive_records.rescoring.fan_out import cancel_jobs
-from exceptiondrive_records.rescoring.pairs import count_pairs, failed_pairs, fresh_board
+from exceptiondrive_records.rescoring.progress import count_sheets, failed_sheets, fresh_board
 from exceptiondrive_records.rescoring.reveal import reveal_blockers
 from exceptiondrive_records.rescoring.runs import CURE_OF_SPLIT, move_run, require_action
 from exceptiondrive_records.rescoring.tables import RescoringRun
@@ -64,8 +64,8 @@ _USUAL_CURE = "The worker's log names the place in the code; resume the run to t
 
 
 def failed_words(session: Session, run: RescoringRun, key: ScoringKey) -> list[str]:
-    """Return a sentence for each reason of failed pairs: how many, of whom, and what helps."""
-    failed = failed_pairs(run.phase_id, key).order_by(Submission.received_at, Submission.id)
+    """Return a sentence for each reason of failed sheets: how many, of whom, and what helps."""
+    failed = failed_sheets(run.phase_id, key).order_by(Submission.received_at, Submission.id)
     ids = [submission.id for submission in session.scalars(failed)]
     newest = (
         select(func.max(AuditLine.id))
@@ -118,7 +118,7 @@ def blockers_of(session: Session, run: RescoringRun) -> tuple[str, ...]:
     if run.state is RunState.DRAFT:
         return ("Scoring has not begun: start the run.",)
     key = shadow_key(run)
-    counts = count_pairs(session, run.phase_id, key)
+    counts = count_sheets(session, run.phase_id, key)
     found = []
     waiting = counts.missing - counts.failed
     if waiting:
@@ -153,7 +153,7 @@ def apply_run(
 
     Raises:
         NotFound: No such run.
-        Conflict: It is not ready, a pair is missing or failed, or the preview is stale.
+        Conflict: It is not ready, a sheet is missing or failed, or the preview is stale.
     """
     phase, row, compared = _checked(session, run_id, RunAction.APPLY)
     _require_seen(compared, preview)

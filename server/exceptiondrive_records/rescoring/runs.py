@@ -31,9 +31,9 @@ from exceptiondrive_records.rescoring.fan_out import (
     release_jobs,
     score_left_out,
 )
-from exceptiondrive_records.rescoring.pairs import (
-    count_pairs,
-    failed_pairs,
+from exceptiondrive_records.rescoring.progress import (
+    count_sheets,
+    failed_sheets,
     progress_of,
     require_readable,
 )
@@ -188,7 +188,7 @@ def pause_run(session: Session, run_id: str, *, reason: str, actor: str) -> Resc
 
 
 def resume_run(session: Session, run_id: str, *, reason: str, actor: str) -> RescoringRun:
-    """Go on with a paused run, and try failed pairs again, in any state that has some."""
+    """Go on with a paused run, and try failed sheets again, in any state that has some."""
     run = move_run(session, run_id, RunAction.RESUME, reason, actor)
     run.resumed_at = run.state_at
     release_jobs(session, run)
@@ -254,7 +254,7 @@ def require_action(session: Session, run: RescoringRun, action: RunAction) -> Ru
         Conflict: It is not possible; the sentence says in which states it is.
     """
     may_retry = action is RunAction.RESUME and run.state in RETRIES
-    has_failed = may_retry and has_failed_pairs(session, run)
+    has_failed = may_retry and has_failed_sheets(session, run)
     states = next_states(action, has_failed=has_failed, kind=run.kind)
     if run.state in states:
         return states[run.state]
@@ -272,8 +272,8 @@ def require_action(session: Session, run: RescoringRun, action: RunAction) -> Ru
 
 
 def retry_failed(session: Session, run: RescoringRun, key: ScoringKey) -> None:
-    """Queue the jobs of failed pairs again, with all their attempts."""
-    failed = [submission.id for submission in session.scalars(failed_pairs(run.phase_id, key))]
+    """Queue the jobs of failed sheets again, with all their attempts."""
+    failed = [submission.id for submission in session.scalars(failed_sheets(run.phase_id, key))]
     now = database_now(session)
     session.execute(
         update(Job)
@@ -283,9 +283,9 @@ def retry_failed(session: Session, run: RescoringRun, key: ScoringKey) -> None:
     )
 
 
-def has_failed_pairs(session: Session, run: RescoringRun) -> bool:
+def has_failed_sheets(session: Session, run: RescoringRun) -> bool:
     """Whether sheets of the side that is not shown could not be made."""
-    return count_pairs(session, run.phase_id, shadow_key(run)).failed > 0
+    return count_sheets(session, run.phase_id, shadow_key(run)).failed > 0
 
 
 def _words(state: RunState) -> str:

@@ -25,7 +25,7 @@ from exceptiondrive_records.rescoring.comparison import (
     what_changed,
 )
 from exceptiondrive_records.rescoring.flip import blockers_of, comparison_of
-from exceptiondrive_records.rescoring.pairs import count_pairs, progress_of
+from exceptiondrive_records.rescoring.progress import count_sheets, progress_of
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.trials import trial_of
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
@@ -101,7 +101,7 @@ def protocol_check(session: Session, toml: str, phase_id: str | None) -> Differe
         phase = find_phase(session, phase_id)
         old = find_protocol(session, phase.protocol_digest)
         key = ScoringKey(phase.protocol_digest, phase.split_revision)
-        return protocol_difference(old, new, count_pairs(session, phase.id, key).total)
+        return protocol_difference(old, new, count_sheets(session, phase.id, key).total)
     known = list_protocols(session)
     if not known:
         raise NotFound("protocol", "to compare with")

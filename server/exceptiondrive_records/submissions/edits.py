@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tokens import names_of_actors
 from exceptiondrive_records.audit.log import audit
-from exceptiondrive_records.boards.requests import want_boards
+from exceptiondrive_records.boards.renewal import renew_boards
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.db.identifiers import checked_link, checked_name
@@ -78,7 +78,7 @@ def edit_submission(
         )
         audit(session, actor, "submission edited", run.id, {"changed": said})
     if any(not name.startswith("facts.") for name in changed):
-        want_boards(session, phase)
+        renew_boards(session, phase)
     return submission
 
 

@@ -563,16 +563,18 @@ def same_bytes(
 
 
 def _require_open(
-    session: Session, phase: Phase, own_closes_at: datetime | None, now: datetime
+    session: Session, phase: Phase, own_closes_at: datetime | None, arrived_at: datetime
 ) -> None:
-    if is_open_to(session, phase, own_closes_at, now) or takes_late_entries(session, phase, now):
+    if is_open_to(session, phase, own_closes_at, arrived_at):
+        return
+    if takes_late_entries(session, phase, arrived_at):
         return
     if phase.visibility != "shown":
         raise PhaseClosed(phase.title, f"is {phase.visibility}")
-    if phase.opens_at is not None and now < phase.opens_at:
+    if phase.opens_at is not None and arrived_at < phase.opens_at:
         raise PhaseClosed(phase.title, f"opens at {phase.opens_at:%Y-%m-%d %H:%M} UTC")
     closed = f"closed at {phase.closes_at:%Y-%m-%d %H:%M} UTC"
-    if own_closes_at is not None and own_closes_at > now:
+    if own_closes_at is not None and own_closes_at > arrived_at:
         closed += ", and your team's own deadline ended when what had been kept back was revealed"
     raise PhaseClosed(phase.title, closed)
 

@@ -21,8 +21,8 @@ from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.method_facts import PhaseFacts
 from exceptiondrive_server.boards.exports import EXPORTS
-from exceptiondrive_server.boards.queries import asked_entries, chosen_board, facts_on
-from exceptiondrive_server.boards.query import AskedBoard, BoardQuery, documented
+from exceptiondrive_server.boards.queries import asked_entries, facts_on, find_chosen_board
+from exceptiondrive_server.boards.query import BoardQuery, BoardQueryOf, documented
 from exceptiondrive_server.boards.reported import ReportedBoardView, reported_of
 from exceptiondrive_server.boards.selection import is_as_kept, selected_board
 from exceptiondrive_server.web.auth import (
@@ -63,7 +63,7 @@ _RESPONSES: dict[int | str, dict[str, Any]] = {
 def get_board(
     request: Request,
     services: ServicesOf,
-    query: AskedBoard,
+    query: BoardQueryOf,
     limit: Limit = None,
     after: After = None,
 ) -> Response:
@@ -75,7 +75,11 @@ def get_board(
     max_age_s = services.settings.board_max_age_s
     number, _, start = (after or "").partition(".")
     with services.database.read() as session:
-        row = _paged_board(session, query, int(number)) if after else chosen_board(session, query)
+        row = (
+            _paged_board(session, query, int(number))
+            if after
+            else find_chosen_board(session, query)
+        )
         if is_as_kept(query) and limit is None and after is None:
             return _as_kept(request, row, max_age_s)
         board = parsed_board(row)
@@ -93,8 +97,8 @@ def _paged_board(session: Session, query: BoardQuery, number: int) -> BoardRow:
     """
     if query.view == "main":
         named = {"board": number, "as_of": None, "protocol": None}
-        return chosen_board(session, query.model_copy(update=named))
-    row = chosen_board(session, query)
+        return find_chosen_board(session, query.model_copy(update=named))
+    row = find_chosen_board(session, query)
     if row.number != number:
         raise NotFound("late view as it was: begin with its first page; board", str(number))
     return row
@@ -141,7 +145,7 @@ def _as_kept(request: Request, row: BoardRow, max_age_s: int | None) -> Response
     },
     openapi_extra=documented(),
 )
-def get_board_csv(request: Request, services: ServicesOf, query: AskedBoard) -> Response:
+def get_board_csv(request: Request, services: ServicesOf, query: BoardQueryOf) -> Response:
     """Give a board as CSV; cells that a spreadsheet would run as formulas are quoted."""
     with services.database.read() as session:
         board, protocol, facts = asked_entries(session, query)
@@ -157,13 +161,13 @@ def get_board_csv(request: Request, services: ServicesOf, query: AskedBoard) -> 
     responses=problem_responses(ProblemCode.NOT_FOUND),
     openapi_extra=documented(),
 )
-def get_facts(services: ServicesOf, query: AskedBoard) -> PhaseFacts:
+def get_facts(services: ServicesOf, query: BoardQueryOf) -> PhaseFacts:
     """Give what teams tell of the methods on a board now: type, sensors, map, data, size, speed.
 
     A board never changes and holds none of it; teams may edit it at any time.
     """
     with services.database.read() as session:
-        board = parsed_board(chosen_board(session, query))
+        board = parsed_board(find_chosen_board(session, query))
         return PhaseFacts(
             phase=board.phase,
             board=board.board,

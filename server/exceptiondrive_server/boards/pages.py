@@ -18,15 +18,15 @@ from exceptiondrive_schemas.reported import reported_paper
 from exceptiondrive_server.boards.exports import EXPORTS, atom_feed
 from exceptiondrive_server.boards.headline import own_entries
 from exceptiondrive_server.boards.lead_chart import lead_chart, takers
-from exceptiondrive_server.boards.page import NARROW_PX, PhaseLink
-from exceptiondrive_server.boards.queries import (
-    asked_entries,
-    phase_link,
-    read_board,
-    read_history,
-    read_phases,
+from exceptiondrive_server.boards.page import NARROW_PX
+from exceptiondrive_server.boards.phase_links import PhaseLink, phase_link, read_phases
+from exceptiondrive_server.boards.queries import asked_entries, read_board, read_history
+from exceptiondrive_server.boards.query import (
+    BoardQuery,
+    BoardQueryOf,
+    board_query_of,
+    without_unknown,
 )
-from exceptiondrive_server.boards.query import AskedBoard, BoardQuery, asked_board, without_unknown
 from exceptiondrive_server.boards.reported import reported_of
 from exceptiondrive_server.guide.client_files import client_wheel
 from exceptiondrive_server.web.auth import ServicesOf, sees_hidden
@@ -61,7 +61,7 @@ def show_board(request: Request) -> Response:
     What visitors see is kept until the records say otherwise.
     """
     if _is_sent_by_form(request):
-        return RedirectResponse(asked_board(request).url(), status_code=303)
+        return RedirectResponse(board_query_of(request).url(), status_code=303)
     if short := without_unknown(request):
         return RedirectResponse(short, status_code=308)
     if holder_of(request) is not Holder.VISITOR:
@@ -70,12 +70,12 @@ def show_board(request: Request) -> Response:
 
 
 def _public_board(session: Session, request: Request) -> Reading:
-    board, wheel = read_board(session, asked_board(request)), client_wheel(services_of(request))
+    board, wheel = read_board(session, board_query_of(request)), client_wheel(services_of(request))
     return (board.outline, wheel), lambda: {"page": board, "own": None, "wheel": wheel}
 
 
 def _signed_in_board(request: Request) -> Response:
-    query = asked_board(request)
+    query = board_query_of(request)
     with services_of(request).database.read() as session:
         who = principal_of_browser(session, request)
         board = read_board(session, query, with_hidden=sees_hidden(who))
@@ -100,7 +100,7 @@ def _own_submissions(
 
 
 @router.get("/history")
-def show_history(request: Request, query: AskedBoard) -> Response:
+def show_history(request: Request, query: BoardQueryOf) -> Response:
     """Show every board that a phase ever had."""
     if short := without_unknown(request):
         return RedirectResponse(short, status_code=308)
@@ -173,7 +173,9 @@ def show_reported_boards(request: Request, phase_id: PhaseId) -> Response:
 
 
 @router.get("/export/board.{form}")
-def export_board(request: Request, services: ServicesOf, query: AskedBoard, form: str) -> Response:
+def export_board(
+    request: Request, services: ServicesOf, query: BoardQueryOf, form: str
+) -> Response:
     """Give a board as CSV, LaTeX or BibTeX."""
     export = EXPORTS.get(form)
     if export is None:
@@ -187,7 +189,7 @@ def export_board(request: Request, services: ServicesOf, query: AskedBoard, form
 
 
 @router.get("/feed.atom")
-def feed(request: Request, services: ServicesOf, query: AskedBoard) -> Response:
+def feed(request: Request, services: ServicesOf, query: BoardQueryOf) -> Response:
     """List the newest boards of a phase as an Atom feed."""
     with services.database.read() as session:
         history = read_history(session, query)

@@ -19,7 +19,7 @@ from exceptiondrive_server.boards.entry_facts import board_name, challenge_of, f
 from exceptiondrive_server.boards.headline import headline
 from exceptiondrive_server.boards.page import BoardPage
 from exceptiondrive_server.boards.queries import read_board
-from exceptiondrive_server.boards.query import AskedBoard
+from exceptiondrive_server.boards.query import BoardQueryOf
 from exceptiondrive_server.boards.table import Row, RowBuilder
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.etag import conditional
@@ -197,7 +197,7 @@ router = APIRouter(include_in_schema=False)
 
 
 @router.get("/pictures/board.png")
-def show_board_picture(request: Request, services: ServicesOf, query: AskedBoard) -> Response:
+def show_board_picture(request: Request, services: ServicesOf, query: BoardQueryOf) -> Response:
     """Paint a board: the one named, else the current one of the first phase."""
     with services.database.read() as session:
         reading = read_board(session, query)

@@ -189,7 +189,7 @@ class BoardQuery(BaseModel):
         return f"{path}{'?' + query if query else ''}{'#' + anchor if anchor else ''}"
 
 
-def asked_board(request: Request) -> BoardQuery:
+def board_query_of(request: Request) -> BoardQuery:
     """Read the address of a request.
 
     Raises:
@@ -238,8 +238,8 @@ def without_unknown(request: Request, *further: str) -> str | None:
     return f"{request.url.path}{'?' + query if query else ''}"
 
 
-AskedBoard = Annotated[BoardQuery, Depends(asked_board)]
-"""The board that the address of a request asks for."""
+BoardQueryOf = Annotated[BoardQuery, Depends(board_query_of)]
+"""What the address of a request asks for."""
 
 
 def documented() -> dict[str, Any]:

@@ -7,7 +7,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_server.boards.entry_facts import entry_key, find_entry
 from exceptiondrive_server.boards.pictures import painted_picture
-from exceptiondrive_server.boards.query import asked_board, without_unknown
+from exceptiondrive_server.boards.query import board_query_of, without_unknown
 from exceptiondrive_server.entries.compare import compare_address, compare_page
 from exceptiondrive_server.entries.pictures import badge, entry_picture
 from exceptiondrive_server.entries.queries import EntryData, read_comparison, read_entry
@@ -29,7 +29,7 @@ def show_entry(request: Request, key: str) -> Response:
         return RedirectResponse(short, status_code=308)
 
     def read(session: Session) -> Reading:
-        reading = read_entry(session, key, asked_board(request))
+        reading = read_entry(session, key, board_query_of(request))
         return reading.outline, lambda: entry_page(reading)
 
     return public_page(request, "entries/entry.html", "board", read)
@@ -42,7 +42,7 @@ def show_sample(request: Request, key: str, place: str) -> Response:
         return RedirectResponse(short, status_code=308)
 
     def read(session: Session) -> Reading:
-        reading = read_entry(session, key, asked_board(request))
+        reading = read_entry(session, key, board_query_of(request))
         shown = sample_page(reading, place)
         if shown is None:
             raise NotFound("drawing", place)
@@ -75,7 +75,7 @@ def show_still_scenes(request: Request, services: ServicesOf) -> Response:
 
 def _scenes(session: Session, request: Request) -> Scenes:
     keys = [value for key, value in request.query_params.multi_items() if key == "with"]
-    return read_scenes(session, asked_board(request), keys)
+    return read_scenes(session, board_query_of(request), keys)
 
 
 @router.get("/badges/{key}.svg")
@@ -111,7 +111,7 @@ class _NamesTyped(Exception):  # noqa: N818 - no error: it holds the address wit
 
 def _comparison(session: Session, request: Request) -> Reading:
     pairs = request.query_params.multi_items()
-    reading = read_comparison(session, asked_board(request), pairs)
+    reading = read_comparison(session, board_query_of(request), pairs)
     asked = [value for key, value in pairs if key in ("a", "b", "more") and value]
     board = reading.board.board
     if board and any(find_entry(board, value) is None for value in asked):
@@ -123,4 +123,4 @@ def _comparison(session: Session, request: Request) -> Reading:
 
 def _entry(request: Request, services: Services, key: str) -> EntryData:
     with services.database.read() as session:
-        return read_entry(session, key, asked_board(request))
+        return read_entry(session, key, board_query_of(request))

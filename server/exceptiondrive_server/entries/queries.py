@@ -36,12 +36,12 @@ from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_server.boards.comparison import MAX_COMPARED, default_pair
 from exceptiondrive_server.boards.entry_facts import find_entry, find_named
 from exceptiondrive_server.boards.page import BoardPage
+from exceptiondrive_server.boards.phase_links import choose_phase
 from exceptiondrive_server.boards.queries import (
     choose_board,
-    choose_phase,
     facts_on,
-    own_board,
     read_board,
+    without_reported,
 )
 from exceptiondrive_server.boards.query import BoardQuery
 
@@ -97,7 +97,7 @@ def read_entry(session: Session, key: str, query: BoardQuery) -> EntryData:
     """
     submission = _shown_submission(session, key)
     row, is_current = _board_with(session, key, submission, query)
-    board = own_board(parsed_board(row))
+    board = without_reported(parsed_board(row))
     entry = find_entry(board, key)
     phase = session.get(Phase, board.phase)
     if entry is None or phase is None:

@@ -10,7 +10,7 @@ from exceptiondrive_records.news.news import news_of
 from exceptiondrive_records.news.questions import MAX_QUESTION, ask_question, questions_of
 from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_schemas.api.problems import ProblemCode
-from exceptiondrive_server.news.queries import NewsView, QuestionView, news_view, question_view
+from exceptiondrive_server.news.views import NewsView, QuestionView, news_view, question_view
 from exceptiondrive_server.web.auth import Reader, ServicesOf, Submitter, team_of
 from exceptiondrive_server.web.forms import Form
 from exceptiondrive_server.web.path_ids import PhaseId

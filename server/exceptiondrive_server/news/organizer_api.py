@@ -5,10 +5,10 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Query
 from pydantic import Field, StrictBool
 
-from exceptiondrive_records.news.news import all_news, publish_news, withdraw_news
-from exceptiondrive_records.news.questions import all_questions, answer_question
+from exceptiondrive_records.news.news import list_news, publish_news, withdraw_news
+from exceptiondrive_records.news.questions import answer_question, list_questions
 from exceptiondrive_records.participation.messages import MAX_TEXT, MAX_TITLE
-from exceptiondrive_server.news.queries import (
+from exceptiondrive_server.news.views import (
     AskedQuestion,
     NewsView,
     QuestionView,
@@ -46,7 +46,7 @@ class Answer(Form):
 def get_all_news(services: ServicesOf, phase: OfPhase = None) -> list[NewsView]:
     """List the news of one phase or of all, withdrawn ones too, newest first."""
     with services.database.read() as session:
-        return [news_view(row) for row in all_news(session, phase)]
+        return [news_view(row) for row in list_news(session, phase)]
 
 
 @router.post("/phases/{phase_id}/news", operation_id="publishNews", status_code=201)
@@ -82,7 +82,7 @@ def post_withdrawal(
 def get_all_questions(services: ServicesOf, phase: OfPhase = None) -> list[AskedQuestion]:
     """List the questions of all teams, about one phase or all: those that wait first."""
     with services.database.read() as session:
-        return [asked_question(row, team) for row, team in all_questions(session, phase)]
+        return [asked_question(row, team) for row, team in list_questions(session, phase)]
 
 
 @router.post("/questions/{question_id}/answer", operation_id="answerQuestion")

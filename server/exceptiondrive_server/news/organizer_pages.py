@@ -7,13 +7,13 @@ from urllib.parse import urlencode
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 
-from exceptiondrive_records.news.news import all_news, find_news, publish_news, withdraw_news
-from exceptiondrive_records.news.questions import all_questions, answer_question, find_question
+from exceptiondrive_records.news.news import find_news, list_news, publish_news, withdraw_news
+from exceptiondrive_records.news.questions import answer_question, find_question, list_questions
 from exceptiondrive_records.participation.messages import MAX_TEXT, MAX_TITLE
 from exceptiondrive_records.phases.phases import find_phase, list_phases, titles_of_phases
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_schemas.api.form_fields import FormField
-from exceptiondrive_server.news.queries import asked_question, news_view
+from exceptiondrive_server.news.views import asked_question, news_view
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import SignedIn
 from exceptiondrive_server.web.forms import REASON
@@ -40,8 +40,8 @@ def show_news(
     """List questions, those that wait first, and news: of one phase or of all."""
     with services.database.read() as session:
         of_phase = None if phase is None else find_phase(session, phase)
-        questions = [asked_question(row, team) for row, team in all_questions(session, phase)]
-        news = [news_view(row) for row in all_news(session, phase)]
+        questions = [asked_question(row, team) for row, team in list_questions(session, phase)]
+        news = [news_view(row) for row in list_news(session, phase)]
         titles = titles_of_phases(session)
         phases = list_phases(session) if of_phase is None else [of_phase]
     return organizer_page(

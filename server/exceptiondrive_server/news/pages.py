@@ -10,7 +10,7 @@ from exceptiondrive_records.accounts.tokens import Scope
 from exceptiondrive_records.db.errors import NotFound, RecordsError
 from exceptiondrive_records.news.questions import MAX_QUESTION, ask_question, questions_of
 from exceptiondrive_records.phases.phases import shown_phase
-from exceptiondrive_server.news.queries import question_view
+from exceptiondrive_server.news.views import question_view
 from exceptiondrive_server.web.auth import ServicesOf, team_of
 from exceptiondrive_server.web.browser_session import Browser, PostedForm, SignedIn, require_scope
 from exceptiondrive_server.web.path_ids import PhaseId

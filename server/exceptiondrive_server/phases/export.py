@@ -30,7 +30,7 @@ from exceptiondrive_schemas.method_facts import EntryFacts
 from exceptiondrive_schemas.printable import spreadsheet_text
 from exceptiondrive_schemas.score_sheet import MetricRow, ScoreSheet
 from exceptiondrive_server.boards.exports import EXPORTS
-from exceptiondrive_server.boards.queries import facts_on, own_board
+from exceptiondrive_server.boards.queries import facts_on, without_reported
 from exceptiondrive_server.boards.reported import reported_of
 from exceptiondrive_server.phases.every_eval_ever import record_of, record_path
 from exceptiondrive_server.phases.report import board_before_reveal, has_ended, report_of
@@ -65,7 +65,7 @@ def export_phase(
 
 
 def _members(session: Session, phase: Phase, row: BoardRow, site_url: str) -> Members:
-    board = own_board(parsed_board(row))
+    board = without_reported(parsed_board(row))
     facts = facts_on(session, board)
     sheets = _sheets(session, phase, board)
     yield "README.md", _readme(phase, board, len(sheets)).encode()
@@ -79,7 +79,7 @@ def _members(session: Session, phase: Phase, row: BoardRow, site_url: str) -> Me
         name = f"boards/board-{each.number}"
         yield f"{name}.json", served_body(each).encode()
         for form, export in EXPORTS.items():
-            document = own_board(parsed_board(each))
+            document = without_reported(parsed_board(each))
             protocol = find_protocol(session, each.protocol_digest)
             text = export.write(document, protocol, site_url, facts_on(session, document))
             yield f"{name}.{form}", text.encode()

@@ -3,7 +3,7 @@
 A page follows from a value, which the records tell. While nothing at all was written to the records,
 the value is the same; else it is read again, and the page is made again only if it differs. So a page
 is never older than the records, whichever process wrote them, and what turns by the clock alone (a
-deadline) is seen within `CLOCK_S`.
+deadline) is seen within `MAX_AGE_S`.
 """
 
 import gzip
@@ -18,7 +18,8 @@ from exceptiondrive_records.db.memory import Memory
 
 Made = tuple[object, Callable[[], str]]
 ROOM_BYTES = 24 * 2**20
-CLOCK_S = 1.0
+MAX_AGE_S = 1.0
+"""How long ago the value of a page may have been read, though nothing was written since."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class KeptPage:
 
 
 class KeptPages:
-    """The pages that were asked for last, by address and looks."""
+    """The pages that were asked for last, by what of a request they depend on."""
 
     def __init__(self, room_bytes: int = ROOM_BYTES) -> None:
         self._pages: Memory[Hashable, KeptPage] = Memory(room_bytes)
@@ -47,36 +48,36 @@ class KeptPages:
         return self._pages.weight
 
     def current(
-        self, looks: Hashable, state: Callable[[], str], read: Callable[[], Made]
+        self, key: Hashable, state: Callable[[], str], read: Callable[[], Made]
     ) -> KeptPage:
         """Return the page as the records have it now.
 
         Args:
-            looks: Address and looks.
+            key: What of a request the page depends on, its address among it.
             state: Tells the state of the records, before they are read.
             read: Reads what the page follows from, by which it is compared, and what makes it.
         """
-        return self._unchanged(looks, state()) or self._read_again(looks, state, read)
+        return self._unchanged(key, state()) or self._read_again(key, state, read)
 
-    def _unchanged(self, looks: Hashable, state: str) -> KeptPage | None:
-        kept = self._pages.get(looks)
-        if kept is None or kept.state != state or time.monotonic() > kept.read_at_s + CLOCK_S:
+    def _unchanged(self, key: Hashable, state: str) -> KeptPage | None:
+        kept = self._pages.get(key)
+        if kept is None or kept.state != state or time.monotonic() > kept.read_at_s + MAX_AGE_S:
             return None
         return kept
 
     def _read_again(
-        self, looks: Hashable, state: Callable[[], str], read: Callable[[], Made]
+        self, key: Hashable, state: Callable[[], str], read: Callable[[], Made]
     ) -> KeptPage:
         """One at a time of each address: those who waited find the page that the first one read."""
         with self._lock:
-            one_at_a_time = self._reads.setdefault(looks, threading.Lock())
+            one_at_a_time = self._reads.setdefault(key, threading.Lock())
         with one_at_a_time:
             now, now_s = state(), time.monotonic()
-            kept = self._unchanged(looks, now)
+            kept = self._unchanged(key, now)
             if kept is not None:
                 return kept
             made_of, make = read()
-            kept = self._pages.get(looks)
+            kept = self._pages.get(key)
             if kept is not None and kept.made_of == made_of:
                 kept = replace(kept, state=now, read_at_s=now_s)
             else:
@@ -84,4 +85,4 @@ class KeptPages:
                 packed = gzip.compress(html, mtime=0)
                 etag = hashlib.sha256(html).hexdigest()
                 kept = KeptPage(made_of, now, now_s, html, packed, etag)
-            return self._pages.keep(looks, kept, len(kept.html) + len(kept.gzipped))
+            return self._pages.keep(key, kept, len(kept.html) + len(kept.gzipped))

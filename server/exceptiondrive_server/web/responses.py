@@ -63,7 +63,7 @@ def origin_of(request: Request) -> str:
     return (public_url or str(request.base_url)).rstrip("/")
 
 
-def looks_of(request: Request) -> tuple[Theme, str, str]:
+def frame_of(request: Request) -> tuple[Theme, str, str]:
     """Return theme, path and origin: of a visitor's request, all that the frame of a page takes."""
     query = request.url.query
     here = request.url.path + (f"?{query}" if query else "")
@@ -72,7 +72,7 @@ def looks_of(request: Request) -> tuple[Theme, str, str]:
 
 def site_of(request: Request, current: str) -> Site:
     """Return the frame of a page."""
-    theme, here, origin = looks_of(request)
+    theme, here, origin = frame_of(request)
     holder = holder_of(request)
     links, delay, preparing = services_of(request).site_state.now()
     return Site(
@@ -157,7 +157,7 @@ def public_page(
         site = site_of(request, current)
         return (site, made_of), lambda: render(template, site=site, **fill())
 
-    kept = services.kept_pages.current(looks_of(request), services.database.state, read_again)
+    kept = services.kept_pages.current(frame_of(request), services.database.state, read_again)
     return _kept_page(request, kept)
 
 

@@ -23,7 +23,7 @@ from exceptiondrive_server.web.settings import ServerSettings
 if TYPE_CHECKING:
     from exceptiondrive_server.accounts.oidc import Provider
 
-CLOCK_S = 1.0
+MAX_AGE_S = 1.0
 """How old what every page says of the site may be."""
 
 
@@ -33,11 +33,11 @@ class SiteState:
     def __init__(self, database: Database) -> None:
         self._database = database
         self._said = (SiteLinks(), "", "")
-        self._read_at_s = -CLOCK_S
+        self._read_at_s = -MAX_AGE_S
 
     def now(self) -> tuple[SiteLinks, str, str]:
         """Return the links; why scoring is delayed, or nothing; what is being made, or nothing."""
-        if time.monotonic() - self._read_at_s >= CLOCK_S:
+        if time.monotonic() - self._read_at_s >= MAX_AGE_S:
             try:
                 with self._database.read() as session:
                     delay = scoring_delay(session)
@@ -49,7 +49,7 @@ class SiteState:
 
     def forget(self) -> None:
         """Read anew at the next page."""
-        self._read_at_s = -CLOCK_S
+        self._read_at_s = -MAX_AGE_S
 
 
 @dataclass(frozen=True)

@@ -9,14 +9,14 @@ from exceptiondrive_schemas.board import Board, FamilyCell
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.families import Hardness, families_of
-from exceptiondrive_server.boards.queries import own_board
+from exceptiondrive_server.boards.queries import without_reported
 from exceptiondrive_server.boards.query import BY_RANK, BoardQuery
 from exceptiondrive_server.boards.table import BoardTable, board_table, metric_columns
 from exceptiondrive_server.web.templating import macro
 
 
 def view(board: Board, protocol: ProtocolDocument, **query: Any) -> BoardTable:
-    return board_table(own_board(board), protocol, BoardQuery(**{"sort": BY_RANK, **query}))
+    return board_table(without_reported(board), protocol, BoardQuery(**{"sort": BY_RANK, **query}))
 
 
 def test_the_columns_of_a_planning_board() -> None:

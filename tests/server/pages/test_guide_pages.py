@@ -67,6 +67,7 @@ async def test_the_protocol_page_says_which_flags_take_a_rank_and_when_they_are_
     labels = ", ".join(FLAGS[code].label for code in codes)
     assert "Stands still" in labels
     assert f"listed with its numbers, and takes no rank: {labels}." in text
+    assert [kind.code for kind in FLAGS.values() if f"<b>{kind.label}" not in text] == []
     assert "A mean over fewer than 5 scenes has no interval." in text
     assert "more than 5 m from the drive that was recorded" in text
     assert "less than 10 % in a family of at least 20 samples" in text

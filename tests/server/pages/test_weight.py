@@ -56,7 +56,7 @@ def test_the_board_page_is_made_by_few_calls_in_few_files(
     lively_site: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for clock in (kept_pages, of_site):  # a slow machine must not turn it in between
-        monkeypatch.setattr(clock, "CLOCK_S", 3600.0)
+        monkeypatch.setattr(clock, "MAX_AGE_S", 3600.0)
     scope = {"type": "http", "method": "GET", "path": "/", "query_string": b"", "headers": []}
     request = Request({**scope, "app": lively_site.app, "server": ("site.test", 80)})
     services = lively_site.app.state.services

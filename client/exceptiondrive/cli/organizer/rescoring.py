@@ -13,6 +13,7 @@ import typer
 from rich.console import RenderableType
 from rich.progress import BarColumn, Progress, TextColumn
 
+from exceptiondrive.challenges import challenge_of
 from exceptiondrive.checking import write_file
 from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.file_tables import metric_head
@@ -23,7 +24,6 @@ from exceptiondrive.cli.session import command_of, open_organizer
 from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, utc_text
 from exceptiondrive.organizer import Rescoring
 from exceptiondrive.transport import Record
-from exceptiondrive.words import challenge_of
 from exceptiondrive_schemas.challenges import Metric
 from exceptiondrive_schemas.score_sheet import metric_text
 

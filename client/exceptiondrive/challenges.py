@@ -1,4 +1,4 @@
-"""Challenges, as both the command line and the SDK find them."""
+"""Challenges, as commands find them."""
 
 from exceptiondrive.errors import ServerError
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, UnknownChallengeError

@@ -1,4 +1,4 @@
-"""Ask for the boards of a phase anew: for what changes what they may say."""
+"""Boards of a phase asked for anew, since what they may say is another; one board is `work.board_requests`."""
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
@@ -11,7 +11,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.work.board_requests import is_board_wanted, want_board
 
 
-def want_boards(session: Session, phase: Phase) -> None:
+def renew_boards(session: Session, phase: Phase) -> None:
     """Ask for the board that the phase shows, and for the draft of an open rescoring run."""
     keys = {key_of_phase(phase)}
     shadow = shadow_key_of_phase(session, phase.id)
@@ -21,7 +21,7 @@ def want_boards(session: Session, phase: Phase) -> None:
         want_board(session, phase.id, key.protocol_digest, key.split_revision)
 
 
-def tend_phases(database: Database) -> int:
+def renew_where_families_show(database: Database) -> int:
     """Ask for the boards of phases whose families may be shown now; return how many phases."""
     with database.read() as session:
         if not any(_families_are_due(session, phase) for phase in _phases(session)):
@@ -29,7 +29,7 @@ def tend_phases(database: Database) -> int:
     with database.write() as session:
         due = [phase for phase in _phases(session) if _families_are_due(session, phase)]
         for phase in due:
-            want_boards(session, phase)
+            renew_boards(session, phase)
         return len(due)
 
 

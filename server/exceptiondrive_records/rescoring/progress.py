@@ -40,29 +40,25 @@ class Counts:
 
     @property
     def missing(self) -> int:
-        """Pairs without a sheet, the failed ones included."""
+        """Sheets that are not there, the failed ones included."""
         return self.total - self.done
 
 
-def count_pairs(session: Session, phase_id: str, key: ScoringKey) -> Counts:
+def count_sheets(session: Session, phase_id: str, key: ScoringKey) -> Counts:
     """Count the scored submissions of a phase, those with a sheet of a key, and those that failed."""
     scored = _scored(phase_id)
     total = session.scalar(select(func.count()).select_from(scored.subquery())) or 0
     done_query = scored.where(_has_sheet(key)).subquery()
     done = session.scalar(select(func.count()).select_from(done_query)) or 0
-    failed_query = failed_pairs(phase_id, key).subquery()
+    failed_query = failed_sheets(phase_id, key).subquery()
     failed = session.scalar(select(func.count()).select_from(failed_query)) or 0
     return Counts(total, done, failed)
 
 
-def missing_pairs(phase_id: str, key: ScoringKey, limit: int) -> Select[Submission]:
-    """Select scored submissions without sheet and without job: nobody will score them yet."""
-    return (
-        _scored(phase_id)
-        .where(not_(_has_sheet(key)), not_(_jobs_of(key).exists()))
-        .order_by(Submission.received_at, Submission.id)
-        .limit(limit)
-    )
+def scored_left_out(phase_id: str, key: ScoringKey, limit: int) -> Select[Submission]:
+    """Select those of `left_out` that are scored, the first ones."""
+    is_scored = Submission.status == SubmissionStatus.SCORED
+    return left_out(phase_id, key).where(is_scored).limit(limit)
 
 
 def left_out(phase_id: str, key: ScoringKey) -> Select[Submission]:
@@ -78,7 +74,7 @@ def left_out(phase_id: str, key: ScoringKey) -> Select[Submission]:
     )
 
 
-def failed_pairs(phase_id: str, key: ScoringKey) -> Select[Submission]:
+def failed_sheets(phase_id: str, key: ScoringKey) -> Select[Submission]:
     """Select scored submissions whose job has ended without a sheet."""
     ended = _jobs_of(key).where(Job.state.not_in(OPEN_STATES)).exists()
     return _scored(phase_id).where(not_(_has_sheet(key)), ended)
@@ -99,7 +95,7 @@ def progress_of(session: Session, run: RescoringRun, key: ScoringKey) -> Progres
     """Return done, total and failed, and while scoring the measured rate and remaining time."""
     if run.ended_with is not None:
         return run.ended_with
-    counts = count_pairs(session, run.phase_id, key)
+    counts = count_sheets(session, run.phase_id, key)
     rate = _rate(session, run, key) if run.state is RunState.SCORING else None
     waiting = counts.missing - counts.failed
     return Progress(
