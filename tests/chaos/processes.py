@@ -3,11 +3,13 @@
 import contextlib
 import os
 import signal
-import subprocess
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from subprocess import DEVNULL, Popen
+
+from tests.support.forked import Forked
 
 _RESTART_AFTER_S = 0.3
 _SEEN_WITHIN_S = 30.0
@@ -42,43 +44,47 @@ def require_state(pid: int, state: str) -> None:
         time.sleep(0.01)
 
 
+def started(command: list[str], environment: Mapping[str, str], log: Path) -> Popen[bytes]:
+    """Start a command in a group of its own."""
+    with log.open("ab") as stream:
+        return Popen(
+            command,
+            env=environment,
+            stdin=DEVNULL,
+            stdout=stream,
+            stderr=stream,
+            start_new_session=True,
+        )
+
+
 class Process:
     """One process in a group of its own; started again when it ends, unless held down."""
 
-    def __init__(
-        self, name: str, command: list[str], environment: Mapping[str, str], log: Path
-    ) -> None:
+    def __init__(self, name: str, start: Callable[[], Popen[bytes] | Forked], log: Path) -> None:
         self.name = name
-        self.command = command
-        self.environment = dict(environment)
         self.log = log
+        self._start = start
         self.starts = 0
         self.exit_codes: list[int] = []
         self._is_wanted = False
         self._lock = threading.Lock()
-        self._running: subprocess.Popen[bytes] | None = None
+        self._running: Popen[bytes] | Forked | None = None
 
     def start(self) -> None:
         with self._lock:
             self._is_wanted = True
             if self._running is not None and self._running.poll() is None:
                 return
-            with self.log.open("ab") as stream:
-                self._running = subprocess.Popen(
-                    self.command,
-                    env=self.environment,
-                    stdin=subprocess.DEVNULL,
-                    stdout=stream,
-                    stderr=stream,
-                    start_new_session=True,
-                )
+            self._running = self._start()
             self.starts += 1
 
     def supervise(self) -> None:
         """Start it again if it has ended by itself."""
         if not self._is_wanted or self._running is None or self._running.poll() is None:
             return
-        self.exit_codes.append(self._running.returncode)
+        code = self._running.returncode
+        assert code is not None
+        self.exit_codes.append(code)
         signal_group(self.pid, signal.SIGKILL)
         time.sleep(_RESTART_AFTER_S)
         if self._is_wanted:

@@ -10,7 +10,7 @@ import os
 import select
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -113,8 +113,9 @@ def _sabotage_server() -> Callable[[], None]:
     return operator_cli.main
 
 
-def main() -> None:
-    which = sys.argv.pop(1)
+def run(arguments: Sequence[str]) -> None:
+    """Run a command in this process, with the faults that its orders and environment name."""
+    which, *sys.argv[1:] = arguments
     gc.disable()  # as the commands do while they import
     command = {"worker": _sabotage_worker, "server": _sabotage_server}[which]()
     gc.freeze()
@@ -124,4 +125,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(sys.argv[1:])

@@ -164,6 +164,7 @@ def running(on: On, *, is_short: bool = False) -> Iterator[Run | None]:
             uses_postgres=on is On.POSTGRES,
             data=disk,
             has_canary=True,
+            is_forked=is_short,
             every_sample=7 if is_short and disk is None else 1,  # a small disk is to be filled
         )
         run = Run(topology, is_short=is_short)

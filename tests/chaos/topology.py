@@ -12,17 +12,20 @@ import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
+from subprocess import Popen
 from typing import Any
 
 import redis
 from sqlalchemy import make_url
+from tests.chaos import saboteur
 from tests.chaos.postgres import Postgres
-from tests.chaos.processes import Process, Supervisor, signal_process
+from tests.chaos.processes import Process, Supervisor, signal_process, started
 from tests.chaos.proxy import Proxy
-from tests.chaos.saboteur import ORDERS
 from tests.chaos.splits import drives_in, multiply, plant_canary, thin
 from tests.chaos.users import Users, as_user
+from tests.support.forked import Forked
 from tests.support.processes import free_port
 
 from exceptiondrive_records.accounts.tokens import issue_token
@@ -149,7 +152,22 @@ class Topology:
         has_canary: bool = False,
         is_database_proxied: bool = False,
         settings: Mapping[str, str] | None = None,
+        is_forked: bool = False,
     ) -> None:
+        """Start it.
+
+        Args:
+            uses_postgres: Instead of SQLite.
+            data: Where the file of SQLite lies.
+            n_workers: Of two processes that score each.
+            users: Who runs what, if not the user of the tests.
+            split_copies: How often each sample is in the split.
+            every_sample: One means all samples, seven every seventh.
+            has_canary: Whether withheld regions hold a coordinate that is looked for everywhere.
+            is_database_proxied: Whether connections to PostgreSQL go over a proxy.
+            settings: More of the environment.
+            is_forked: Whether services that need nothing else are forked from a process that has imported theirs.
+        """
         self.folder = Path(tempfile.mkdtemp(prefix="ed-chaos-"))
         self.patience_s = 90.0
         self.users = users
@@ -171,6 +189,8 @@ class Topology:
         self._split_copies = split_copies
         self._every_sample = every_sample
         self._has_canary = has_canary
+        assert not (is_forked and users), "a forked process keeps its user"
+        self._is_forked = is_forked
         if users is not None:
             self._raise_walls(users)
         self.database = Database(self.database_url)
@@ -274,17 +294,25 @@ class Topology:
             shutil.rmtree(self.folder, ignore_errors=True)
 
     def _add(self, name: str, which: str, *arguments: str, **environment: str) -> Process:
-        command = [sys.executable, "-m", "tests.chaos.saboteur", which, *arguments]
         log = self.folder / f"{name}.log"
+        process = Process(name, self._way_to(name, log, which, *arguments, **environment), log)
+        process.start()
+        self.supervisor.processes.append(process)
+        return process
+
+    def _way_to(
+        self, name: str, log: Path, which: str, *arguments: str, **environment: str
+    ) -> Callable[[], Popen[bytes] | Forked]:
+        """Return what starts a process: what its environment says for imports needs one that imports."""
         own = {**self.environment, **self._address_of(which, *arguments), **environment}
+        if self._is_forked and not environment:
+            return partial(Forked, saboteur.run, [which, *arguments], own, log)
+        command = [sys.executable, "-m", "tests.chaos.saboteur", which, *arguments]
         if self.users is not None:
             user = self.users.worker if which == "worker" else self.users.server
             command = as_user(user, self.users.group, command)
             own = self._with_secrets_in_files(name, own, user)
-        process = Process(name, command, own, log)
-        process.start()
-        self.supervisor.processes.append(process)
-        return process
+        return partial(started, command, own, log)
 
     def _address_of(self, which: str, *arguments: str) -> dict[str, str]:
         """Let a service connect as compose does: on PostgreSQL under a role of its own."""
@@ -320,7 +348,7 @@ class Topology:
         return {
             **kept,
             **{f"EXCEPTIONDRIVE_{name}": value for name, value in values.items()},
-            ORDERS: str(self.orders),
+            saboteur.ORDERS: str(self.orders),
             "PYTHONPATH": os.pathsep.join([str(ROOT), kept.get("PYTHONPATH", "")]),
             "PYTHONPYCACHEPREFIX": f"{tempfile.gettempdir()}/exceptiondrive-tests-pycache",
         }
@@ -361,6 +389,12 @@ class Topology:
             files[-1].write_text(url)
         grant_to_files(self.database_url, files)
 
+    def _register_splits(self) -> None:
+        log = self.folder / "register-splits.log"
+        users, self.users = self.users, None  # as an operator
+        assert self._way_to("", log, "worker", "register-splits")().wait(120) == 0, log.read_text()
+        self.users = users
+
     def _prepare(self) -> dict[str, str]:
         """Schema, split, phase, teams; return a token for each team."""
         prepare(self.database_url)
@@ -377,12 +411,7 @@ class Topology:
         if self.users is not None:
             for path in (split.parent, split):
                 os.chown(path, self.users.worker, self.users.group)
-        subprocess.run(
-            [sys.executable, "-m", "tests.chaos.saboteur", "worker", "register-splits"],
-            env={**self.environment, **self._address_of("worker")},
-            check=True,
-            capture_output=True,
-        )
+        self._register_splits()
         tokens = {}
         with self.database.write() as session:
             self.sample_ids = manifest_of(session, "sample").sample_ids

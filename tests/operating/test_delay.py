@@ -11,7 +11,7 @@ WORDS = "Scoring is delayed: no worker is alive."
 
 
 def test_visitors_are_told_while_a_worker_stands_still() -> None:
-    topology = Topology()
+    topology = Topology(is_forked=True)
 
     def status() -> dict[str, Any]:
         found: dict[str, Any] = httpx.get(f"{topology.url}/api/v1/status", timeout=30).json()

@@ -25,7 +25,8 @@ HOLDERS = ("alpha", "gamma")
 
 @pytest.fixture(scope="module")
 def topology() -> Iterator[Topology]:
-    started = Topology(settings={"EXCEPTIONDRIVE_UPLOADS_AT_ONCE": str(len(HOLDERS))})
+    settings = {"EXCEPTIONDRIVE_UPLOADS_AT_ONCE": str(len(HOLDERS))}
+    started = Topology(settings=settings, is_forked=True)
     try:
         yield started
     finally:

@@ -61,7 +61,7 @@ def site() -> Iterator[Site]:
         "EXCEPTIONDRIVE_UPLOADS_AT_ONCE_PER_TEAM": str(PER_TEAM),
     }
     with ExitStack() as stack:
-        topology = Topology(settings=settings)
+        topology = Topology(settings=settings, is_forked=True)
         stack.callback(topology.close)
         names = Names("127.0.0.1")
         stack.callback(names.close)

@@ -31,7 +31,7 @@ ASKED = {rule["alert"]: str(rule["expr"]) for rule in ALERTS} | {
 @pytest.fixture(scope="module")
 def known(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
     """Name of each metric of a server, with its labels: while its workers stand, and afterwards."""
-    topology = Topology()
+    topology = Topology(is_forked=True)
     (worker,) = topology.workers
     try:
         file = tmp_path_factory.mktemp("upload") / "planner.json"

@@ -5,11 +5,11 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from datetime import timedelta
 from itertools import repeat
-from multiprocessing import get_context
 from typing import Any
 
 import pytest
 from sqlalchemy import select, update
+from tests.support.forked import FORKS
 
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import (
@@ -56,10 +56,6 @@ def try_to_submit(database: Database, team_id: int, number: int) -> str:
     return accepted.submission.id
 
 
-PROCESSES = get_context("forkserver")
-PROCESSES.set_forkserver_preload([__name__])
-
-
 def submit_all(url: str, team_id: int, numbers: range) -> list[str]:
     database = Database(url)
     return [try_to_submit(database, team_id, number) for number in numbers]
@@ -68,8 +64,8 @@ def submit_all(url: str, team_id: int, numbers: range) -> list[str]:
 def submit_in_processes(url: str, shares: Sequence[tuple[int, range]]) -> list[list[str]]:
     """Let processes of their own send the files of teams; none begins before all have started."""
     urls, teams, numbers = repeat(url), *zip(*shares, strict=True)
-    all_are_there = PROCESSES.Barrier(len(shares))
-    with ProcessPoolExecutor(len(shares), PROCESSES, all_are_there.wait) as pool:
+    all_are_there = FORKS.Barrier(len(shares))
+    with ProcessPoolExecutor(len(shares), FORKS, all_are_there.wait) as pool:
         return list(pool.map(submit_all, urls, teams, numbers))
 
 

@@ -3,13 +3,11 @@
 import contextlib
 import os
 import signal
-import subprocess
-import sys
-import tempfile
 from pathlib import Path
 from typing import Any
 
 from tests.support.databases import as_role
+from tests.support.forked import Forked, operate_worker
 from tests.support.records import add_phase
 from tests.support.worker import add_split, score_submission, submit
 
@@ -103,18 +101,7 @@ class RunningWorker:
             for name, value in settings.model_dump().items()
             if value is not None
         }
-        # compiled once for all workers of the suite, and outside of the checkout
-        environment["PYTHONPYCACHEPREFIX"] = f"{tempfile.gettempdir()}/exceptiondrive-tests-pycache"
-        inherited = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
-        code = "from exceptiondrive_worker.operator_cli import main; main()"
-        with log.open("ab") as stream:
-            self.process = subprocess.Popen(
-                [sys.executable, "-c", code, "run", *arguments],
-                env=inherited | environment,
-                stdout=stream,
-                stderr=stream,
-                start_new_session=True,
-            )
+        self.process = Forked(operate_worker, ["run", *arguments], os.environ | environment, log)
 
     @property
     def children(self) -> list[int]:
@@ -142,7 +129,7 @@ class RunningWorker:
 
     def stop(self) -> int:
         """SIGTERM, as an operator stops it; return the exit code."""
-        self.process.terminate()
+        os.kill(self.process.pid, signal.SIGTERM)
         try:
             return self.process.wait(timeout=30)
         finally:
