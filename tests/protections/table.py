@@ -156,7 +156,7 @@ PROTECTIONS = (
     ),
     Protection(
         "best-of-hidden",
-        f"{RECORDS}.boards.ranking:score_kept_back_since",
+        f"{RECORDS}.boards.standings:score_kept_back_since",
         _always(None),
         "tests/phases/test_showing.py::"
         "test_the_best_of_a_method_is_not_said_of_scores_that_are_kept_back",

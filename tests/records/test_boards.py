@@ -13,7 +13,7 @@ from tests.support.work import claim_board_of
 
 from exceptiondrive_records.audit.log import count_audit_lines
 from exceptiondrive_records.boards import boards
-from exceptiondrive_records.boards import ranking as board_records
+from exceptiondrive_records.boards import standings as board_records
 from exceptiondrive_records.boards.tables import BoardEntryRow, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound

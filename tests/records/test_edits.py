@@ -8,7 +8,7 @@ from sqlalchemy.exc import DatabaseError
 from tests.records.world import World
 
 from exceptiondrive_records.audit.tables import AuditLine
-from exceptiondrive_records.boards.ranking import entries_for_board
+from exceptiondrive_records.boards.standings import entries_for_board
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
 from exceptiondrive_records.phases.tables import Phase

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from exceptiondrive_records.boards.ranking import LinkedRecord, entries_for_board
+from exceptiondrive_records.boards.standings import LinkedRecord, entries_for_board
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.submissions.submissions import Accepted, accept, withdraw

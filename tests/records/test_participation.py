@@ -15,7 +15,7 @@ from exceptiondrive_records.accounts.people import invite
 from exceptiondrive_records.accounts.tables import Token
 from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
 from exceptiondrive_records.audit.tables import AuditLine
-from exceptiondrive_records.boards.ranking import entries_for_board
+from exceptiondrive_records.boards.standings import entries_for_board
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import (
     Conflict,

@@ -8,8 +8,8 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.audit.tables import AuditLine
-from exceptiondrive_records.boards.ranking import stood_at_deadline
 from exceptiondrive_records.boards.renewal import renew_boards
+from exceptiondrive_records.boards.standings import stood_at_deadline
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, NotFound
 from exceptiondrive_records.phases.policy import (

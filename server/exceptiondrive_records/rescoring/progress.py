@@ -8,7 +8,7 @@ from sqlalchemy import ColumnElement, Select, exists, func, not_, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.boards import entry_ids, latest_board
-from exceptiondrive_records.boards.ranking import entry_ids_for_board
+from exceptiondrive_records.boards.standings import entry_ids_for_board
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import InvalidRecord

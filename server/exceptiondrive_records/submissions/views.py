@@ -9,7 +9,7 @@ from sqlalchemy import bindparam, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.boards import entries_on, entry_ids
-from exceptiondrive_records.boards.ranking import replacements
+from exceptiondrive_records.boards.standings import replacements
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.entries.selection import rules_of
 from exceptiondrive_records.phases.disqualified import disqualified_since

@@ -8,7 +8,7 @@ from pydantic import BaseModel
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.boards import latest_board, parsed_board
-from exceptiondrive_records.boards.ranking import names_of
+from exceptiondrive_records.boards.standings import names_of
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.changes import (
     delete_phase,

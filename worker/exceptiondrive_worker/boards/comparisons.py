@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from exceptiondrive_records.boards.ranking import EntryRecord
+from exceptiondrive_records.boards.standings import EntryRecord
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.board import BoardEntry, PairedComparison, PairedDifference
 from exceptiondrive_schemas.challenges import Challenge, Metric

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from exceptiondrive_records.boards.documents import Sharing
-from exceptiondrive_records.boards.ranking import EntryRecord
+from exceptiondrive_records.boards.standings import EntryRecord
 from exceptiondrive_schemas.board import BoardEntry, FamilyCell, FamilyHead, ReminderEffect
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.coverage import unranked_flags, unranked_reasons

@@ -7,7 +7,7 @@ is kept under the hash of what made it, so a new entry on the board repeats none
 from collections.abc import Sequence
 from dataclasses import replace
 
-from exceptiondrive_records.boards.ranking import EntryRecord, LinkedRecord
+from exceptiondrive_records.boards.standings import EntryRecord, LinkedRecord
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.board import ReminderEffect
 from exceptiondrive_schemas.challenges import Challenge

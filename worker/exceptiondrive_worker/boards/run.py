@@ -9,7 +9,7 @@ import structlog
 
 from exceptiondrive_records.boards.boards import current_board, latest_board, publish_board
 from exceptiondrive_records.boards.documents import entries_of, entry_documents
-from exceptiondrive_records.boards.ranking import entries_for_board, whole_sheets
+from exceptiondrive_records.boards.standings import entries_for_board, whole_sheets
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.drawings import find_public_split
