@@ -5,6 +5,7 @@ What follows from a board and a query alone is made once: boards never change.
 
 from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass, field, replace
+from datetime import datetime
 from functools import cached_property, lru_cache
 from typing import Any, Generic, NamedTuple, TypeVar
 from urllib.parse import urlencode
@@ -14,7 +15,7 @@ from markupsafe import Markup
 from exceptiondrive_records.db.memory import Memory
 from exceptiondrive_records.submissions.edits import EditsOfPhase
 from exceptiondrive_schemas.api.participation import DisqualificationNote
-from exceptiondrive_schemas.api.phase_settings import PhaseNow
+from exceptiondrive_schemas.api.phase_settings import PhaseNow, Visibility
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.drawing import ProtocolDrawing, packaged_drawing
@@ -37,11 +38,10 @@ from exceptiondrive_server.boards.headline import (
     change_line,
     headline,
 )
-from exceptiondrive_server.boards.phase_links import PhaseLink
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, Average, BoardQuery
 from exceptiondrive_server.boards.scene_drawing import answers_to, scene_drawing
 from exceptiondrive_server.boards.table import BoardTable, board_table
-from exceptiondrive_server.web.numbers import Digits, minute
+from exceptiondrive_server.web.numbers import Digits, day, minute
 from exceptiondrive_server.web.templating import macro
 
 NARROW_PX = (350, 400)
@@ -180,6 +180,86 @@ class Choice(NamedTuple):
     value: str
     title: str
     is_current: bool
+
+
+@dataclass(frozen=True)
+class PhaseLink:
+    """A phase that a visitor may switch to."""
+
+    id: str
+    title: str
+    challenge: Challenge
+    n_samples: int
+    is_open: bool
+    is_ahead: bool
+    """Whether it has not opened yet."""
+    takes_late: bool
+    """Whether it has closed, and what comes now is ranked on its late view."""
+    is_current: bool
+    visibility: Visibility
+    description: str
+    """Markdown."""
+    opens_at: datetime | None
+    closes_at: datetime | None
+    quota_per_day: int
+    rejected_per_day: int
+    """How many wrong files a day are taken of a team."""
+    split: str
+    split_is_public: bool
+    has_data: bool
+    """Whether its page says where scenes and pictures are had."""
+    not_checked: tuple[str, ...]
+    """What nobody checks of a file for it, in sentences."""
+    run_rule: str
+    """Which run of a method stands, in a sentence."""
+    url: str
+
+    @property
+    def state_words(self) -> str:
+        """Say whether it takes submissions, and until or from when."""
+        if self.visibility != "shown":
+            return self.visibility.capitalize()
+        if self.is_ahead and self.opens_at:
+            return f"Opens {minute(self.opens_at)}"
+        if self.is_open:
+            return (
+                f"Open until {minute(self.closes_at)}" if self.closes_at else "Open for submissions"
+            )
+        return f"Closed since {minute(self.closes_at)}" if self.closes_at else "Closed"
+
+    @property
+    def state_word(self) -> str:
+        """Say it in a word where it is not open: `closed`, `opens 3 Dec 2026`."""
+        if self.is_ahead and self.opens_at:
+            return f"opens {day(self.opens_at)}"
+        return "" if self.is_open else "closed" if self.is_shown else self.visibility
+
+    @property
+    def is_shown(self) -> bool:
+        """Whether it is neither archived nor hidden."""
+        return self.visibility == "shown"
+
+    @property
+    def is_past(self) -> bool:
+        """Whether it has closed, or was put away."""
+        return (
+            self.is_shown and not (self.is_open or self.is_ahead)
+        ) or self.visibility == "archived"
+
+    @property
+    def takes_files(self) -> bool:
+        """Whether it takes submissions now, be it for the late view."""
+        return self.is_open or self.takes_late
+
+    @property
+    def page_url(self) -> str:
+        """Address of the page about it."""
+        return f"/phases/{self.id}"
+
+    @property
+    def challenge_title(self) -> str:
+        """Name of the challenge."""
+        return self.challenge.title
 
 
 @dataclass(frozen=True)

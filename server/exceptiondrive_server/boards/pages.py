@@ -18,9 +18,14 @@ from exceptiondrive_schemas.reported import reported_paper
 from exceptiondrive_server.boards.exports import EXPORTS, atom_feed
 from exceptiondrive_server.boards.headline import own_entries
 from exceptiondrive_server.boards.lead_chart import lead_chart, takers
-from exceptiondrive_server.boards.page import NARROW_PX
-from exceptiondrive_server.boards.phase_links import PhaseLink, phase_link, read_phases
-from exceptiondrive_server.boards.queries import asked_entries, read_board, read_history
+from exceptiondrive_server.boards.page import NARROW_PX, PhaseLink
+from exceptiondrive_server.boards.queries import (
+    asked_entries,
+    phase_link,
+    read_board,
+    read_history,
+    read_phases,
+)
 from exceptiondrive_server.boards.query import (
     BoardQuery,
     BoardQueryOf,

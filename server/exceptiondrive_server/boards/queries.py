@@ -1,7 +1,8 @@
-"""What is read of boards: the one chooser of boards, and what their pages need besides."""
+"""What is read of phases and boards: the one chooser of boards, and what their pages need besides."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import datetime
+from math import inf
 from typing import NamedTuple
 
 from sqlalchemy import func, select
@@ -23,10 +24,13 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.news.news import news_of
 from exceptiondrive_records.phases.disqualified import disqualification_notes
+from exceptiondrive_records.phases.phases import list_phases, not_checked
 from exceptiondrive_records.phases.policy import (
     is_anonymous,
+    is_open,
     phase_now,
     shown_sheet,
+    takes_late_entries,
 )
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
@@ -34,9 +38,12 @@ from exceptiondrive_records.protocols.shown import shown_protocol
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.rescoring.views import update_words
 from exceptiondrive_records.splits.drawings import protocol_drawing
+from exceptiondrive_records.splits.splits import whole_split
+from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.edits import edits_of_phase, facts_of_entries
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.drawing import ProtocolDrawing, pictured_digest
 from exceptiondrive_schemas.method_facts import NO_FACTS, FactsOfBoard
 from exceptiondrive_schemas.protocol import NEWEST, ProtocolDocument, packaged_protocol
@@ -45,8 +52,7 @@ from exceptiondrive_server.boards.entry_facts import challenge_of
 from exceptiondrive_server.boards.exports import BoardNote, History, PhaseDate
 from exceptiondrive_server.boards.families import MAX_SHEETS, Tasks, hardest_tasks
 from exceptiondrive_server.boards.headline import BoardBefore, headline, moves_on
-from exceptiondrive_server.boards.page import BoardPage, of_board
-from exceptiondrive_server.boards.phase_links import choose_phase, phase_links
+from exceptiondrive_server.boards.page import BoardPage, PhaseLink, of_board
 from exceptiondrive_server.boards.query import BoardQuery
 from exceptiondrive_server.boards.selection import selected_board
 from exceptiondrive_server.web.numbers import Digits, minute
@@ -62,7 +68,7 @@ def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False
         NotFound: The phase, protocol or board does not exist.
     """
     phase = choose_phase(session, query, with_hidden=with_hidden)
-    links = phase_links(session, phase)
+    links = _phase_links(session, phase)
     if phase is None:
         protocol = packaged_protocol(NEWEST)
         return BoardPage(query, (), None, None, protocol, (), protocol.version)
@@ -166,6 +172,94 @@ def _drawing_of(session: Session, protocol: ProtocolDocument) -> ProtocolDrawing
         if kept.pictured == pictured_digest(protocol):
             _OWN_DRAWINGS[protocol.digest] = kept
     return kept
+
+
+def read_phases(
+    session: Session, query: BoardQuery
+) -> tuple[tuple[PhaseLink, ...], PhaseLink | None]:
+    """Read all phases, and the one asked for.
+
+    Raises:
+        NotFound: The phase does not exist.
+    """
+    links = _phase_links(session, choose_phase(session, query))
+    return links, next((link for link in links if link.is_current), None)
+
+
+def _phase_links(session: Session, chosen: Phase | None) -> tuple[PhaseLink, ...]:
+    phases = list_phases(session)
+    if chosen is not None and chosen not in phases:
+        phases.append(chosen)
+    return tuple(phase_link(session, each, each is chosen) for each in phases)
+
+
+def phase_link(session: Session, phase: Phase, is_current: bool = False) -> PhaseLink:
+    """Return what pages say of a phase."""
+    split = session.get_one(SplitRow, (phase.split_name, phase.split_revision))
+    is_whole = split.whole_revision is None
+    whole = split if is_whole else whole_split(session, split.name, split.revision)
+    now = database_now(session)
+    challenge = CHALLENGES[phase.challenge]
+    return PhaseLink(
+        id=phase.id,
+        title=phase.title,
+        challenge=challenge,
+        n_samples=split.n_samples,
+        is_open=is_open(phase, now),
+        is_ahead=phase.opens_at is not None and now < phase.opens_at,
+        takes_late=takes_late_entries(session, phase, now),
+        is_current=is_current,
+        visibility=phase.visibility,
+        description=phase.description,
+        opens_at=phase.opens_at,
+        closes_at=phase.closes_at,
+        quota_per_day=phase.quota_per_day,
+        rejected_per_day=phase.rejected_per_day,
+        split=phase.split_name,
+        split_is_public=split.public_file_digest is not None,
+        has_data=bool(phase.page.data_url or phase.page.data_manifest_url),
+        not_checked=not_checked(phase.challenge, whole),
+        run_rule=phase.policy.run_rule,
+        url=f"/?phase={phase.id}#board",
+    )
+
+
+def choose_phase(session: Session, query: BoardQuery, *, with_hidden: bool = False) -> Phase | None:
+    """Return the phase asked for, else the first by position, then in the order of challenges.
+
+    Returns:
+        None where no phase is named and there is none at all.
+
+    Raises:
+        NotFound: The phase does not exist, or is not of the challenge that is asked for.
+    """
+    phases = list_phases(session, with_hidden=with_hidden and query.phase is not None)
+    if query.phase is not None:
+        found = next((phase for phase in phases if phase.id == query.phase), None)
+        if found is None:
+            raise NotFound("phase", query.phase)
+        if query.challenge is not None and found.challenge != query.challenge:
+            raise NotFound(f"phase of the {query.challenge} challenge", query.phase)
+        return found
+    order = [query.challenge] if query.challenge else list(CHALLENGES)
+    offered = [phase for phase in phases if phase.challenge in order]
+    if query.challenge is not None and not offered:
+        raise NotFound("phase of the challenge", query.challenge)
+    return min(offered, key=lambda phase: _place(phase, order), default=None)
+
+
+def featured_protocol(session: Session) -> ProtocolDocument:
+    """Return the protocol of the phase on the front page; without any, the newest packaged one."""
+    phase = choose_phase(session, BoardQuery())
+    if phase is None:
+        return packaged_protocol(NEWEST)
+    return find_protocol(session, phase.protocol_digest)
+
+
+def _place(phase: Phase, challenges: Sequence[str]) -> tuple[bool, float, int]:
+    """Where a phase stands among those that may be the front page."""
+    position = inf if phase.position is None else phase.position
+    return phase.visibility == "archived", position, challenges.index(phase.challenge)
 
 
 def choose_board(session: Session, phase: Phase, query: BoardQuery) -> BoardRow | None:

@@ -36,9 +36,9 @@ from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_server.boards.comparison import MAX_COMPARED, default_pair
 from exceptiondrive_server.boards.entry_facts import find_entry, find_named
 from exceptiondrive_server.boards.page import BoardPage
-from exceptiondrive_server.boards.phase_links import choose_phase
 from exceptiondrive_server.boards.queries import (
     choose_board,
+    choose_phase,
     facts_on,
     read_board,
     without_reported,

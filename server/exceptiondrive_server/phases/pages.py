@@ -12,7 +12,7 @@ from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.flags import FLAGS
-from exceptiondrive_server.boards.phase_links import phase_link
+from exceptiondrive_server.boards.queries import phase_link
 from exceptiondrive_server.news.views import news_view
 from exceptiondrive_server.phases.report import has_ended, report_of
 from exceptiondrive_server.web.browser_session import browser_sees_hidden

@@ -11,7 +11,7 @@ from exceptiondrive_records.protocols.shown import shown_protocol, shown_protoco
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.taxonomy import Taxonomy
-from exceptiondrive_server.boards.phase_links import featured_protocol
+from exceptiondrive_server.boards.queries import featured_protocol
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.etag import conditional
 from exceptiondrive_server.web.problems import problem_responses

@@ -15,7 +15,7 @@ from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.flags import FLAGS
 from exceptiondrive_schemas.protocol import NEWEST, ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.taxonomy import Strategy
-from exceptiondrive_server.boards.phase_links import featured_protocol
+from exceptiondrive_server.boards.queries import featured_protocol
 from exceptiondrive_server.boards.scene_drawing import scene_drawing
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import browser_sees_hidden

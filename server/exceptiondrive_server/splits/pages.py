@@ -12,7 +12,7 @@ from exceptiondrive_records.splits.pictures import shows_picture
 from exceptiondrive_records.splits.shown import is_kept_back, shown_revisions
 from exceptiondrive_records.splits.tables import SamplePictureRow
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_server.boards.phase_links import featured_protocol
+from exceptiondrive_server.boards.queries import featured_protocol
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.etag import REVALIDATED, conditional
 from exceptiondrive_server.web.responses import SECURITY_HEADERS, page

@@ -34,7 +34,8 @@ from exceptiondrive_schemas.api.phase_settings import RunRule
 from exceptiondrive_schemas.api.submission import PhaseView, SubmissionStatus, SubmissionView
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.published import DOCUMENT_NAMES, example_text
-from exceptiondrive_server.boards.phase_links import PhaseLink, featured_protocol, phase_link
+from exceptiondrive_server.boards.page import PhaseLink
+from exceptiondrive_server.boards.queries import featured_protocol, phase_link
 from exceptiondrive_server.guide.client_files import client_wheel
 from exceptiondrive_server.submissions.download import attachment
 from exceptiondrive_server.submissions.events import follow_submission

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from exceptiondrive_schemas.challenges import CodeWords
-from exceptiondrive_server.boards.phase_links import PhaseLink
+from exceptiondrive_server.boards.page import PhaseLink
 from exceptiondrive_server.guide.client_files import Wheel
 
 ENVIRONMENT = "exceptiondrive-client"
