@@ -232,7 +232,7 @@ def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path:
             )
         assert standings(running)["alef"] == ""
         merged = organize(running, *merge, "--yes")
-    assert merged.stdout == "team bet has 0 submissions of alef\n"
+    assert merged.stdout == "team alef is part of bet now, and brought no submissions\n"
     shown = organize(running, "teams", "show", "bet").stdout
     assert "quota total" in shown
     assert shown.startswith("Beth\n")

@@ -68,9 +68,9 @@ def merge_teams(
     """Make a team part of another one, with submissions, people and addresses; on a terminal it asks first."""
     be_sure(f"Make {team_id} part of {into} for good?", yes)
     merged = organizer.merge_teams(team_id, into, reason)
-    n_moved = counted(merged["n_submissions"], "submission")
-    line = f"team {merged['id']} has {n_moved} of {team_id}"
-    return merged, line
+    n_moved = merged["n_submissions"]
+    moved = counted(n_moved, "submission") if n_moved else "no submissions"
+    return merged, f"team {team_id} is part of {merged['id']} now, and brought {moved}"
 
 
 @with_organizer
