@@ -304,6 +304,15 @@ if __name__ == "__main__":
             path.write_text(text_of(parts, width), encoding="utf-8")
 
 
+def test_of_a_private_entry_it_is_said_what_can_be_done_now() -> None:
+    one = submissions()[0].model_copy(update={"is_published": False, "rank": None})
+    why = "it was private when hidden scores were revealed, and stays so"
+    later = one.model_copy(update={"unranked_because": why})
+    before, after = (text_of([*submission_view(each, "page")], 200) for each in (one, later))
+    assert f"it is private: exceptiondrive publish {one.id} shows it" in before
+    assert (f": {why}\n" in after, "publish" in after) == (True, False)
+
+
 def test_what_is_left_is_told_by_the_limit_that_binds() -> None:
     """A phase with 20 in all has no 30 left because a day allows 30, and no midnight brings more."""
     of_the_day = "2 of 3 submissions left today; the count resets at "

@@ -483,6 +483,8 @@ def test_nobody_picks_after_the_reveal(life: "Life") -> None:
     assert all("Publish it" in beta.get(page).text for page in pages)
     life.apply(reveal(life))
     assert not any("Publish it" in beta.get(page).text for page in pages)
+    why = life.json(f"/api/v1/submissions/{secret}", "beta")["unranked_because"]
+    assert why == "it was private when hidden scores were revealed, and stays so"
     assert set(life.entry_ids()) == {chosen, other}
     sheets = {
         each: life.json(f"/api/v1/submissions/{each}", who)["sheet"]

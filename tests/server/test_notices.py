@@ -222,6 +222,21 @@ def test_a_score_without_a_rank_is_told_with_its_reason(
     assert mails(api)[-1][1].what_changed[-1].startswith(words)
 
 
+def test_a_private_score_that_no_team_can_publish_any_more_is_told_so(
+    api: "Api", browse: Browse
+) -> None:
+    confirmed(api, browse, "scored")
+    api.score(api.submit("a").json()["id"])
+    api.publish()
+    with api.database.write() as session:
+        phase, now = session.get_one(Phase, "dev"), database_now(session)
+        phase.policy = PhasePolicy(entries_private=True, frozen_scores="hidden")
+        phase.closes_at = phase.unfrozen_at = now
+    assert tell_teams(api.database) == 1
+    last = mails(api)[-1][1].what_changed[-1]
+    assert last == "Not ranked: it was private when hidden scores were revealed, and stays so."
+
+
 def test_what_failed_or_was_refused_is_told_once_to_who_wishes_that(
     api: "Api", browse: Browse
 ) -> None:

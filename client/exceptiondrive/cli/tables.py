@@ -187,7 +187,7 @@ def _standing(view: SubmissionView) -> tuple[str, str]:
         return "not ranked", "it came after the deadline, so it holds no rank and moves none"
     if view.awaits_board:
         return "rank awaited", "the next board is being built"
-    if not view.is_published:
+    if not view.is_published and view.unranked_because is None:
         shows = f"exceptiondrive publish {view.id} shows it, until hidden scores are revealed"
         return "not ranked", f"it is private: {shows}"
     return f"rank {view.rank}" if view.rank else "not ranked", view.unranked_because or ""

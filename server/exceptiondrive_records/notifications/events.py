@@ -163,10 +163,10 @@ def _sentences(session: Session, seen: SubmissionView) -> Iterator[str]:
     elif seen.rank is not None:
         low, high = seen.rank_interval or (seen.rank, seen.rank)
         yield f"Rank {seen.rank}{f' ({low} to {high})' if low != high else ''}."
-    elif not seen.is_published:
-        yield "It is private, and ranks nowhere until your team publishes it."
     elif seen.unranked_because is not None:
         yield f"Not ranked: {seen.unranked_because}."
+    elif not seen.is_published:
+        yield "It is private, and ranks nowhere until your team publishes it."
 
 
 def _passed(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:

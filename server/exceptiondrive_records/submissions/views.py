@@ -14,6 +14,7 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.entries.selection import rules_of
 from exceptiondrive_records.phases.disqualified import disqualified_since
 from exceptiondrive_records.phases.policy import (
+    can_publish,
     deadline_of,
     frozen_since,
     is_anonymous,
@@ -148,6 +149,11 @@ class _Seen:
             self._session, self.phase.id, key.protocol_digest, key.split_revision
         )
 
+    @cached_property
+    def can_publish(self) -> bool:
+        """See `can_publish`."""
+        return can_publish(self._session, self.phase)
+
     def hides(self, submission: Submission) -> datetime | None:
         """Since when a score is kept back."""
         return score_kept_back_since(self.phase, submission, self.now)
@@ -179,6 +185,8 @@ def _view(
     unranked_because = shown.unranked_because if shown else None
     if is_to_come and seen.is_frozen and not seen.hides(submission):
         unranked_because = "the board is frozen, and shows it when the organizers reveal the board"
+    elif is_scored and not is_published and not seen.can_publish:
+        unranked_because = "it was private when hidden scores were revealed, and stays so"
     return SubmissionView(
         id=submission.id,
         phase=phase.id,
