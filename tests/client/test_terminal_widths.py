@@ -390,10 +390,13 @@ def test_a_replaced_run_that_the_board_still_shows_has_its_rank() -> None:
 def test_a_phase_that_takes_nothing_more_has_nothing_left() -> None:
     over = {"closes_at": datetime.now(UTC) - timedelta(days=1), "is_open": False}
     archived = {"visibility": "archived", "is_open": False}
-    table = phases_table((phase("a", **over), phase("b", **archived), phase("c")))
+    ahead = {"opens_at": datetime.now(UTC) + timedelta(days=1), "is_open": False}
+    phases = phase("a", **over), phase("b", **archived), phase("d", **ahead), phase("c")
+    table = phases_table(phases)
     said = [tuple(cell.plain for cell in row[-2:]) for row, *_ in table.rows]
     assert [(when.split()[0], left) for when, left in said[:2]] == [
         ("closed", "nothing"),
         ("archived", "nothing"),
     ]
-    assert said[2][1] != "nothing"
+    assert said[2][1] == f"then {phases[2].quota_per_day} a day"
+    assert said[3][1].endswith(" today")

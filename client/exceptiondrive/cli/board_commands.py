@@ -188,8 +188,11 @@ def phases_table(views: tuple[PhaseView, ...]) -> FittedTable:
 def _left(view: PhaseView) -> str:
     if view.disqualified_at is not None:
         return f"nothing: disqualified since {view.disqualified_at:%Y-%m-%d}"
-    if _window(view).startswith(("archived", "closed")) and not _takes_late_entries(view):
+    window = _window(view)
+    if window.startswith(("archived", "closed")) and not _takes_late_entries(view):
         return "nothing"
+    if window.startswith("opens"):
+        return f"then {view.quota.per_day if view.quota else view.quota_per_day} a day"
     return f"{view.quota_per_day} a day" if view.quota is None else left_words(view.quota)
 
 
