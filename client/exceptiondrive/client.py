@@ -171,9 +171,10 @@ class Submission:
         before = self.view
         try:
             self.refresh()
-        except NetworkError:
+        except NetworkError as error:
             self._outages += 1
             if self._outages > MAX_OUTAGES:
+                error.advice = f"Submission {self.id} is safe; look later with: exceptiondrive status {self.id}"
                 raise
             return LONGEST_PAUSE_S
         self._outages = 0

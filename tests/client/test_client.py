@@ -498,6 +498,17 @@ def test_an_outage_while_the_rank_is_waited_for_is_waited_out(
     assert followed(canned_server).wait().rank == 3
 
 
+def test_an_outage_that_ends_the_wait_names_the_submission_that_is_safe(
+    canned_server: "CannedServer",
+) -> None:
+    canned_server.answer("GET /submissions/abc", 500, b"no problem document")
+    with pytest.raises(NetworkError) as caught:
+        list(followed(canned_server).waiting())
+    assert (
+        caught.value.advice == "Submission abc is safe; look later with: exceptiondrive status abc"
+    )
+
+
 @pytest.mark.usefixtures("impatient")
 def test_a_rejected_file_ends_the_wait_with_its_report(canned_server: "CannedServer") -> None:
     report = {
