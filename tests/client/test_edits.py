@@ -117,6 +117,9 @@ def test_notices_and_contacts_have_their_commands(working: "Running") -> None:
     assert ok(run(working, "notices")) == "no notices\n"
     for command in ("news", "questions"):
         assert ok(run(working, command, "--phase", "dev")) == f"no {command}\n"
+    asked = ok(run(working, "ask", "How long?", "--phase", "dev"))
+    assert asked == "asked; `exceptiondrive questions --phase dev` shows the answer\n"
+    assert "not answered yet" in ok(run(working, "questions", "--phase", "dev"))
     assert "inbox alone" in ok(run(working, "contacts", "list"))
     told = ("--tell", "scored", "--tell", "failed", "--json")
     made = json.loads(ok(run(working, "contacts", "add", "a@example.org", *told)))

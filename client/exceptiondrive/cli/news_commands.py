@@ -24,15 +24,17 @@ def ask(
     phase: options.DefaultPhase = None,
 ) -> Answer:
     """Ask the organizers about a phase; the answer comes into the team's notices."""
-    asked = client.ask(text, default_phase(phase))
-    return asked, "asked; `exceptiondrive questions` shows the answer"
+    phase = default_phase(phase)
+    asked = client.ask(text, phase)
+    return asked, f"asked; `exceptiondrive questions --phase {phase}` shows the answer"
 
 
 @with_client
 def questions(client: "Client", phase: options.DefaultPhase = None) -> Answer:
     """Show what the team asked about a phase, and the answers."""
     found = client.questions(default_phase(phase))
-    table = records_table(found, ("text", "answer", "answered_at"))
+    shown = [{**one, "answer": one["answer"] or "not answered yet"} for one in found]
+    table = records_table(shown, ("text", "answer", "answered_at"))
     return found, table if found else "no questions"
 
 
