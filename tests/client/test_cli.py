@@ -357,6 +357,8 @@ def test_convert_never_writes_what_is_not_valid(planning_file: MakeFile, tmp_pat
     assert "step_too_long" in done.stdout
     assert "was not written" in done.stderr
     assert not output.exists()
+    done = run("convert", path, "-o", output, "--mirror")
+    assert (done.exit_code, done.stderr.splitlines()[0]) == (2, "- mirrored: (x, y) -> (x, -y)")
     done = run("convert", path, "-o", output, "--null-invalid")
     assert done.exit_code == 0
     assert "  null: s0: source has a coordinate of 240 m, out of bounds" in done.stdout

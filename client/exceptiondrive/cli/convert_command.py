@@ -8,7 +8,7 @@ from exceptiondrive.cli import options
 from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.file_tables import report_view
 from exceptiondrive.cli.options import argument, flag, option
-from exceptiondrive.cli.output import show_result
+from exceptiondrive.cli.output import say, show_result
 from exceptiondrive.conversion import (
     Angles,
     Conversion,
@@ -201,9 +201,12 @@ def convert(
             null_invalid=null_invalid,
         ),
     )
+    done = (*(f"read {form_read}" for form_read in forms), *outcome.done)
     text = submission_text(split, outcome.pairs)
     report = check_bytes(text.encode(), protocol=rules, manifest=known, challenge=PLANNING.id)
     if not report.is_valid:
+        for sentence in done:
+            say(f"- {sentence}")
         raise InvalidFileError(
             report,
             f"The result is not valid; {output} was not written.",
@@ -211,7 +214,6 @@ def convert(
         )
     size_bytes = write_file(output, text)
     facts = {"output": str(output), "split": split, "n_predictions": len(outcome.pairs)}
-    done = (*(f"read {form_read}" for form_read in forms), *outcome.done)
     if mode is not None and not any(each.startswith(f"mode {mode} of ") for each in forms):
         done = (f"no trajectory has several modes: --mode {mode} chose nothing", *done)
     facts |= {"size_bytes": size_bytes, "done": list(done), "nulled": list(outcome.nulled)}
