@@ -389,8 +389,8 @@ def _fit_horizon(work: _Work) -> None:
             "wrong_waypoint_count",
             f"{counted(n_long, 'trajectory has', 'trajectories have')} more than {plan.n_needed} "
             f"waypoints, up to {len(longest)}.",
-            f"Say how far apart they are, --time-step-s S, and add --truncate to keep the first "
-            f"{geometry.horizon_s:g} s.",
+            ("" if plan.time_step_s else "Say how far apart they are, --time-step-s S. ")
+            + f"Add --truncate to keep the first {geometry.horizon_s:g} s.",
         )
     if not math.isclose(plan.step_s, geometry.time_step_s):
         _resample(work)

@@ -95,6 +95,9 @@ def test_seven_points_that_begin_elsewhere_are_a_longer_horizon() -> None:
         with pytest.raises(InvalidArgumentError, match="more than 6 waypoints, up to 7") as caught:
             convert((seven,), plan)
         assert "--time-step-s S" in caught.value.advice
+    with pytest.raises(InvalidArgumentError) as caught:
+        convert((seven,), replace(PLAN, time_step_s=0.5))
+    assert caught.value.advice == "Add --truncate to keep the first 3 s.", "the step was said"
     result = convert((seven,), replace(PLAN, truncate=True, time_step_s=0.5))
     assert result.pairs == (pair(straight(6)),)
     assert result.done == ("cut 2 trajectories to the first 6 waypoints, 3 s",)
