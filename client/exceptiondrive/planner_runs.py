@@ -140,13 +140,21 @@ def read_vad(path: Path, mode: int | None, on_form: OnForm) -> Tokens:
     for token, result in _object(path).items():
         try:
             modes, commands = result["ego_fut_preds"], _flat(result["ego_fut_cmd"])
-            increments = modes[mode if mode is not None else commands.index(max(commands))]
+            (chosen,) = [mode] if mode is not None else _places_of_most(commands)
+            increments = modes[chosen]
         except (TypeError, KeyError, IndexError, ValueError):
-            raise fault(path, f"{token} needs ego_fut_preds and ego_fut_cmd.") from None
+            raise fault(
+                path,
+                f"{token} needs ego_fut_preds and ego_fut_cmd: a mode for each flag, and one flag set.",
+            ) from None
         if mode is not None:
             on_form(f"mode {mode} of {len(modes)}")
         points = points_of(path, token, increments, None)
         yield token, None if points is None else tuple(summed([(x, y) for x, y, *_ in points]))
+
+
+def _places_of_most(numbers: list[float]) -> list[int]:
+    return [place for place, number in enumerate(numbers) if number == max(numbers)]
 
 
 def _flat(value: Any) -> list[float]:
@@ -176,9 +184,11 @@ def read_lightemma(path: Path, mode: int | None, on_form: OnForm) -> Tokens:
         try:
             token = frame.get("sample_token") or Path(frame["image_name"]).stem
             inference = frame["inference"]
-            said = inference.get("pred_actions_str", inference.get("actions"))
+            said = inference["actions" if "actions" in inference else "pred_actions_str"]
         except (AttributeError, KeyError, TypeError):
-            raise fault(path, "needs frames with a token and an inference.") from None
+            raise fault(
+                path, "needs frames with a token and an inference with pred_actions_str or actions."
+            ) from None
         yield str(token), _driven(said)
 
 
@@ -233,7 +243,9 @@ def read_waymo(path: Path, mode: int | None, on_form: OnForm) -> Tokens:
             xs, ys = at.get("posX") or at["pos_x"], at.get("posY") or at["pos_y"]
             points = [list(point) for point in zip(xs, ys, strict=True)]
         except (AttributeError, KeyError, TypeError, ValueError):
-            raise fault(path, "needs predictions with frameName and trajectory.") from None
+            raise fault(
+                path, "needs predictions with frameName and a trajectory of as many posX as posY."
+            ) from None
         yield str(token), points_of(path, str(token), points, mode, on_form)
 
 

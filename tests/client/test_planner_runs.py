@@ -238,8 +238,16 @@ def test_a_token_of_one_run_alone_has_no_other_trajectory(tmp_path: Path) -> Non
     ("name", "document", "message"),
     [
         ("vad", {TOKEN: [[1, 2]]}, "needs ego_fut_preds and ego_fut_cmd"),
+        ("vad", {TOKEN: {"ego_fut_preds": [[[1, 2]] * 6] * 3, "ego_fut_cmd": [0] * 3}}, "one flag"),
+        ("vad", {TOKEN: {"ego_fut_preds": [[[1, 2]] * 6], "ego_fut_cmd": [0, 1]}}, "for each flag"),
         ("lightemma", {"frames": [{}]}, "needs frames with a token"),
+        ("lightemma", {"frames": [{"sample_token": "a", "inference": {}}]}, "pred_actions_str"),
         ("waymo", {"predictions": [{"frameName": "a"}]}, "needs predictions with frameName"),
+        (
+            "waymo",
+            {"predictions": [{"frameName": "a", "trajectory": {"posX": [1, 2], "posY": [1]}}]},
+            "as many posX as posY",
+        ),
         ("lightemma", {"frames": 3}, "frames must be a list"),
         ("waymo", {"predictions": 3}, "predictions must be a list"),
         ("uniad", [1], "must be a JSON object by token"),
