@@ -316,10 +316,7 @@ def _predictions(path: Path, text: str, splits: set[str], on_form: OnForm) -> It
         documents = list(_documents(path, documents[0]))
     if len(documents) > 1:
         on_form(f"{len(documents):,} JSON documents in a row")
-        values = documents
-    else:
-        (document,) = documents
-        values = document if isinstance(document, list) else [document]
+    values = [one for each in documents for one in (each if isinstance(each, list) else [each])]
     if not all(isinstance(value, dict) and "predictions" in value for value in values):
         on_form("predictions in another form than that of a submission")
     for value in values:
@@ -459,10 +456,21 @@ def _pairs_of_csv(path: Path, text: str) -> Iterator[RawPair]:
     try:
         names = [name.strip() for name in next(reader, ())]
         _require_columns(path, names)
-        rows = (dict(zip(names, map(str.strip, row), strict=False)) for row in reader if row)
+        rows = (_by_column(path, reader.line_num, names, row) for row in reader if row)
         yield from _pairs_of_rows(path, ((f"line {reader.line_num}", row) for row in rows))
     except csv.Error as error:
         raise fault(path, f"line {reader.line_num + 1} is no row of a table: {error}.") from None
+
+
+def _by_column(path: Path, line: int, names: list[str], row: list[str]) -> dict[str, str]:
+    """Return the cells of a row by column; more of them than columns are decimal commas, or a wrong head."""
+    if any(map(str.strip, row[len(names) :])):
+        raise fault(
+            path,
+            f"line {line} has {len(row)} cells, the first line {len(names)}: where decimal commas "
+            "are in it, separate cells by semicolons or tabs.",
+        )
+    return dict(zip(names, map(str.strip, row), strict=False))
 
 
 def _pairs_of_parquet(path: Path, data: bytes, mode: int | None) -> Iterator[RawPair]:

@@ -96,6 +96,21 @@ def test_csv_is_read_in_any_order_of_rows(tmp_path: Path) -> None:
     assert read_pairs([written(tmp_path, "a.csv", text)]) == ((PAIR,), None)
 
 
+def test_a_row_of_csv_with_more_cells_than_the_head_is_refused(tmp_path: Path) -> None:
+    """Decimal commas between commas: x would be 0 and y the digits behind its comma."""
+    path = written(tmp_path, "a.csv", f"{HEADER}s1,source,1,0,5,0,3\n")
+    with pytest.raises(InvalidArgumentError, match=r"line 2 has 7 cells, the first line 5"):
+        read_pairs([path])
+    empty = written(tmp_path, "b.csv", f"{HEADER}s1,source,1,0.5,0.3,,\n")
+    assert read_pairs([empty])[0][0].source == ((0.5, 0.3),), "empty cells hold nothing"
+
+
+def test_lists_of_predictions_that_cat_made_one_file_of_are_read(tmp_path: Path) -> None:
+    shards = [json.dumps([{"sample_id": name, "source": None, "edited": None}]) for name in "ab"]
+    pairs, _ = read_pairs([written(tmp_path, "cat.json", "".join(shards))])
+    assert [each.sample_id for each in pairs] == ["a", "b"]
+
+
 def test_blanks_in_csv_are_passed_over(tmp_path: Path) -> None:
     rows = "".join(f"s1 , source, {step}, {x}, {y}\n" for step, (x, y) in enumerate(SIX, start=1))
     path = written(tmp_path, "a.csv", f"sample_id, trajectory, step, x_m, y_m\n{rows}")
