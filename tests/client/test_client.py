@@ -6,6 +6,7 @@ import socket
 import ssl
 import threading
 from collections.abc import Callable
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,9 +35,10 @@ from exceptiondrive.cli import app
 from exceptiondrive.client import TeamTokens
 from exceptiondrive.inputs import given_split
 from exceptiondrive.organizer import Organizer
-from exceptiondrive.transport import MAX_ANSWER_BYTES
+from exceptiondrive.transport import MAX_ANSWER_BYTES, raise_problem
 from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_schemas.python310 import UTC
 
 if TYPE_CHECKING:
     from tests.client.servers import CannedServer
@@ -235,6 +237,17 @@ def test_a_spent_quota_says_when_it_resets(canned_server: "CannedServer") -> Non
         client.me()
     assert caught.value.resets_at is not None
     assert f"{caught.value.resets_at:%Y-%m-%d %H:%M} UTC" in caught.value.advice
+
+
+@pytest.mark.parametrize("clock", ["Sat, 21 Nov 2026 22:59:58 GMT", "half past ten", None])
+def test_the_reset_of_a_quota_is_told_by_the_clock_of_the_server(clock: str | None) -> None:
+    """That of this machine may be hours off; it is asked only where the server's is not said."""
+    said = {"type": "x", "title": "x", "status": 429, "code": "quota_exceeded", "detail": "No."}
+    headers = {"retry-after": "3600"} | ({} if clock is None else {"date": clock})
+    with pytest.raises(QuotaError) as caught:
+        raise_problem(httpx.Response(429, json=said, headers=headers))
+    by_the_server = caught.value.resets_at == datetime(2026, 11, 22, tzinfo=UTC)
+    assert by_the_server is (clock is not None and clock.endswith("GMT"))
 
 
 @pytest.mark.parametrize(
