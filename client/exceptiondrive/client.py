@@ -230,15 +230,15 @@ def _no_team(why: str) -> NotSignedInError:
     )
 
 
-def _require_quota(quota: Quota) -> None:
-    """Refuse what the server would, before anything is asked of who submits."""
-    if quota.remaining_today > 0:
-        return
+def _quota_error(quota: Quota | None) -> QuotaError | None:
+    """Return what the server would say to one submission more; None where it takes it."""
+    if quota is None or quota.remaining_today > 0:
+        return None
     if quota.total is not None and quota.is_bound_in_all:
         sentence = f"Your team has used its {counted(quota.total, 'submission')} of this phase."
-        raise QuotaError("quota_exceeded", sentence, None)
+        return QuotaError("quota_exceeded", sentence, None)
     sentence = f"Your team has used its {counted(quota.per_day, 'submission')} of today."
-    raise QuotaError("quota_exceeded", sentence, quota.resets_at)
+    return QuotaError("quota_exceeded", sentence, quota.resets_at)
 
 
 RUN_RULES: Mapping[RunRule, str] = MappingProxyType(
@@ -432,6 +432,7 @@ class Client(Connection):
             is_late=is_late,
             owes_terms=phase.terms_version is not None and phase.terms_accepted_at is None,
             is_private=phase.policy.entries_private,
+            quota_error=_quota_error(phase.quota) if first is None and phase.is_open else None,
         )
 
     def submit(
@@ -495,8 +496,8 @@ class Client(Connection):
         outlook = self._outlook(given, view, method)
         if not outlook.report.is_valid:
             raise InvalidFileError(outlook.report, advice=SUBMIT_AGAIN)
-        if outlook.first is None and view.is_open:
-            _require_quota(view.quota)
+        if outlook.quota_error is not None:
+            raise outlook.quota_error
         if before_upload is not None:
             before_upload(outlook)
         else:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import TYPE_CHECKING
 
+from exceptiondrive.errors import QuotaError
 from exceptiondrive_schemas.faults import CheckReport
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ class Outlook:
         owes_terms: Whether the phase has terms that nobody accepted for the team: until then the
             upload will be refused.
         is_private: Whether it ranks nowhere until the team publishes it.
+        quota_error: What says that the team's quota is used up: until its reset the upload will be
+            refused; None: something is left.
     """
 
     report: CheckReport
@@ -38,6 +41,7 @@ class Outlook:
     is_late: bool = False
     owes_terms: bool = False
     is_private: bool = False
+    quota_error: QuotaError | None = None
 
     @property
     def is_known(self) -> bool:
@@ -47,7 +51,7 @@ class Outlook:
     @property
     def to_confirm(self) -> Mapping[str, str]:
         """What nobody may be surprised by, in a sentence; by the argument of `submit` that says yes."""
-        if self.is_known or self.is_closed or self.owes_terms:
+        if self.is_known or self.is_closed or self.owes_terms or self.quota_error is not None:
             return {}
         from exceptiondrive_schemas.api.own_entries import to_confirm
 

@@ -32,6 +32,7 @@ from exceptiondrive import (
 )
 from exceptiondrive.checking import manifest_of
 from exceptiondrive.cli import app
+from exceptiondrive.cli.tables import outlook_view
 from exceptiondrive.client import TeamTokens
 from exceptiondrive.inputs import given_split
 from exceptiondrive.organizer import Organizer
@@ -227,8 +228,13 @@ def test_a_quota_of_one_is_told_as_one(
     canned_server.answer("GET /phases/dev", 200, {**PHASE, "quota": quota})
     canned_server.answer("GET /phases/dev/manifest", 200, manifest.model_dump(by_alias=True))
     canned_server.answer("GET /submissions", 200, {"submissions": []})
-    with Client(canned_server.url) as client, pytest.raises(QuotaError, match="its 1 submission "):
-        client.submit(planning_file(), phase="dev", method="Planner")
+    with Client(canned_server.url) as client:
+        with pytest.raises(QuotaError, match="its 1 submission "):
+            client.submit(planning_file(), phase="dev", method="Planner")
+        outlook = client.outlook(planning_file(), phase="dev", method="Planner")
+    used = "Your team has used its 1 submission of today. The count resets at 2026-11-22 00:00 UTC."
+    assert list(outlook_view(outlook)) == [f"outlook: it will be refused now. {used}"]
+    assert outlook.to_confirm == {}
 
 
 def test_a_spent_quota_says_when_it_resets(canned_server: "CannedServer") -> None:

@@ -96,8 +96,12 @@ def outlook_view(outlook: Outlook) -> Iterator[RenderableType]:
     if outlook.is_closed:
         yield "outlook: it will be refused: the phase takes none now; see `exceptiondrive phases`"
         return
+    if outlook.quota_error is not None:
+        yield f"outlook: it will be refused now. {outlook.quota_error}"
+        return
     if outlook.owes_terms:
-        yield "outlook: it will be refused until your team accepts the terms: see `exceptiondrive terms`"
+        see = "see `exceptiondrive terms --phase PHASE`"
+        yield f"outlook: it will be refused until your team accepts the terms: {see}"
     if outlook.is_late:
         yield "outlook: the deadline has passed: it will stand on the late view alone"
     elif outlook.report.unranked_because is None:
