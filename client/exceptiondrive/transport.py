@@ -462,11 +462,13 @@ class Transport:
         try:
             response = self._with_retries(request, self._attempts if is_repeatable else 1)
         except httpx.TransportError as error:
+            through = _through_proxy(self.server)
+            proxy = "the proxy (HTTP_PROXY, HTTPS_PROXY, ALL_PROXY, NO_PROXY), " if through else ""
             raise NetworkError(
                 "unreachable",
-                f"{self.server} cannot be reached{_through_proxy(self.server)}: "
+                f"{self.server} cannot be reached{through}: "
                 f"{(str(error) or type(error).__name__).rstrip('.')}.",
-                "Check the address (--server) and the network, then run the command again.",
+                f"Check {proxy}the address (--server) and the network, then run the command again.",
             ) from None
         except (TypeError, ValueError, httpx.InvalidURL) as error:
             raise InvalidArgumentError(

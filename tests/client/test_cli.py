@@ -102,6 +102,7 @@ def test_a_proxy_that_does_not_answer_is_named_without_its_password(
     done = run("whoami", "--server", "http://127.0.0.1:10")
     assert done.exit_code == 5
     assert ("through the proxy 127.0.0.1:9:" in done.stderr) == is_named
+    assert ("NO_PROXY" in done.stderr) == is_named
     assert "hush" not in done.stderr
 
 
