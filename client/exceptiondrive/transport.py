@@ -107,7 +107,7 @@ class UploadBody:
         on_progress: Progress | None = None,
     ) -> None:
         self._key = key
-        self._name = name
+        self._name = name.encode("utf-8", "replace").decode()
         self._data = data
         self._fields = {key: value for key, value in fields.items() if value}
         self._on_progress = on_progress
@@ -471,8 +471,13 @@ class Transport:
                 f"Check {proxy}the address (--server) and the network, then run the command again.",
             ) from None
         except (TypeError, ValueError, httpx.InvalidURL) as error:
+            advice = (
+                "Signs beyond ASCII are read where Python takes text as UTF-8: set PYTHONUTF8=1."
+                if isinstance(error, UnicodeError)
+                else ""
+            )
             raise InvalidArgumentError(
-                "wrong_argument", f"An argument cannot be sent: {error}."
+                "wrong_argument", f"An argument cannot be sent: {error}.", advice
             ) from error
         if not response.is_success:
             self._refuse(response)

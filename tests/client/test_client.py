@@ -36,7 +36,7 @@ from exceptiondrive.cli.tables import outlook_view
 from exceptiondrive.client import TeamTokens
 from exceptiondrive.inputs import given_split
 from exceptiondrive.organizer import Organizer
-from exceptiondrive.transport import MAX_ANSWER_BYTES, raise_problem
+from exceptiondrive.transport import MAX_ANSWER_BYTES, UploadBody, raise_problem
 from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.python310 import UTC
@@ -243,6 +243,17 @@ def test_a_spent_quota_says_when_it_resets(canned_server: "CannedServer") -> Non
         client.me()
     assert caught.value.resets_at is not None
     assert f"{caught.value.resets_at:%Y-%m-%d %H:%M} UTC" in caught.value.advice
+
+
+def test_a_text_of_another_locale_is_refused_with_a_cure_and_a_name_of_a_file_is_sent(
+    canned_server: "CannedServer",
+) -> None:
+    """With LANG=C and without the UTF-8 mode, Python gives what is not ASCII as lone surrogates."""
+    with Client(canned_server.url) as client, pytest.raises(InvalidArgumentError) as caught:
+        client.ask("Wie sp\udcc3\udca4t?", "dev")
+    assert "set PYTHONUTF8=1" in caught.value.advice
+    name, *_ = UploadBody("pl\udcc3\udca4n.json", b"", {}, "key")()["files"]["file"]
+    assert name == "pl??n.json"
 
 
 @pytest.mark.parametrize("clock", ["Sat, 21 Nov 2026 22:59:58 GMT", "half past ten", None])
