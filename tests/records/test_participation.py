@@ -487,5 +487,9 @@ def test_terms_are_accepted_by_version_before_a_file_is_taken(world: World) -> N
         update_phase(session, "dev", PhaseChange.model_validate(change), actor=WHO)
     with pytest.raises(NotAllowed, match="Accept the terms"):
         world.submit("two")
-    with pytest.raises(Conflict, match="changed"), world.database.write() as session:
-        accept_terms(session, world.team_id, find_phase(session, "dev"), version, actor="team:1")
+    for other in (version, "never-there"):
+        with (
+            pytest.raises(Conflict, match="The terms stand in version"),
+            world.database.write() as session,
+        ):
+            accept_terms(session, world.team_id, find_phase(session, "dev"), other, actor="team:1")

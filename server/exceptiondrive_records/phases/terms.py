@@ -44,7 +44,7 @@ def accept_terms(
     if current is None:
         raise Conflict("This phase has no terms to accept.")
     if version != current:
-        raise Conflict(f"The terms have changed: read version {current}, and accept that.")
+        raise Conflict(f"The terms stand in version {current} now: read that, and accept it.")
     row = session.get(TermsAcceptance, (team_id, phase.id, version))
     if row is None:
         row = TermsAcceptance(
