@@ -184,7 +184,7 @@ def read_lightemma(path: Path, mode: int | None, on_form: OnForm) -> Tokens:
         try:
             token = frame.get("sample_token") or Path(frame["image_name"]).stem
             inference = frame["inference"]
-            said = inference["actions" if "actions" in inference else "pred_actions_str"]
+            said = inference["pred_actions_str" if "pred_actions_str" in inference else "actions"]
         except (AttributeError, KeyError, TypeError):
             raise fault(
                 path, "needs frames with a token and an inference with pred_actions_str or actions."

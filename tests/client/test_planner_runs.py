@@ -91,7 +91,7 @@ def lightemma(folder: Path) -> Path:
         "frame_index": 0,
         "sample_token": TOKEN,
         "image_name": "n008__CAM_FRONT__1.jpg",
-        "inference": {"pred_actions_str": str([(SPEED_MPS, CURVATURE)] * 6)},
+        "inference": {"pred_actions_str": str([(SPEED_MPS, CURVATURE)] * 6), "actions": "-"},
     }
     scene = {"scene_info": {"name": "scene-0077"}, "frames": [frame], "metadata": {}}
     return as_json(folder, scene, "scene-0077.json").parent
