@@ -192,6 +192,28 @@ def test_a_later_deadline_holds_for_one_team_and_for_what_came_before_it(world: 
         set_allowance(session, "alpha", "dev", closes_at=earlier, **WHY)
 
 
+def test_nothing_tells_a_team_of_a_hidden_phase_to_which_it_sent_nothing(world: World) -> None:
+    with world.database.write() as session:
+        beta = create_team(session, "beta", "Beta Labs", actor=WHO).id
+    scored(world, "a")
+    with world.database.write() as session:
+        find_phase(session, "dev").visibility = "hidden"
+    deeds: tuple[Any, ...] = (
+        partial(set_allowance, phase_id="dev", quota_total=9, **WHY),
+        partial(disqualify_team, phase_id="dev", **WHY),
+    )
+    for deed in deeds:
+        with pytest.raises(Conflict, match="show it first"), world.database.write() as session:
+            deed(session, "beta")
+        with world.database.write() as session:
+            deed(session, "alpha")
+    assert told(world, beta) == []
+    assert len(told(world)) == 2, "who submitted before it was hidden knows of it"
+    with world.database.write() as session:
+        disqualify_team(session, "beta", **WHY)
+    assert told(world, beta) == ["Your team Beta Labs is disqualified in all phases"]
+
+
 @pytest.mark.parametrize(
     ("visibility", "opens_in_h", "own_closes_in_h", "is_open"),
     [

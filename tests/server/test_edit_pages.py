@@ -58,6 +58,22 @@ def test_the_form_shows_what_is_said_and_saves_what_is_typed(api: "Api", browse:
     assert again.count("checked") == 2
 
 
+def test_the_history_of_edits_is_shown_to_who_may_read_submissions_alone(
+    api: "Api", browse: Browse
+) -> None:
+    one = api.submit("a", method="Planer").json()["id"]
+    api.request("PATCH", f"/submissions/{one}", "alpha", json={"method": "Planner"})
+    body = {"name": "ci", "scopes": ["submit"]}
+    api.tokens["ci"] = api.post("/tokens", "alpha", json=body).json()["token"]
+    assert api.get(f"/submissions/{one}/edits", "ci").status_code == 403
+    page = f"/submissions/{one}/edit"
+    assert "Changes so far" in signed_in(api, browse).get(page).text
+    shown = signed_in(api, browse, "ci").get(page)
+    assert (shown.status_code, 'value="Planner"' in shown.text) == (200, True)
+    assert "Changes so far" not in shown.text
+    assert "Planer" not in shown.text
+
+
 def test_a_refused_edit_keeps_what_was_typed(api: "Api", browse: Browse) -> None:
     one = api.submit("a").json()["id"]
     browser = signed_in(api, browse)

@@ -13,7 +13,7 @@ from exceptiondrive_records.db.identifiers import checked_reason
 from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.participation.tables import Allowance
 from exceptiondrive_records.phases.allowances import allowance_of, is_revealed
-from exceptiondrive_records.phases.phases import lock_phase
+from exceptiondrive_records.phases.phases import lock_phase, require_known_to
 from exceptiondrive_records.phases.policy import own_deadline
 from exceptiondrive_records.submissions.submissions import lock_team
 from exceptiondrive_records.submissions.tables import Submission
@@ -42,7 +42,8 @@ def set_allowance(
     Raises:
         NotFound: No such team or phase.
         InvalidRecord: The deadline is no later one, or the reason cannot be kept.
-        Conflict: The rest of the split, or a hidden freeze, is revealed already; the team is gone.
+        Conflict: The rest of the split, or a hidden freeze, is revealed already; the team is gone; the
+            phase is hidden, and the team would learn of it.
     """
     phase = lock_phase(session, phase_id)
     team = lock_team(session, find_team(session, slug).id)
@@ -60,6 +61,8 @@ def set_allowance(
     wants = {"closes_at": closes_at, "quota_per_day": quota_per_day, "quota_total": quota_total}
     if wants == {name: getattr(row, name, None) for name in wants}:
         return row
+    if row is None:
+        require_known_to(session, team.id, phase)
     before = _words(row)
     if all(value is None for value in wants.values()):
         if row is not None:

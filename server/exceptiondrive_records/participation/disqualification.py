@@ -17,7 +17,7 @@ from exceptiondrive_records.db.errors import Conflict, NotFound
 from exceptiondrive_records.db.identifiers import checked_reason, checked_text
 from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.participation.tables import Disqualification
-from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_records.phases.phases import find_phase, require_known_to
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.submissions import find_submission, lock_team
 from exceptiondrive_records.submissions.tables import Submission
@@ -41,7 +41,8 @@ def disqualify_team(
     Raises:
         NotFound: No such team or phase.
         InvalidRecord: A text cannot be kept.
-        Conflict: It is disqualified there already, waits for approval, or is part of another one.
+        Conflict: It is disqualified there already, waits for approval, or is part of another one; the
+            phase is hidden, and the team would learn of it.
     """
     team = lock_team(session, find_team(session, slug).id)
     if team.pending_since is not None:
@@ -52,7 +53,7 @@ def disqualify_team(
             f"It is part of the team {into}, with all that it sent: disqualify that one, or an entry."
         )
     if phase_id is not None:
-        find_phase(session, phase_id)
+        require_known_to(session, team.id, find_phase(session, phase_id))
     row = Disqualification(team_id=team.id, phase_id=phase_id)
     return _disqualify(session, team, row, reason, public_note, actor)
 

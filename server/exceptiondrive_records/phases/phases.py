@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from sqlalchemy import select
+from sqlalchemy import exists, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
@@ -19,6 +19,7 @@ from exceptiondrive_records.phases.terms import terms_accepted_at, terms_version
 from exceptiondrive_records.protocols.protocols import find_protocol, usual_protocol
 from exceptiondrive_records.splits.splits import find_split, live_revision, whole_split
 from exceptiondrive_records.splits.tables import SplitRow
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.api.form_fields import fields_of
 from exceptiondrive_schemas.api.phase_settings import (
@@ -190,6 +191,20 @@ def shown_phase(session: Session, phase_id: str, *, with_hidden: bool = False) -
     if phase.visibility == "hidden" and not with_hidden:
         raise NotFound("phase", phase_id)
     return phase
+
+
+def require_known_to(session: Session, team_id: int, phase: Phase) -> None:
+    """Refuse what would tell a team of a hidden phase that it never heard of.
+
+    Raises:
+        Conflict: The phase is hidden, and the team sent nothing to it.
+    """
+    sent = exists().where(Submission.phase_id == phase.id, Submission.team_id == team_id)
+    if phase.visibility == "hidden" and not session.scalar(select(sent)):
+        raise Conflict(
+            "The phase is hidden, and the team, which sent nothing to it, would be told of it: "
+            "show it first."
+        )
 
 
 def list_phases(
