@@ -12,6 +12,11 @@ if TYPE_CHECKING:
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 LONGEST_MS = 30_000
+_INK_OF_HARM = """() => {
+    const probe = document.body.appendChild(document.createElement("i"));
+    probe.className = "spent";
+    return getComputedStyle(probe).color;
+}"""
 
 
 @pytest.fixture
@@ -80,6 +85,36 @@ def test_a_new_token_is_copied_by_a_button_that_can_be_seen(
     page.click(".issued button:text-is('Copy')")
     expect(page.locator(".issued button")).to_have_text("Copied")
     assert page.evaluate("navigator.clipboard.readText()") == token
+
+
+def test_a_refused_upload_is_said_in_red_below_an_empty_bar_and_stays_in_its_form(
+    api: "Api", my_page: Callable[..., Page], address: str
+) -> None:
+    api.submit("one", method="M" * 80)
+    page = my_page()
+    page.goto(f"{address}/submit")
+    page.set_input_files(
+        "input[name=file]", {"name": "one.json", "mimeType": "application/json", "buffer": b"one"}
+    )
+    page.fill("input[name=method]", "Other")
+    page.click("form[data-upload] button:text-is('Submit')")
+    words = page.locator(".sending p")
+    expect(words).to_contain_text("a run of 'MMM")
+    expect(words).to_have_css("color", page.evaluate(_INK_OF_HARM))
+    assert page.evaluate("document.querySelector('progress').value") == 0
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    assert page.input_value("input[name=method]") == "Other"
+
+
+def test_a_question_of_one_long_word_stays_within_the_page(
+    my_page: Callable[..., Page], address: str
+) -> None:
+    page = my_page()
+    page.goto(f"{address}/my/questions/dev")
+    page.fill("textarea[name=text]", "x" * 500)
+    page.click("button:text-is('Ask')")
+    expect(page.locator("article")).to_contain_text("x" * 500)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
 
 
 def test_a_double_click_issues_one_token(my_page: Callable[..., Page], address: str) -> None:
