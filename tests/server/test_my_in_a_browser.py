@@ -117,6 +117,20 @@ def test_a_question_of_one_long_word_stays_within_the_page(
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
 
 
+def test_a_team_with_one_long_word_for_a_name_stays_within_the_page_of_messages(
+    api: "Api", browser: Browser, address: str
+) -> None:
+    team = {"id": "long", "name": "W" * 80}
+    assert api.post("/organizer/teams", "organizer", json=team).status_code == 201
+    with browser.new_context(viewport={"width": 390, "height": 844}) as context:
+        page = context.new_page()
+        page.goto(f"{address}/organize/messages")
+        page.fill("input[name=token]", api.tokens["organizer"])
+        page.click("main form button")
+        expect(page.locator("fieldset.several")).to_contain_text("W" * 80)
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390
+
+
 def test_a_double_click_issues_one_token(my_page: Callable[..., Page], address: str) -> None:
     page = my_page()
     page.goto(f"{address}/my/tokens")
