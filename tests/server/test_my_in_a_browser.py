@@ -131,6 +131,27 @@ def test_a_team_with_one_long_word_for_a_name_stays_within_the_page_of_messages(
         assert page.evaluate("document.documentElement.scrollWidth") <= 390
 
 
+def test_of_a_form_older_than_the_session_the_browser_still_holds_what_was_typed(
+    api: "Api", my_page: Callable[..., Page], address: str
+) -> None:
+    page = my_page()
+    page.goto(f"{address}/my/questions/dev")
+    page.fill("textarea[name=text]", "May a planner use maps?")
+    page.context.clear_cookies()
+    again = page.context.new_page()
+    again.goto(f"{address}/sign-in")
+    again.fill("input[name=token]", api.tokens["alpha"])
+    again.click("main form button")
+    again.wait_for_url("**/my")
+    page.click("button:text-is('Ask')")
+    expect(page.locator("main")).to_contain_text(
+        "go back and send it again: your browser may still hold what you typed"
+    )
+    page.go_back()
+    page.click("button:text-is('Ask')")
+    expect(page.locator("article")).to_contain_text("May a planner use maps?")
+
+
 def test_a_double_click_issues_one_token(my_page: Callable[..., Page], address: str) -> None:
     page = my_page()
     page.goto(f"{address}/my/tokens")
