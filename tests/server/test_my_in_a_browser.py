@@ -1,5 +1,6 @@
 """My submissions in a real browser: place in the queue, quota, and live status over both ways."""
 
+import re
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
@@ -117,17 +118,22 @@ def test_a_question_of_one_long_word_stays_within_the_page(
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
 
 
-def test_a_team_with_one_long_word_for_a_name_stays_within_the_page_of_messages(
-    api: "Api", browser: Browser, address: str
+@pytest.mark.parametrize(
+    "path", ["/organize/messages", "/organize", "/organize/phases/long", "/?phase=long"]
+)
+def test_one_long_word_for_a_name_keeps_pages_within_their_width(
+    api: "Api", browser: Browser, address: str, path: str
 ) -> None:
     team = {"id": "long", "name": "W" * 80}
     assert api.post("/organizer/teams", "organizer", json=team).status_code == 201
+    api.phase("long", title="X" * 120, shows_reported=True)
     with browser.new_context(viewport={"width": 390, "height": 844}) as context:
         page = context.new_page()
-        page.goto(f"{address}/organize/messages")
+        page.goto(f"{address}/sign-in?back={path}")
         page.fill("input[name=token]", api.tokens["organizer"])
         page.click("main form button")
-        expect(page.locator("fieldset.several")).to_contain_text("W" * 80)
+        page.wait_for_url(f"**{path}")
+        assert page.get_by_text(re.compile("W{80}|X{120}")).count()
         assert page.evaluate("document.documentElement.scrollWidth") <= 390
 
 
