@@ -381,6 +381,10 @@ def test_a_role_for_one_phase_publishes_its_news_by_page(
     assert "the teams that submitted to it are told" in browser.get(page).text
     sent = browser.post(page, {"title": "A", "text": "Mine."}, page=page)
     assert sent.headers["location"] == "/organize/phases/dev?done=news_published"
+    assert (
+        "The news is published, and the teams are told."
+        in browser.get(sent.headers["location"]).text
+    )
     inboxes = [site.get("/notifications", who).json() for who in ("alpha", "beta")]
     assert [any(one["title"].endswith(": A") for one in box) for box in inboxes] == [True, False]
     assert browser.get("/organize/phases/other/news").status_code == 403

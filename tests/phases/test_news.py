@@ -67,7 +67,8 @@ def test_news_stand_on_the_page_in_the_feed_and_in_every_inbox_until_withdrawn(
     assert life.json("/api/v1/phases/test/news") == []
     assert "The workshop" not in life.get("/phases/test").text
     assert "The workshop" not in life.get("/feed.atom?phase=test").text
-    assert "already" in life.refused(f"/news/{published['id']}/withdraw", {"reason": "again"}, 409)
+    again = life.refused(f"/news/{published['id']}/withdraw", {"reason": "again"}, 409)
+    assert "This news is withdrawn already." in again
 
 
 def asked(life: "Life", by: str) -> Any:

@@ -150,6 +150,8 @@ def test_a_phase_that_was_used_stays(life: "Life") -> None:
     life.submit("alpha", 5.0, "Planner", "plain")
     assert "Archive it" in life.refused("/phases/test/delete", WHY, 409)
     assert life.get("/?phase=test").status_code == 200
+    organizer, page = visitor(life, "organizer"), "/organize/phases/test/delete"
+    assert "or hide it: <code>visibility</code>." in send(organizer, page, WHY, page=page).text
     assert life.request(
         "POST", "/api/v1/organizer/phases/test/delete", "alpha", json=WHY
     ).status_code == 403  # fmt: skip

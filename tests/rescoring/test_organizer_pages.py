@@ -97,6 +97,9 @@ def test_an_update_goes_from_document_to_rollback_over_the_pages(
     run_id = organizer.draft()
     here = f"{RUNS}/{run_id}"
     assert "nothing is scored until you start it" in organizer.get(here).text
+    early = organizer.get(f"{here}/preview")
+    assert (early.status_code, f'href="{here}/start"' in early.text) == (409, True)
+    assert "<b>Refused.</b> There is nothing to compare yet." in " ".join(early.text.split())
     assert organizer.step(run_id, "start").status_code == 303
     stage.work()
     before = stage.board()

@@ -1,5 +1,6 @@
 """My submissions in a real browser: place in the queue, quota, and live status over both ways."""
 
+import re
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,11 @@ if TYPE_CHECKING:
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 LONGEST_MS = 30_000
+_INK_OF_HARM = """() => {
+    const probe = document.body.appendChild(document.createElement("i"));
+    probe.className = "spent";
+    return getComputedStyle(probe).color;
+}"""
 
 
 @pytest.fixture
@@ -80,6 +86,76 @@ def test_a_new_token_is_copied_by_a_button_that_can_be_seen(
     page.click(".issued button:text-is('Copy')")
     expect(page.locator(".issued button")).to_have_text("Copied")
     assert page.evaluate("navigator.clipboard.readText()") == token
+
+
+def test_a_refused_upload_is_said_in_red_below_an_empty_bar_and_stays_in_its_form(
+    api: "Api", my_page: Callable[..., Page], address: str
+) -> None:
+    api.submit("one", method="M" * 80)
+    page = my_page()
+    page.goto(f"{address}/submit")
+    page.set_input_files(
+        "input[name=file]", {"name": "one.json", "mimeType": "application/json", "buffer": b"one"}
+    )
+    page.fill("input[name=method]", "Other")
+    page.click("form[data-upload] button:text-is('Submit')")
+    words = page.locator(".sending p")
+    expect(words).to_contain_text("a run of 'MMM")
+    expect(words).to_have_css("color", page.evaluate(_INK_OF_HARM))
+    assert page.evaluate("document.querySelector('progress').value") == 0
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    assert page.input_value("input[name=method]") == "Other"
+
+
+def test_a_question_of_one_long_word_stays_within_the_page(
+    my_page: Callable[..., Page], address: str
+) -> None:
+    page = my_page()
+    page.goto(f"{address}/my/questions/dev")
+    page.fill("textarea[name=text]", "x" * 500)
+    page.click("button:text-is('Ask')")
+    expect(page.locator("article")).to_contain_text("x" * 500)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+
+
+@pytest.mark.parametrize(
+    "path", ["/organize/messages", "/organize", "/organize/phases/long", "/?phase=long"]
+)
+def test_one_long_word_for_a_name_keeps_pages_within_their_width(
+    api: "Api", browser: Browser, address: str, path: str
+) -> None:
+    team = {"id": "long", "name": "W" * 80}
+    assert api.post("/organizer/teams", "organizer", json=team).status_code == 201
+    api.phase("long", title="X" * 120, shows_reported=True)
+    with browser.new_context(viewport={"width": 390, "height": 844}) as context:
+        page = context.new_page()
+        page.goto(f"{address}/sign-in?back={path}")
+        page.fill("input[name=token]", api.tokens["organizer"])
+        page.click("main form button")
+        page.wait_for_url(f"**{path}")
+        assert page.get_by_text(re.compile("W{80}|X{120}")).count()
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390
+
+
+def test_of_a_form_older_than_the_session_the_browser_still_holds_what_was_typed(
+    api: "Api", my_page: Callable[..., Page], address: str
+) -> None:
+    page = my_page()
+    page.goto(f"{address}/my/questions/dev")
+    page.fill("textarea[name=text]", "May a planner use maps?")
+    page.context.clear_cookies()
+    again = page.context.new_page()
+    again.goto(f"{address}/sign-in")
+    again.fill("input[name=token]", api.tokens["alpha"])
+    again.click("main form button")
+    again.wait_for_url("**/my")
+    page.click("button:text-is('Ask')")
+    expect(page.locator("main")).to_contain_text(
+        "go back and send it again: your browser may still hold what you typed"
+    )
+    page.go_back()
+    page.click("button:text-is('Ask')")
+    expect(page.locator("article")).to_contain_text("May a planner use maps?")
 
 
 def test_a_double_click_issues_one_token(my_page: Callable[..., Page], address: str) -> None:

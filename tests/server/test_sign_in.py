@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
+from html import unescape
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -32,6 +33,17 @@ def test_a_team_signs_in_and_stays_so_until_it_signs_out(api_on_both: "Api", bro
         assert session.scalars(select(BrowserSession)).all() == []
 
 
+@pytest.mark.parametrize("query", ["?phase=dev&split_revision=a%2Fb", "?phase=" + "x" * 2000])
+def test_who_signs_in_first_comes_to_the_address_that_was_asked_for(
+    api: "Api", browse: Open, query: str
+) -> None:
+    page, browser = "/organize/rescoring/new", browse(api)
+    shown = browser.get(browser.get(page + query).headers["location"]).text
+    back = re.findall(r'name="back" value="([^"]*)"', shown)[-1]
+    led = browser.sign_in("organizer", back=unescape(back))
+    assert led.headers["location"] == page + (query if len(query) < 100 else "")
+
+
 @pytest.mark.parametrize(
     ("who", "sent_to", "back"),
     [
@@ -54,6 +66,7 @@ def test_a_form_sent_after_the_session_ended_leads_back_to_its_page_and_is_told_
     assert led.status_code == 303
     page = browser.get(led.headers["location"])
     assert "what you sent was not saved" in page.text
+    assert "your browser may still hold what you typed" in " ".join(page.text.split())
     assert f'name="back" value="{back}"' in page.text
     assert "was not saved" not in browser.get(browser.get("/my").headers["location"]).text
 

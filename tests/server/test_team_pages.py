@@ -358,6 +358,9 @@ def test_what_is_asked_first_waits_for_the_word_of_its_team(
         "Leave it",
     ):
         assert words in page, words
+    assert "<title>Planner, not confirmed: ExceptionDrive</title>" in page
+    renamed = api.submit("a", method="Other", asks_first="true")
+    assert "that submission waits for your word, no quota was spent" in renamed.json()["detail"]
     listed = alpha.get("/my").text
     assert "Nothing is counted yet. It will be scored but not ranked" in listed
     assert "The file is wrong" not in page + listed

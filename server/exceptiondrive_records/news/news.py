@@ -71,7 +71,7 @@ def withdraw_news(session: Session, news_id: str, *, reason: str, actor: str) ->
     row = find_news(session, news_id, lock=True)
     reason = checked_reason(reason)
     if row.withdrawn_at is not None:
-        raise Conflict("These news are withdrawn already.")
+        raise Conflict("This news is withdrawn already.")
     row.withdrawn_at = database_now(session)
     detail = {"phase": row.phase_id, "title": row.title, "reason": reason}
     audit(session, actor, "news withdrawn", row.id, detail)

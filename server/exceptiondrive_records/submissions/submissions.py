@@ -128,9 +128,10 @@ def require_same_words(first: Submission, told: Mapping[str, object]) -> None:
     differs = [name for name, value in told.items() if value and value != getattr(first, name)]
     if differs:
         words = ", ".join(name.removesuffix("_url") for name in differs)
+        stands = "waits for your word" if first.is_asked else "stands"
         raise Conflict(
             f"The same bytes were submitted before, as {first.id!r}, a run of {first.method!r}: that "
-            f"submission stands, no quota was spent and nothing changed. What differs now: {words}. "
+            f"submission {stands}, no quota was spent and nothing changed. What differs now: {words}. "
             f"To change that, without a new submission, edit it: exceptiondrive edit {first.id}, or "
             "on its page."
         )

@@ -28,6 +28,7 @@ from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_server.accounts.sign_in_provider import CALLBACK, ProviderAway, SignInRefused
 from exceptiondrive_server.web.auth import ServicesOf, address_of
 from exceptiondrive_server.web.browser_session import (
+    MAX_BACK,
     MaybeSignedIn,
     forget_session,
     form_secret,
@@ -54,7 +55,7 @@ ORGANIZERS_HERE = "/organize"
 def show_sign_in(
     request: Request,
     browser: MaybeSignedIn,
-    back: Annotated[str, Query(max_length=2000)] = HERE,
+    back: Annotated[str, Query(max_length=MAX_BACK)] = HERE,
     unsaved: bool = False,
 ) -> Response:
     """Show the form, or go on when somebody has signed in already.
@@ -72,7 +73,7 @@ def sign_in(
     request: Request,
     services: ServicesOf,
     token: Annotated[str, Form(max_length=MAX_TOKEN_LENGTH)] = "",
-    back: Annotated[str, Form(max_length=2000)] = HERE,
+    back: Annotated[str, Form(max_length=MAX_BACK)] = HERE,
     given: Annotated[str, Form(alias="form_token", max_length=100)] = "",
 ) -> Response:
     """Open a session for the team of the token."""

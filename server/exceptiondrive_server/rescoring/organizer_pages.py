@@ -7,7 +7,7 @@ from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 
 from exceptiondrive_records.accounts.tokens import names_of_actors
-from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.db.errors import Conflict, NotFound, RecordsError
 from exceptiondrive_records.phases.phases import list_phases, titles_of_phases
 from exceptiondrive_records.phases.scoring_keys import find_run
 from exceptiondrive_records.protocols.protocols import find_protocol, list_protocols
@@ -29,7 +29,7 @@ from exceptiondrive_server.rescoring.steps import (
     run_line,
 )
 from exceptiondrive_server.web.auth import ServicesOf
-from exceptiondrive_server.web.browser_session import PostedForm
+from exceptiondrive_server.web.browser_session import PostedForm, SignedIn
 from exceptiondrive_server.web.forms import REASON
 from exceptiondrive_server.web.numbers import short_digest
 from exceptiondrive_server.web.organizer_frame import (
@@ -42,6 +42,7 @@ from exceptiondrive_server.web.organizer_frame import (
     step_page,
     take_step,
 )
+from exceptiondrive_server.web.services import Services
 
 router = APIRouter(prefix="/organize", include_in_schema=False)
 HERE = "/organize/rescoring"
@@ -130,6 +131,16 @@ def show_run(
     request: Request, services: ServicesOf, browser: OrganizerBrowser, run_id: RunId
 ) -> Response:
     """Show state, progress, what stands in the way, and what may be done."""
+    return _run_page(request, services, browser, run_id)
+
+
+def _run_page(
+    request: Request,
+    services: Services,
+    browser: SignedIn,
+    run_id: str,
+    refusal: RecordsError | None = None,
+) -> Response:
     with services.database.read() as session:
         run = find_run(session, run_id)
         if run.kind is RunKind.VERIFICATION:
@@ -143,6 +154,7 @@ def show_run(
         browser,
         "rescoring/organizer_run.html",
         "rescoring",
+        refusal=refusal,
         line=line,
         steps=offered(seen),
         lines=lines,
@@ -159,14 +171,17 @@ def show_preview(
     run_id: RunId,
     page: Annotated[int, Query(ge=1, le=100_000)] = 1,
 ) -> Response:
-    """Compare every entry before and after, worst movers first."""
-    with services.database.read() as session:
-        seen = run_view(session, find_run(session, run_id))
-        line = run_line(session, seen)
-        preview = preview_of(session, run_id)
-        comparison = preview.comparison
-        protocol = find_protocol(session, comparison.to_protocol.digest)
-        titles = titles_of_phases(session)
+    """Compare every entry before and after, worst movers first; the run's page says why not."""
+    try:
+        with services.database.read() as session:
+            seen = run_view(session, find_run(session, run_id))
+            line = run_line(session, seen)
+            preview = preview_of(session, run_id)
+            comparison = preview.comparison
+            protocol = find_protocol(session, comparison.to_protocol.digest)
+            titles = titles_of_phases(session)
+    except Conflict as refusal:
+        return _run_page(request, services, browser, run_id, refusal)
     steps = offered(seen)
     flips = [step.in_a_terminal(run_id, preview.digest) for step in steps if step.is_flip]
     return organizer_page(

@@ -44,7 +44,12 @@ class Holder(StrEnum):
 FORM_TOKEN = "form_token"
 """What every form carries against forgery."""
 MAX_FIELDS = 100
-_FORGED = "The form did not come from this site, or is too old. Open the page again and send it."
+MAX_BACK = 2000
+"""Longest address that the sign-in page leads back to."""
+_FORGED = (
+    "The form did not come from this site, or is older than your session. Open its page again and "
+    "send it."
+)
 
 
 @dataclass(frozen=True)
@@ -243,10 +248,16 @@ def lead_to_sign_in(app: FastAPI) -> None:
 
 async def _to_sign_in(request: Request, error: Exception) -> Response:
     is_look = request.method in ("GET", "HEAD")
-    back = request.url.path if is_look else _page_of(request)
+    back = _looked_at(request) if is_look else _page_of(request)
     query = urlencode({"back": back} if is_look else {"back": back, "unsaved": "true"})
     headers = {"Cache-Control": "no-store"}
     return RedirectResponse(f"/sign-in?{query}", status_code=303, headers=headers)
+
+
+def _looked_at(request: Request) -> str:
+    """Return the address that was asked for; without its query where that is longer than any of ours."""
+    path, query = request.url.path, request.url.query
+    return f"{path}?{query}" if query and len(path) + len(query) < MAX_BACK else path
 
 
 def _page_of(request: Request) -> str:

@@ -56,7 +56,7 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = MappingProxyType(
             ("Use a token with the right scope; `exceptiondrive whoami` shows which you have.",),
             4,
             in_browser=(
-                "If you sent a form, open its page again and send it anew.",
+                "If you sent a form, go back and send it again: your browser may still hold what you typed.",
                 "If you followed a link, sign in as somebody who may see it.",
             ),
         ),

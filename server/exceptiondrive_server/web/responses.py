@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.api.site import SiteLinks
-from exceptiondrive_server.web.browser_session import Holder, holder_of
+from exceptiondrive_server.web.browser_session import MAX_BACK, Holder, holder_of
 from exceptiondrive_server.web.compression import takes_gzip
 from exceptiondrive_server.web.etag import PROXY_KEEPS, conditional
 from exceptiondrive_server.web.kept_pages import KeptPage, Made
@@ -92,7 +92,7 @@ def safe_back(path: str) -> str:
     """Return a path of this site to go back to; anything else leads to the board."""
     is_local = path.startswith("/") and not path.startswith(("//", "/\\"))
     is_plain = path.isascii() and path.isprintable() and "\\" not in path
-    return path if is_local and is_plain and len(path) <= 2000 else "/"
+    return path if is_local and is_plain and len(path) <= MAX_BACK else "/"
 
 
 def private_page(

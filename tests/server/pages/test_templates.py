@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 from markupsafe import Markup
@@ -76,3 +77,11 @@ def test_an_option_of_a_command_is_never_parted_and_nothing_else_is_touched() ->
         "curl <i>-s</i> &#34;a-b&#34; \\\n    <i>--allow-all</i> &lt;x&gt; https://h.test/--no"
     )
     assert unbroken(Markup("<b>    --phase x</b> - y")) == "<b>    <i>--phase</i> x</b> - y"
+
+
+@pytest.mark.parametrize("path", ["/", "/phases/sample", "/compare", "/entries/s0000000kq"])
+async def test_no_page_shows_a_blank_before_a_comma_or_a_colon(shown_site: Any, path: str) -> None:
+    answer = await shown_site.get(path)
+    assert answer.status_code == 200
+    shown = re.sub(r"</?(a|b|code|span|time)\b[^>]*>", "", answer.text)
+    assert re.findall(r"[^<>]{0,40}\w [,:;](?=\s)[^<>]{0,20}", shown) == []

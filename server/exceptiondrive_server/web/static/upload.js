@@ -20,11 +20,12 @@
     request.onload = () => {
       if (request.status < 400) { location.assign(request.responseURL); return; }
       button.disabled = false;
+      bar.value = 0;
       let text = "The server refused the file and gave no reason. Try again.";
       try { const { detail, fields } = JSON.parse(request.response); text = [detail, ...Object.values(fields ?? {})].join(" "); } catch { /* not a problem document */ }
       say(text, true);
     };
-    request.onerror = () => { button.disabled = false; say("The server cannot be reached. Nothing is lost: try again.", true); };
+    request.onerror = () => { button.disabled = false; bar.value = 0; say("The server cannot be reached. Nothing is lost: try again.", true); };
     request.open("POST", upload.action);
     request.setRequestHeader("Accept", "application/problem+json");
     request.send(new FormData(upload));
