@@ -30,7 +30,7 @@ TOO_EASY = 0.95
 class Verdict:
     """How a member of the jury, a reference row or a file, fares by the average that ranks.
 
-    None: not scored. The objection says what is not as expected.
+    HCC and UR are None where it was not scored. The objection says what is not as expected.
     """
 
     method: str

@@ -88,7 +88,7 @@ class PlanningRules:
         return pair
 
     def take(self, columns: PlanningColumns) -> Mapping[str, TrajectoryPair] | None:
-        """Take all predictions of a file at once; None, and none of them, where one may be out of bounds."""
+        """Take all predictions of a file at once; None where a number may be out of bounds: none is taken."""
         n_waypoints, sides = self._geometry.waypoints, (columns.source, columns.edited)
         source, edited = (_flat(side.numbers) for side in sides)
         answers: Mapping[str, TrajectoryPair]

@@ -188,12 +188,12 @@ def _passed(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
         )
         since = max(now - _PASSED_WITHIN, told_at or now - _PASSED_WITHIN)
         own = ids_of_team(session, team_id, phase.id)
-        ranks = {key: shown[key].rank or 0 for key in own if key in shown}
+        ranks = {key: rank for key in own if key in shown and (rank := shown[key].rank)}
         lines = [
             f"{session.get_one(Submission, key).method}: rank {best} before, {rank} now."
             for key, best, best_among_others in _best_ranks(session, phase, own, since)
             if (rank := ranks.get(key, 0)) > best
-            and rank - sum(0 < each < rank for each in ranks.values()) > best_among_others
+            and rank - sum(each < rank for each in ranks.values()) > best_among_others
         ]
         if lines:
             title = f"Your entries were passed in {phase.title}"

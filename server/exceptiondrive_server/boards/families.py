@@ -93,6 +93,8 @@ class Families(NamedTuple):
     def whose(self) -> str:
         """Whose means they are, as far as all families have the same entries."""
         counts = {line.n_entries for line in self.hardest}
+        if counts == {1}:
+            return "the only one ranked"
         return f"all {counts.pop()} ranked" if len(counts) == 1 else "all ranked"
 
     @property

@@ -325,14 +325,15 @@ def check_what_is_hardest(page: Node, board: Board) -> None:
     means = {h.title: fmean(value(e, h.id) for e in ranked(board)) for h in board.families}
     expected = sorted(means, key=lambda title: means[title], reverse=metric.better == "lower")
     assert shown == expected
-    foot = section.one("tfoot")
-    assert foot.one("th").text == f"Mean of all {len(ranked(board))} ranked"
+    foot, n_ranked = section.one("tfoot"), len(ranked(board))
+    whose = "the only one ranked" if n_ranked == 1 else f"all {n_ranked} ranked"
+    assert foot.one("th").text == f"Mean of {whose}"
     said = [span.text.split()[0] for span in foot.all("span")]
     assert [float(text) for text in said] == [
         pytest.approx(100 * means[title], abs=0.0051) for title in expected
     ]
     first, last = expected[0], expected[-1]
-    claim = f"{first} is hardest and {last} easiest, by the mean of all {len(ranked(board))} ranked"
+    claim = f"{first} is hardest and {last} easiest, by the mean of {whose}"
     assert (claim in section.text) == (means[first] != means[last])
     check_the_dots(section, board, expected)
     check_the_tasks(section, board)
@@ -376,6 +377,11 @@ def check_the_tasks(section: Node, board: Board) -> None:
         return
     tables = [sheet_of(entry).tasks for entry in ranked(board)]
     means = {task: fmean(t[task].metrics["hcc"] or 0.0 for t in tables) for task in tables[0]}
+    is_mean = re.search(
+        rf"Mean HCC of {len(tables)} ranked planners, .* best of them", section.text
+    )
+    assert bool(is_mean) == (len(tables) > 1)
+    assert ("HCC of the only ranked planner, in per cent." in section.text) == (len(tables) == 1)
     told = {li.one("code").text: float(li.one("b").text) for li in items[0].all("li")}
     assert set(told) == set(means)
     assert list(told.values()) == sorted(told.values())
