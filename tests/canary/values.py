@@ -5,7 +5,8 @@ import struct
 
 CANARY_M = 72.7194836
 """Far corner of withheld regions: behind all that a planner of the tests reaches, so no score knows
-it. Above 60, so no second of a time looks like it."""
+it. Above 60, so no second of a time looks like it; nor do the last digits of a longer number, such
+as a broker's seconds since 1970."""
 
 _TEXTS = (
     rb"72[.,]7194(?:8|9(?![0-9]))",  # rounded to five decimals or more, or cut; decimal comma
@@ -19,7 +20,14 @@ _BITS = tuple(
 )
 _HEX = tuple(text for bits in _BITS for text in (bits.hex().encode(), bits.hex().upper().encode()))
 _FLOAT_HEX = CANARY_M.hex().removeprefix("0x").encode()
-PATTERN = re.compile(b"|".join([*_TEXTS, *(re.escape(b) for b in (*_BITS, *_HEX, _FLOAT_HEX))]))
+PATTERN = re.compile(
+    b"|".join(
+        [
+            rb"(?<![0-9])(?:%b)" % b"|".join(_TEXTS),
+            *(re.escape(b) for b in (*_BITS, *_HEX, _FLOAT_HEX)),
+        ]
+    )
+)
 REACH_BYTES = 64
 """No spelling is longer: so much of a stream is looked at again with what follows."""
 
