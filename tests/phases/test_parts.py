@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from tests.phases.browsing import visitor
+from tests.support.documents import strategy_file
 from tests.support.worker import add_split
 
 from exceptiondrive_records.db.errors import PhaseClosed
@@ -502,6 +503,42 @@ def test_nobody_picks_after_the_reveal(life: "Life") -> None:
     assert life.get("/api/v1/leaderboard?phase=test&view=late").status_code == 404
     again = life.upload("gamma", PUBLIC_ONLY, "Once more")
     assert (again.status_code, again.json()["code"]) == (403, "phase_closed")
+
+
+def test_after_the_reveal_an_effect_is_told_where_both_files_are_entries(life: "Life") -> None:
+    """The score of an entry and what its reminder changed there give the score of the other file."""
+    life.make_phase(challenge="strategy", closes_at=life.ahead(60))
+
+    def send(who: str, strategies: str, method: str, linked_to: str = "") -> str:
+        content = strategy_file(dict(zip("abcde", strategies, strict=True)), "parted")
+        answer = life.request(
+            "POST",
+            "/api/v1/submissions",
+            who,
+            data={"phase": "test", "method": method, "linked_to": linked_to},
+            files={"file": (f"{who}.json", content)},
+        )
+        assert answer.status_code == 202, answer.text
+        return str(answer.json()["id"])
+
+    replaced = send("alpha", "ABABA", "Agent")
+    send("alpha", "CCCCC", "Agent", replaced)
+    entry = send("beta", "BABAB", "Agent")
+    send("beta", "CCCCA", "Agent + reminder", entry)
+    life.work()
+
+    def without() -> set[str]:
+        effects = [each.get("reminder_effect") for each in life.board()["entries"]]
+        return {each["without"] for each in effects if each}
+
+    assert without() == {replaced, entry}
+    life.move(closes_at=life.now())
+    run = reveal(life)
+    life.apply(run)
+    assert without() == {entry}
+    life.done(f"/rescoring/{run}/rollback")
+    life.work()
+    assert without() == {replaced, entry}
 
 
 def test_the_whole_may_be_revealed_instead_and_a_split_without_parts_has_nothing(

@@ -19,6 +19,7 @@ from exceptiondrive_records.phases.policy import (
     pseudonym_of_method,
     pseudonym_of_team,
     score_kept_back_since,
+    tells_entries_alone,
 )
 from exceptiondrive_records.phases.scoring_keys import all_accepted_under
 from exceptiondrive_records.phases.tables import Phase
@@ -98,7 +99,8 @@ def entries_for_board(
     falls back to the one before it, until the deadline: withdrawn later, it leaves no entry, so
     that nobody picks after seeing the outcome. A disqualified entry leaves its place empty: what it
     displaced does not come up. All were scored against the split revision that is given, or the one
-    that the phase shows.
+    that the phase shows. A linked counterpart need not be an entry, but where a reveal tells of entries
+    alone.
 
     Raises:
         NotFound: No such phase.
@@ -110,12 +112,12 @@ def entries_for_board(
     scored = _scored_under(session, phase, *key)
     due = _due(session, phase, scored, view, *key)
     out = disqualified_ids(session, phase.id)
-    public = {
+    may_be_told = {
         each.submission.id: each
-        for each in scored
+        for each in (due if tells_entries_alone(session, phase, key[1]) else scored)
         if _is_public(phase, each.submission) and each.submission.id not in out
     }
-    linked = [public.get(each.submission.linked_to or "") for each in due]
+    linked = [may_be_told.get(each.submission.linked_to or "") for each in due]
     told = [*due, *(each for each in linked if each is not None)]
     sheets = _sheets(session, [each.submission.id for each in told], *key)
     accepted = all_accepted_under(session, phase.id)

@@ -83,12 +83,20 @@ def takes_late_entries(session: Session, phase: Phase, moment: datetime) -> bool
 
 def is_split_revealed(session: Session, phase: Phase) -> bool:
     """Whether the phase began with the public part of its split and shows another one now."""
-    return _public_part(session, phase) not in (None, phase.split_revision)
+    return tells_entries_alone(session, phase, phase.split_revision)
+
+
+def tells_entries_alone(session: Session, phase: Phase, split_revision: str) -> bool:
+    """Whether scores on a revision are told of the entries of its board and of no other file.
+
+    So it is of all that a reveal shows, else a team would learn which of its files is the best there.
+    """
+    return _public_part(session, phase, split_revision) not in (None, split_revision)
 
 
 def was_split_revealed(session: Session, phase: Phase) -> bool:
     """Whether readers ever saw a board of more than the public part: no rollback takes that back."""
-    if _public_part(session, phase) is None:
+    if _public_part(session, phase, phase.split_revision) is None:
         return False
     shown = (
         select(SplitRow.revision)
@@ -103,11 +111,11 @@ def was_split_revealed(session: Session, phase: Phase) -> bool:
     return is_split_revealed(session, phase) or session.scalars(shown).first() is not None
 
 
-def _public_part(session: Session, phase: Phase) -> str | None:
-    """Return the revision of the part that the phase began with; None where it began with all."""
+def _public_part(session: Session, phase: Phase, split_revision: str) -> str | None:
+    """Return the revision of the public part of a split; None where the phase began with all."""
     if phase.policy.live_part != "public":
         return None
-    return part_revision(session, phase.split_name, phase.split_revision, "public")
+    return part_revision(session, phase.split_name, split_revision, "public")
 
 
 def hid_scores(session: Session, phase: Phase) -> bool:
