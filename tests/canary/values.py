@@ -14,20 +14,29 @@ _TEXTS = (
     rb"72719[.,](?:48|5)",  # millimetres
     rb"7271[.,]9(?:48|5)",  # centimetres
 )
-_BITS = tuple(
-    struct.pack(form, value)
-    for form, value in (("<d", CANARY_M), (">d", CANARY_M), ("<f", CANARY_M), (">f", CANARY_M))
-)
-_HEX = tuple(text for bits in _BITS for text in (bits.hex().encode(), bits.hex().upper().encode()))
+
+
+def _bits(*forms: str) -> tuple[bytes, ...]:
+    """Return the canary as numbers of these forms: as they are, and in hex of either case."""
+    bits = [struct.pack(form, CANARY_M) for form in forms]
+    return (*bits, *(b.hex().encode() for b in bits), *(b.hex().upper().encode() for b in bits))
+
+
+_DOUBLES, _SINGLES = _bits("<d", ">d"), _bits("<f", ">f")
 _FLOAT_HEX = CANARY_M.hex().removeprefix("0x").encode()
 PATTERN = re.compile(
     b"|".join(
         [
             rb"(?<![0-9])(?:%b)" % b"|".join(_TEXTS),
-            *(re.escape(b) for b in (*_BITS, *_HEX, _FLOAT_HEX)),
+            re.escape(_FLOAT_HEX),
+            *(re.escape(bits) for bits in _DOUBLES),
+            *(rb"%b.{0,24}?%b" % (re.escape(bits), re.escape(bits)) for bits in _SINGLES),
         ]
-    )
+    ),
+    re.DOTALL,
 )
+"""A single of four bytes counts where it stands twice, as in every region: alone it comes up by
+chance in the gigabytes of files and the million digests of a run."""
 REACH_BYTES = 64
 """No spelling is longer: so much of a stream is looked at again with what follows."""
 
@@ -37,4 +46,5 @@ def spellings(value_m: float = CANARY_M) -> list[bytes]:
     texts = [repr(value_m), f"{value_m:.5f}", f"{value_m:.6f}", f"{value_m:.4e}", f"{value_m:.6e}"]
     texts += [f"-{value_m}", str(value_m).replace(".", ","), f"{value_m * 1000:.1f}"]
     texts += [f"{value_m * 100:.2f}", value_m.hex(), f"[{value_m},1.0]", f"%5B{value_m}"]
-    return [text.encode() for text in texts] + [*_BITS, *_HEX]
+    twice = [single + b"-1.0" + single for single in _SINGLES]
+    return [text.encode() for text in texts] + [*_DOUBLES, *twice]
