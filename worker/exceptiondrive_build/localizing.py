@@ -96,13 +96,14 @@ def localize(workshop: Workshop, file: Path) -> LocalizeReport:
     Raises:
         BuildError: The file cannot be read, or its boxes are in another frame.
     """
+    candidates = walk(workshop)
     data = _bytes(file)
-    boxes_of = _reader(file, data)
+    boxes_of = _reader(file, data, {*workshop.keyframes, *candidates})
     limits = workshop.settings.localize
     found: dict[str, Box] = {}
     without: Counter[str] = Counter()
     distances: list[tuple[Candidate, Sequence[Box]]] = []
-    eligible = _eligible(workshop)
+    eligible = _eligible(workshop, candidates)
     for candidate in eligible:
         boxes = [box for box in boxes_of(candidate) if _score(box) >= limits.min_score]
         if not boxes:
@@ -127,7 +128,7 @@ def localize(workshop: Workshop, file: Path) -> LocalizeReport:
 
 def localize_by_hand(workshop: Workshop) -> LocalizeReport:
     """Propose a rectangle of the task's size at the target, where nothing has been proposed."""
-    eligible = _eligible(workshop)
+    eligible = _eligible(workshop, walk(workshop))
     values = {}
     for candidate in eligible:
         if candidate.localized is None:
@@ -140,9 +141,8 @@ def localize_by_hand(workshop: Workshop) -> LocalizeReport:
     return _propose(workshop, eligible, values, Author(model="target of the screening"), Counter())
 
 
-def _eligible(workshop: Workshop) -> list[Candidate]:
+def _eligible(workshop: Workshop, candidates: Mapping[str, Candidate]) -> list[Candidate]:
     """What is accepted, and what waits for a person who may accept it."""
-    candidates = walk(workshop)
     waiting = to_inspect(candidates, workshop.settings.inspect)
     return [
         candidate
@@ -184,22 +184,29 @@ def _bytes(file: Path) -> bytes:
         raise BuildError(f"{file}: {error.strerror}.") from None
 
 
-def _reader(file: Path, data: bytes) -> Callable[[Candidate], list[Box]]:
-    """From a candidate to its boxes in the ego frame."""
+def _reader(file: Path, data: bytes, known: set[str]) -> Callable[[Candidate], list[Box]]:
+    """From a candidate to its boxes in the ego frame; `known` are the ids of samples and keyframes."""
+    results: dict[str, list[_Result]] = {}
+    boxes: dict[str, list[_Boxed]] = {}
     try:
         document = json.loads(data)
         if isinstance(document, dict) and "results" in document:
             results = _RESULTS.validate_python(document["results"])
-            return lambda candidate: [
-                _in_ego_frame(result, candidate) for result in _of(results, candidate)
-            ]
-        boxes = _BOXES.validate_python(_as_boxes(document))
+        else:
+            boxes = _BOXES.validate_python(_as_boxes(document))
     except (ValueError, RecursionError) as error:
         first = faults_in(error)[0] if isinstance(error, ValidationError) else error
         raise BuildError(
             f"{file}: no detector's file: {first}.",
             "Its forms: exceptiondrive-build localize --help",
         ) from None
+    if not known & (results or boxes).keys():
+        raise BuildError(
+            f"{file}: none of its ids is that of a sample or a keyframe of this workshop.",
+            "Is it of other scenes, or of a workshop with another id_key?",
+        )
+    if results:
+        return lambda candidate: [_in_ego_frame(it, candidate) for it in _of(results, candidate)]
     return lambda candidate: [
         Box(_in_order(np.array(box.corners)), box.score) for box in _of(boxes, candidate)
     ]
