@@ -237,6 +237,20 @@ def test_the_command_prints_and_draws_it(papers_shop: Path, tmp_path: Path) -> N
     assert as_json["funnel"][2]["n"] == 3_446
 
 
+@pytest.mark.parametrize(
+    ("name", "said"), [("none/report.svg", "No such file or directory."), ("report.xyz", "'xyz'")]
+)
+def test_a_picture_that_cannot_be_drawn_is_named_with_why(
+    papers_shop: Path, tmp_path: Path, name: str, said: str
+) -> None:
+    path = tmp_path / name
+    result = CliRunner().invoke(app, ["report", "-w", str(papers_shop), "--plot", str(path)])
+    assert result.exit_code == 2
+    assert f"{path}: " in result.stderr
+    assert said in result.stderr
+    assert "Errno" not in result.stderr
+
+
 def test_time_and_money_are_of_all_answers_so_far(shop: Path) -> None:
     with (shop / "workshop.toml").open("a") as file:
         file.write("[prices.vision-model]\nprompt = 1000.0\ncompletion = 2000.0\n")
