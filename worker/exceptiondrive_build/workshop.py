@@ -56,6 +56,12 @@ class Workshop:
             raise BuildError(f"{folder}: no workshop: there is no {SETTINGS} in it.", _ADVICE)
         self._read_settings()
         (folder / IMAGES).mkdir(exist_ok=True)
+        if (folder / ANSWERS).is_dir() and not (folder / RECORDS).exists():
+            raise BuildError(
+                f"{folder / RECORDS} is missing; models were asked, so decisions stood in it.",
+                "Put it back from a copy of the workshop. An empty file of this name begins without any "
+                "decision: models' answers count again, what people said is gone.",
+            )
         self.records = Records(folder / RECORDS)
 
     def __enter__(self) -> Self:
