@@ -11,6 +11,7 @@ from exceptiondrive_build.chat import ReviewStage, ScreenStage
 from exceptiondrive_build.cli import Json, WorkshopFolder
 from exceptiondrive_build.dry_run import StagePlan, dry_run
 from exceptiondrive_build.editing import EditStage
+from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.localizing import localize, localize_by_hand
 from exceptiondrive_build.records import Kind
 from exceptiondrive_build.workshop import Workshop
@@ -57,6 +58,9 @@ def run(
     if stage not in STAGES:
         raise typer.BadParameter(f"expected one of {', '.join(STAGES)}", param_hint="STAGE")
     with Workshop(workshop) as opened:
+        if not opened.keyframes:
+            advice = "Read some in: exceptiondrive-build scenes read SOURCE"
+            raise BuildError(f"{workshop}: there are no scenes to ask about.", advice)
         asked = STAGES[stage](opened)
         if dry_run:
             _plan(asked, limit, json)
