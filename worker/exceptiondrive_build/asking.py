@@ -19,10 +19,10 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from exceptiondrive_build.candidates import Candidate, walk
+from exceptiondrive_build.candidates import Candidate, asked, walk
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.prompts import Prompts
-from exceptiondrive_build.records import Author, Kind, Record, now_text
+from exceptiondrive_build.records import Kind, Record, now_text
 from exceptiondrive_build.settings import ModelSection, Price
 from exceptiondrive_build.values import Unanswered
 from exceptiondrive_build.workshop import ANSWERS, Workshop
@@ -97,13 +97,13 @@ class Question:
     Attributes:
         key: Digest of all of it.
         words: What it is told.
-        images: Names of the pictures that it is shown.
+        images: Names of the pictures that it is shown, in their order, by what stands before each.
         part: The view, where a candidate has a question for each.
     """
 
     key: str
     words: tuple[str, ...]
-    images: tuple[str, ...]
+    images: Mapping[str, str]
     part: str = ""
 
 
@@ -122,17 +122,14 @@ class Stage(ABC):
         self.prompts = Prompts(workshop)
 
     @property
-    @abstractmethod
     def section(self) -> ModelSection:
         """Settings of the model."""
+        section: ModelSection = getattr(self.workshop.settings, self.kind)
+        return section
 
     @abstractmethod
     def is_open(self, candidate: Candidate) -> bool:
         """Whether the candidate waits for this stage."""
-
-    @abstractmethod
-    def asked(self, candidate: Candidate) -> tuple[Author, tuple[str, ...]]:
-        """Who decides, and the digests of what is looked at."""
 
     @abstractmethod
     def questions(self, candidate: Candidate) -> tuple[Question, ...]:
@@ -156,12 +153,12 @@ class Stage(ABC):
             NoAnswerError: A picture of the workshop cannot be read.
         """
 
-    def question(self, words: Sequence[str], images: Sequence[str], part: str = "") -> Question:
+    def question(self, words: Sequence[str], images: Mapping[str, str], part: str = "") -> Question:
         """A question of this stage's model, with its digest."""
         settings = self.section.model_dump(exclude={"endpoint", "attempts", "seconds_per_call"})
-        asked = {name: settings[name] for name in _ASKED if name in settings}
-        key = content_digest([self.kind, asked, list(words), list(images)])
-        return Question(key, tuple(words), tuple(images), part)
+        settings = {name: settings[name] for name in _ASKED if name in settings}
+        key = content_digest([self.kind, settings, list(words), list(images.values())])
+        return Question(key, tuple(words), images, part)
 
     def picture(self, name: str) -> CleanImage:
         """A picture of the workshop without metadata.
@@ -342,10 +339,11 @@ class _Run:
         return answer
 
     def _record(self, candidate: Candidate, value: Document) -> None:
-        by, inputs = self._stage.asked(candidate)
-        self._stage.workshop.append(
+        stage = self._stage
+        by, inputs = asked(stage.kind, stage.workshop, stage.prompts, candidate)
+        stage.workshop.append(
             Record(
-                kind=self._stage.kind,
+                kind=stage.kind,
                 candidate=candidate.sample_id,
                 by=by,
                 inputs=inputs,

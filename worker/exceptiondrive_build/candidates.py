@@ -171,21 +171,16 @@ class _Reading:
         self._records = {kind: workshop.records.standing(kind) for kind in Kind}
 
     def screening(self, candidate: Candidate) -> None:
-        workshop, prompts = self._workshop, self._prompts
-        by, inputs = screen_asked(workshop, prompts, candidate.keyframe, candidate.task)
-        self._look(candidate, Kind.SCREEN, inputs, by)
+        self._look_at_model(candidate, Kind.SCREEN)
         if isinstance(candidate.screened, Screened) and candidate.screened.suitable:
             candidate.place = candidate.screened
             self.pictures(candidate)
 
     def pictures(self, candidate: Candidate) -> None:
-        assert candidate.place is not None
-        by, inputs = edit_asked(self._workshop, self._prompts, candidate, candidate.place)
-        self._look(candidate, Kind.EDIT, inputs, by)
+        self._look_at_model(candidate, Kind.EDIT)
         if not candidate.pictures:
             return
-        by, inputs = review_asked(self._workshop, self._prompts, candidate, candidate.place)
-        self._look(candidate, Kind.REVIEW, inputs, by)
+        self._look_at_model(candidate, Kind.REVIEW)
         for kind in (Kind.INSPECT, Kind.LOCALIZE, Kind.VERIFY):
             self._look(candidate, kind, candidate.pictures)
         candidate.inspections, candidate.verifications = (
@@ -195,6 +190,10 @@ class _Reading:
         withdrawals = self._of(Kind.WITHDRAW, candidate)
         if withdrawals:
             candidate.current[Kind.WITHDRAW] = withdrawals[-1]
+
+    def _look_at_model(self, candidate: Candidate, kind: Kind) -> None:
+        by, inputs = asked(kind, self._workshop, self._prompts, candidate)
+        self._look(candidate, kind, inputs, by)
 
     def _look(
         self, candidate: Candidate, kind: Kind, inputs: tuple[str, ...], by: Author | None = None
@@ -271,30 +270,26 @@ def shares(sizes: Mapping[str, int], count: int, *, capped: bool = True) -> dict
     return found
 
 
-def screen_asked(
-    workshop: Workshop, prompts: Prompts, keyframe: Keyframe, task: Task
+def asked(
+    kind: Kind, workshop: Workshop, prompts: Prompts, candidate: Candidate
 ) -> tuple[Author, tuple[str, ...]]:
-    """Who is asked whether the task suits the scene, and the digests of what is shown."""
-    words = (prompts.screen(task.id), scene_words(keyframe))
-    inputs = picture_digests(camera.image for camera in keyframe.cameras)
-    return chat_author(workshop.settings.screen, *words), inputs
-
-
-def edit_asked(
-    workshop: Workshop, prompts: Prompts, candidate: Candidate, place: Screened
-) -> tuple[Author, tuple[str, ...]]:
-    """Who is asked to edit the views, and the digests of the sources."""
-    words = [prompts.edit(candidate.task.id, view.instruction) for view in place.views]
-    inputs = picture_digests(candidate.keyframe.camera(view.view).image for view in place.views)
-    return edit_author(workshop.settings.edit, *words), inputs
-
-
-def review_asked(
-    workshop: Workshop, prompts: Prompts, candidate: Candidate, place: Screened
-) -> tuple[Author, tuple[str, ...]]:
-    """Who is asked for marks, and the digests of the pairs of pictures."""
-    words = prompts.review(candidate.task.id, place)
-    return chat_author(workshop.settings.review, words), candidate.pictures
+    """Who decides at a stage that asks a model, and the digests of the pictures that it is shown."""
+    settings, keyframe, task, place = (
+        workshop.settings,
+        candidate.keyframe,
+        candidate.task,
+        candidate.place,
+    )
+    if kind is Kind.SCREEN:
+        words = (prompts.screen(task.id), scene_words(keyframe))
+        sources = (camera.image for camera in keyframe.cameras)
+        return chat_author(settings.screen, *words), picture_digests(sources)
+    assert place is not None
+    if kind is Kind.EDIT:
+        told = (prompts.edit(task.id, view.instruction) for view in place.views)
+        sources = (keyframe.camera(view.view).image for view in place.views)
+        return edit_author(settings.edit, *told), picture_digests(sources)
+    return chat_author(settings.review, prompts.review(task.id, place)), candidate.pictures
 
 
 def review_faults(reviewed: Reviewed, settings: ReviewSection) -> tuple[str, ...]:
