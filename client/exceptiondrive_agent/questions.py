@@ -107,11 +107,7 @@ def messages(
 ) -> list[Message]:
     """Chat messages: instructions, then the images in order, then the reminder if there is one.
 
-    Args:
-        instructions: Base instructions.
-        images: Images of the sample.
-        views: Public names of the views, one per image, or none.
-        reminder: Text of `reminder_text`.
+    There are as many names of views as images, or none.
     """
     parts: list[dict[str, Any]] = []
     for number, image in enumerate(images, start=1):

@@ -64,11 +64,7 @@ class Pace:
         self._next_s = float("-inf")
 
     def reserve(self, now_s: float) -> float:
-        """Take the next free slot and return how many seconds away it is.
-
-        Args:
-            now_s: Time of any clock that never goes back.
-        """
+        """Take the next free slot and return how many seconds away it is, by a clock that never goes back."""
         slot_s = max(now_s, self._next_s)
         self._next_s = slot_s + self._interval_s
         return slot_s - now_s
@@ -100,9 +96,7 @@ class Dialect:
 def plainer(dialect: Dialect, refused_field: str | None) -> Dialect | None:
     """Return the dialect to try after a refusal, or None when there is none left.
 
-    Args:
-        dialect: The dialect that was refused.
-        refused_field: Request field that the endpoint names as the cause, if it names one.
+    The endpoint may name the field of the request that it refuses.
     """
     if refused_field == "max_tokens" and dialect.token_limit == "max_tokens":
         return replace(dialect, token_limit="max_completion_tokens")
@@ -354,12 +348,7 @@ class Endpoint:
     async def edit(
         self, image: CleanImage, instruction: str, seed: int | None
     ) -> tuple[EditedPicture, tuple[str, ...]]:
-        """Have one picture edited.
-
-        Args:
-            image: The source.
-            instruction: What is to be changed.
-            seed: Seed of the model's random numbers, if it takes one.
+        """Have one picture edited, with a seed if the model takes one.
 
         Returns:
             The edited picture, and the names of fields that this endpoint does not take.

@@ -53,13 +53,9 @@ def blind_pair(records: Sequence[Record]) -> tuple[tuple[str, Verified], ...]:
 
 
 def outcome(records: Sequence[Record], limits: VerifySection) -> Outcome:
-    """What the verifications of one candidate come to.
+    """What the standing verifications of one candidate come to; they come oldest first.
 
     The region of two that agree lies in the middle between theirs; a third reader's word is final.
-
-    Args:
-        records: Standing verifications of one candidate, oldest first.
-        limits: How far two readers may lie apart.
     """
     pair = blind_pair(records)
     if len(pair) < N_BLIND:
@@ -120,11 +116,7 @@ def aligned(one: FloatArray, other: FloatArray) -> FloatArray:
 
 
 def agreement(verifications: Mapping[str, Sequence[Record]], limits: VerifySection) -> Agreement:
-    """How well blind readers agree.
-
-    Args:
-        verifications: Standing verifications of each candidate, oldest first.
-        limits: Beyond which a third reader decides.
+    """How well blind readers agree, by the standing verifications of each candidate, oldest first.
 
     Returns:
         Over all candidates with two blind readings; intersection over union, and the greatest

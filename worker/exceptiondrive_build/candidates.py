@@ -251,13 +251,7 @@ def _is_seen(camera: Camera, ahead_m: float, left_m: float) -> bool:
 
 
 def shares(sizes: Mapping[str, int], count: int, *, capped: bool = True) -> dict[str, int]:
-    """Part `count` among strata by their sizes, by largest remainder.
-
-    Args:
-        sizes: Of each stratum.
-        count: How many in all.
-        capped: Whether none may get more than it has.
-    """
+    """Part `count` among strata by their sizes, by largest remainder; `capped`: none gets more than it has."""
     whole = sum(sizes.values())
     if not whole:
         return dict.fromkeys(sizes, 0)

@@ -50,11 +50,6 @@ def dry_run(
 ) -> StagePlan:
     """Plan the run that `run_stage` would do.
 
-    Args:
-        stage: The stage.
-        candidates: As `walk` gives them.
-        limit: Take so many candidates alone.
-
     Raises:
         BuildError: The workshop cannot be read.
         JournalError: The answers of earlier runs cannot be read.

@@ -62,12 +62,9 @@ class EditStage(Stage):
 
 
 def fitted(data: bytes, size: tuple[int, int], resample: bool) -> tuple[bytes, str]:
-    """Return an edited picture in the size of its source, without metadata.
+    """Return an edited picture in the size of its source, (width, height), without metadata.
 
-    Args:
-        data: What the endpoint sent.
-        size: Width and height of the source, pixels.
-        resample: Whether a picture of the same shape but another size is scaled.
+    With `resample` a picture of the same shape but another size is scaled.
 
     Returns:
         The bytes, which are those of the endpoint where nothing had to be changed, and the ending

@@ -76,12 +76,8 @@ def freeze(
 ) -> Frozen:
     """Freeze what is accepted and verified.
 
-    Args:
-        workshop: Settings, pictures and withdrawals.
-        candidates: As `walk` gives them.
-        previous: The revision before. Its samples stay, each counted or withdrawn; later ones wait
-            for the next split, since the files of this one do not answer them.
-        words: What readers are told of the change.
+    Of a previous revision all samples stay, each counted or withdrawn; later ones wait for the next
+    split, since the files of this one do not answer them. Readers are told `words` of the change.
 
     Raises:
         BuildError: Nothing is verified, a sample of the previous revision is neither verified nor

@@ -92,13 +92,7 @@ class Which(Document):
 
 
 def review_app(folder: Path, announce: Callable[[str], None], *, lease_s: float = 60.0) -> FastAPI:
-    """Make the application for one workshop.
-
-    Args:
-        folder: The workshop.
-        announce: Told each one-time key that opens the page.
-        lease_s: How long a card is held without a sign of its browser.
-    """
+    """Make the application for one workshop; `announce` is told each one-time key that opens it."""
 
     @asynccontextmanager
     async def life(app: FastAPI) -> AsyncIterator[None]:

@@ -85,8 +85,7 @@ class Desk:
     def refresh(self, walk_after_s: float = WALK_EVERY_S) -> None:
         """Take in what others have appended and settings that changed; stages may run meanwhile.
 
-        Args:
-            walk_after_s: How old the walk over all candidates may be, if a stage did something.
+        What they did is walked over once the last walk is `walk_after_s` old.
 
         Raises:
             BuildError: Records, settings, words or scenes cannot be read.
@@ -205,13 +204,8 @@ class Desk:
     ) -> None:
         """Append a decision and give the card back.
 
-        The same word sent again, as after a lost answer, is the same decision.
-
-        Args:
-            queue: Of which queue.
-            sample_id: Which card.
-            holder: Whose decision.
-            value: The word; `blind` of a verification says how the card was shown.
+        The same word sent again, as after a lost answer, is the same decision. `blind` of a
+        verification says how the card was shown.
 
         Raises:
             BuildError: It cannot be kept, or the region cannot be scored.
