@@ -15,6 +15,7 @@ from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
@@ -241,7 +242,7 @@ def run_stage(stage: Stage, limit: int | None = None) -> StageReport:
         return run.report(len(waiting))
 
 
-def _journal_path(workshop: Workshop, kind: Kind) -> Any:
+def _journal_path(workshop: Workshop, kind: Kind) -> Path:
     return workshop.folder / ANSWERS / f"{kind}.jsonl"
 
 

@@ -1,15 +1,8 @@
 """Proposals for the regions: a detector's boxes, or a rectangle at the target to be moved by hand.
 
-A detector's file is JSON in one of two forms:
-
-    {"ID": [{"corners": [[x, y], [x, y], [x, y], [x, y]], "score": 0.9}, ...], ...}
-        metres of the ego frame, x ahead, y left; plain corners may stand in place of a box
-    {"meta": ..., "results": {"ID": [{"translation", "size", "rotation", "detection_score"}, ...]}}
-        boxes of nuScenes results, in its global frame
-
-where ID is a sample id, or the keyframe's in place of all its samples. The box whose centre lies
-nearest to the target is proposed. A file whose boxes lie elsewhere as a whole is refused, with the
-frame in which they would fit.
+The forms of a detector's file are those of `exceptiondrive-build localize --help`; plain corners may
+stand in place of a box. The box whose centre lies nearest to the target is proposed. A file whose
+boxes lie elsewhere as a whole is refused, with the frame in which they would fit.
 """
 
 import json
@@ -39,6 +32,8 @@ from exceptiondrive_scoring.aliases import FloatArray
 MIN_QUATERNION = 1e-6
 MIN_JUDGED = 3
 """A file is judged by its frame from so many candidates on."""
+HALVES = np.array([[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]])
+"""Corners of a rectangle round its centre, by length and width."""
 _MOVED: dict[str, Callable[[FloatArray], FloatArray]] = {
     "with x and y exchanged": lambda corners: corners[:, ::-1],
     "with y to the right": lambda corners: corners * (1, -1),
@@ -133,11 +128,8 @@ def localize_by_hand(workshop: Workshop) -> LocalizeReport:
     for candidate in eligible:
         if candidate.localized is None:
             length_m, width_m, _ = workshop.task_texts[candidate.task.id].size_m
-            x, y = _target_m(candidate)
-            half = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * (length_m / 2, width_m / 2)
-            values[candidate.sample_id] = Localized(
-                corners=_corners(half + np.array([x, y])), source="by_hand"
-            )
+            corners_m = HALVES * (length_m, width_m) + _target_m(candidate)
+            values[candidate.sample_id] = Localized(corners=_corners(corners_m), source="by_hand")
     return _propose(workshop, eligible, values, Author(model="target of the screening"), Counter())
 
 
@@ -231,7 +223,7 @@ def _of(boxes: Mapping[str, list[Any]], candidate: Candidate) -> list[Any]:
 def _in_ego_frame(result: _Result, candidate: Candidate) -> Box:
     """A box of nuScenes results (global frame; size is width, length, height) from above."""
     width_m, length_m, _ = result.size
-    half = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * (length_m / 2, width_m / 2)
+    half = HALVES * (length_m, width_m)
     keyframe = candidate.keyframe
     global_from_box = rigid(np.array(result.rotation), np.array(result.translation))
     global_from_ego = rigid(np.array(keyframe.ego_rotation), np.array(keyframe.ego_translation_m))

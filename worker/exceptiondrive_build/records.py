@@ -116,7 +116,7 @@ class Record(Document):
 
 
 class Records(Database):
-    """The table in a file; use it as a context manager."""
+    """The table in a file."""
 
     def __init__(self, path: Path) -> None:
         """Open or create it.

@@ -64,12 +64,7 @@ REASONS = (
     (Mark.CONFLICT_CLARITY, "no clear conflict"),
 )
 """What an edit may be refused for, in the order of the digits."""
-CHECKS = (
-    ("location", "L", "location"),
-    ("views", "V", "views"),
-    ("calibration", "K", "calibration"),
-    ("task", "T", "task"),
-)
+CHECKS = (("location", "L"), ("views", "V"), ("calibration", "K"), ("task", "T"))
 """What a verification checks, with its key."""
 TAKEN = (
     "This card has moved on while this browser was away: somebody else has it, or has decided, or "
