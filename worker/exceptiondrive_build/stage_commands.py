@@ -66,7 +66,12 @@ def run(
             plan = dry_run(asked, walk(opened), limit)
             typer.echo(plan.model_dump_json(indent=2) if json else plan_text(plan))
             return
-        report = run_stage(asked, limit)
+        try:
+            report = run_stage(asked, limit)
+        except KeyboardInterrupt:
+            said = "Interrupted. Answers so far are kept; run the same command to go on."
+            typer.echo(f"\nexceptiondrive-build: {said}", err=True)
+            raise
     typer.echo(report.model_dump_json(indent=2) if json else report_text(report))
     if report.is_unreachable:
         raise typer.Exit(5)
