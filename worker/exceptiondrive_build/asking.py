@@ -125,8 +125,7 @@ class Stage(ABC):
     @property
     def section(self) -> ModelSection:
         """Settings of the model."""
-        section: ModelSection = getattr(self.workshop.settings, self.kind)
-        return section
+        return self.workshop.settings.models[self.kind]
 
     @abstractmethod
     def is_open(self, candidate: Candidate) -> bool:
@@ -270,13 +269,8 @@ class _Run:
             key_advice=f"Set {endpoint_section.key_from}.",
             address_advice="Correct base_url or model in workshop.toml.",
         )
-        model = ModelSettings(
-            model=section.model,
-            temperature=getattr(section, "temperature", 0.0),
-            max_tokens=getattr(section, "max_tokens", 0),
-            extra=section.extra,
-        )
-        async with Endpoint(settings, model) as endpoint:
+        model = section.model_dump(include={"model", "temperature", "max_tokens", "extra"})
+        async with Endpoint(settings, ModelSettings(**model)) as endpoint:
             with progress_bar(self._stage.kind, len(candidates)) as advance:
 
                 def take(outcome: Outcome) -> None:

@@ -122,13 +122,8 @@ def finite_population(share: float, n: int, population: int) -> Interval:
 
 def deciders(workshop: Workshop, candidates: Iterable[Candidate]) -> tuple[Decider, ...]:
     """Who took how many of the decisions that stand, by stage; people are numbered by name."""
-    settings = workshop.settings
-    prompts = {
-        Kind.SCREEN: settings.screen.prompt,
-        Kind.EDIT: settings.edit.prompt,
-        Kind.REVIEW: settings.review.prompt,
-    }
-    digests = {kind: content_digest(workshop.text(name)) for kind, name in prompts.items()}
+    models = workshop.settings.models.items()
+    digests = {stage: content_digest(workshop.text(model.prompt)) for stage, model in models}
     records = [record for it in candidates for record in _standing(it)]
     people = sorted({record.by.person for record in records if record.by.person is not None})
     counts = Counter((record.kind, record.by.model, record.by.person) for record in records)

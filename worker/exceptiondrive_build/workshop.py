@@ -118,7 +118,7 @@ class Workshop:
 
     def _stamps(self, settings: WorkshopSettings) -> dict[str, tuple[int, ...]]:
         """When each file that people write was last written."""
-        prompts = (part.prompt for part in (settings.screen, settings.edit, settings.review))
+        prompts = (model.prompt for model in settings.models.values())
         names = (SETTINGS, SCENES, settings.task_texts, settings.protocol, *prompts)
         return {name: self._stamp(name) for name in names if name}
 
