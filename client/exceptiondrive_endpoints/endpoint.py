@@ -319,9 +319,13 @@ class Endpoint:
         """
         dialect: Dialect | None = self._dialect
         while dialect is not None:
-            body = request_body(self._model, dialect, messages, name, schema)
+            request = self._client.chat.completions.with_raw_response.create(
+                model=self._model.model,
+                messages=messages,  # type: ignore[arg-type]
+                extra_body=request_body(self._model, dialect, messages, name, schema),
+            )
             try:
-                completion = self._read(Completion, await self._post(body))
+                completion = self._read(Completion, await self._sent(request))
             except (openai.BadRequestError, openai.UnprocessableEntityError) as error:
                 refusal = error
                 dialect = plainer(dialect, error.param)
@@ -358,13 +362,6 @@ class Endpoint:
                 if error.param not in extra:
                     raise self._refused(error) from None
                 self._untaken = (*untaken, error.param)
-
-    async def _post(self, body: dict[str, Any]) -> bytes:
-        return await self._sent(
-            self._client.chat.completions.with_raw_response.create(
-                model=body["model"], messages=body["messages"], extra_body=body
-            )
-        )
 
     def _read(self, form: type[Answer], body: bytes) -> Answer:
         try:
