@@ -77,6 +77,12 @@ def outcome(records: Sequence[Record], limits: VerifySection) -> Outcome:
     return Outcome("third", people=people)
 
 
+def readings_left(records: Sequence[Record], limits: VerifySection) -> int:
+    """How many more readings the region of one candidate needs, by its standing verifications."""
+    state = outcome(records, limits).state
+    return {"open": N_BLIND - len(blind_pair(records)), "third": 1}.get(state, 0)
+
+
 def middle(one: Corners | None, other: Corners | None, limits: VerifySection) -> Corners | None:
     """The region between two that agree, to the centimetre; None if they lie too far apart."""
     if one is None or other is None:

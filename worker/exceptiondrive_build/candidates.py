@@ -98,10 +98,30 @@ class Candidate:
 
     @cached_property
     def review_faults(self) -> tuple[str, ...]:
-        """Codes of the thresholds that the review misses; empty where it meets all."""
+        """Codes of the thresholds that the review misses; empty where it meets all.
+
+        `low_mark:<mark>`, `low_mean_mark`; and by measure `target_not_in_view`, `nothing_changed`
+        within the target area of any view, `background_changed` outside of it in some view.
+        """
         if not isinstance(self.reviewed, Reviewed):
             return ()
-        return review_faults(self.reviewed, self.thresholds)
+        marks, changes = self.reviewed.marks, self.reviewed.changes.values()
+        least = self.thresholds
+        faults = [
+            f"low_mark:{mark}"
+            for mark in Mark
+            if marks[mark] < least.min_marks.get(mark, least.min_mark)
+        ]
+        if sum(marks.values()) < least.min_mean_mark * len(marks):
+            faults.append("low_mean_mark")
+        inside = [change.inside for change in changes if change.inside is not None]
+        if not inside:
+            faults.append("target_not_in_view")
+        elif max(inside) < least.min_change_inside:
+            faults.append("nothing_changed")
+        if any(change.outside > least.max_change_outside for change in changes):
+            faults.append("background_changed")
+        return tuple(faults)
 
     @property
     def passed_review(self) -> bool:
@@ -284,27 +304,3 @@ def asked(
         sources = (keyframe.camera(view.view).image for view in place.views)
         return edit_author(settings.edit, *told), picture_digests(sources)
     return chat_author(settings.review, prompts.review(task.id, place)), candidate.pictures
-
-
-def review_faults(reviewed: Reviewed, settings: ReviewSection) -> tuple[str, ...]:
-    """Codes of the thresholds that a review misses.
-
-    `low_mark:<mark>`, `low_mean_mark`; and by measure `target_not_in_view`, `nothing_changed`
-    within the target area of any view, `background_changed` outside of it in some view.
-    """
-    marks = reviewed.marks
-    faults = [
-        f"low_mark:{mark}"
-        for mark in Mark
-        if marks[mark] < settings.min_marks.get(mark, settings.min_mark)
-    ]
-    if sum(marks.values()) < settings.min_mean_mark * len(marks):
-        faults.append("low_mean_mark")
-    inside = [c.inside for c in reviewed.changes.values() if c.inside is not None]
-    if not inside:
-        faults.append("target_not_in_view")
-    elif max(inside) < settings.min_change_inside:
-        faults.append("nothing_changed")
-    if any(c.outside > settings.max_change_outside for c in reviewed.changes.values()):
-        faults.append("background_changed")
-    return tuple(faults)

@@ -23,14 +23,12 @@ class StagePlan(Document):
     """What one stage would take now.
 
     Attributes:
-        stage: The stage.
         candidates: Candidates that wait for it.
         not_ready: Candidates that an earlier stage has not decided yet; they may follow.
         calls: Questions without an answer so far, each counted once.
         pictures: Pictures that would be sent with them.
         hours: By the time of a call, the concurrency and the pace of the endpoint.
         cost: By the price table, if it has the model.
-        currency: Of the cost.
         timed_calls: How many calls the times and tokens were measured on; 0: they are guessed.
     """
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from exceptiondrive_build.agreement import N_BLIND, blind_pair, outcome, readings
+from exceptiondrive_build.agreement import outcome, readings, readings_left
 from exceptiondrive_build.candidates import Candidate, walk
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.inspection import to_inspect
@@ -138,8 +138,7 @@ class Desk:
         records = self.standing(queue, sample_id)
         if queue == "inspect":
             return 0 if records else 1
-        state = outcome(records, self.workshop.settings.verify).state
-        return {"open": N_BLIND - len(blind_pair(records)), "third": 1}.get(state, 0)
+        return readings_left(records, self.workshop.settings.verify)
 
     def may_decide(self, queue: Queue, sample_id: str, reviewer: str) -> bool:
         """Whether a card needs somebody, and this person has not spoken on it yet."""
