@@ -3,12 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from exceptiondrive.errors import (
-    ExceptionDriveError,
-    InvalidArgumentError,
-    NetworkError,
-    NotAllowedError,
-)
+from exceptiondrive.errors import InvalidArgumentError, NetworkError, NotAllowedError
 from exceptiondrive_endpoints.errors import EndpointError, EndpointGoneError, EndpointRefusesError
 
 
@@ -30,13 +25,9 @@ def as_client_errors() -> Iterator[None]:
     """
     try:
         yield
+    except EndpointRefusesError as error:
+        raise NotAllowedError("endpoint_refuses", error.sentence, error.advice) from None
+    except EndpointGoneError as error:
+        raise NetworkError("endpoint_gone", error.sentence, error.advice) from None
     except EndpointError as error:
-        raise _client_error(error) from None
-
-
-def _client_error(error: EndpointError) -> ExceptionDriveError:
-    if isinstance(error, EndpointRefusesError):
-        return NotAllowedError("endpoint_refuses", error.sentence, error.advice)
-    if isinstance(error, EndpointGoneError):
-        return NetworkError("endpoint_gone", error.sentence, error.advice)
-    return AgentError(error.sentence, error.advice)
+        raise AgentError(error.sentence, error.advice) from None

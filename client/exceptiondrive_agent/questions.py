@@ -10,7 +10,7 @@ Evaluation): the reminder is one more text part.
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
 from pydantic import ValidationError
@@ -107,11 +107,7 @@ def messages(
 ) -> list[Message]:
     """Chat messages: instructions, then the images in order, then the reminder if there is one.
 
-    Args:
-        instructions: Base instructions.
-        images: Images of the sample.
-        views: Public names of the views, one per image, or none.
-        reminder: Text of `reminder_text`.
+    There are as many names of views as images, or none.
     """
     parts: list[dict[str, Any]] = []
     for number, image in enumerate(images, start=1):
@@ -185,15 +181,14 @@ def decide_question(
     reminders: Mapping[str, ReminderRecord], taxonomy: Taxonomy, views: tuple[str, ...] = ()
 ) -> Question:
     """Images, with or without a reminder, in, a strategy out."""
-    question = Question(
+    return Question(
         name="decide",
         instructions=DECISION_INSTRUCTIONS,
         schema=decision_schema(),
         read=lambda text: {"strategy": read_strategy(text)},
+        reminders={key: reminder_text(record, taxonomy) for key, record in reminders.items()},
         views=views,
     )
-    texts = {key: reminder_text(record, taxonomy) for key, record in reminders.items()}
-    return replace(question, reminders=texts)
 
 
 def reminder_schema(taxonomy: Taxonomy) -> Schema:

@@ -64,16 +64,7 @@ def run_report(
     prices: Prices | None,
     out: str,
 ) -> RunReport:
-    """Sum up the journal lines of one run.
-
-    Args:
-        lines: Lines of this run.
-        samples: How many samples there are to answer.
-        answered: How many of them have an answer, from this run or an earlier one.
-        requests: HTTP requests sent, retries included.
-        prices: Prices per million tokens, if known.
-        out: Where the answers are.
-    """
+    """Sum up the journal lines of one run; `answered` are of earlier runs, too, `requests` with retries."""
     prompt = sum(line.prompt_tokens or 0 for line in lines)
     completion = sum(line.completion_tokens or 0 for line in lines)
     failed = Counter(line.reason.value for line in lines if line.reason is not None)

@@ -39,13 +39,7 @@ def strategy_submission(
     strategies: Mapping[str, Strategy],
     reminders: Mapping[str, ReminderRecord],
 ) -> StrategySubmission:
-    """Build the submission in the manifest's order.
-
-    Args:
-        manifest: Names the split and its samples.
-        strategies: Answers by sample; samples that are not in it become null.
-        reminders: Records to attach; empty attaches none.
-    """
+    """Build the submission in the manifest's order; samples without a strategy become null."""
     return StrategySubmission(
         schema_="exceptiondrive.strategy/1",
         split=manifest.name,
@@ -169,13 +163,9 @@ class RunSettings:
 
 
 def remind(images: Path, out: Path, settings: RunSettings, manifest: Path | None) -> RunReport:
-    """Write one reminder record per sample to the journal `out`.
+    """Write one reminder record per sample to the journal `out`, where it has none yet.
 
-    Args:
-        images: Folder or JSON file of `find_images`.
-        out: The journal; finished samples in it are not asked again.
-        settings: Endpoint, model, protocol and limits.
-        manifest: Ask for the samples of this manifest only; all samples with images otherwise.
+    With a manifest these samples alone are asked for, else all that have images.
 
     Raises:
         AgentError: A file is not what it must be, or the endpoint refuses the run.

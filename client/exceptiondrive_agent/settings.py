@@ -15,11 +15,7 @@ _OUR_FIELDS = frozenset({"model", "messages", "response_format", "stream", "n"})
 
 
 def run_settings(given: Mapping[str, Any], environment: Mapping[str, str]) -> RunSettings:
-    """Return the settings that these options mean.
-
-    Args:
-        given: Options of `remind` or `decide` by name.
-        environment: Holds the key, as EXCEPTIONDRIVE_AGENT_KEY or OPENAI_API_KEY.
+    """Return the settings that the options of `remind` or `decide` mean; the environment holds the key.
 
     Raises:
         InvalidArgumentError: An option makes no sense; the message names it.

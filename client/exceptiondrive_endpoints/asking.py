@@ -50,14 +50,21 @@ async def ask_all(
     Raises:
         EndpointError: The endpoint refuses the run, or failed 20 times in a row.
     """
-    queue = iter(items)
-    watch = _Watch()
+    queue, failures_in_a_row = iter(items), 0
 
     async def work() -> None:
+        nonlocal failures_in_a_row
         for item in queue:
             outcome = await ask(item)
             take(outcome)
-            watch.note(outcome)
+            failed = outcome.reason is not None and outcome.reason.is_from_endpoint
+            failures_in_a_row = failures_in_a_row + 1 if failed else 0
+            if failures_in_a_row >= GIVE_UP_AFTER:  # before every question has waited in vain
+                raise EndpointGoneError(
+                    f"The endpoint failed for {GIVE_UP_AFTER} samples in a row, the last time "
+                    f"with: {outcome.detail}.",
+                    "Answers so far are kept; run the same command to go on.",
+                )
 
     workers = [asyncio.create_task(work()) for _ in range(concurrency)]
     try:
@@ -66,23 +73,6 @@ async def ask_all(
         for worker in workers:
             worker.cancel()
         await asyncio.gather(*workers, return_exceptions=True)
-
-
-class _Watch:
-    """Stops a run whose endpoint has gone, before every question has waited for it in vain."""
-
-    def __init__(self) -> None:
-        self._failures_in_a_row = 0
-
-    def note(self, outcome: Outcome) -> None:
-        failed = outcome.reason is not None and outcome.reason.is_from_endpoint
-        self._failures_in_a_row = self._failures_in_a_row + 1 if failed else 0
-        if self._failures_in_a_row >= GIVE_UP_AFTER:
-            raise EndpointGoneError(
-                f"The endpoint failed for {GIVE_UP_AFTER} samples in a row, the last time with: "
-                f"{outcome.detail}.",
-                "Answers so far are kept; run the same command to go on.",
-            )
 
 
 class _Rate(ProgressColumn):

@@ -11,7 +11,7 @@ import asyncio
 import base64
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 import openai
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError, WrapValidator
@@ -20,7 +20,6 @@ from exceptiondrive_endpoints.answers import Schema
 from exceptiondrive_endpoints.errors import (
     EndpointError,
     EndpointRefusesError,
-    EndpointUnknownError,
     NoAnswerError,
     Reason,
 )
@@ -29,7 +28,7 @@ from exceptiondrive_schemas.python310 import Self, StrEnum
 
 Message = dict[str, Any]
 Sleep = Callable[[float], Awaitable[None]]
-Answer = TypeVar("Answer")
+Answer = TypeVar("Answer", "Completion", "EditedPicture")
 LONGEST_ANSWER = 10
 """A whole answer may take so many times as long as an endpoint may be silent."""
 _UNKNOWN_SIGNER = ("self-signed", "self signed", "local issuer")
@@ -64,11 +63,7 @@ class Pace:
         self._next_s = float("-inf")
 
     def reserve(self, now_s: float) -> float:
-        """Take the next free slot and return how many seconds away it is.
-
-        Args:
-            now_s: Time of any clock that never goes back.
-        """
+        """Take the next free slot and return how many seconds away it is, by a clock that never goes back."""
         slot_s = max(now_s, self._next_s)
         self._next_s = slot_s + self._interval_s
         return slot_s - now_s
@@ -100,9 +95,7 @@ class Dialect:
 def plainer(dialect: Dialect, refused_field: str | None) -> Dialect | None:
     """Return the dialect to try after a refusal, or None when there is none left.
 
-    Args:
-        dialect: The dialect that was refused.
-        refused_field: Request field that the endpoint names as the cause, if it names one.
+    The endpoint may name the field of the request that it refuses.
     """
     if refused_field == "max_tokens" and dialect.token_limit == "max_tokens":
         return replace(dialect, token_limit="max_completion_tokens")
@@ -162,6 +155,7 @@ def _or_none(told: Any, read: Callable[[Any], Usage | None]) -> Usage | None:
 class Completion(BaseModel):
     """The part of a chat completion that we read; whatever else it holds is ignored."""
 
+    name: ClassVar[str] = "chat completion"
     choices: tuple[_Choice, ...]
     usage: Annotated[Usage | None, WrapValidator(_or_none)] = None
     model: str | None = None
@@ -192,21 +186,6 @@ class Completion(BaseModel):
         return content
 
 
-def read_completion(body: bytes) -> Completion:
-    """Return the chat completion in a response body.
-
-    Raises:
-        NoAnswerError: `bad_response`: the body is not a chat completion.
-    """
-    try:
-        return Completion.model_validate_json(body)
-    except ValidationError:
-        raw = body.decode("utf-8", errors="replace")
-        raise NoAnswerError(
-            Reason.BAD_RESPONSE, "the response is no chat completion", raw
-        ) from None
-
-
 class _Picture(BaseModel):
     b64_json: str | None = None
 
@@ -214,6 +193,7 @@ class _Picture(BaseModel):
 class EditedPicture(BaseModel):
     """The part of an answer of `images/edits` that we read."""
 
+    name: ClassVar[str] = "edited picture"
     data: tuple[_Picture, ...]
     usage: dict[str, Any] | None = None
 
@@ -233,17 +213,17 @@ class EditedPicture(BaseModel):
             raise NoAnswerError(Reason.NO_PICTURE, "the picture is no base64") from None
 
 
-def read_edit(body: bytes) -> EditedPicture:
-    """Return the answer of `images/edits` in a response body.
+def read_answer(form: type[Answer], body: bytes) -> Answer:
+    """Return the completion or the edited picture in a response body.
 
     Raises:
-        NoAnswerError: `bad_response`: the body is no such answer.
+        NoAnswerError: `bad_response`: the body is none.
     """
     try:
-        return EditedPicture.model_validate_json(body)
+        return form.model_validate_json(body)
     except ValidationError:
         raw = body.decode("utf-8", errors="replace")
-        raise NoAnswerError(Reason.BAD_RESPONSE, "the response is no edited picture", raw) from None
+        raise NoAnswerError(Reason.BAD_RESPONSE, f"the response is no {form.name}", raw) from None
 
 
 @dataclass(frozen=True)
@@ -292,7 +272,6 @@ class Endpoint:
     ) -> None:
         self._sleep = sleep
         self._settings = settings
-        self._key = settings.key
         self._model = model
         self._pace = Pace(settings.requests_per_minute)
         self._dialect = Dialect()
@@ -340,9 +319,13 @@ class Endpoint:
         """
         dialect: Dialect | None = self._dialect
         while dialect is not None:
-            body = request_body(self._model, dialect, messages, name, schema)
+            request = self._client.chat.completions.with_raw_response.create(
+                model=self._model.model,
+                messages=messages,  # type: ignore[arg-type]
+                extra_body=request_body(self._model, dialect, messages, name, schema),
+            )
             try:
-                completion = self._read(read_completion, await self._post(body))
+                completion = self._read(Completion, await self._sent(request))
             except (openai.BadRequestError, openai.UnprocessableEntityError) as error:
                 refusal = error
                 dialect = plainer(dialect, error.param)
@@ -354,12 +337,7 @@ class Endpoint:
     async def edit(
         self, image: CleanImage, instruction: str, seed: int | None
     ) -> tuple[EditedPicture, tuple[str, ...]]:
-        """Have one picture edited.
-
-        Args:
-            image: The source.
-            instruction: What is to be changed.
-            seed: Seed of the model's random numbers, if it takes one.
+        """Have one picture edited, with a seed if the model takes one.
 
         Returns:
             The edited picture, and the names of fields that this endpoint does not take.
@@ -379,22 +357,15 @@ class Endpoint:
                 extra_body={name: value for name, value in extra.items() if value is not None},
             )
             try:
-                return self._read(read_edit, await self._sent(request)), untaken
+                return self._read(EditedPicture, await self._sent(request)), untaken
             except (openai.BadRequestError, openai.UnprocessableEntityError) as error:
                 if error.param not in extra:
                     raise self._refused(error) from None
                 self._untaken = (*untaken, error.param)
 
-    async def _post(self, body: dict[str, Any]) -> bytes:
-        return await self._sent(
-            self._client.chat.completions.with_raw_response.create(
-                model=body["model"], messages=body["messages"], extra_body=body
-            )
-        )
-
-    def _read(self, read: Callable[[bytes], Answer], body: bytes) -> Answer:
+    def _read(self, form: type[Answer], body: bytes) -> Answer:
         try:
-            return read(body)
+            return read_answer(form, body)
         except NoAnswerError as error:
             said = self._clean(error.raw or "") or "it is empty"
             raise NoAnswerError(error.reason, f"{error.detail}: {said}", error.raw) from None
@@ -432,7 +403,7 @@ class Endpoint:
         if error.status_code == 402 or error.code == "insufficient_quota":
             raise EndpointRefusesError(f"The endpoint says that the account is used up: {said}.")
         if error.status_code == 404:
-            raise EndpointUnknownError(
+            raise EndpointError(
                 f"{self._settings.base_url} knows no such address, or no model "
                 f"{self._model.model}: {said}.",
                 self._settings.address_advice,
@@ -464,4 +435,5 @@ class Endpoint:
 
     def _clean(self, text: str) -> str:
         """The beginning of what was said, to stand in a sentence, without the key."""
-        return (text.replace(self._key, "***") if self._key else text).strip().rstrip(".")[:300]
+        key = self._settings.key
+        return (text.replace(key, "***") if key else text).strip().rstrip(".")[:300]

@@ -21,10 +21,6 @@ class EndpointRefusesError(EndpointError):
     """The endpoint refuses every question: the key, or the account."""
 
 
-class EndpointUnknownError(EndpointError):
-    """The endpoint knows no such address or model."""
-
-
 class EndpointGoneError(EndpointError):
     """The endpoint failed again and again."""
 

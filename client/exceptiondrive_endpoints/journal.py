@@ -48,12 +48,7 @@ def _locked(journal: Path) -> IO[bytes]:
 def read_journal(
     path: Path, header: type[Header], line: type[Line]
 ) -> tuple[Header, tuple[Line, ...]]:
-    """Return the header and the readable lines of a journal.
-
-    Args:
-        path: The file.
-        header: What its first line must be.
-        line: What the others are; those that are not, torn by a kill, are passed over.
+    """Return the header and the readable lines of a journal; those torn by a kill are passed over.
 
     Raises:
         JournalError: There is no such file, or it is no such journal.

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from exceptiondrive_agent.questions import read_reminder
-from exceptiondrive_endpoints.endpoint import read_completion
+from exceptiondrive_endpoints.endpoint import Completion, read_answer
 from exceptiondrive_endpoints.errors import NoAnswerError
 from exceptiondrive_schemas.protocol import packaged_protocol
 
@@ -16,7 +16,7 @@ BAD = [path for path in RECORDED if not path.name.startswith("good-")]
 
 @pytest.mark.parametrize("path", GOOD, ids=lambda path: path.stem)
 def test_a_good_response_gives_the_record(path: Path) -> None:
-    record = read_reminder(read_completion(path.read_bytes()).text, TAXONOMY)
+    record = read_reminder(read_answer(Completion, path.read_bytes()).text, TAXONOMY)
     assert record.hazard_type == "LB1"
     assert record.recommended_strategy == "C"
 
@@ -24,13 +24,13 @@ def test_a_good_response_gives_the_record(path: Path) -> None:
 @pytest.mark.parametrize("path", BAD, ids=lambda path: path.stem)
 def test_a_bad_response_gives_the_reason_that_its_file_is_named_by(path: Path) -> None:
     with pytest.raises(NoAnswerError) as caught:
-        read_reminder(read_completion(path.read_bytes()).text, TAXONOMY)
+        read_reminder(read_answer(Completion, path.read_bytes()).text, TAXONOMY)
     assert caught.value.reason == path.name.partition("-")[0].removesuffix(".json")
 
 
 def test_tokens_are_none_where_the_endpoint_counts_none() -> None:
     counted, uncounted = (
-        read_completion((Path(__file__).parent / "recorded" / name).read_bytes())
+        read_answer(Completion, (Path(__file__).parent / "recorded" / name).read_bytes())
         for name in ("good-vllm.json", "good-ollama-fenced-no-usage.json")
     )
     assert counted.usage is not None
@@ -40,7 +40,7 @@ def test_tokens_are_none_where_the_endpoint_counts_none() -> None:
 
 def test_an_answer_counts_where_its_tokens_are_null() -> None:
     body = {"choices": [{"message": {"content": "C"}}], "usage": {"prompt_tokens": None}}
-    completion = read_completion(json.dumps(body).encode())
+    completion = read_answer(Completion, json.dumps(body).encode())
     assert completion.text == "C"
     assert completion.usage is not None
     assert completion.usage.prompt_tokens == 0
@@ -48,6 +48,6 @@ def test_an_answer_counts_where_its_tokens_are_null() -> None:
 
 def test_more_than_one_choice_is_no_answer() -> None:
     choice = {"message": {"content": "C"}, "finish_reason": "stop"}
-    completion = read_completion(json.dumps({"choices": [choice, choice]}).encode())
+    completion = read_answer(Completion, json.dumps({"choices": [choice, choice]}).encode())
     with pytest.raises(NoAnswerError, match="one choice, got 2"):
         _ = completion.text

@@ -6,13 +6,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
-from exceptiondrive_build.candidates import (
-    Candidate,
-    edit_asked,
-    review_asked,
-    screen_asked,
-    walk,
-)
+from exceptiondrive_build.candidates import Candidate, asked, walk
 from exceptiondrive_build.prompts import Prompts
 from exceptiondrive_build.records import Author, Kind, Record
 from exceptiondrive_build.scenes.cameras import NEAR_M, projection
@@ -75,14 +69,18 @@ def _decisions(
         views=tuple(ViewEdit(view=view, instruction="put it there") for view in VIEWS),
     )
 
-    def decide(kind: Kind, by: Author, inputs: tuple[str, ...], value: Document) -> Record:
+    def decide(kind: Kind, value: Document) -> Record:
+        by, inputs = asked(kind, workshop, prompts, candidate)
+        return record(kind, by, inputs, value)
+
+    def record(kind: Kind, by: Author, inputs: tuple[str, ...], value: Document) -> Record:
         told = value.model_dump(mode="json")
         record = Record(kind=kind, candidate=candidate.sample_id, by=by, inputs=inputs, value=told)
         candidate.current[kind] = record
         return record
 
-    keyframe, task = candidate.keyframe, candidate.task
-    images = {view: painter.edited(keyframe.camera(view), corners) for view in VIEWS}
+    candidate.place = screened
+    images = {view: painter.edited(candidate.keyframe.camera(view), corners) for view in VIEWS}
     reviewed = Reviewed(
         marks=dict.fromkeys(Mark, 4),
         changes={view: Change(inside=0.4, outside=0.01) for view in VIEWS},
@@ -90,12 +88,10 @@ def _decisions(
     )
     localized = Localized(corners=corners, source="detector", score=0.9)
     return [
-        decide(Kind.SCREEN, *screen_asked(workshop, prompts, keyframe, task), screened),
-        decide(
-            Kind.EDIT, *edit_asked(workshop, prompts, candidate, screened), Edited(images=images)
-        ),
-        decide(Kind.REVIEW, *review_asked(workshop, prompts, candidate, screened), reviewed),
-        decide(
+        decide(Kind.SCREEN, screened),
+        decide(Kind.EDIT, Edited(images=images)),
+        decide(Kind.REVIEW, reviewed),
+        record(
             Kind.LOCALIZE,
             Author(model="detector", settings="sha256:0"),
             candidate.pictures,

@@ -19,6 +19,7 @@ from typer.testing import CliRunner, Result
 
 from exceptiondrive_build.candidates import walk
 from exceptiondrive_build.cli import app
+from exceptiondrive_build.freezing.freeze import gzipped
 from exceptiondrive_build.inspection import draw
 from exceptiondrive_build.numbers import is_verified
 from exceptiondrive_build.records import Kind
@@ -269,6 +270,20 @@ def test_a_later_revision_keeps_its_samples_and_says_what_changed(shop: Path) ->
     assert sheet.withdrawn[0].reason == "On the pavement."
     for name in ("datasheet.md", "datasheet.html"):
         assert "Two failed the audit." in files[name].decode()
+
+
+def test_a_previous_revision_that_is_not_as_it_was_frozen_is_refused(shop: Path) -> None:
+    first = split_of(frozen(shop, "1"))
+    sample, *rest = first.samples
+    other_task = sample.model_copy(update={"task": "XX"})
+    for samples in ((*first.samples, sample), (other_task, *rest)):
+        edited = shop / "edited.json.gz"
+        edited.write_bytes(gzipped(first.model_copy(update={"samples": samples})))
+        out = shop / "frozen" / "2"
+        result = run("freeze", out, "-w", shop, "--previous", edited, "--words", "Nothing.")
+        assert result.exit_code == 2
+        assert f"twice, or with another task (1): {sample.sample_id}." in result.stderr
+        assert not out.exists()
 
 
 def test_a_tag_in_a_makers_words_is_read_as_text(shop: Path) -> None:

@@ -149,6 +149,14 @@ def test_a_file_that_is_no_detectors_is_refused(reviewed: Path, document: Any) -
     assert "Its forms: exceptiondrive-build localize --help" in result.stderr
 
 
+def test_a_file_about_other_scenes_is_refused(reviewed: Path) -> None:
+    documents: list[Any] = [{"other": BOX.tolist()}, {"results": {"other": []}}, {}]
+    for document in documents:
+        result = localize(reviewed, document)
+        assert result.exit_code == 2
+        assert "none of its ids is that of a sample or a keyframe of this workshop" in result.stderr
+
+
 def test_the_help_shows_the_forms_of_a_detectors_file() -> None:
     said = CliRunner().invoke(app, ["localize", "--help"]).stdout
     assert '  {"ID": [{"corners": [[x, y], [x, y], [x, y], [x, y]], "score": 0.9}]}\n' in said

@@ -14,9 +14,7 @@ from typer.testing import CliRunner
 
 from exceptiondrive_build.candidates import (
     Candidate,
-    edit_asked,
-    review_asked,
-    screen_asked,
+    asked,
     walk,
 )
 from exceptiondrive_build.cli import app
@@ -65,30 +63,29 @@ class Deciding:
         self.records: list[Record] = []
 
     def screen(self, candidate: Candidate, suitable: bool) -> None:
-        asked = screen_asked(self.workshop, self.prompts, candidate.keyframe, candidate.task)
+        by = asked(Kind.SCREEN, self.workshop, self.prompts, candidate)
         place = Screened(
             suitable=True,
             target_m=(12.0, 0.0),
             views=(ViewEdit(view="CAM_FRONT", instruction="here"),),
         )
         rejected = Screened(suitable=False, reason=self.prompts.rejections(candidate.task.id)[0])
-        self._decide(Kind.SCREEN, candidate, asked, place if suitable else rejected)
+        self._decide(Kind.SCREEN, candidate, by, place if suitable else rejected)
         if suitable:
             candidate.place = place
 
     def edit(self, candidate: Candidate) -> None:
         assert candidate.place is not None
-        asked = edit_asked(self.workshop, self.prompts, candidate, candidate.place)
+        by = asked(Kind.EDIT, self.workshop, self.prompts, candidate)
         view = candidate.place.views[0].view
         value = Edited(images={view: f"{candidate.sample_id * 4}.png"})
-        candidate.current[Kind.EDIT] = self._decide(Kind.EDIT, candidate, asked, value)
+        candidate.current[Kind.EDIT] = self._decide(Kind.EDIT, candidate, by, value)
 
     def review(self, candidate: Candidate, accepted: bool) -> None:
-        assert candidate.place is not None
-        asked = review_asked(self.workshop, self.prompts, candidate, candidate.place)
+        by = asked(Kind.REVIEW, self.workshop, self.prompts, candidate)
         marks = dict.fromkeys(Mark, 5) | ({} if accepted else {Mark.VISIBILITY: 1})
         changes = {"CAM_FRONT": Change(inside=0.5, outside=0.01)}
-        self._decide(Kind.REVIEW, candidate, asked, Reviewed(marks=marks, changes=changes))
+        self._decide(Kind.REVIEW, candidate, by, Reviewed(marks=marks, changes=changes))
 
     def inspect(self, candidate: Candidate, passed: bool) -> None:
         asked = (Author(person="ada"), candidate.pictures)
@@ -235,6 +232,20 @@ def test_the_command_prints_and_draws_it(papers_shop: Path, tmp_path: Path) -> N
     assert picture.read_bytes().startswith(b"<?xml")
     as_json = json.loads(CliRunner().invoke(app, [*command[:3], "--json"]).stdout)
     assert as_json["funnel"][2]["n"] == 3_446
+
+
+@pytest.mark.parametrize(
+    ("name", "said"), [("none/report.svg", "No such file or directory."), ("report.xyz", "'xyz'")]
+)
+def test_a_picture_that_cannot_be_drawn_is_named_with_why(
+    papers_shop: Path, tmp_path: Path, name: str, said: str
+) -> None:
+    path = tmp_path / name
+    result = CliRunner().invoke(app, ["report", "-w", str(papers_shop), "--plot", str(path)])
+    assert result.exit_code == 2
+    assert f"{path}: " in result.stderr
+    assert said in result.stderr
+    assert "Errno" not in result.stderr
 
 
 def test_time_and_money_are_of_all_answers_so_far(shop: Path) -> None:

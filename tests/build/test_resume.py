@@ -7,7 +7,7 @@ import sys
 import threading
 from pathlib import Path
 
-from tests.build.test_stages import report, walked
+from tests.build.test_stages import change, report, walked
 from tests.support.chat_endpoint import Reply, Seen
 from tests.support.stand_in import StandIn, form_fields
 
@@ -18,8 +18,7 @@ RUN = "from exceptiondrive_build.cli import main; main()"
 def test_after_sigkill_midway_only_what_was_in_flight_is_asked_twice(
     shop: Path, stand_in: StandIn
 ) -> None:
-    path = shop / "workshop.toml"
-    path.write_text(path.read_text().replace("concurrency = 8", f"concurrency = {IN_FLIGHT}"))
+    change(shop, "workshop.toml", "concurrency = 8", f"concurrency = {IN_FLIGHT}")
     for stage, kill_after in (("screen", 7), ("edit", 3), ("review", 4)):
         stand_in.seen.clear()
         midway, released = threading.Event(), threading.Event()
@@ -51,3 +50,35 @@ def test_after_sigkill_midway_only_what_was_in_flight_is_asked_twice(
     assert all(candidate.reviewed is not None for candidate in suitable)
     with (shop / "answers" / "screen.jsonl").open("rb") as file:
         assert sum(1 for _ in file) == 1 + 18
+
+
+def test_ctrl_c_keeps_the_answers_and_says_how_to_go_on(shop: Path, stand_in: StandIn) -> None:
+    change(shop, "workshop.toml", "concurrency = 8", f"concurrency = {IN_FLIGHT}")
+    midway, released = threading.Event(), threading.Event()
+
+    def fault(seen: Seen) -> Reply | None:
+        if len(stand_in.seen) > 7:
+            midway.set()
+            released.wait(timeout=60)
+        return None
+
+    stand_in.fault = fault
+    listening = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"
+    process = subprocess.Popen(
+        [sys.executable, "-c", f"{listening} {RUN}", "run", "screen", "-w", str(shop)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert midway.wait(timeout=60)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    released.set()
+    assert process.returncode == 130
+    assert "Answers so far are kept; run the same command to go on." in said
+    kept = (shop / "answers" / "screen.jsonl").read_bytes().count(b"\n") - 1
+    stand_in.fault = lambda seen: None
+    stand_in.seen.clear()
+    assert report(shop, "screen")["still_open"] == 0
+    assert 0 < kept
+    assert len(stand_in.seen) == 18 - kept

@@ -17,7 +17,7 @@ from exceptiondrive_build.cli import app
 from exceptiondrive_build.measure import read_picture
 from exceptiondrive_build.records import Kind
 from exceptiondrive_build.values import Edited, Screened, Unanswered
-from exceptiondrive_build.workshop import Workshop
+from exceptiondrive_build.workshop import Workshop, new_workshop
 
 KEY = "key-of-the-tests-0123456789"
 
@@ -49,6 +49,14 @@ def once(*replies: Reply) -> Callable[[Seen], Reply | None]:
     """These faults, one after the other; then answers."""
     left = list(replies)
     return lambda seen: left.pop(0) if left else None
+
+
+def test_a_workshop_without_scenes_says_what_to_do(tmp_path: Path) -> None:
+    new_workshop(tmp_path / "shop", "made-2027", KEY * 2)
+    for more in ((), ("--dry-run",)):
+        result = run(tmp_path / "shop", "screen", *more)
+        assert result.exit_code == 2
+        assert "exceptiondrive-build scenes read SOURCE" in result.stderr
 
 
 def test_every_stage_decides_all_and_is_then_done(shop: Path, stand_in: StandIn) -> None:

@@ -188,6 +188,19 @@ def test_a_file_that_is_no_table_of_records_is_refused(tmp_path: Path) -> None:
         Records(path)
 
 
+def test_records_that_are_gone_are_missed_and_may_be_begun_anew(workshop: Workshop) -> None:
+    records = workshop.folder / "records.sqlite3"
+    workshop.records.close()
+    records.unlink()
+    (workshop.folder / "answers").mkdir()
+    with pytest.raises(BuildError, match="Put it back from a copy"):
+        Workshop(workshop.folder)
+    assert not records.exists()
+    records.touch()
+    with Workshop(workshop.folder) as anew:
+        assert list(anew.records.read()) == []
+
+
 def test_pictures_are_kept_under_their_digest(workshop: Workshop) -> None:
     name = workshop.keep_image(b"picture", "png")
     assert name == f"{hashlib.sha256(b'picture').hexdigest()}.png"

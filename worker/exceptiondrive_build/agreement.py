@@ -53,13 +53,9 @@ def blind_pair(records: Sequence[Record]) -> tuple[tuple[str, Verified], ...]:
 
 
 def outcome(records: Sequence[Record], limits: VerifySection) -> Outcome:
-    """What the verifications of one candidate come to.
+    """What the standing verifications of one candidate come to; they come oldest first.
 
     The region of two that agree lies in the middle between theirs; a third reader's word is final.
-
-    Args:
-        records: Standing verifications of one candidate, oldest first.
-        limits: How far two readers may lie apart.
     """
     pair = blind_pair(records)
     if len(pair) < N_BLIND:
@@ -79,6 +75,12 @@ def outcome(records: Sequence[Record], limits: VerifySection) -> Outcome:
                 return Outcome("verified", word.corners, everybody)
             return Outcome("rejected", people=everybody)
     return Outcome("third", people=people)
+
+
+def readings_left(records: Sequence[Record], limits: VerifySection) -> int:
+    """How many more readings the region of one candidate needs, by its standing verifications."""
+    state = outcome(records, limits).state
+    return {"open": N_BLIND - len(blind_pair(records)), "third": 1}.get(state, 0)
 
 
 def middle(one: Corners | None, other: Corners | None, limits: VerifySection) -> Corners | None:
@@ -120,11 +122,7 @@ def aligned(one: FloatArray, other: FloatArray) -> FloatArray:
 
 
 def agreement(verifications: Mapping[str, Sequence[Record]], limits: VerifySection) -> Agreement:
-    """How well blind readers agree.
-
-    Args:
-        verifications: Standing verifications of each candidate, oldest first.
-        limits: Beyond which a third reader decides.
+    """How well blind readers agree, by the standing verifications of each candidate, oldest first.
 
     Returns:
         Over all candidates with two blind readings; intersection over union, and the greatest

@@ -15,14 +15,15 @@ from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from exceptiondrive_build.candidates import Candidate, walk
+from exceptiondrive_build.candidates import Candidate, asked, walk
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.prompts import Prompts
-from exceptiondrive_build.records import Author, Kind, Record, now_text
+from exceptiondrive_build.records import Kind, Record, now_text
 from exceptiondrive_build.settings import ModelSection, Price
 from exceptiondrive_build.values import Unanswered
 from exceptiondrive_build.workshop import ANSWERS, Workshop
@@ -97,13 +98,13 @@ class Question:
     Attributes:
         key: Digest of all of it.
         words: What it is told.
-        images: Names of the pictures that it is shown.
+        images: Names of the pictures that it is shown, in their order, by what stands before each.
         part: The view, where a candidate has a question for each.
     """
 
     key: str
     words: tuple[str, ...]
-    images: tuple[str, ...]
+    images: Mapping[str, str]
     part: str = ""
 
 
@@ -122,17 +123,13 @@ class Stage(ABC):
         self.prompts = Prompts(workshop)
 
     @property
-    @abstractmethod
     def section(self) -> ModelSection:
         """Settings of the model."""
+        return self.workshop.settings.models[self.kind]
 
     @abstractmethod
     def is_open(self, candidate: Candidate) -> bool:
         """Whether the candidate waits for this stage."""
-
-    @abstractmethod
-    def asked(self, candidate: Candidate) -> tuple[Author, tuple[str, ...]]:
-        """Who decides, and the digests of what is looked at."""
 
     @abstractmethod
     def questions(self, candidate: Candidate) -> tuple[Question, ...]:
@@ -156,12 +153,12 @@ class Stage(ABC):
             NoAnswerError: A picture of the workshop cannot be read.
         """
 
-    def question(self, words: Sequence[str], images: Sequence[str], part: str = "") -> Question:
+    def question(self, words: Sequence[str], images: Mapping[str, str], part: str = "") -> Question:
         """A question of this stage's model, with its digest."""
         settings = self.section.model_dump(exclude={"endpoint", "attempts", "seconds_per_call"})
-        asked = {name: settings[name] for name in _ASKED if name in settings}
-        key = content_digest([self.kind, asked, list(words), list(images)])
-        return Question(key, tuple(words), tuple(images), part)
+        settings = {name: settings[name] for name in _ASKED if name in settings}
+        key = content_digest([self.kind, settings, list(words), list(images.values())])
+        return Question(key, tuple(words), images, part)
 
     def picture(self, name: str) -> CleanImage:
         """A picture of the workshop without metadata.
@@ -244,7 +241,7 @@ def run_stage(stage: Stage, limit: int | None = None) -> StageReport:
         return run.report(len(waiting))
 
 
-def _journal_path(workshop: Workshop, kind: Kind) -> Any:
+def _journal_path(workshop: Workshop, kind: Kind) -> Path:
     return workshop.folder / ANSWERS / f"{kind}.jsonl"
 
 
@@ -272,13 +269,8 @@ class _Run:
             key_advice=f"Set {endpoint_section.key_from}.",
             address_advice="Correct base_url or model in workshop.toml.",
         )
-        model = ModelSettings(
-            model=section.model,
-            temperature=getattr(section, "temperature", 0.0),
-            max_tokens=getattr(section, "max_tokens", 0),
-            extra=section.extra,
-        )
-        async with Endpoint(settings, model) as endpoint:
+        model = section.model_dump(include={"model", "temperature", "max_tokens", "extra"})
+        async with Endpoint(settings, ModelSettings(**model)) as endpoint:
             with progress_bar(self._stage.kind, len(candidates)) as advance:
 
                 def take(outcome: Outcome) -> None:
@@ -342,10 +334,11 @@ class _Run:
         return answer
 
     def _record(self, candidate: Candidate, value: Document) -> None:
-        by, inputs = self._stage.asked(candidate)
-        self._stage.workshop.append(
+        stage = self._stage
+        by, inputs = asked(stage.kind, stage.workshop, stage.prompts, candidate)
+        stage.workshop.append(
             Record(
-                kind=self._stage.kind,
+                kind=stage.kind,
                 candidate=candidate.sample_id,
                 by=by,
                 inputs=inputs,

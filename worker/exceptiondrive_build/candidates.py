@@ -98,10 +98,30 @@ class Candidate:
 
     @cached_property
     def review_faults(self) -> tuple[str, ...]:
-        """Codes of the thresholds that the review misses; empty where it meets all."""
+        """Codes of the thresholds that the review misses; empty where it meets all.
+
+        `low_mark:<mark>`, `low_mean_mark`; and by measure `target_not_in_view`, `nothing_changed`
+        within the target area of any view, `background_changed` outside of it in some view.
+        """
         if not isinstance(self.reviewed, Reviewed):
             return ()
-        return review_faults(self.reviewed, self.thresholds)
+        marks, changes = self.reviewed.marks, self.reviewed.changes.values()
+        least = self.thresholds
+        faults = [
+            f"low_mark:{mark}"
+            for mark in Mark
+            if marks[mark] < least.min_marks.get(mark, least.min_mark)
+        ]
+        if sum(marks.values()) < least.min_mean_mark * len(marks):
+            faults.append("low_mean_mark")
+        inside = [change.inside for change in changes if change.inside is not None]
+        if not inside:
+            faults.append("target_not_in_view")
+        elif max(inside) < least.min_change_inside:
+            faults.append("nothing_changed")
+        if any(change.outside > least.max_change_outside for change in changes):
+            faults.append("background_changed")
+        return tuple(faults)
 
     @property
     def passed_review(self) -> bool:
@@ -171,21 +191,16 @@ class _Reading:
         self._records = {kind: workshop.records.standing(kind) for kind in Kind}
 
     def screening(self, candidate: Candidate) -> None:
-        workshop, prompts = self._workshop, self._prompts
-        by, inputs = screen_asked(workshop, prompts, candidate.keyframe, candidate.task)
-        self._look(candidate, Kind.SCREEN, inputs, by)
+        self._look_at_model(candidate, Kind.SCREEN)
         if isinstance(candidate.screened, Screened) and candidate.screened.suitable:
             candidate.place = candidate.screened
             self.pictures(candidate)
 
     def pictures(self, candidate: Candidate) -> None:
-        assert candidate.place is not None
-        by, inputs = edit_asked(self._workshop, self._prompts, candidate, candidate.place)
-        self._look(candidate, Kind.EDIT, inputs, by)
+        self._look_at_model(candidate, Kind.EDIT)
         if not candidate.pictures:
             return
-        by, inputs = review_asked(self._workshop, self._prompts, candidate, candidate.place)
-        self._look(candidate, Kind.REVIEW, inputs, by)
+        self._look_at_model(candidate, Kind.REVIEW)
         for kind in (Kind.INSPECT, Kind.LOCALIZE, Kind.VERIFY):
             self._look(candidate, kind, candidate.pictures)
         candidate.inspections, candidate.verifications = (
@@ -195,6 +210,10 @@ class _Reading:
         withdrawals = self._of(Kind.WITHDRAW, candidate)
         if withdrawals:
             candidate.current[Kind.WITHDRAW] = withdrawals[-1]
+
+    def _look_at_model(self, candidate: Candidate, kind: Kind) -> None:
+        by, inputs = asked(kind, self._workshop, self._prompts, candidate)
+        self._look(candidate, kind, inputs, by)
 
     def _look(
         self, candidate: Candidate, kind: Kind, inputs: tuple[str, ...], by: Author | None = None
@@ -252,13 +271,7 @@ def _is_seen(camera: Camera, ahead_m: float, left_m: float) -> bool:
 
 
 def shares(sizes: Mapping[str, int], count: int, *, capped: bool = True) -> dict[str, int]:
-    """Part `count` among strata by their sizes, by largest remainder.
-
-    Args:
-        sizes: Of each stratum.
-        count: How many in all.
-        capped: Whether none may get more than it has.
-    """
+    """Part `count` among strata by their sizes, by largest remainder; `capped`: none gets more than it has."""
     whole = sum(sizes.values())
     if not whole:
         return dict.fromkeys(sizes, 0)
@@ -271,51 +284,23 @@ def shares(sizes: Mapping[str, int], count: int, *, capped: bool = True) -> dict
     return found
 
 
-def screen_asked(
-    workshop: Workshop, prompts: Prompts, keyframe: Keyframe, task: Task
+def asked(
+    kind: Kind, workshop: Workshop, prompts: Prompts, candidate: Candidate
 ) -> tuple[Author, tuple[str, ...]]:
-    """Who is asked whether the task suits the scene, and the digests of what is shown."""
-    words = (prompts.screen(task.id), scene_words(keyframe))
-    inputs = picture_digests(camera.image for camera in keyframe.cameras)
-    return chat_author(workshop.settings.screen, *words), inputs
-
-
-def edit_asked(
-    workshop: Workshop, prompts: Prompts, candidate: Candidate, place: Screened
-) -> tuple[Author, tuple[str, ...]]:
-    """Who is asked to edit the views, and the digests of the sources."""
-    words = [prompts.edit(candidate.task.id, view.instruction) for view in place.views]
-    inputs = picture_digests(candidate.keyframe.camera(view.view).image for view in place.views)
-    return edit_author(workshop.settings.edit, *words), inputs
-
-
-def review_asked(
-    workshop: Workshop, prompts: Prompts, candidate: Candidate, place: Screened
-) -> tuple[Author, tuple[str, ...]]:
-    """Who is asked for marks, and the digests of the pairs of pictures."""
-    words = prompts.review(candidate.task.id, place)
-    return chat_author(workshop.settings.review, words), candidate.pictures
-
-
-def review_faults(reviewed: Reviewed, settings: ReviewSection) -> tuple[str, ...]:
-    """Codes of the thresholds that a review misses.
-
-    `low_mark:<mark>`, `low_mean_mark`; and by measure `target_not_in_view`, `nothing_changed`
-    within the target area of any view, `background_changed` outside of it in some view.
-    """
-    marks = reviewed.marks
-    faults = [
-        f"low_mark:{mark}"
-        for mark in Mark
-        if marks[mark] < settings.min_marks.get(mark, settings.min_mark)
-    ]
-    if sum(marks.values()) < settings.min_mean_mark * len(marks):
-        faults.append("low_mean_mark")
-    inside = [c.inside for c in reviewed.changes.values() if c.inside is not None]
-    if not inside:
-        faults.append("target_not_in_view")
-    elif max(inside) < settings.min_change_inside:
-        faults.append("nothing_changed")
-    if any(c.outside > settings.max_change_outside for c in reviewed.changes.values()):
-        faults.append("background_changed")
-    return tuple(faults)
+    """Who decides at a stage that asks a model, and the digests of the pictures that it is shown."""
+    settings, keyframe, task, place = (
+        workshop.settings,
+        candidate.keyframe,
+        candidate.task,
+        candidate.place,
+    )
+    if kind is Kind.SCREEN:
+        words = (prompts.screen(task.id), scene_words(keyframe))
+        sources = (camera.image for camera in keyframe.cameras)
+        return chat_author(settings.screen, *words), picture_digests(sources)
+    assert place is not None
+    if kind is Kind.EDIT:
+        told = (prompts.edit(task.id, view.instruction) for view in place.views)
+        sources = (keyframe.camera(view.view).image for view in place.views)
+        return edit_author(settings.edit, *told), picture_digests(sources)
+    return chat_author(settings.review, prompts.review(task.id, place)), candidate.pictures

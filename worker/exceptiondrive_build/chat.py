@@ -9,11 +9,10 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from exceptiondrive_build.asking import Answer, Question, Stage
-from exceptiondrive_build.candidates import Candidate, review_asked, screen_asked
+from exceptiondrive_build.candidates import Candidate
 from exceptiondrive_build.measure import UnreadablePictureError, change, read_picture, target_area
 from exceptiondrive_build.prompts import scene_words
-from exceptiondrive_build.records import Author, Kind
-from exceptiondrive_build.settings import ChatSection
+from exceptiondrive_build.records import Kind
 from exceptiondrive_build.values import Change, Edited, Mark, Reviewed, Screened, ViewEdit
 from exceptiondrive_endpoints.answers import (
     Schema,
@@ -63,15 +62,6 @@ class _Reviewed(_Answered):
 class ChatStage(Stage):
     """A stage with one question to a chat model for each candidate."""
 
-    @property
-    @abstractmethod
-    def section(self) -> ChatSection:
-        """Settings of the model."""
-
-    @abstractmethod
-    def labels(self, candidate: Candidate) -> tuple[str, ...]:
-        """What stands before each picture."""
-
     @abstractmethod
     def schema(self, candidate: Candidate) -> Schema:
         """The form of the answer."""
@@ -89,9 +79,11 @@ class ChatStage(Stage):
     ) -> None:
         """Ask once, and see whether the answer can be read."""
         instructions, *more = question.words
-        pictures = await asyncio.to_thread(lambda: [self.picture(n) for n in question.images])
+        pictures = await asyncio.to_thread(
+            lambda: [self.picture(name) for name in question.images.values()]
+        )
         parts = [text_part(text) for text in more]
-        for label, picture in zip(self.labels(candidate), pictures, strict=True):
+        for label, picture in zip(question.images, pictures, strict=True):
             parts += [text_part(label), picture_part(picture)]
         messages: list[Message] = [
             {"role": "system", "content": instructions},
@@ -112,27 +104,15 @@ class ScreenStage(ChatStage):
 
     kind = Kind.SCREEN
 
-    @property
-    def section(self) -> ChatSection:
-        """Settings of the screening model."""
-        return self.workshop.settings.screen
-
     def is_open(self, candidate: Candidate) -> bool:
         """Whether it has not been screened."""
         return candidate.screened is None
 
-    def asked(self, candidate: Candidate) -> tuple[Author, tuple[str, ...]]:
-        """The screening model, and all views."""
-        return screen_asked(self.workshop, self.prompts, candidate.keyframe, candidate.task)
-
     def questions(self, candidate: Candidate) -> tuple[Question, ...]:
         """One, with all views."""
         words = (self.prompts.screen(candidate.task.id), scene_words(candidate.keyframe))
-        return (self.question(words, [camera.image for camera in candidate.keyframe.cameras]),)
-
-    def labels(self, candidate: Candidate) -> tuple[str, ...]:
-        """The names of the views."""
-        return tuple(f"View {camera.view}:" for camera in candidate.keyframe.cameras)
+        views = {f"View {camera.view}:": camera.image for camera in candidate.keyframe.cameras}
+        return (self.question(words, views),)
 
     def schema(self, candidate: Candidate) -> Schema:
         """An answer with the rules of the task and the views of the keyframe."""
@@ -194,37 +174,19 @@ class ReviewStage(ChatStage):
 
     kind = Kind.REVIEW
 
-    @property
-    def section(self) -> ChatSection:
-        """Settings of the reviewing model."""
-        return self.workshop.settings.review
-
     def is_open(self, candidate: Candidate) -> bool:
         """Whether it suits its scene, is edited and has not been reviewed."""
         is_edited = candidate.is_suitable and isinstance(candidate.edited, Edited)
         return is_edited and candidate.reviewed is None
 
-    def asked(self, candidate: Candidate) -> tuple[Author, tuple[str, ...]]:
-        """The reviewing model, and the pairs of pictures."""
-        return review_asked(self.workshop, self.prompts, candidate, _screened(candidate))
-
     def questions(self, candidate: Candidate) -> tuple[Question, ...]:
         """One, with every pair of pictures."""
         words = self.prompts.review(candidate.task.id, _screened(candidate))
-        names = [
-            name
-            for view, edited in _edited(candidate).images.items()
-            for name in (candidate.keyframe.camera(view).image, edited)
-        ]
-        return (self.question([words], names),)
-
-    def labels(self, candidate: Candidate) -> tuple[str, ...]:
-        """View by view, the source and the edit."""
-        return tuple(
-            f"View {view}, {which}:"
-            for view in _edited(candidate).images
-            for which in ("the source", "after the edit")
-        )
+        pairs = {}
+        for view, edited in _edited(candidate).images.items():
+            pairs[f"View {view}, the source:"] = candidate.keyframe.camera(view).image
+            pairs[f"View {view}, after the edit:"] = edited
+        return (self.question([words], pairs),)
 
     def schema(self, candidate: Candidate) -> Schema:
         """Six marks and a note."""

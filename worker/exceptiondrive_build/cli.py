@@ -19,15 +19,15 @@ from exceptiondrive_schemas.printable import printable
 
 COMMANDS = {
     "new": ("exceptiondrive_build.commands", "Make a workshop folder."),
+    "scenes": ("exceptiondrive_build.scenes.commands", "Make a set of scenes, or read one in."),
+    "run": ("exceptiondrive_build.stage_commands", "Ask a model: screen, edit or review."),
     "audit": ("exceptiondrive_build.report_commands", "Plan the inspection of accepted edits."),
+    "localize": ("exceptiondrive_build.stage_commands", "Propose a region for what is accepted."),
+    "review": ("exceptiondrive_build.review_page.app", "Serve the review page on this machine."),
     "report": (
         "exceptiondrive_build.report_commands",
         "Count everything: funnel, marks, audit, agreement, time and money.",
     ),
-    "scenes": ("exceptiondrive_build.scenes.commands", "Make a set of scenes, or read one in."),
-    "run": ("exceptiondrive_build.stage_commands", "Ask a model: screen, edit or review."),
-    "localize": ("exceptiondrive_build.stage_commands", "Propose a region for what is accepted."),
-    "review": ("exceptiondrive_build.review_page.app", "Serve the review page on this machine."),
     "lint": (
         "exceptiondrive_build.freezing.commands",
         "Warn of what makes the split a bad benchmark.",
@@ -38,7 +38,7 @@ COMMANDS = {
         "Count samples no more from a revision on.",
     ),
 }
-"""Where each command lives and what `--help` says of it. Its module has `register(app)`."""
+"""In the order of the work: where each lives and what `--help` says. Its module has `register(app)`."""
 
 WorkshopFolder = Annotated[
     Path, typer.Option("--workshop", "-w", help="The workshop folder; by default this one.")

@@ -4,13 +4,12 @@ import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Self
 
 from exceptiondrive_build.errors import BuildError
 
 
 class Database:
-    """Some tables in the file; several processes may use it at once. A context manager."""
+    """Some tables in the file; several processes may use it at once."""
 
     def __init__(self, path: Path, tables: str) -> None:
         """Open or create them.
@@ -25,14 +24,6 @@ class Database:
             self._connection.execute("PRAGMA synchronous = FULL")
             self._connection.execute("PRAGMA foreign_keys = ON")
             self._connection.executescript(tables)
-
-    def __enter__(self) -> Self:
-        """Return the tables."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close the file."""
-        self.close()
 
     def close(self) -> None:
         """Close the file."""

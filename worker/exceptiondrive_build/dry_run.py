@@ -23,14 +23,12 @@ class StagePlan(Document):
     """What one stage would take now.
 
     Attributes:
-        stage: The stage.
         candidates: Candidates that wait for it.
         not_ready: Candidates that an earlier stage has not decided yet; they may follow.
         calls: Questions without an answer so far, each counted once.
         pictures: Pictures that would be sent with them.
         hours: By the time of a call, the concurrency and the pace of the endpoint.
         cost: By the price table, if it has the model.
-        currency: Of the cost.
         timed_calls: How many calls the times and tokens were measured on; 0: they are guessed.
     """
 
@@ -49,11 +47,6 @@ def dry_run(
     stage: Stage, candidates: Mapping[str, Candidate], limit: int | None = None
 ) -> StagePlan:
     """Plan the run that `run_stage` would do.
-
-    Args:
-        stage: The stage.
-        candidates: As `walk` gives them.
-        limit: Take so many candidates alone.
 
     Raises:
         BuildError: The workshop cannot be read.

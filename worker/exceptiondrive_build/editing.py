@@ -8,10 +8,9 @@ from typing import Any
 from PIL import Image
 
 from exceptiondrive_build.asking import Answer, Question, Stage
-from exceptiondrive_build.candidates import Candidate, edit_asked
+from exceptiondrive_build.candidates import Candidate
 from exceptiondrive_build.measure import UnreadablePictureError, read_picture
-from exceptiondrive_build.records import Author, Kind
-from exceptiondrive_build.settings import EditSection
+from exceptiondrive_build.records import Kind
 from exceptiondrive_build.values import Edited, Screened
 from exceptiondrive_endpoints.endpoint import Endpoint
 from exceptiondrive_endpoints.errors import NoAnswerError, Reason
@@ -26,25 +25,16 @@ class EditStage(Stage):
 
     kind = Kind.EDIT
 
-    @property
-    def section(self) -> EditSection:
-        """Settings of the editing model."""
-        return self.workshop.settings.edit
-
     def is_open(self, candidate: Candidate) -> bool:
         """Whether it has a place for its hazard and has not been edited."""
         return candidate.place is not None and candidate.edited is None
-
-    def asked(self, candidate: Candidate) -> tuple[Author, tuple[str, ...]]:
-        """The editing model, and the sources."""
-        return edit_asked(self.workshop, self.prompts, candidate, _place(candidate))
 
     def questions(self, candidate: Candidate) -> tuple[Question, ...]:
         """One for each view."""
         return tuple(
             self.question(
                 [self.prompts.edit(candidate.task.id, view.instruction)],
-                [candidate.keyframe.camera(view.view).image],
+                {view.view: candidate.keyframe.camera(view.view).image},
                 part=view.view,
             )
             for view in _place(candidate).views
@@ -54,15 +44,14 @@ class EditStage(Stage):
         self, endpoint: Endpoint, candidate: Candidate, question: Question, known: dict[str, Any]
     ) -> None:
         """Have one view edited, and keep the picture."""
-        source = await asyncio.to_thread(self.picture, question.images[0])
-        answer, untaken = await endpoint.edit(source, question.words[0], self.section.seed)
+        settings = self.workshop.settings.edit
+        source = await asyncio.to_thread(self.picture, question.images[question.part])
+        answer, untaken = await endpoint.edit(source, question.words[0], settings.seed)
         known["form"] = "".join(f"without {name} " for name in untaken).strip() or "images/edits"
         known |= _tokens(answer.usage)
         camera = candidate.keyframe.camera(question.part)
         size = (camera.width_px, camera.height_px)
-        data, extension = await asyncio.to_thread(
-            fitted, answer.picture, size, self.section.resample
-        )
+        data, extension = await asyncio.to_thread(fitted, answer.picture, size, settings.resample)
         known["image"] = await asyncio.to_thread(self.workshop.keep_image, data, extension)
 
     def value(self, candidate: Candidate, answers: Sequence[Answer]) -> Edited:
@@ -73,12 +62,9 @@ class EditStage(Stage):
 
 
 def fitted(data: bytes, size: tuple[int, int], resample: bool) -> tuple[bytes, str]:
-    """Return an edited picture in the size of its source, without metadata.
+    """Return an edited picture in the size of its source, (width, height), without metadata.
 
-    Args:
-        data: What the endpoint sent.
-        size: Width and height of the source, pixels.
-        resample: Whether a picture of the same shape but another size is scaled.
+    With `resample` a picture of the same shape but another size is scaled.
 
     Returns:
         The bytes, which are those of the endpoint where nothing had to be changed, and the ending

@@ -1,15 +1,8 @@
 """Proposals for the regions: a detector's boxes, or a rectangle at the target to be moved by hand.
 
-A detector's file is JSON in one of two forms:
-
-    {"ID": [{"corners": [[x, y], [x, y], [x, y], [x, y]], "score": 0.9}, ...], ...}
-        metres of the ego frame, x ahead, y left; plain corners may stand in place of a box
-    {"meta": ..., "results": {"ID": [{"translation", "size", "rotation", "detection_score"}, ...]}}
-        boxes of nuScenes results, in its global frame
-
-where ID is a sample id, or the keyframe's in place of all its samples. The box whose centre lies
-nearest to the target is proposed. A file whose boxes lie elsewhere as a whole is refused, with the
-frame in which they would fit.
+The forms of a detector's file are those of `exceptiondrive-build localize --help`; plain corners may
+stand in place of a box. The box whose centre lies nearest to the target is proposed. A file whose
+boxes lie elsewhere as a whole is refused, with the frame in which they would fit.
 """
 
 import json
@@ -39,6 +32,8 @@ from exceptiondrive_scoring.aliases import FloatArray
 MIN_QUATERNION = 1e-6
 MIN_JUDGED = 3
 """A file is judged by its frame from so many candidates on."""
+HALVES = np.array([[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]])
+"""Corners of a rectangle round its centre, by length and width."""
 _MOVED: dict[str, Callable[[FloatArray], FloatArray]] = {
     "with x and y exchanged": lambda corners: corners[:, ::-1],
     "with y to the right": lambda corners: corners * (1, -1),
@@ -96,13 +91,14 @@ def localize(workshop: Workshop, file: Path) -> LocalizeReport:
     Raises:
         BuildError: The file cannot be read, or its boxes are in another frame.
     """
+    candidates = walk(workshop)
     data = _bytes(file)
-    boxes_of = _reader(file, data)
+    boxes_of = _reader(file, data, {*workshop.keyframes, *candidates})
     limits = workshop.settings.localize
     found: dict[str, Box] = {}
     without: Counter[str] = Counter()
     distances: list[tuple[Candidate, Sequence[Box]]] = []
-    eligible = _eligible(workshop)
+    eligible = _eligible(workshop, candidates)
     for candidate in eligible:
         boxes = [box for box in boxes_of(candidate) if _score(box) >= limits.min_score]
         if not boxes:
@@ -127,22 +123,18 @@ def localize(workshop: Workshop, file: Path) -> LocalizeReport:
 
 def localize_by_hand(workshop: Workshop) -> LocalizeReport:
     """Propose a rectangle of the task's size at the target, where nothing has been proposed."""
-    eligible = _eligible(workshop)
+    eligible = _eligible(workshop, walk(workshop))
     values = {}
     for candidate in eligible:
         if candidate.localized is None:
             length_m, width_m, _ = workshop.task_texts[candidate.task.id].size_m
-            x, y = _target_m(candidate)
-            half = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * (length_m / 2, width_m / 2)
-            values[candidate.sample_id] = Localized(
-                corners=_corners(half + np.array([x, y])), source="by_hand"
-            )
+            corners_m = HALVES * (length_m, width_m) + _target_m(candidate)
+            values[candidate.sample_id] = Localized(corners=_corners(corners_m), source="by_hand")
     return _propose(workshop, eligible, values, Author(model="target of the screening"), Counter())
 
 
-def _eligible(workshop: Workshop) -> list[Candidate]:
+def _eligible(workshop: Workshop, candidates: Mapping[str, Candidate]) -> list[Candidate]:
     """What is accepted, and what waits for a person who may accept it."""
-    candidates = walk(workshop)
     waiting = to_inspect(candidates, workshop.settings.inspect)
     return [
         candidate
@@ -184,22 +176,29 @@ def _bytes(file: Path) -> bytes:
         raise BuildError(f"{file}: {error.strerror}.") from None
 
 
-def _reader(file: Path, data: bytes) -> Callable[[Candidate], list[Box]]:
-    """From a candidate to its boxes in the ego frame."""
+def _reader(file: Path, data: bytes, known: set[str]) -> Callable[[Candidate], list[Box]]:
+    """From a candidate to its boxes in the ego frame; `known` are the ids of samples and keyframes."""
+    results: dict[str, list[_Result]] = {}
+    boxes: dict[str, list[_Boxed]] = {}
     try:
         document = json.loads(data)
         if isinstance(document, dict) and "results" in document:
             results = _RESULTS.validate_python(document["results"])
-            return lambda candidate: [
-                _in_ego_frame(result, candidate) for result in _of(results, candidate)
-            ]
-        boxes = _BOXES.validate_python(_as_boxes(document))
+        else:
+            boxes = _BOXES.validate_python(_as_boxes(document))
     except (ValueError, RecursionError) as error:
         first = faults_in(error)[0] if isinstance(error, ValidationError) else error
         raise BuildError(
             f"{file}: no detector's file: {first}.",
             "Its forms: exceptiondrive-build localize --help",
         ) from None
+    if not known & (results or boxes).keys():
+        raise BuildError(
+            f"{file}: none of its ids is that of a sample or a keyframe of this workshop.",
+            "Is it of other scenes, or of a workshop with another id_key?",
+        )
+    if results:
+        return lambda candidate: [_in_ego_frame(it, candidate) for it in _of(results, candidate)]
     return lambda candidate: [
         Box(_in_order(np.array(box.corners)), box.score) for box in _of(boxes, candidate)
     ]
@@ -224,7 +223,7 @@ def _of(boxes: Mapping[str, list[Any]], candidate: Candidate) -> list[Any]:
 def _in_ego_frame(result: _Result, candidate: Candidate) -> Box:
     """A box of nuScenes results (global frame; size is width, length, height) from above."""
     width_m, length_m, _ = result.size
-    half = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * (length_m / 2, width_m / 2)
+    half = HALVES * (length_m, width_m)
     keyframe = candidate.keyframe
     global_from_box = rigid(np.array(result.rotation), np.array(result.translation))
     global_from_ego = rigid(np.array(keyframe.ego_rotation), np.array(keyframe.ego_translation_m))

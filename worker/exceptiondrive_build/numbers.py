@@ -38,10 +38,7 @@ def stages(
 ) -> tuple[Stage, ...]:
     """The funnel: how many candidates came through each stage, of those that came to it.
 
-    Args:
-        candidates: All of the workshop.
-        limits: Beyond which readers differ.
-        frozen: Sample ids of the split that are not withdrawn.
+    `frozen` are the ids of the samples of the split that are not withdrawn.
     """
     ways: tuple[tuple[str, str, Callable[[Candidate], bool]], ...] = (
         ("suitable", "The task suits the scene", lambda it: it.is_suitable),
@@ -63,13 +60,7 @@ def cells(
     candidates: Iterable[Candidate],
     counted: Collection[str],
 ) -> tuple[Cell, ...]:
-    """How many candidates of each family, or of each task, came how far.
-
-    Args:
-        members: The families, or the tasks, in their order.
-        candidates: All of the workshop.
-        counted: Ids of the samples of the split that count.
-    """
+    """How many candidates of each family, or of each task, came how far; `counted` are in the split."""
     counts = {member.id: Counter[str]() for member in members}
     for it in candidates:
         cell = counts[it.task.id if it.task.id in counts else it.task.family]
@@ -131,13 +122,8 @@ def finite_population(share: float, n: int, population: int) -> Interval:
 
 def deciders(workshop: Workshop, candidates: Iterable[Candidate]) -> tuple[Decider, ...]:
     """Who took how many of the decisions that stand, by stage; people are numbered by name."""
-    settings = workshop.settings
-    prompts = {
-        Kind.SCREEN: settings.screen.prompt,
-        Kind.EDIT: settings.edit.prompt,
-        Kind.REVIEW: settings.review.prompt,
-    }
-    digests = {kind: content_digest(workshop.text(name)) for kind, name in prompts.items()}
+    models = workshop.settings.models.items()
+    digests = {stage: content_digest(workshop.text(model.prompt)) for stage, model in models}
     records = [record for it in candidates for record in _standing(it)]
     people = sorted({record.by.person for record in records if record.by.person is not None})
     counts = Counter((record.kind, record.by.model, record.by.person) for record in records)
@@ -179,9 +165,7 @@ class AuditPlan(Document):
 def audit_plan(workshop: Workshop, share: float | None = None) -> AuditPlan:
     """Plan the draw from what the review has accepted.
 
-    Args:
-        workshop: The workshop.
-        share: Expected share that passes; by default what people said so far, else 95 %.
+    The expected share that passes is by default what people said so far, else 95 %.
 
     Raises:
         BuildError: Nothing is accepted.

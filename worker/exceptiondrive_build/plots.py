@@ -33,7 +33,8 @@ def draw_report(report: Report, path: Path) -> None:
         try:
             figure.savefig(path, metadata={"Date": None} if path.suffix == ".svg" else None)
         except (OSError, ValueError) as error:
-            raise BuildError(f"{path}: {error}.") from None
+            why = getattr(error, "strerror", None) or error
+            raise BuildError(f"{path}: {why}.") from None
 
 
 def _funnel(axes: Axes, report: Report) -> None:

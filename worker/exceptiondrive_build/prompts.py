@@ -27,12 +27,10 @@ class Prompts:
         Raises:
             BuildError: One cannot be read, or a task has no words.
         """
-        settings = workshop.settings
         self._hazards = {task.id: task.hazard for task in workshop.tasks}
         self._texts = workshop.task_texts
         self._screen, self._edit, self._review = (
-            workshop.text(section.prompt)
-            for section in (settings.screen, settings.edit, settings.review)
+            workshop.text(model.prompt) for model in workshop.settings.models.values()
         )
         self.screen = cache(self._screen_words)
 

@@ -116,7 +116,7 @@ class Record(Document):
 
 
 class Records(Database):
-    """The table in a file; use it as a context manager."""
+    """The table in a file."""
 
     def __init__(self, path: Path) -> None:
         """Open or create it.
@@ -161,9 +161,7 @@ class Records(Database):
     def read(self, *kinds: Kind, after: int = 0) -> Iterator[Record]:
         """Yield records in the order in which they were appended, superseded ones too.
 
-        Args:
-            kinds: Of these kinds alone; of all where none is named.
-            after: Only records with a larger id.
+        Of these kinds alone, where any is named, and with a larger id than `after`.
         """
         wanted = kinds or tuple(Kind)
         marks = ", ".join("?" for _ in wanted)
@@ -191,12 +189,9 @@ def standing(records: Sequence[Record]) -> dict[str, tuple[Record, ...]]:
 def newest(
     records: Iterable[Record], inputs: tuple[str, ...], by: Author | None = None
 ) -> Record | None:
-    """The newest of a candidate's records that was decided by looking at just this.
+    """The newest of a candidate's records of one kind that was decided by looking at just this.
 
-    Args:
-        records: Oldest first, of one kind.
-        inputs: What would be looked at now.
-        by: The model, prompt and settings that would be asked now; anybody where left out.
+    The records come oldest first; `by` is who would be asked now, None anybody.
     """
     found = None
     for record in records:

@@ -11,7 +11,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from exceptiondrive_build.agreement import N_BLIND, agreement, blind_pair, outcome
+from exceptiondrive_build.agreement import agreement, readings_left
 from exceptiondrive_build.asking import Stage, read_answers
 from exceptiondrive_build.candidates import Candidate, walk
 from exceptiondrive_build.chat import ReviewStage, ScreenStage
@@ -48,11 +48,8 @@ class Spent(Document):
     """What a stage took so far, and what it would still take.
 
     Attributes:
-        stage: The stage.
         calls: Answers so far, of use or not.
         hours: Sum of the calls' times; several run at once.
-        prompt_tokens: Tokens in.
-        completion_tokens: Tokens out.
         cost: By the price table, if it has the model.
         left: What is open now, as a dry run says.
     """
@@ -215,7 +212,7 @@ def _people(workshop: Workshop, candidates: Mapping[str, Candidate]) -> tuple[Pe
         for sample_id in to_inspect(candidates, settings.inspect)
     )
     open_regions = sum(
-        _readings_left(candidate, workshop)
+        readings_left(candidate.verifications, settings.verify)
         for candidate in candidates.values()
         if candidate.is_accepted and candidate.localized is not None and candidate.withdrawn is None
     )
@@ -239,13 +236,6 @@ def _people(workshop: Workshop, candidates: Mapping[str, Candidate]) -> tuple[Pe
             )
         )
     return tuple(found)
-
-
-def _readings_left(candidate: Candidate, workshop: Workshop) -> int:
-    state = outcome(candidate.verifications, workshop.settings.verify).state
-    if state == "third":
-        return 1
-    return N_BLIND - len(blind_pair(candidate.verifications)) if state == "open" else 0
 
 
 def _notes(printed: Mapping[str, float], funnel: Sequence[Line]) -> tuple[str, ...]:

@@ -189,11 +189,17 @@ class WorkshopSettings(Document):
 
     @model_validator(mode="after")
     def _endpoints_are_there(self) -> Self:
-        for stage in ("screen", "edit", "review"):
-            name = getattr(self, stage).endpoint
-            if name not in self.endpoints:
-                raise ValueError(f"[{stage}] names the endpoint {name!r}, which is not there")
+        for stage, model in self.models.items():
+            if model.endpoint not in self.endpoints:
+                raise ValueError(
+                    f"[{stage}] names the endpoint {model.endpoint!r}, which is not there"
+                )
         return self
+
+    @property
+    def models(self) -> dict[str, ModelSection]:
+        """The model that is asked at each stage."""
+        return {"screen": self.screen, "edit": self.edit, "review": self.review}
 
 
 class TaskTexts(Document):

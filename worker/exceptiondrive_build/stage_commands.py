@@ -11,6 +11,7 @@ from exceptiondrive_build.chat import ReviewStage, ScreenStage
 from exceptiondrive_build.cli import Json, WorkshopFolder
 from exceptiondrive_build.dry_run import StagePlan, dry_run
 from exceptiondrive_build.editing import EditStage
+from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.localizing import localize, localize_by_hand
 from exceptiondrive_build.records import Kind
 from exceptiondrive_build.workshop import Workshop
@@ -32,8 +33,6 @@ metres of the ego frame, x ahead, y left; or boxes of nuScenes results, in its g
 {"results": {"ID": [{"translation": [x, y, z], "size": [width, length, height],
                      "rotation": [w, x, y, z], "detection_score": 0.9}]}}
 """
-Limit = Annotated[int | None, typer.Option(min=1, help="Take so many candidates alone.")]
-DryRun = Annotated[bool, typer.Option("--dry-run", help="Say what it would take, and ask nothing.")]
 
 
 def register(app: typer.Typer) -> None:
@@ -45,8 +44,10 @@ def register(app: typer.Typer) -> None:
 def run(
     stage: Annotated[str, typer.Argument(help="screen, edit or review.")],
     workshop: WorkshopFolder = Path(),
-    dry_run: DryRun = False,
-    limit: Limit = None,
+    only_plan: Annotated[
+        bool, typer.Option("--dry-run", help="Say what it would take, and ask nothing.")
+    ] = False,
+    limit: Annotated[int | None, typer.Option(min=1, help="Take so many candidates alone.")] = None,
     json: Json = False,
 ) -> None:
     """Ask a model about every candidate that waits for a stage.
@@ -57,11 +58,20 @@ def run(
     if stage not in STAGES:
         raise typer.BadParameter(f"expected one of {', '.join(STAGES)}", param_hint="STAGE")
     with Workshop(workshop) as opened:
+        if not opened.keyframes:
+            advice = "Read some in: exceptiondrive-build scenes read SOURCE"
+            raise BuildError(f"{workshop}: there are no scenes to ask about.", advice)
         asked = STAGES[stage](opened)
-        if dry_run:
-            _plan(asked, limit, json)
+        if only_plan:
+            plan = dry_run(asked, walk(opened), limit)
+            typer.echo(plan.model_dump_json(indent=2) if json else plan_text(plan))
             return
-        report = run_stage(asked, limit)
+        try:
+            report = run_stage(asked, limit)
+        except KeyboardInterrupt:
+            said = "Interrupted. Answers so far are kept; run the same command to go on."
+            typer.echo(f"\nexceptiondrive-build: {said}", err=True)
+            raise
     typer.echo(report.model_dump_json(indent=2) if json else report_text(report))
     if report.is_unreachable:
         raise typer.Exit(5)
@@ -93,11 +103,6 @@ def localize_command(
     typer.echo(f"proposed     {report.proposed:,}, as before {report.unchanged:,}")
     for why, count in report.without.items():
         typer.echo(f"  without    {count:,} {why}")
-
-
-def _plan(stage: Stage, limit: int | None, json: bool) -> None:
-    plan = dry_run(stage, walk(stage.workshop), limit)
-    typer.echo(plan.model_dump_json(indent=2) if json else plan_text(plan))
 
 
 def plan_text(plan: StagePlan) -> str:

@@ -42,11 +42,9 @@ class Screened(Document):
     """Whether the task suits the scene; if so where, and which views are to be edited.
 
     Attributes:
-        suitable: Whether it does.
         reason: Code of the rejection rule, where it does not.
         target_m: Place of the hazard in metres ahead and left of the rear axle.
         views: Views in which the hazard is seen.
-        note: The model's words.
     """
 
     suitable: bool
@@ -83,13 +81,7 @@ class Reviewed(Document):
 
 
 class Inspected(Document):
-    """A person's word about the pictures of a candidate.
-
-    Attributes:
-        passed: Whether they show what they should.
-        reason: What they are refused for.
-        note: The person's words.
-    """
+    """A person's word about the pictures of a candidate: whether they show what they should."""
 
     passed: bool
     reason: Mark | None = None
@@ -100,7 +92,6 @@ class Localized(Document):
     """A proposal for the region: four corners in order round it, ego frame, metres.
 
     Attributes:
-        corners: Corners.
         source: `detector`, or `by_hand` for a rectangle at the target that waits to be moved.
         score: The detector's confidence.
     """
@@ -117,12 +108,9 @@ class Verified(Document):
     """A person's word about the region: accepted with these corners, or rejected.
 
     Attributes:
-        accepted: Whether the sample may stand in a split.
-        corners: The corners as the person left them.
         checked: Which of the four things was checked: the intended location, the views, the
             calibration, the task.
         reason: Which of the four a rejection is for.
-        note: The person's words.
         blind: Whether the person decided without seeing what others said; a third reader does see.
     """
 

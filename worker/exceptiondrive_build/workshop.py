@@ -56,6 +56,12 @@ class Workshop:
             raise BuildError(f"{folder}: no workshop: there is no {SETTINGS} in it.", _ADVICE)
         self._read_settings()
         (folder / IMAGES).mkdir(exist_ok=True)
+        if (folder / ANSWERS).is_dir() and not (folder / RECORDS).exists():
+            raise BuildError(
+                f"{folder / RECORDS} is missing; models were asked, so decisions stood in it.",
+                "Put it back from a copy of the workshop. An empty file of this name begins without any "
+                "decision: models' answers count again, what people said is gone.",
+            )
         self.records = Records(folder / RECORDS)
 
     def __enter__(self) -> Self:
@@ -112,7 +118,7 @@ class Workshop:
 
     def _stamps(self, settings: WorkshopSettings) -> dict[str, tuple[int, ...]]:
         """When each file that people write was last written."""
-        prompts = (part.prompt for part in (settings.screen, settings.edit, settings.review))
+        prompts = (model.prompt for model in settings.models.values())
         names = (SETTINGS, SCENES, settings.task_texts, settings.protocol, *prompts)
         return {name: self._stamp(name) for name in names if name}
 

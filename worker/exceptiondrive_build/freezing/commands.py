@@ -33,11 +33,6 @@ from exceptiondrive_worker.splits.faults import SplitRefusedError, split_faults
 from exceptiondrive_worker.splits.store import SplitUnreadableError, load_split, read_split
 from exceptiondrive_worker.splits.warnings import check_report, split_warnings, warning_lines
 
-Here = Path(".")
-Previous = Annotated[
-    Path | None, typer.Option("--previous", help="Split file of the revision before.")
-]
-
 
 def register(app: typer.Typer) -> None:
     """Add the commands to a command line."""
@@ -47,7 +42,7 @@ def register(app: typer.Typer) -> None:
 
 
 def lint_split(
-    workshop: WorkshopFolder = Here,
+    workshop: WorkshopFolder = Path(),
     file: Annotated[
         Path | None, typer.Option(help="A split file, instead of the workshop.")
     ] = None,
@@ -94,8 +89,10 @@ def verdict_line(verdict: Verdict) -> str:
 
 def freeze_split(
     out: Annotated[Path, typer.Argument(help="Folder for the files; it must not be there yet.")],
-    workshop: WorkshopFolder = Here,
-    previous: Previous = None,
+    workshop: WorkshopFolder = Path(),
+    previous: Annotated[
+        Path | None, typer.Option(help="Split file of the revision before.")
+    ] = None,
     words: Annotated[str, typer.Option(help="What readers are told of a later revision.")] = "",
     auxiliary_set: Annotated[
         bool, typer.Option("--auxiliary", help="Freeze the auxiliary set, too.")
@@ -146,7 +143,7 @@ def withdraw(
     reason: Annotated[
         str, typer.Option(help="Why, in words for readers; --restore needs none and keeps none.")
     ] = "",
-    workshop: WorkshopFolder = Here,
+    workshop: WorkshopFolder = Path(),
     restore: Annotated[bool, typer.Option(help="Take an earlier withdrawal back.")] = False,
 ) -> None:
     """Withdraw samples: in the next revision files still answer them, and no sheet counts them."""

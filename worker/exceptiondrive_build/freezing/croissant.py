@@ -48,12 +48,7 @@ _CONTEXT = {
 
 
 def croissant(sheet: Datasheet, files: Mapping[str, bytes]) -> bytes:
-    """Describe the public files of a split.
-
-    Args:
-        sheet: The datasheet.
-        files: The public files by name; among them `manifest.json`.
-    """
+    """Describe the public files of a split, by name; among them is `manifest.json`."""
     words = sheet.words
     document = {
         "@context": _CONTEXT,

@@ -76,12 +76,8 @@ def freeze(
 ) -> Frozen:
     """Freeze what is accepted and verified.
 
-    Args:
-        workshop: Settings, pictures and withdrawals.
-        candidates: As `walk` gives them.
-        previous: The revision before. Its samples stay, each counted or withdrawn; later ones wait
-            for the next split, since the files of this one do not answer them.
-        words: What readers are told of the change.
+    Of a previous revision all samples stay, each counted or withdrawn; later ones wait for the next
+    split, since the files of this one do not answer them. Readers are told `words` of the change.
 
     Raises:
         BuildError: Nothing is verified, a sample of the previous revision is neither verified nor
@@ -108,7 +104,8 @@ def _split(
 ) -> Split:
     settings, withdrawn = workshop.settings, withdrawals(workshop)
     regions = _regions(workshop, candidates)
-    earlier = {} if previous is None else {it.sample_id: it for it in previous.samples}
+    before = () if previous is None else previous.samples
+    earlier = {it.sample_id: it for it in before}
     wanted = earlier if earlier else {key: None for key in regions if key not in withdrawn}
     if previous is not None and previous.name != settings.name:
         raise BuildError(f"The previous revision is of {previous.name!r}, not {settings.name!r}.")
@@ -122,6 +119,16 @@ def _split(
         "Samples of the previous revision whose scene or task is not in the workshop any more",
         "Read their scenes in again: exceptiondrive-build scenes read SOURCE; and put their tasks "
         "back into workshop.toml.",
+    )
+    times_there = Counter(it.sample_id for it in before)
+    _refuse_some(
+        [
+            key
+            for key, it in earlier.items()
+            if times_there[key] > 1 or it.task != candidates[key].task.id
+        ],
+        "Samples of the previous revision that stand there twice, or with another task",
+        "Name its file as it was frozen.",
     )
     _refuse_some(
         [key for key in wanted if key not in regions and key not in withdrawn],

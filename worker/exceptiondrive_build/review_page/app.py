@@ -64,12 +64,7 @@ REASONS = (
     (Mark.CONFLICT_CLARITY, "no clear conflict"),
 )
 """What an edit may be refused for, in the order of the digits."""
-CHECKS = (
-    ("location", "L", "location"),
-    ("views", "V", "views"),
-    ("calibration", "K", "calibration"),
-    ("task", "T", "task"),
-)
+CHECKS = (("location", "L"), ("views", "V"), ("calibration", "K"), ("task", "T"))
 """What a verification checks, with its key."""
 TAKEN = (
     "This card has moved on while this browser was away: somebody else has it, or has decided, or "
@@ -92,13 +87,7 @@ class Which(Document):
 
 
 def review_app(folder: Path, announce: Callable[[str], None], *, lease_s: float = 60.0) -> FastAPI:
-    """Make the application for one workshop.
-
-    Args:
-        folder: The workshop.
-        announce: Told each one-time key that opens the page.
-        lease_s: How long a card is held without a sign of its browser.
-    """
+    """Make the application for one workshop; `announce` is told each one-time key that opens it."""
 
     @asynccontextmanager
     async def life(app: FastAPI) -> AsyncIterator[None]:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from exceptiondrive_build.agreement import N_BLIND, blind_pair, outcome, readings
+from exceptiondrive_build.agreement import outcome, readings, readings_left
 from exceptiondrive_build.candidates import Candidate, walk
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.inspection import to_inspect
@@ -85,8 +85,7 @@ class Desk:
     def refresh(self, walk_after_s: float = WALK_EVERY_S) -> None:
         """Take in what others have appended and settings that changed; stages may run meanwhile.
 
-        Args:
-            walk_after_s: How old the walk over all candidates may be, if a stage did something.
+        What they did is walked over once the last walk is `walk_after_s` old.
 
         Raises:
             BuildError: Records, settings, words or scenes cannot be read.
@@ -139,8 +138,7 @@ class Desk:
         records = self.standing(queue, sample_id)
         if queue == "inspect":
             return 0 if records else 1
-        state = outcome(records, self.workshop.settings.verify).state
-        return {"open": N_BLIND - len(blind_pair(records)), "third": 1}.get(state, 0)
+        return readings_left(records, self.workshop.settings.verify)
 
     def may_decide(self, queue: Queue, sample_id: str, reviewer: str) -> bool:
         """Whether a card needs somebody, and this person has not spoken on it yet."""
@@ -205,13 +203,8 @@ class Desk:
     ) -> None:
         """Append a decision and give the card back.
 
-        The same word sent again, as after a lost answer, is the same decision.
-
-        Args:
-            queue: Of which queue.
-            sample_id: Which card.
-            holder: Whose decision.
-            value: The word; `blind` of a verification says how the card was shown.
+        The same word sent again, as after a lost answer, is the same decision. `blind` of a
+        verification says how the card was shown.
 
         Raises:
             BuildError: It cannot be kept, or the region cannot be scored.

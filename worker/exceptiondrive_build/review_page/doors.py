@@ -10,11 +10,7 @@ class Doors:
     """Keys of one process; none outlives it, and none is written anywhere."""
 
     def __init__(self, announce: Callable[[str], None]) -> None:
-        """Make the first address.
-
-        Args:
-            announce: Told each new key, for the organizer's terminal.
-        """
+        """Make the first address; each new key is announced in the organizer's terminal."""
         self._announce = announce
         self._unused: set[str] = set()
         self._sessions: dict[str, Holder] = {}

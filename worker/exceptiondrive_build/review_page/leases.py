@@ -35,12 +35,7 @@ class Leases(Database):
     """The table."""
 
     def __init__(self, path: Path, lease_s: float, clock: Callable[[], float] = time.time) -> None:
-        """Open it in the records' file.
-
-        Args:
-            path: The file.
-            lease_s: How long a card is held without a sign of its browser.
-            clock: Seconds since the epoch.
+        """Open it in the records' file; a card is held for `lease_s` without a sign of its browser.
 
         Raises:
             BuildError: The file cannot be written.
@@ -56,13 +51,9 @@ class Leases(Database):
         count: int,
         offered: Callable[[dict[str, list[Holder]]], Iterator[str]],
     ) -> list[str]:
-        """Take cards that nobody holds.
+        """Take cards that nobody holds, and return them.
 
-        Args:
-            queue: Of which queue.
-            holder: For whom.
-            count: How many at most.
-            offered: Gives cards, the first to take first, from who holds which now.
+        `offered` gives cards, the first to take first, from who holds which now.
 
         Returns:
             The cards taken.

@@ -171,14 +171,9 @@ def _times(p: FloatArray, q: FloatArray) -> FloatArray:
 def make_scenes(
     folder: Path, *, n_scenes: int = 3, n_samples: int = 8, seed: int = 0, width_px: int = 480
 ) -> None:
-    """Write tables and pictures of a made-up set.
+    """Write tables and pictures of a made-up set: keyframes 0.5 s apart, pictures of 16 : 9.
 
-    Args:
-        folder: Where; made where missing.
-        n_scenes: Drives, each on a road of its own.
-        n_samples: Keyframes of each, 0.5 s apart; the first `n_samples - 6` have a recorded path.
-        seed: Of everything.
-        width_px: Of the pictures, which are 16 : 9.
+    The first `n_samples - 6` keyframes of each scene have a recorded path.
     """
     draw = np.random.default_rng(seed)
     views = {channel: _View(channel, width_px) for channel in CAMERAS}

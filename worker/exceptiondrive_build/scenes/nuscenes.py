@@ -65,9 +65,7 @@ Table = Mapping[str, Row]
 def read_nuscenes(folder: Path, version: str | None = None) -> SceneSet:
     """Read every keyframe that has a recorded path of 3 s.
 
-    Args:
-        folder: What holds `samples/` and the folder of tables.
-        version: Name of the folder of tables, such as `v1.0-trainval`; None if there is one alone.
+    `version` names the folder of tables beside `samples/`; None takes the one that there is.
 
     Raises:
         BuildError: No tables, or of another version; a row, a camera or a picture is missing.

@@ -41,14 +41,8 @@ def read_in(
     """Read scenes into a workshop, in the place of those that stand in it.
 
     What was decided of a keyframe stands as long as its pictures are the same. No keyframe of the
-    workshop changes unless every picture can be read.
-
-    Args:
-        workshop: Whose scenes these become.
-        source: A nuScenes folder, or a file of keyframes, one a line.
-        per_scene: How many keyframes of each scene, spread evenly.
-        version: Which tables, where a nuScenes folder has several.
-        replace: Whether keyframes may go of which something was decided.
+    workshop changes unless every picture can be read. Keyframes of which something was decided go
+    where `replace` says so.
 
     Raises:
         BuildError: What is wrong with the scenes, and where; or decided keyframes would go.
@@ -119,11 +113,7 @@ def _kept(workshop: Workshop, scenes: SceneSet, keyframe: Keyframe) -> Keyframe:
 
 
 def read_scenes(source: Path, version: str | None = None) -> SceneSet:
-    """Read keyframes.
-
-    Args:
-        source: A folder in nuScenes form, or a file of lines, each the JSON of a `Keyframe`.
-        version: Which tables, where a nuScenes folder has several.
+    """Read keyframes: of a folder in nuScenes form, or of lines, each the JSON of a `Keyframe`.
 
     Raises:
         BuildError: What is wrong, and where.
