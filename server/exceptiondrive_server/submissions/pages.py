@@ -160,6 +160,7 @@ def _submit_page(
         has_client=wheel is not None,
         development=_development(links, phase),
         upload=upload,
+        who=None if browser is None else browser.principal,
         CHALLENGES=CHALLENGES,
     )
     if refusal is not None and refusal.retry_after_s is not None:
