@@ -92,3 +92,19 @@ def test_the_way_back_leads_nowhere_else(life: "Life") -> None:
     fields = {"back": "https://elsewhere.example/"}
     done = send(visitor(life, "alpha"), f"/submissions/{mine}/publish", fields, page="/my")
     assert done.headers["location"] == f"/submissions/{mine}"
+
+
+def test_a_disqualified_run_is_neither_published_nor_chosen_on_pages(life: "Life") -> None:
+    """It stands on no board, whatever its team says of it."""
+    life.make_phase(split="plain", policy={"entries_private": True, "run_choice": "team"})
+    own = life.submit("alpha", 1.0, "Net", "plain")
+    life.work()
+    alpha, pages = visitor(life, "alpha"), ("/my", f"/submissions/{own}")
+    for page in pages:
+        assert f'action="/submissions/{own}/publish"' in alpha.get(page).text
+    life.done(f"/submissions/{own}/disqualify", {"reason": "it used the map"})
+    for page in pages:
+        shown = alpha.get(page).text
+        assert "isqualified" in shown
+        assert f"/submissions/{own}/publish" not in shown
+        assert f"/submissions/{own}/choose" not in shown
