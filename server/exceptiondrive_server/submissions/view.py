@@ -290,7 +290,7 @@ def families_of(
             n=row.n,
             cells=tuple(
                 (
-                    digits.text(metric, row.metrics.get(metric.key)) or "none",
+                    digits.text(metric, row.metrics.get(metric.key)) or "not told",
                     digits.interval(metric, known[family.id].intervals.get(metric.key))
                     if family.id in known
                     else "",
