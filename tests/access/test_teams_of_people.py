@@ -296,6 +296,7 @@ def test_a_member_does_not_use_up_an_invitation_of_the_own_team(
     ada.sign_in(back=link)
     ada.post(link, {}, page=link)
     second = invitation_from(ada.post("/my/team/invitations", {}, page="/my/team"))
+    assert "Nobody is left in it then" in ada.get("/my/team").text
     shown = ada.get(second).text
     assert "You belong to Alpha already: send this link on" in shown
     assert "Join Alpha</button>" not in shown
@@ -304,6 +305,7 @@ def test_a_member_does_not_use_up_an_invitation_of_the_own_team(
     eve = person(small_site)
     eve.sign_in(back=second)
     assert eve.post(second, {}, page=second).headers["location"] == "/my/team"
+    assert "Nobody is left in it then" not in ada.get("/my/team").text
 
 
 def test_who_joined_by_a_link_is_told_so_by_it_and_everybody_else_that_it_is_used(
