@@ -164,3 +164,4 @@ def test_an_agent_with_a_reminder_is_linked_to_the_one_without_in_the_browser(
     watched.work()
     rows = {row["method"]: row for row in watched.board()["entries"]}
     assert rows["With"]["reminder_effect"]["without_method"] == "Without"
+    assert re.search(r"</a>, rank 1; <a [^>]*>Without</a>", alpha.get("/submit").text)

@@ -107,6 +107,18 @@ def test_a_refused_upload_is_said_in_red_below_an_empty_bar_and_stays_in_its_for
     assert page.input_value("input[name=method]") == "Other"
 
 
+def test_on_a_narrow_phone_the_form_of_an_upload_stays_in_its_card(
+    my_page: Callable[..., Page], address: str
+) -> None:
+    page = my_page()
+    page.set_viewport_size({"width": 320, "height": 844})
+    page.goto(f"{address}/submit")
+    page.locator("form.upload summary").click()
+    reaches = """form => Math.max(...[...form.querySelectorAll("*")].map(
+        (part) => part.getBoundingClientRect().right)) - form.getBoundingClientRect().right"""
+    assert page.locator("form.upload").evaluate(reaches) <= 0
+
+
 def test_a_question_of_one_long_word_stays_within_the_page(
     my_page: Callable[..., Page], address: str
 ) -> None:
