@@ -107,6 +107,23 @@ def test_a_refused_upload_is_said_in_red_below_an_empty_bar_and_stays_in_its_for
     assert page.input_value("input[name=method]") == "Other"
 
 
+@pytest.mark.parametrize("width", [900, 1024])
+def test_the_head_of_an_organizers_page_stays_within_its_width_and_level(
+    browser: Browser, api: "Api", address: str, width: int
+) -> None:
+    """Nobody has more links in it."""
+    with browser.new_context(viewport={"width": width, "height": 844}) as context:
+        page = context.new_page()
+        page.goto(f"{address}/sign-in")
+        page.fill("input[name=token]", api.tokens["organizer"])
+        page.click("main form button")
+        page.wait_for_url("**/organize")
+        middles = """links => new Set(links.map((link) => link.getBoundingClientRect()).map(
+            (box) => Math.round(box.top + box.bottom))).size"""
+        assert page.locator("header .nav a").evaluate_all(middles) == 1
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
 def test_on_a_narrow_phone_the_form_of_an_upload_stays_in_its_card(
     my_page: Callable[..., Page], address: str
 ) -> None:
