@@ -504,6 +504,7 @@ def test_organizers_give_and_take_roles_by_page(
     page = f"/organize/people/{person_id}"
     people = owner.get("/organize/people").text
     assert page in people
+    assert 'data-k="phases"' not in people, "a label of nothing"
     assert "ada@example.org" in people, "names alone do not tell two apart"
     assert "ada@example.org" in owner.get(page).text
     sent = {**reader.form(page), "role": "owner"}
