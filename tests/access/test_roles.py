@@ -494,24 +494,34 @@ def test_organizers_give_and_take_roles_by_page(
     site: "Api", browse: Callable[..., "TeamBrowser"]
 ) -> None:
     with site.database.write() as session:
-        ada = welcome_person(session, Identity("https://issuer.example", "s", "Ada <b>"))
+        issuer = "https://issuer.example"
+        ada = welcome_person(session, Identity(issuer, "s", "Ada <b>", "ada@example.org"))
         person_id = ada.id
+        welcome_person(session, Identity(issuer, "t", "Ada <b>", "other@example.org"))
     reader, owner = browse(site), browse(site)
     reader.sign_in("reader")
     owner.sign_in("owner")
     page = f"/organize/people/{person_id}"
-    assert page in owner.get("/organize/people").text
+    people = owner.get("/organize/people").text
+    assert page in people
+    assert 'data-k="phases"' not in people, "a label of nothing"
+    assert "ada@example.org" in people, "names alone do not tell two apart"
+    assert "ada@example.org" in owner.get(page).text
     sent = {**reader.form(page), "role": "owner"}
     assert reader.send(page, sent).status_code == 403
     wrong = owner.post(page, {"role": "helper", "phases": "no-such"}, page=page)
     assert wrong.status_code == 404
+    assert "There is no phase &#39;no-such&#39;." in wrong.text
+    assert 'value="no-such"' in wrong.text, "what was typed stays"
     done = owner.post(page, {"role": "helper", "phases": "dev other"}, page=page)
     assert done.headers["location"] == "/organize/people?done=role_set"
     told = owner.get("/organize/people").text
     assert ("dev, other" in told, "<b>" in told) == (True, False)
     assert 'value="dev other"' in owner.get(page).text
     owner.post(page, {"role": "", "phases": ""}, page=page)
-    (person,) = site.get("/organizer/people", "owner").json()
+    person = next(
+        one for one in site.get("/organizer/people", "owner").json() if one["id"] == person_id
+    )
     assert (person["role"], person["phases"]) == (None, [])
     actions = [line["action"] for line in site.get("/organizer/audit", "owner").json()]
     assert actions.index("organizer ended") < actions.index("organizer granted")

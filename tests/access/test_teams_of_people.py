@@ -296,6 +296,7 @@ def test_a_member_does_not_use_up_an_invitation_of_the_own_team(
     ada.sign_in(back=link)
     ada.post(link, {}, page=link)
     second = invitation_from(ada.post("/my/team/invitations", {}, page="/my/team"))
+    assert "Nobody is left in it then" in ada.get("/my/team").text
     shown = ada.get(second).text
     assert "You belong to Alpha already: send this link on" in shown
     assert "Join Alpha</button>" not in shown
@@ -304,6 +305,63 @@ def test_a_member_does_not_use_up_an_invitation_of_the_own_team(
     eve = person(small_site)
     eve.sign_in(back=second)
     assert eve.post(second, {}, page=second).headers["location"] == "/my/team"
+    assert "Nobody is left in it then" not in ada.get("/my/team").text
+
+
+def test_who_joined_by_a_link_is_told_so_by_it_and_everybody_else_that_it_is_used(
+    small_site: "Api", person: Open, browse: Browse, provider: "RunningProvider"
+) -> None:
+    """As after a second click on the button, or on the link in the mail."""
+    link = invited_by_token(small_site, browse)
+    ada = person(small_site)
+    ada.sign_in(back=link)
+    for _ in range(2):
+        assert ada.post(link, {}, page="/my/team").headers["location"] == "/my/team"
+    again = ada.get(link)
+    assert (again.status_code, "send this link on" in again.text) == (200, False)
+    assert "You belong to Alpha already, by this link" in again.text
+    assert browse(small_site).get(link).status_code == 404
+    provider.order(person=EVE)
+    eve = person(small_site)
+    eve.sign_in()
+    assert eve.post(link, {}, page="/my/team").status_code == 404
+    with small_site.database.read() as session:
+        person_id = session.scalars(select(Membership.person_id)).one()
+    ada.post(f"/my/team/members/{person_id}/remove", {}, page="/my/team")
+    assert ada.get(link).status_code == 404
+    assert ada.post(link, {}, page="/my/team").status_code == 404
+
+
+def test_who_cannot_submit_reads_why_on_the_page_of_it(
+    small_site: "Api", person: Open, browse: Browse
+) -> None:
+    """To sign in would lead back here."""
+    ada, organizer, reader = person(small_site), browse(small_site), browse(small_site)
+    ada.sign_in()
+    organizer.sign_in("organizer")
+    made = small_site.post("/tokens", "alpha", json={"name": "r", "scopes": ["read:own"]})
+    small_site.tokens["reader"] = made.json()["token"]
+    reader.sign_in("reader")
+    for browser, said in (
+        (ada, "You act for no team yet"),
+        (organizer, "You are signed in as an organizer"),
+        (reader, "a token that may not submit"),
+    ):
+        page = browser.get("/submit").text
+        assert said in page
+        assert "Sign in to submit" not in page
+    assert "Sign in to submit" in browse(small_site).get("/submit").text
+
+
+def test_an_organizer_who_acts_for_a_team_reads_how_to_organize(
+    small_site: "Api", person: Open, browse: Browse
+) -> None:
+    link = invited_by_token(small_site, browse)
+    ada = person(small_site)
+    ada.sign_in(back=link)
+    ada.post(link, {}, page=link)
+    refused = ada.get("/organize")
+    assert (refused.status_code, "chooses so on the page Team" in refused.text) == (403, True)
 
 
 def test_an_organizer_without_a_team_finds_the_way_to_organize(

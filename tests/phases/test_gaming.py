@@ -3,11 +3,12 @@
 import csv
 import io
 import json
+import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from tests.phases.browsing import visitor
+from tests.phases.browsing import HTML, visitor
 
 from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
 from exceptiondrive_records.teams.teams import create_team
@@ -138,3 +139,29 @@ def test_a_board_of_strategies_sets_references_apart(watched: "Life") -> None:
     assert [rows[ids[who]]["rank"] for who in ("alpha", "beta")] == [1, 2]
     assert rows[ids["freeze"]]["metrics"] == rows[ids["alpha"]]["metrics"]
     assert "References" in watched.get("/?phase=test").text
+
+
+def test_an_agent_with_a_reminder_is_linked_to_the_one_without_in_the_browser(
+    watched: "Life",
+) -> None:
+    watched.make_phase(split="plain", challenge="strategy")
+    alpha = visitor(watched, "alpha")
+    assert 'name="linked_to"' not in alpha.get("/submit").text, "there is none to link"
+    sent = {"phase": "test", "method": "Without"}
+    files = {"file": ("agent.json", answers("A", "alpha"))}
+    without = watched.request("POST", "/api/v1/submissions", "alpha", data=sent, files=files)
+    watched.work()
+    page = alpha.get("/submit").text
+    assert f'<option value="{without.json()["id"]}">Without, test</option>' in page
+    token = re.search(r'name="form_token" value="([0-9a-f]{64})"', page)
+    assert token is not None
+    fields = {"form_token": token[1], "phase": "test", "method": "With"}
+    files = {"file": ("agent.json", answers("C", "alpha"))}
+    for linked_to, status in (("of-nobody", 404), (without.json()["id"], 303)):
+        data = {**fields, "linked_to": linked_to}
+        done = alpha.post("/submit", data=data, files=files, headers=HTML)
+        assert done.status_code == status, done.text
+    watched.work()
+    rows = {row["method"]: row for row in watched.board()["entries"]}
+    assert rows["With"]["reminder_effect"]["without_method"] == "Without"
+    assert re.search(r"</a>, rank 1; <a [^>]*>Without</a>", alpha.get("/submit").text)

@@ -5,6 +5,9 @@ from typing import TYPE_CHECKING
 
 from tests.phases.browsing import send, visitor
 
+from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_schemas.protocol import packaged_protocol_toml
+
 if TYPE_CHECKING:
     from tests.phases.life import Life
 
@@ -92,3 +95,36 @@ def test_the_way_back_leads_nowhere_else(life: "Life") -> None:
     fields = {"back": "https://elsewhere.example/"}
     done = send(visitor(life, "alpha"), f"/submissions/{mine}/publish", fields, page="/my")
     assert done.headers["location"] == f"/submissions/{mine}"
+
+
+def test_a_disqualified_run_is_neither_published_nor_chosen_on_pages(life: "Life") -> None:
+    """It stands on no board, whatever its team says of it."""
+    life.make_phase(split="plain", policy={"entries_private": True, "run_choice": "team"})
+    own = life.submit("alpha", 1.0, "Net", "plain")
+    life.work()
+    alpha, pages = visitor(life, "alpha"), ("/my", f"/submissions/{own}")
+    for page in pages:
+        assert f'action="/submissions/{own}/publish"' in alpha.get(page).text
+    life.done(f"/submissions/{own}/disqualify", {"reason": "it used the map"})
+    for page in pages:
+        shown = alpha.get(page).text
+        assert "isqualified" in shown
+        assert f"/submissions/{own}/publish" not in shown
+        assert f"/submissions/{own}/choose" not in shown
+
+
+def test_a_sheet_says_of_a_family_that_is_kept_back_that_it_is_not_told(life: "Life") -> None:
+    """As its board does."""
+    toml = packaged_protocol_toml("1.0").replace(
+        "min_samples_per_cell = 1\n", "min_samples_per_cell = 100\n"
+    )
+    with life.database.write() as session:
+        add_protocol(session, toml.replace('version = "1.0"', 'version = "9.9"'), "test")
+    life.make_phase(split="plain", protocol="9.9")
+    own = life.submit("alpha", 1.0, "Net", "plain")
+    life.work()
+    sheet = life.json(f"/api/v1/submissions/{own}", "alpha")["sheet"]
+    assert all(row["hcc"] is None for row in sheet["families"].values())
+    page = visitor(life, "alpha").get(f"/submissions/{own}").text
+    families = page.split(">Families</h2>")[1].split("</table>")[0]
+    assert ("not told" in families, "none" in families) == (True, False)

@@ -40,6 +40,7 @@ def test_a_report_comes_with_the_end_and_tells_what_the_boards_tell(life: "Life"
     assert (report["board"], report["n_samples"], report["part"]) == (final["board"], 3, "private")
     by_id = {entry["submission_id"]: entry for entry in final["entries"]}
     assert report["n_boards"] == len({board["board"] for board in boards})
+    assert f'<a href="/history?phase=test">{report["n_boards"]} boards</a>' in life.get(PAGE).text
     assert report["n_submissions"] == len({i for board in boards for i in ranks(board)}) == 3
     assert report["n_teams"] == len({by_id[key]["team"] for key in ids}) == 3
     assert report["protocols"] == sorted({board["protocol"]["version"] for board in boards})

@@ -175,7 +175,9 @@ def test_late_entries_rank_on_their_own_view_and_move_no_rank(life: "Life") -> N
     by_id = {entry["submission_id"]: entry for entry in view["entries"]}
     assert set(by_id) == {in_time, other, late, again}
     assert by_id[late]["rank"] == 1
-    assert "stands on the late view alone" in life.get("/phases/test").text
+    assert "UTC; what comes later is scored and stands on the late view alone" in (
+        life.get("/phases/test").text
+    )
     shown = life.json(f"/api/v1/entries/{late}")
     assert (shown["entry"]["is_late"], shown["entry"]["submission_id"]) == (True, late)
     assert life.get(f"/api/v1/entries/{late}/receipt").status_code == 200

@@ -106,7 +106,7 @@ def test_a_submission_of_another_team_is_not_found(strategy_world: Any) -> None:
     with strategy_world.database.write() as session:
         other = create_team(session, "others", "Others", actor="test").id
     plain = link(strategy_world, "plain", None, team_id=other)
-    with pytest.raises(NotFound, match="submission of your team"):
+    with pytest.raises(NotFound, match="of your team"):
         link(strategy_world, "reminded", plain.submission.id)
 
 

@@ -107,6 +107,35 @@ def test_a_refused_upload_is_said_in_red_below_an_empty_bar_and_stays_in_its_for
     assert page.input_value("input[name=method]") == "Other"
 
 
+@pytest.mark.parametrize("width", [900, 1024])
+def test_the_head_of_an_organizers_page_stays_within_its_width_and_level(
+    browser: Browser, api: "Api", address: str, width: int
+) -> None:
+    """Nobody has more links in it."""
+    with browser.new_context(viewport={"width": width, "height": 844}) as context:
+        page = context.new_page()
+        page.goto(f"{address}/sign-in")
+        page.fill("input[name=token]", api.tokens["organizer"])
+        page.click("main form button")
+        page.wait_for_url("**/organize")
+        middles = """links => new Set(links.map((link) => link.getBoundingClientRect()).map(
+            (box) => Math.round(box.top + box.bottom))).size"""
+        assert page.locator("header .nav a").evaluate_all(middles) == 1
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_on_a_narrow_phone_the_form_of_an_upload_stays_in_its_card(
+    my_page: Callable[..., Page], address: str
+) -> None:
+    page = my_page()
+    page.set_viewport_size({"width": 320, "height": 844})
+    page.goto(f"{address}/submit")
+    page.locator("form.upload summary").click()
+    reaches = """form => Math.max(...[...form.querySelectorAll("*")].map(
+        (part) => part.getBoundingClientRect().right)) - form.getBoundingClientRect().right"""
+    assert page.locator("form.upload").evaluate(reaches) <= 0
+
+
 def test_a_question_of_one_long_word_stays_within_the_page(
     my_page: Callable[..., Page], address: str
 ) -> None:

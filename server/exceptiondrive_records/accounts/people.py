@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import timedelta
 
-from sqlalchemy import ColumnElement, func, select, update
+from sqlalchemy import ColumnElement, and_, func, or_, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.roles import OrganizerRole, checked_phases
@@ -237,14 +237,20 @@ def invite(
     return f"{invitation_id}.{secret}", invitation
 
 
-def find_invitation(session: Session, text: str) -> tuple[Invitation, Team]:
+def find_invitation(session: Session, text: str, person_id: str | None) -> tuple[Invitation, Team]:
     """Return the invitation of a link, if it may still be used, and its team.
+
+    Who joined by it finds it again as long as they belong to the team.
 
     Raises:
         NotFound: Unknown, used, withdrawn or too old: the sentence is the same.
     """
     invitation_id, _, secret = text.partition(".")
-    query = select(Invitation).where(Invitation.id == invitation_id, *_usable(session))
+    theirs = select(Membership.team_id).where(Membership.person_id == person_id)
+    is_theirs = and_(Invitation.used_by == person_id, Invitation.team_id.in_(theirs))
+    query = select(Invitation).where(
+        Invitation.id == invitation_id, or_(and_(*_usable(session)), is_theirs)
+    )
     found = session.scalars(query).one_or_none()
     expected = found.secret_digest if found is not None else _NO_INVITATION
     is_right = hmac.compare_digest(secret_digest(secret), expected)
@@ -262,7 +268,7 @@ def accept_invitation(session: Session, text: str, person_id: str, *, actor: str
         NotFound: As `find_invitation` raises it.
         Conflict: The team is full.
     """
-    invitation, team = find_invitation(session, text)
+    invitation, team = find_invitation(session, text, person_id)
     if is_member(session, team.id, person_id):
         return team
     used = session.scalars(

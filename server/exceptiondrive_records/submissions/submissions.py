@@ -64,7 +64,7 @@ def require_counterpart(
         select(Submission).where(Submission.id == linked_to, Submission.team_id == team_id)
     ).first()
     if found is None:
-        raise NotFound("submission of your team", linked_to)
+        raise NotFound("submission", linked_to, " of your team")
     if found.phase_id != phase.id:
         raise InvalidRecord(
             f"The submission {linked_to!r} is of the phase {found.phase_id!r}; link one of "

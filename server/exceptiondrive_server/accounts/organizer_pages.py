@@ -63,6 +63,6 @@ def role_of(services: ServicesOf, person_id: PersonId) -> Step:
             FormField("phases", "Phases", hint="Ids, apart by blanks; empty: of the whole site."),
         ),
         texts={"role": person.organizer_role or "", "phases": " ".join(person.organizer_phases)},
-        facts=(("Name", person.name), ("Id", person.id)),
+        facts=(("Name", person.name), ("Email", person.email or "none"), ("Id", person.id)),
         command=f"exceptiondrive organizer people set {person_id} --role helper --phase ID",
     )

@@ -289,7 +289,7 @@ def atom_feed(history: History, site_url: str) -> str:
     """Write the feed of a phase."""
     Xml.register_namespace("", ATOM)
     root = Xml.Element(f"{{{ATOM}}}feed")
-    _text(root, "title", f"ExceptionDrive: boards of {history.title}")
+    _text(root, "title", f"ExceptionDrive: {history.title}")
     _text(root, "id", f"{site_url}/feed.atom?phase={history.phase}")
     _link(root, f"{site_url}/feed.atom?phase={history.phase}", "self")
     _link(root, f"{site_url}/?phase={history.phase}", "alternate")
@@ -307,11 +307,13 @@ def atom_feed(history: History, site_url: str) -> str:
 def _board(root: Xml.Element, history: History, board: BoardNote, site_url: str) -> None:
     entry = Xml.SubElement(root, f"{{{ATOM}}}entry")
     address = f"{site_url}/?phase={history.phase}&board={board.number}"
-    _text(entry, "title", f"Board {board.number} of {history.title}, protocol {board.protocol}")
+    title = f"Board {board.number} of {history.title}"
+    _text(entry, "title", f"{title}: {board.news.rstrip('.')}" if board.news else title)
     _text(entry, "id", address)
     _link(entry, address, "alternate")
     _text(entry, "updated", iso(board.published_at))
-    said = [board.news, *board.what_changed, board.findings, f"Content {board.digest}."]
+    made_under = f"Protocol {board.protocol}, content {board.digest}."
+    said = [board.news, *board.what_changed, board.findings, made_under]
     _text(entry, "summary", " ".join(filter(None, said)))
 
 

@@ -55,7 +55,7 @@ PUBLIC_NOTE = FormField(
     "public_note",
     "Public note",
     "lines",
-    "stands below the board; empty: readers are told nothing",
+    "stands below the board and names team and method; empty: readers are told nothing",
     max_length=MAX_NOTE,
 )
 NAMES = (

@@ -131,10 +131,12 @@ def _submit_page(
     if browser is not None and team is not None and Scope.SUBMIT in browser.principal.scopes:
         open_phases = _to_submit_to(phases)
         ids = {one.id for one in open_phases}
+        stand = [one for one in standing if one.phase in ids]
         upload = {
             "team": team,
             "phases": open_phases,
-            "standing": [one for one in standing if one.phase in ids],
+            "standing": stand,
+            "counterparts": [one for one in stand if CHALLENGES[one.challenge].counterpart],
             "wanted": wanted,
             "form_token": browser.form_token,
             "typed": texts,
@@ -160,6 +162,7 @@ def _submit_page(
         has_client=wheel is not None,
         development=_development(links, phase),
         upload=upload,
+        who=None if browser is None else browser.principal,
         CHALLENGES=CHALLENGES,
     )
     if refusal is not None and refusal.retry_after_s is not None:

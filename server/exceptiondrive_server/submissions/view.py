@@ -183,8 +183,8 @@ def actions_of(
     """Return what the team may say of a submission now: end of the address, and words."""
     if seen.is_asked:
         return (("confirm", "Submit it"),)
-    is_scored = seen.status is SubmissionStatus.SCORED
-    return tuple(_actions(seen, policy, has_closed, can_publish)) if is_scored else ()
+    may_stand = seen.status is SubmissionStatus.SCORED and seen.disqualified_at is None
+    return tuple(_actions(seen, policy, has_closed, can_publish)) if may_stand else ()
 
 
 def _actions(
@@ -290,7 +290,7 @@ def families_of(
             n=row.n,
             cells=tuple(
                 (
-                    digits.text(metric, row.metrics.get(metric.key)) or "none",
+                    digits.text(metric, row.metrics.get(metric.key)) or "not told",
                     digits.interval(metric, known[family.id].intervals.get(metric.key))
                     if family.id in known
                     else "",

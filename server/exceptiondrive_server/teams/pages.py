@@ -136,8 +136,8 @@ def show_invitation(
 ) -> Response:
     """Show who invites; nothing happens before somebody signed in says yes."""
     with services.database.read() as session:
-        invitation, team = find_invitation(session, text)
         person_id = browser.principal.person_id if browser is not None else None
+        invitation, team = find_invitation(session, text, person_id)
         return private_page(
             request,
             "teams/join.html",
@@ -145,6 +145,7 @@ def show_invitation(
             team=team.name,
             invited_by=invitation.invited_by,
             expires_at=invitation.expires_at,
+            is_used=invitation.used_at is not None,
             text=text,
             person=_person_name(browser),
             is_member=person_id is not None and is_member(session, team.id, person_id),

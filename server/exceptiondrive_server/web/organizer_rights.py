@@ -97,6 +97,8 @@ def require_right(request: Request, services: Services, principal: Principal) ->
         detail = "This is for organizers."
         if principal.person_id is None:
             detail += f" It needs a token with the scope {Scope.ORGANIZE.value!r}."
+        elif principal.team_id is not None:
+            detail += " You act for a team: an organizer chooses so on the page Team first."
         raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
     needed = role_needed(request.method, _path_of(request))
     if not role.includes(needed):

@@ -14,7 +14,7 @@ from tests.server.pages.invented_board import LONG_AGO
 from tests.server.pages.reading import read
 
 from exceptiondrive_schemas.api.phase_settings import PhasePolicy
-from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.board import Board, FamilyCell
 from exceptiondrive_server.boards import query as board_query
 from exceptiondrive_server.boards.charts import best_entries
 from exceptiondrive_server.boards.entry_facts import entry_key
@@ -298,6 +298,16 @@ async def test_the_strategy_challenge_has_a_board_of_its_own_metrics(
     assert "61.25" in text
     assert "HCC" not in text.split('<section id="board"')[1].split('id="submit"')[0]
     assert "Even the leading agent is too careless about 2 times in 7." in text
+    assert "% Accuracy or more</span>" in text
+    right = FamilyCell.model_validate({"n": 9, "accuracy": 1.0})
+    entries = tuple(
+        entry.model_copy(update={"families": dict.fromkeys(entry.families, right)})
+        for entry in strategy_board.entries
+    )
+    site.create_phase("full", "strategy")
+    site.publish(strategy_board.model_copy(update={"phase": "full", "entries": entries}))
+    full = (await site.get("/?phase=full")).text
+    assert re.search(r"<span>100\W+Accuracy</span>", full), "more than all there is not"
     assert "exceptiondrive check agent.json.gz</b> \\\n<b>    <i>--phase</i> strategy</b>" in text
     assert (await site.get("/compare?phase=strategy")).status_code == 200
     assert (await site.get("/entries/a0000000kq?phase=strategy")).status_code == 200

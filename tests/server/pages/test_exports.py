@@ -190,11 +190,11 @@ async def test_the_feed_lists_boards_newest_first(lively_site: Any, empty_board:
     name = {"a": "http://www.w3.org/2005/Atom"}
     titles = [entry.findtext("a:title", "", name) for entry in feed.findall("a:entry", name)]
     assert [title.split(" of ")[0] for title in titles] == ["Board 2", "Board 1"]
+    newly = "1 newly ranked (brake-late to rank 3); 1 moved up (Kestrel-2 to rank 1);"
+    assert f": {newly}" in titles[1], "a list of titles says what is new"
     said = [entry.findtext("a:summary", "", name) for entry in feed.findall("a:entry", name)]
     assert said[0].startswith("No planner is ranked on this board yet.")
-    assert said[1].startswith(
-        "1 newly ranked (brake-late to rank 3); 1 moved up (Kestrel-2 to rank 1);"
-    )
+    assert said[1].startswith(newly)
     assert "Of 6 ranked planners, Kestrel-2 leads, though 1 other could be first: it" in said[1]
     assert feed.findtext("a:id", "", name) == "http://site.test/feed.atom?phase=sample"
 

@@ -96,6 +96,7 @@ async def test_pages_name_their_picture_and_themselves_absolutely(
     assert meta(text, "og:image") == f"https://board.example{picture}"
     assert meta(text, "og:url").startswith("https://board.example/")
     assert meta(text, "twitter:card") == "summary_large_image"
+    assert meta(text, "og:image:alt") == meta(text, "og:description"), "what it shows, in words"
     assert (await lively_site.get(picture)).status_code == 200
 
 
