@@ -44,7 +44,7 @@ def effect_table(board: Board, entry: BoardEntry, digits: Digits) -> SheetTable:
             cells = (
                 digits.signed(metric, found.difference),
                 digits.interval(metric, found.interval, signed=True),
-                "" if share is None else f"{digits.fraction(share)}\u2009%",
+                "not told" if share is None else f"{digits.fraction(share)}\u2009%",
                 found.verdict,
             )
             lines.append((f"{metric.label} {unit_of(metric)}", cells))

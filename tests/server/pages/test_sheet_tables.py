@@ -1,8 +1,9 @@
 """Further rows of a score sheet as tables."""
 
+from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.publish.examples import example_score_sheet
-from exceptiondrive_server.entries.sheet_tables import sheet_tables
+from exceptiondrive_server.entries.sheet_tables import effect_table, sheet_tables
 from exceptiondrive_server.web.numbers import Digits
 
 PROTOCOL = packaged_protocol()
@@ -42,3 +43,21 @@ def test_confusion_and_reminder_rows_have_tables_of_their_own() -> None:
 def test_a_sheet_without_further_rows_has_no_table() -> None:
     sheet = example_score_sheet().model_copy(update={"extra": {}})
     assert sheet_tables(sheet, PROTOCOL, Digits()) == ()
+
+
+def test_of_a_withheld_split_the_share_of_changed_samples_is_not_told(
+    strategy_board: Board,
+) -> None:
+    entry = strategy_board.entries[0]
+    effect = entry.reminder_effect
+    assert effect is not None
+    kept_back = {
+        key: found.model_copy(update={"discordant": None})
+        for key, found in effect.differences.items()
+    }
+    withheld = entry.model_copy(
+        update={"reminder_effect": effect.model_copy(update={"differences": kept_back})}
+    )
+    for each, share in ((entry, "40.00\u2009%"), (withheld, "not told")):
+        (_, accuracy), *_ = effect_table(strategy_board, each, Digits()).lines
+        assert accuracy == ("+16.25", "+10 to +23", share, "with is better")
