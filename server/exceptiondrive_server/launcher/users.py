@@ -1,4 +1,4 @@
-"""Gives the server a user of its own, so that whoever takes over the web process reads no withheld region.
+"""Gives the server a user of its own, so that whoever takes over the web process opens no split file.
 
 Only root may start processes as another user. Started by somebody else, server and worker are one user, and the
 launcher says what that means.
@@ -27,6 +27,10 @@ _ONE_USER = (
     "server and worker run as one user: who takes over the web process can read withheld regions. {why} "
     "For withheld splits, use compose.yaml."
 )
+_OWN_USER = (
+    f"the server runs as user {SERVER_USER}, who cannot open split files. It writes all records, and workers "
+    "believe them, also that a split is public: for withheld splits, use compose.yaml."
+)
 
 
 def own_user_of_server(data: Path) -> tuple[int | None, str]:
@@ -54,7 +58,7 @@ def own_user_of_server(data: Path) -> tuple[int | None, str]:
         raise LaunchError(f"cannot share {data} with the server's user: {error.strerror}") from None
     if why is not None:
         return None, _ONE_USER.format(why=why)
-    return SERVER_USER, f"the server runs as user {SERVER_USER}, who cannot read withheld regions"
+    return SERVER_USER, _OWN_USER
 
 
 def _why_not(data: Path) -> str | None:
