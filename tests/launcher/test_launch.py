@@ -158,7 +158,7 @@ def open_folder() -> Iterator[Path]:
 
 
 @pytest.mark.skipif(not can_change_user(), reason="only root can give the server another user")
-def test_who_takes_over_the_web_process_reads_no_region(
+def test_who_takes_over_the_web_process_opens_no_split_file(
     open_folder: Path,
 ) -> None:
     splits, data = open_folder / "splits", open_folder / "data"
@@ -177,7 +177,9 @@ def test_who_takes_over_the_web_process_reads_no_region(
         split = httpx.get(f"http://127.0.0.1:{port}/api/v1/splits/sample")
     finally:
         running.end()
-    assert f"the server runs as user {SERVER_USER}" in running.said.read_text()
+    said = running.said.read_text()
+    assert f"the server runs as user {SERVER_USER}" in said
+    assert "for withheld splits, use compose.yaml" in said, "it writes what workers believe"
     assert users == {
         "broker": SERVER_USER,
         "serve": SERVER_USER,

@@ -59,6 +59,16 @@ def test_a_deep_data_folder_gets_a_short_socket_elsewhere(tmp_path: Path) -> Non
     assert not folder.path.exists()
 
 
+def test_a_link_in_the_place_of_the_brokers_folder_is_refused(tmp_path: Path) -> None:
+    """The server may put one there: what it leads to is neither opened nor given to anybody."""
+    withheld = tmp_path / "splits"
+    withheld.mkdir(mode=0o500)
+    (tmp_path / "broker").symlink_to(withheld)
+    with pytest.raises(LaunchError, match="no link"):
+        BrokerFolder(Layout(tmp_path))
+    assert mode(withheld) == 0o500
+
+
 def test_given_settings_go_before_the_layouts(tmp_path: Path) -> None:
     given = {"EXCEPTIONDRIVE_DATABASE_URL": "postgresql+psycopg://elsewhere/db"}
     environment = Layout(tmp_path).environment(given)

@@ -9,6 +9,7 @@ from tests.chaos.users import can_change_user
 
 from exceptiondrive_server.launcher.users import SERVER_USER, own_user_of_server
 
+OTHER_USER = 10002
 PROTECTED_REGULAR = Path("/proc/sys/fs/protected_regular")
 
 
@@ -45,3 +46,25 @@ def test_a_system_that_keeps_root_from_files_of_others_is_named(data: Path) -> N
     user, words = own_user_of_server(data)
     assert ("fs.protected_regular" in words) == keeps
     assert user is None or not keeps
+
+
+@pytest.mark.parametrize(
+    "name", ["uploads", "records.sqlite3-of-mine", f".of-the-server-{os.getpid()}"]
+)
+@pytest.mark.parametrize("inner", ["", "split.json"])
+def test_root_gives_the_server_nothing_that_its_links_lead_to(
+    data: Path, tmp_path: Path, name: str, inner: str
+) -> None:
+    """Whoever took it over may put a link in the place of whatever it owns, and wait for a restart."""
+    withheld = tmp_path / "splits"
+    withheld.mkdir()
+    split = withheld / "split.json"
+    split.touch()
+    for path in (withheld, split):
+        os.chown(path, OTHER_USER, OTHER_USER)
+    (data / "uploads/ab/link").symlink_to(withheld)
+    if name == "uploads":
+        (data / name).rename(data / "moved")
+    (data / name).symlink_to(withheld / inner)
+    own_user_of_server(data)
+    assert {path.stat().st_uid for path in (withheld, split)} == {OTHER_USER}

@@ -6,7 +6,8 @@ import shlex
 import shutil
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
@@ -105,13 +106,29 @@ class BrokerFolder:
         wanted = layout.data.resolve() / "broker"
         self._is_temporary = not is_short_enough(wanted)
         self.path = Path(tempfile.mkdtemp(prefix="ed-")) if self._is_temporary else wanted
-        self.path.mkdir(exist_ok=True)
-        self.path.chmod(0o700)
+        with self._opened() as folder:
+            os.fchmod(folder, 0o700)
         self.url = broker_url(self.path)
 
     def give_to(self, user: int) -> None:
         """Let another user run the broker; root reaches it all the same."""
-        os.chown(self.path, user, user)
+        with self._opened() as folder:
+            os.fchown(folder, user, user)
+
+    @contextmanager
+    def _opened(self) -> Iterator[int]:
+        """The folder itself, made if need be: root gives nobody what a link in its place leads to."""
+        try:
+            self.path.mkdir(exist_ok=True)
+            folder = os.open(self.path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+        except OSError:
+            raise LaunchError(
+                f"{self.path} has to be a folder, and no link: look who made it, and remove it"
+            ) from None
+        try:
+            yield folder
+        finally:
+            os.close(folder)
 
     def remove(self) -> None:
         """Remove a temporary folder."""

@@ -1,4 +1,4 @@
-"""Gives the server a user of its own, so that whoever takes over the web process reads no withheld region.
+"""Gives the server a user of its own, so that whoever takes over the web process opens no split file.
 
 Only root may start processes as another user. Started by somebody else, server and worker are one user, and the
 launcher says what that means.
@@ -7,6 +7,7 @@ launcher says what that means.
 import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 from exceptiondrive_server.launcher.child import LaunchError
@@ -25,6 +26,10 @@ os.listdir(sys.argv[1])
 _ONE_USER = (
     "server and worker run as one user: who takes over the web process can read withheld regions. {why} "
     "For withheld splits, use compose.yaml."
+)
+_OWN_USER = (
+    f"the server runs as user {SERVER_USER}, who cannot open split files. It writes all records, and workers "
+    "believe them, also that a split is public: for withheld splits, use compose.yaml."
 )
 
 
@@ -53,7 +58,7 @@ def own_user_of_server(data: Path) -> tuple[int | None, str]:
         raise LaunchError(f"cannot share {data} with the server's user: {error.strerror}") from None
     if why is not None:
         return None, _ONE_USER.format(why=why)
-    return SERVER_USER, f"the server runs as user {SERVER_USER}, who cannot read withheld regions"
+    return SERVER_USER, _OWN_USER
 
 
 def _why_not(data: Path) -> str | None:
@@ -66,15 +71,15 @@ def _why_not(data: Path) -> str | None:
 
 def _may_root_write_servers_file(data: Path) -> bool:
     """Try it as SQLite opens a file: to be made if it is not there."""
-    path = data / f".of-the-server-{os.getpid()}"
-    path.touch()
+    new, path = tempfile.mkstemp(prefix=".of-the-server-", dir=data)
     try:
-        os.chown(path, SERVER_USER, SERVER_USER)
-        os.close(os.open(path, os.O_RDWR | os.O_CREAT))
+        os.fchown(new, SERVER_USER, SERVER_USER)
+        os.close(os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW))
     except PermissionError:
         return False
     finally:
-        path.unlink()
+        os.close(new)
+        os.unlink(path)
     return True
 
 
@@ -98,7 +103,11 @@ def _unreachable(data: Path) -> str | None:
 
 
 def _give(path: Path, user: int) -> None:
-    """Let a user own a file, or a folder with all in it, but nothing that a link points to."""
+    """Let a user own a file, or a folder with all in it, but nothing that a link points to.
+
+    The server may put links here: root would give it whatever they name.
+    """
     os.lchown(path, user, user)
-    for inner in path.rglob("*") if path.is_dir() else ():
-        os.lchown(inner, user, user)
+    for _, folders, files, at in os.fwalk(path) if path.is_dir() else ():
+        for name in (*folders, *files):
+            os.chown(name, user, user, dir_fd=at, follow_symlinks=False)

@@ -2,6 +2,7 @@
 
 import html
 import re
+from itertools import accumulate
 from typing import Any
 from xml.etree import ElementTree as Xml
 
@@ -244,3 +245,14 @@ def test_a_citation_cannot_be_left_by_what_a_team_writes(lively_board: Board) ->
     unlinked = entry.model_copy(update={"links": Links()})
     own = f"https://site.test/entries/{entry.submission_id}"
     assert own in entry_bibtex(lively_board, unlinked, "https://site.test")
+
+
+def test_no_name_ends_a_field_of_a_citation(lively_board: Board) -> None:
+    named = {"method": "a}}, author = nobody, note = {{b", "team": "a } b"}
+    cited = entry_bibtex(
+        lively_board, lively_board.entries[0].model_copy(update=named), "https://s"
+    )
+    depths = list(accumulate((c == "{") - (c == "}") for c in cited))  # BibTeX minds no backslash
+    told = [at for at in range(len(cited)) if cited.startswith("nobody", at)]
+    assert [depths[at] for at in told] == [3]
+    assert depths[-1] == 0

@@ -44,7 +44,7 @@ def test_latex_is_a_booktabs_table_with_the_published_digits(
 
 SPECIAL = re.compile(r"(?<!\\)[#$%&_{}~^<>|\"]")
 COMMANDS = re.compile(
-    r"\\text(?:backslash|asciitilde|asciicircum|less|greater|bar)\{\}|\\[{}&%$#_]|\\\\$"
+    r"\\text(?:backslash|braceleft|braceright|asciitilde|asciicircum|less|greater|bar)\{\}|\\[&%$#_]|\\\\$"
 )
 
 
@@ -109,7 +109,9 @@ def test_the_table_has_the_bytes_that_pandas_writes(
 
 
 def test_names_cannot_break_out_of_latex() -> None:
-    assert tex_escape("a_b & 50% \\input{x}\n$") == (r"a\_b \& 50\% \textbackslash{}input\{x\} \$")
+    assert tex_escape("a_b & 50% \\input{x}\n$") == (
+        r"a\_b \& 50\% \textbackslash{}input\textbraceleft{}x\textbraceright{} \$"
+    )
 
 
 def test_bibtex_cites_the_paper_and_this_very_board(
