@@ -30,6 +30,18 @@ def option(
     return typer.Option(name, metavar=metavar, help=words, autocompletion=offer, **bounds)
 
 
+def text(name: str, words: str) -> Any:
+    """Return an option whose text may stand in a file."""
+    hint = f"{words} `@FILE` reads it from a file."
+    return typer.Option(name, metavar="TEXT", help=hint, callback=from_file)
+
+
+def from_file(said: str | None) -> str | None:
+    """Return a text that was said, or what the file holds that it names as `@FILE`."""
+    is_file = said is not None and said.startswith("@") and "{" not in said  # BibTeX: `@misc{`
+    return given_bytes(said[1:]).text() if is_file else said
+
+
 def flag(name: str, words: str) -> Any:
     """Return an option that is said or not."""
     return typer.Option(name, help=words)

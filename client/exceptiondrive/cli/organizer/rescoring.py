@@ -117,13 +117,10 @@ def apply(
     run_id: RunArgument,
     reason: options.Reason,
     digest: Annotated[
-        str | None, option("--preview", "DIGEST", "Of the preview that you looked at.")
-    ] = None,
+        str, option("--preview", "DIGEST", "Last line of the `preview` that you looked at.")
+    ],
 ) -> Answer:
     """Show the new board, at once and wholly; refused while anything is missing or stale."""
-    if digest is None:
-        digest = rescoring.preview(run_id)["digest"]
-        say(f"applying the present preview, {digest}")
     run = rescoring.step(run_id, "apply", reason, preview=digest)
     return run, *run_lines(run)
 
