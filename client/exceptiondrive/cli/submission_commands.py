@@ -262,6 +262,9 @@ def withdraw(
     words = "no other run takes its place on the board"
     if again is not None and again.replaced_by is None:
         words = f"with the next board there stands again {entry_words(again)}"
+        if again.unranked_because is not None:
+            why = again.unranked_because
+            words = f"the run before, {entry_words(again)}, takes no place now: {why}"
     if not stands:
         words = "it was so before, and nothing changed"
     return view, f"{view.id} {view.status}: {words}"
