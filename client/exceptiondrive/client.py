@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import date, datetime
 from difflib import get_close_matches
 from types import MappingProxyType
@@ -711,10 +711,16 @@ class Client(Connection):
         return read_answer(SubmissionView.read, self._transport.post(path, dict))
 
     def receipt(self, submission_id: str) -> "Receipt":
-        """Return the signed receipt of a scored submission."""
+        """Return the signed receipt of a scored submission, or of anybody's entry on a board."""
         from exceptiondrive_schemas.receipt import Receipt
 
-        return self._get(Receipt, f"{self._path_of(submission_id)}/receipt")
+        try:
+            return self._get(Receipt, f"{self._path_of(submission_id)}/receipt")
+        except (NotFoundError, NotSignedInError):
+            with suppress(NotFoundError):
+                entry = quoted(self._id_of(submission_id))
+                return self._get(Receipt, f"/entries/{entry}/receipt")
+            raise
 
     def receipt_keys(self) -> "ReceiptKeys":
         """Return the public keys of the server's receipts.

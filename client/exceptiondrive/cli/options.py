@@ -38,8 +38,9 @@ def text(name: str, words: str) -> Any:
 
 def from_file(said: str | None) -> str | None:
     """Return a text that was said, or what the file holds that it names as `@FILE`."""
-    is_file = said is not None and said.startswith("@") and "{" not in said  # BibTeX: `@misc{`
-    return given_bytes(said[1:]).text() if is_file else said
+    if said is None or not said.startswith("@") or "{" in said:  # BibTeX: `@misc{`
+        return said
+    return given_bytes(said[1:]).text()
 
 
 def flag(name: str, words: str) -> Any:
