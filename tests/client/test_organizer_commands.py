@@ -410,3 +410,27 @@ def test_a_list_of_several_teams_submissions_says_whose_each_is(
 def test_a_run_is_applied_with_the_preview_that_was_looked_at(running: "Running") -> None:
     unseen = organize(running, "rescore", "apply", "run", "--reason", "why")
     assert (unseen.exit_code, "--preview" in unseen.stderr) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("words", "listed_by"),
+    [
+        ("phases freeze nope --reason why", "phases"),
+        ("phases create newer --title New --split nope", "organizer splits list"),
+        ("teams approve nope", "organizer teams list"),
+        ("rescore start --phase dev --protocol 9.9 --reason why", "organizer protocols list"),
+        ("rescore preview nope", "organizer rescore status"),
+        ("submissions show nope", "submissions"),
+        ("questions answer nope --text yes", "organizer questions list"),
+        ("news withdraw nope --reason why", "organizer news list"),
+        ("people set nope", "organizer people list"),
+        ("teams reinstate 9 --reason why", "organizer teams disqualified"),
+    ],
+)
+def test_a_name_that_is_not_known_is_answered_by_what_lists_them(
+    running: "Running", words: str, listed_by: str
+) -> None:
+    missing = organize(running, *words.split())
+    assert missing.exit_code == 2
+    assert f"`exceptiondrive {listed_by}` lists what there is." in missing.stderr
+    assert CliRunner().invoke(app, [*listed_by.split(), "--help"]).exit_code == 0
