@@ -284,10 +284,10 @@ def test_what_is_done_with_a_submission_from_the_command_line(
     assert organize(running, *of, "restore", sent.id, "--reason", "again").exit_code == 4
     told = organize(running, *of, "note", sent.id, "--words", "It stands again.")
     assert told.stdout.startswith("Alpha is told: notice ")
-    words = tmp_path / "words.txt"
-    words.write_text("It stays.", encoding="utf-8")
+    words_file = tmp_path / "words.txt"
+    words_file.write_text("It stays.", encoding="utf-8")
     page = f"{running.url}/submissions/{sent.id}"
-    assert organize(running, *of, "note", page, "--words", f"@{words}").exit_code == 0
+    assert organize(running, *of, "note", page, "--words", f"@{words_file}").exit_code == 0
     with running.client() as client:
         told_so = [notice.what_changed for notice in client.notices()]
     assert told_so == [("It stays.",), ("It stands again.",)]
@@ -305,9 +305,10 @@ def test_what_is_done_with_a_submission_from_the_command_line(
         with tarfile.open(file) as tar:
             assert (name or f"dev/alpha/{sent.id}.json") in tar.getnames()
     monkeypatch.chdir(tmp_path)
-    for command, name in (("download", f"{sent.id}.json"), ("folder", f"submission-{sent.id}.tar")):
+    named = {"download": f"{sent.id}.json", "folder": f"submission-{sent.id}.tar"}
+    for command, kept_as in named.items():
         assert organize(running, *of, command, page).exit_code == 0
-        assert Path(name).is_file(), "named by the id, of an address too"
+        assert Path(kept_as).is_file(), "named by the id, of an address too"
     story = organize(running, *of, "show", page).stdout
     for words in ("told ", "submission restored", "upload downloaded", "story downloaded"):
         assert words in story
