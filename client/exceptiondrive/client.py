@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import date, datetime
 from difflib import get_close_matches
 from types import MappingProxyType
@@ -540,30 +540,6 @@ class Client(Connection):
     def _path_of(self, submission: str) -> str:
         return f"/submissions/{quoted(self._id_of(submission))}"
 
-    def _id_of(self, submission: str) -> str:
-        """Return the id of a submission, of the address of its page too.
-
-        Raises:
-            InvalidArgumentError: The address is of another server, or no address of a submission.
-        """
-        if "://" not in require_text(submission, "The id of a submission"):
-            return submission.strip()
-        address = submission.strip().partition("?")[0].partition("#")[0].rstrip("/")
-        *_, noun, found = address.split("/")
-        if noun not in ("submissions", "entries"):
-            raise InvalidArgumentError(
-                "wrong_address",
-                f"{submission} is not the address of a submission.",
-                f"It is like {self.page_url('ID')}.",
-            )
-        if not address.startswith(f"{self.server}/"):
-            raise InvalidArgumentError(
-                "wrong_server",
-                f"{submission} is not at {self.server}.",
-                "Say which server: --server URL",
-            )
-        return found
-
     def submissions(
         self,
         *,
@@ -735,10 +711,16 @@ class Client(Connection):
         return read_answer(SubmissionView.read, self._transport.post(path, dict))
 
     def receipt(self, submission_id: str) -> "Receipt":
-        """Return the signed receipt of a scored submission."""
+        """Return the signed receipt of a scored submission, or of anybody's entry on a board."""
         from exceptiondrive_schemas.receipt import Receipt
 
-        return self._get(Receipt, f"{self._path_of(submission_id)}/receipt")
+        try:
+            return self._get(Receipt, f"{self._path_of(submission_id)}/receipt")
+        except (NotFoundError, NotSignedInError):
+            with suppress(NotFoundError):
+                entry = quoted(self._id_of(submission_id))
+                return self._get(Receipt, f"/entries/{entry}/receipt")
+            raise
 
     def receipt_keys(self) -> "ReceiptKeys":
         """Return the public keys of the server's receipts.
@@ -808,10 +790,6 @@ class Client(Connection):
         except NotFoundError:
             return False
         return True
-
-    def page_url(self, submission_id: str) -> str:
-        """Address of the page of a submission, from upload to rank, for members of its team."""
-        return f"{self.server}/submissions/{quoted(submission_id)}"
 
     def protocol_of(self, phase: PhaseView) -> ProtocolDocument:
         """Return the phase's protocol, from this package where it is the same."""

@@ -23,6 +23,13 @@ class Organizer(Connection):
     def _do(self, *where: str, **said: Any) -> Record:
         return self._transport.post_once(_at(*where), said)
 
+    def _of(self, submission: str, *parts: str) -> str:
+        """Return the path of a submission, of the address of its page too."""
+        return _at("submissions", self._id_of(submission), *parts)
+
+    def _do_with(self, submission: str, what: str, **said: Any) -> Record:
+        return self._transport.post_once(self._of(submission, what), said)
+
     @property
     def rescoring(self) -> "Rescoring":
         """Protocol updates, each step with its reason."""
@@ -92,9 +99,8 @@ class Organizer(Connection):
         self, submission_id: str, reason: str, public_note: str | None = None
     ) -> Record:
         """Take one submission off the boards; the same bytes are not taken again."""
-        return self._do(
-            "submissions", submission_id, "disqualify", reason=reason, public_note=public_note
-        )
+        said = {"reason": reason, "public_note": public_note}
+        return self._do_with(submission_id, "disqualify", **said)
 
     def disqualifications(self) -> list[Record]:
         """Return disqualifications, newest first; those that ended, too."""
@@ -148,31 +154,31 @@ class Organizer(Connection):
 
     def retry_submission(self, submission_id: str, reason: str) -> Record:
         """Queue a failed submission again, with all its attempts."""
-        return self._do("submissions", submission_id, "retry", reason=reason)
+        return self._do_with(submission_id, "retry", reason=reason)
 
     def story(self, submission_id: str) -> Record:
         """Return a submission with its jobs, recomputations, edits, notices and audit lines."""
-        return self._transport.record(_at("submissions", submission_id))
+        return self._transport.record(self._of(submission_id))
 
     def verify_submission(self, submission_id: str, reason: str) -> Record:
         """Ask for its score to be made again from the upload; follow it by `rescoring.verification`."""
-        return self._do("submissions", submission_id, "verify", reason=reason)
+        return self._do_with(submission_id, "verify", reason=reason)
 
     def restore_submission(self, submission_id: str, reason: str) -> Record:
         """Let a withdrawn submission stand again."""
-        return self._do("submissions", submission_id, "restore", reason=reason)
+        return self._do_with(submission_id, "restore", reason=reason)
 
     def write_about(self, submission_id: str, words: str) -> Record:
         """Tell a team something about its submission, in its inbox and at its confirmed addresses."""
-        return self._do("submissions", submission_id, "note", words=words)
+        return self._do_with(submission_id, "note", words=words)
 
     def download_upload(self, submission_id: str) -> bytes:
         """Return the bytes that a team sent; the audit log says who had them."""
-        return self._transport.get(_at("submissions", submission_id, "file")).content
+        return self._transport.get(self._of(submission_id, "file")).content
 
     def download_story(self, submission_id: str) -> bytes:
         """Return a tar for a committee: upload, receipt, story and a README."""
-        return self._transport.get(_at("submissions", submission_id, "folder")).content
+        return self._transport.get(self._of(submission_id, "folder")).content
 
     def download_archive(
         self, team: str | None = None, phase: str | None = None, status: str | None = None

@@ -603,6 +603,34 @@ class Connection:
         """Close the connections."""
         self._transport.close()
 
+    def page_url(self, submission_id: str) -> str:
+        """Address of the page of a submission, from upload to rank, for members of its team."""
+        return f"{self.server}/submissions/{quoted(submission_id)}"
+
+    def _id_of(self, submission: str) -> str:
+        """Return the id of a submission, of the address of its page too.
+
+        Raises:
+            InvalidArgumentError: The address is of another server, or no address of a submission.
+        """
+        if "://" not in require_text(submission, "The id of a submission"):
+            return submission.strip()
+        address = submission.strip().partition("?")[0].partition("#")[0].rstrip("/")
+        *_, noun, found = address.split("/")
+        if noun not in ("submissions", "entries"):
+            raise InvalidArgumentError(
+                "wrong_address",
+                f"{submission} is not the address of a submission.",
+                f"It is like {self.page_url('ID')}.",
+            )
+        if not address.startswith(f"{self.server}/"):
+            raise InvalidArgumentError(
+                "wrong_server",
+                f"{submission} is not at {self.server}.",
+                "Say which server: --server URL",
+            )
+        return found
+
 
 class LinkAnswer:
     """What an address outside of the server gives: its bytes, and where among all they begin."""

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from exceptiondrive import Client, to_dataframe
 from exceptiondrive.cli import app
+from exceptiondrive_records.audit.log import SPLIT_FLOOR_HELD, audit
 from exceptiondrive_schemas.api.similarity import SimilarityReport
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
@@ -168,6 +169,9 @@ def test_a_tampered_audit_log_is_found(running: "Running") -> None:
     ):
         assert json.loads(organize(running, "audit", "list", *asked, "--json").stdout) == kept
     with running.context.database.write() as session:
+        audit(session, "worker", SPLIT_FLOOR_HELD, "tiny", {"asked": ["d_safe_m is 6"]})
+    assert "d_safe_m is 6" in organize(running, "audit", "list").stdout, "what workers refused"
+    with running.context.database.write() as session:
         triggers = session.execute(text("SELECT name FROM sqlite_master WHERE type = 'trigger'"))
         for (name,) in list(triggers):
             session.execute(text(f'DROP TRIGGER "{name}"'))
@@ -265,7 +269,10 @@ def test_a_table_in_an_encoding_of_old_makes_no_team(running: "Running", tmp_pat
 
 
 def test_what_is_done_with_a_submission_from_the_command_line(
-    running: "Running", tmp_path: Path, planning_file: Callable[..., Path]
+    running: "Running",
+    tmp_path: Path,
+    planning_file: Callable[..., Path],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     path = planning_file()
     with running.client() as client:
@@ -277,8 +284,13 @@ def test_what_is_done_with_a_submission_from_the_command_line(
     assert organize(running, *of, "restore", sent.id, "--reason", "again").exit_code == 4
     told = organize(running, *of, "note", sent.id, "--words", "It stands again.")
     assert told.stdout.startswith("Alpha is told: notice ")
+    words_file = tmp_path / "words.txt"
+    words_file.write_text("It stays.", encoding="utf-8")
+    page = f"{running.url}/submissions/{sent.id}"
+    assert organize(running, *of, "note", page, "--words", f"@{words_file}").exit_code == 0
     with running.client() as client:
-        assert [notice.what_changed for notice in client.notices()] == [("It stands again.",)]
+        told_so = [notice.what_changed for notice in client.notices()]
+    assert told_so == [("It stays.",), ("It stands again.",)]
     no_sheet = organize(running, *of, "verify", sent.id, "--reason", "a dispute")
     assert (no_sheet.exit_code, "no score sheet" in no_sheet.stderr) == (2, True)
     upload = tmp_path / "upload.json"
@@ -288,11 +300,16 @@ def test_what_is_done_with_a_submission_from_the_command_line(
     assert organize(running, *of, "download", sent.id, "--output", upload).exit_code == 2
     for command, name in (("folder", f"submission-{sent.id}/upload.json"), ("archive", None)):
         file = tmp_path / f"{command}.tar"
-        more = [sent.id] if command == "folder" else ["--team", "alpha"]
+        more = [page] if command == "folder" else ["--team", "alpha"]
         assert organize(running, *of, command, *more, "--output", file).exit_code == 0
         with tarfile.open(file) as tar:
             assert (name or f"dev/alpha/{sent.id}.json") in tar.getnames()
-    story = organize(running, *of, "show", sent.id).stdout
+    monkeypatch.chdir(tmp_path)
+    named = {"download": f"{sent.id}.json", "folder": f"submission-{sent.id}.tar"}
+    for command, kept_as in named.items():
+        assert organize(running, *of, command, page).exit_code == 0
+        assert Path(kept_as).is_file(), "named by the id, of an address too"
+    story = organize(running, *of, "show", page).stdout
     for words in ("told ", "submission restored", "upload downloaded", "story downloaded"):
         assert words in story
     people = json.loads(organize(running, "audit", "list", "--by-people", "--json").stdout)
@@ -355,3 +372,66 @@ def test_a_board_of_elsewhere_is_imported_listed_and_withdrawn(
     assert "Far withdrawn" in organize(running, *gone).stdout
     (line,) = json.loads(organize(running, "audit", "list", "--limit", "1", "--json").stdout)
     assert (line["action"], line["subject"]) == ("reported board withdrawn", made["id"])
+
+
+def test_news_and_answers_come_from_files_as_other_long_texts_do(
+    running: "Running", tmp_path: Path
+) -> None:
+    words, of = tmp_path / "words.md", ("--phase", "dev")
+    words.write_text("It is on **Friday** now.\n", encoding="utf-8")
+    news = ("news", "publish", *of, "--title", "The workshop moves", "--text")
+    missing = organize(running, *news, f"@{words}.none")
+    assert (missing.exit_code, "cannot be read" in missing.stderr) == (2, True)
+    assert organize(running, *news, f"@{words}").exit_code == 0
+    with running.client() as client:
+        asked = client.ask("When?", "dev")
+        answer = ("questions", "answer", asked["id"], "--text", f"@{words}")
+        assert organize(running, *answer).exit_code == 0
+        assert [one["text"].strip() for one in client.news("dev")] == ["It is on **Friday** now."]
+        assert client.questions("dev")[0]["answer"].strip() == "It is on **Friday** now."
+
+
+def test_a_list_of_several_teams_submissions_says_whose_each_is(
+    running: "Running", planning_file: Callable[..., Path]
+) -> None:
+    with running.client() as client:
+        client.submit(planning_file(), phase="dev", method="Planner")
+    listed = {"EXCEPTIONDRIVE_SERVER": running.url, "EXCEPTIONDRIVE_TOKEN": running.organizer_token}
+
+    def shown() -> str:
+        return CliRunner().invoke(app, ["submissions"], env=listed).stdout
+
+    assert "team" not in shown(), "of one team"
+    token = organize(running, "teams", "create", "beta", "Team Beta", "--with-token").stdout.strip()
+    with Client(running.url, token) as client:
+        client.submit(planning_file(), phase="dev", method="Planner")
+    assert ("Team Beta" in shown(), "Alpha" in shown()) == (True, True)
+
+
+def test_a_run_is_applied_with_the_preview_that_was_looked_at(running: "Running") -> None:
+    unseen = organize(running, "rescore", "apply", "run", "--reason", "why")
+    assert (unseen.exit_code, "--preview" in unseen.stderr) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("words", "listed_by"),
+    [
+        ("phases freeze nope --reason why", "phases"),
+        ("phases create newer --title New --split nope", "organizer splits list"),
+        ("teams approve nope", "organizer teams list"),
+        ("rescore start --phase dev --protocol 9.9 --reason why", "organizer protocols list"),
+        ("rescore preview nope", "organizer rescore status"),
+        ("submissions show nope", "submissions"),
+        ("questions answer nope --text yes", "organizer questions list"),
+        ("news withdraw nope --reason why", "organizer news list"),
+        ("people set nope", "organizer people list"),
+        ("teams reinstate 9 --reason why", "organizer teams disqualified"),
+    ],
+)
+def test_a_name_that_is_not_known_is_answered_by_what_lists_them(
+    running: "Running", words: str, listed_by: str
+) -> None:
+    missing = organize(running, *words.split())
+    assert missing.exit_code == 2
+    assert f"`exceptiondrive {listed_by}` lists what there is." in missing.stderr
+    assert CliRunner().invoke(app, [*listed_by.split(), "--help"]).exit_code == 0

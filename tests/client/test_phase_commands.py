@@ -193,7 +193,8 @@ def test_check_says_what_a_rank_still_needs(working: "Running", planning_file: M
     unanswered = [{"sample_id": f"s{n}", "source": None, "edited": None} for n in range(4)]
     files = planning_file(), planning_file("none.json", predictions=unanswered)
     told = run(working, "check", files[0], "--phase", "test").stdout
-    assert "it will be refused until your team accepts the terms" in told
+    accept = "it will be refused until your team accepts the terms"
+    assert f"{accept}: see `exceptiondrive terms --phase test`" in told
     assert "outlook: then it will be ranked once your team publishes it" in told
     refused = run(working, "submit", files[1], "--phase", "test", "--method", "None")
     assert (refused.exit_code, "terms" in refused.stderr) == (4, True), "nothing is asked first"

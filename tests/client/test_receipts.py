@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from exceptiondrive import Client
 from exceptiondrive.cli import app
-from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.errors import InvalidArgumentError, NotSignedInError
 from exceptiondrive.receipts import (
     ReceiptError,
     keys_path,
@@ -48,6 +48,17 @@ def receipt(working: "Running", planning_file: Callable[..., Path], tmp_path: Pa
         done = CliRunner().invoke(app, arguments, env=environment)
         assert done.exit_code == 0, done.stderr
     return path
+
+
+def test_a_reader_gets_the_receipt_of_an_entry_without_a_token(
+    working: "Running", receipt: Path
+) -> None:
+    own = Receipt.model_validate_json(receipt.read_bytes())
+    with Client(working.url) as reader:
+        page = f"{working.url}/entries/{own.statement.submission_id}"
+        assert reader.receipt(page).statement == own.statement
+        with pytest.raises(NotSignedInError):
+            reader.receipt("none")
 
 
 def verify(*arguments: object) -> Any:

@@ -189,9 +189,10 @@ def shown() -> dict[str, list[RenderableType]]:
     ]  # fmt: skip
     columns = ("id", "name", "scopes", "created_at", "expires_at")
     page = f"https://exceptiondrive.example.org/submissions/{one.id}"
+    own = [view.model_copy(update={"team": one.team}) for view in submissions()]
     return {
         "leaderboard": [*board_view(board())],
-        "submissions": [*submissions_view(submissions())],
+        "submissions": [*submissions_view(own)],
         "status": [*submission_view(one, page)],
         "quota": [quota_table(quotas)],
         "phases": [phases_table(phases)],

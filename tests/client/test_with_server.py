@@ -226,6 +226,24 @@ def test_a_withdrawal_asks_and_says_what_stands_again(
     assert again == f"{second['id']} withdrawn: it was so before, and nothing changed\n"
 
 
+def test_a_withdrawal_after_the_deadline_says_that_the_place_stays_empty(
+    working: "Running", planning_file: MakeFile
+) -> None:
+    from exceptiondrive_records.db.clock import database_now
+    from exceptiondrive_records.phases.phases import find_phase
+
+    first = json.loads(submit(working, planning_file(), "--wait", "--json").stdout)
+    done = submit(working, slower_file(planning_file), "--replace", "--wait", "--json")
+    second = json.loads(done.stdout)
+    with working.context.database.write() as session:
+        find_phase(session, "dev").closes_at = database_now(session)
+    told = run(working, "withdraw", second["id"], "--yes").stdout
+    assert "stands again" not in told
+    assert f"the run before, {first['id']} (HCC " in told
+    assert "takes no place now" in told
+    assert "the place stays empty" in " ".join(told.split())
+
+
 def test_two_files_are_told_to_become_one(working: "Running", planning_file: MakeFile) -> None:
     one, two = planning_file("one.json"), planning_file("two.json")
     for command in (("submit", "--phase", "dev", "--method", "M"), ("check",)):

@@ -246,12 +246,15 @@ def test_after_the_deadline_no_older_version_takes_the_place_of_a_withdrawn_one(
     life: "Life",
 ) -> None:
     plain(life, closes_at=life.ahead(60))
-    submit(life, "alpha", 3.0, "A")
+    older = submit(life, "alpha", 3.0, "A")
     newest = submit(life, "alpha", 9.0, "A")
     kept = submit(life, "alpha", 5.0, "B")
     assert set(life.entry_ids()) == {newest, kept}
     life.move(closes_at=life.now())
     life.request("POST", f"/api/v1/submissions/{newest}/withdraw", "alpha")
+    told = life.json(f"/api/v1/submissions/{older}", "alpha")
+    assert (told["replaced_by"], told["awaits_board"]) == (None, False)
+    assert f"{newest} stood in its place at the deadline" in told["unranked_because"]
     life.work()
     assert set(life.entry_ids()) == {kept}
 

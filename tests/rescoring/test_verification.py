@@ -2,10 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
 from sqlalchemy import delete, select, update
+from tests.rescoring.test_caution_update import Organizer, Serve
 
 from exceptiondrive_records.boards.boards import current_board, entry_ids
 from exceptiondrive_records.db.clock import database_now
@@ -55,6 +57,17 @@ def test_a_sheet_that_differs_is_named(stage: Stage) -> None:
     found = verified(stage, spoil=True)
     assert (found.n_equal, found.n_different) == (2, 1)
     assert found.problems[0].found_digest != found.problems[0].expected_digest
+
+
+def test_what_a_verification_came_to_is_shown_later_too(
+    stage: Stage, serve: Serve, tmp_path: Path
+) -> None:
+    """Who is interrupted while it goes on asks for its status."""
+    organizer, found = Organizer(*serve(stage), tmp_path), verified(stage, spoil=True)
+    said = organizer.say("rescore", "status", found.id)
+    assert said.startswith("3 of 3 sheets recomputed: 2 equal bit for bit, 1 DIFFER\n")
+    assert f"  {found.problems[0].submission_id}  differs" in said
+    assert organizer.rescore("status", found.id)["verification"]["n_equal"] == 2
 
 
 def test_the_private_store_is_not_looked_at(stage: Stage) -> None:

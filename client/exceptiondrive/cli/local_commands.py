@@ -63,7 +63,7 @@ def check(
     if report.is_valid and phase is not None and protocol is None:
         from exceptiondrive.cli.tables import outlook_view
 
-        words = (*words, *outlook_view(outlook))
+        words = (*words, *outlook_view(outlook, phase))
         report = report.model_copy(update={"to_confirm": tuple(outlook.to_confirm.values())})
     show_result(report, json, *words)
     has_samples = split is not None or manifest is not None or phase is not None

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from exceptiondrive.client import Client
     from exceptiondrive.organizer import Organizer
 
-Text = Annotated[str, option("--text", "TEXT", "Markdown.")]
-
 
 @with_client
 def ask(
@@ -59,7 +57,7 @@ def publish_news(
     organizer: "Organizer",
     phase: options.PhaseId,
     title: Annotated[str, option("--title", "TEXT", "One line.")],
-    text: Text,
+    text: Annotated[str, options.text("--text", "Markdown.")],
 ) -> Answer:
     """Announce something of a phase: on its page, in its feed, in the inbox of every team."""
     published = organizer.publish_news(phase, title, text)
@@ -89,7 +87,7 @@ def list_questions(organizer: "Organizer", phase: options.Phase = None) -> Answe
 def answer_question(
     organizer: "Organizer",
     question_id: Annotated[str, argument("ID", "Id of the question.")],
-    text: Annotated[str, option("--text", "TEXT", "The answer.")],
+    text: Annotated[str, options.text("--text", "The answer.")],
     to_all: Annotated[
         bool, flag("--to-all", "Question and answer become news, without the team's name.")
     ] = False,

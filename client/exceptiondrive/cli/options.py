@@ -30,6 +30,19 @@ def option(
     return typer.Option(name, metavar=metavar, help=words, autocompletion=offer, **bounds)
 
 
+def text(name: str, words: str) -> Any:
+    """Return an option whose text may stand in a file."""
+    hint = f"{words} `@FILE` reads it from a file."
+    return typer.Option(name, metavar="TEXT", help=hint, callback=from_file)
+
+
+def from_file(said: str | None) -> str | None:
+    """Return a text that was said, or what the file holds that it names as `@FILE`."""
+    if said is None or not said.startswith("@") or "{" in said:  # BibTeX: `@misc{`
+        return said
+    return given_bytes(said[1:]).text()
+
+
 def flag(name: str, words: str) -> Any:
     """Return an option that is said or not."""
     return typer.Option(name, help=words)

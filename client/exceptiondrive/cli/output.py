@@ -4,8 +4,9 @@ import json
 import re
 import sys
 from collections.abc import Iterable, Iterator
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
+from urllib.parse import urlsplit
 
 import typer
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -117,10 +118,15 @@ def saved(path: Path, data: bytes) -> Answer:
     return {"file": str(path), "size_bytes": size}, f"{path}  {size:,} bytes"
 
 
+def id_in(submission: str) -> str:
+    """Return the id of a submission, of the address of its page too."""
+    return PurePosixPath(urlsplit(submission.strip()).path).name
+
+
 def upload_name(submission_id: str, data: bytes) -> str:
     """Return the name of a downloaded upload, which is gzip or plain JSON."""
     suffix = ".json.gz" if data.startswith(b"\x1f\x8b") else ".json"
-    return submission_id + suffix
+    return id_in(submission_id) + suffix
 
 
 def say(text: str) -> None:

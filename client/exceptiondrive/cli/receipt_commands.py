@@ -20,7 +20,7 @@ Output = Annotated[Path | None, options.output("Else stdout.")]
 def get(
     submission_id: options.SubmissionId, output: Output = None, server: options.Server = None
 ) -> None:
-    """Fetch the signed receipt of a scored submission.
+    """Fetch the signed receipt of a scored submission, or of anybody's entry on a board.
 
     The server's public keys are remembered on this machine, for `receipt verify`.
     """

@@ -95,7 +95,7 @@ def submit(
     told = facts_of_pairs(fact or (), facts)
 
     def consent(outlook: Outlook) -> None:
-        say_view(*file_view(outlook.report), *outlook_view(outlook))
+        say_view(*file_view(outlook.report), *outlook_view(outlook, phase))
         _require_consent(outlook, replace=replace, allow_unranked=allow_unranked)
 
     phase, given = default_phase(phase), options.given(file, context)
@@ -262,6 +262,9 @@ def withdraw(
     words = "no other run takes its place on the board"
     if again is not None and again.replaced_by is None:
         words = f"with the next board there stands again {entry_words(again)}"
+        if again.unranked_because is not None:
+            why = again.unranked_because
+            words = f"the run before, {entry_words(again)}, takes no place now: {why}"
     if not stands:
         words = "it was so before, and nothing changed"
     return view, f"{view.id} {view.status}: {words}"

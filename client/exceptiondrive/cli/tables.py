@@ -78,7 +78,7 @@ AS_FAR = (
 )
 
 
-def outlook_view(outlook: Outlook) -> Iterator[RenderableType]:
+def outlook_view(outlook: Outlook, phase: str | None = None) -> Iterator[RenderableType]:
     """Yield what an upload will do, as far as the file and the team's entries tell."""
     if outlook.disqualified_at is not None:
         who = (
@@ -100,7 +100,7 @@ def outlook_view(outlook: Outlook) -> Iterator[RenderableType]:
         yield f"outlook: it will be refused now. {outlook.quota_error}"
         return
     if outlook.owes_terms:
-        see = "see `exceptiondrive terms --phase PHASE`"
+        see = f"see `exceptiondrive terms --phase {phase or 'PHASE'}`"
         yield f"outlook: it will be refused until your team accepts the terms: {see}"
     if outlook.is_late:
         yield "outlook: the deadline has passed: it will stand on the late view alone"
@@ -198,12 +198,17 @@ def _standing(view: SubmissionView) -> tuple[str, str]:
 
 
 def submissions_view(views: Iterable[SubmissionView]) -> Iterator[RenderableType]:
-    """Yield a table of submissions, with what ranks of those that are scored, and what replaced them."""
+    """Yield a table of submissions, with what ranks of those that are scored, and what replaced them.
+
+    Whose they are stands in it where they are of several teams, as organizers see them.
+    """
     views = list(views)
+    teams = ("team",) * (len({view.team for view in views}) > 1)
     heads = {head: None for view in views for head in _ranking_texts(view)}
     table = FittedTable.of(
         Column("id", "id"),
         Column("phase", "id", left_out=2),
+        *teams,
         "method",
         "status",
         *(Column(head, "number", left_out=1) for head in heads),
@@ -216,6 +221,7 @@ def submissions_view(views: Iterable[SubmissionView]) -> Iterator[RenderableType
         table.add_row(
             view.id,
             view.phase,
+            *(view.team for _ in teams),
             view.method,
             Text("replaced" if view.replaced_by else status_line(view), style=style),
             *(ranking.get(head, "") for head in heads),

@@ -87,7 +87,8 @@ class SubmissionView(Document):
     intervals: dict[str, Interval | None] = {}
     """Of the metrics, as the board shows them."""
     unranked_because: str | None = None
-    """Why it has no rank: as the board says, because the board is frozen, or since it stays private."""
+    """Why it has no rank: as the board says, because the board is frozen, since it stays private, or as
+    what stood in its place at the deadline was withdrawn later."""
     awaits_board: bool = False
     """It is scored, and the board that will show it is being built."""
     awaits_profile: bool = False

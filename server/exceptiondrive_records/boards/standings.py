@@ -158,12 +158,13 @@ def names_of(session: Session, submission_ids: list[str]) -> list[Names]:
 
 def replacements(
     session: Session, phase: Phase, submissions: Sequence[Submission], now: datetime
-) -> dict[str, str]:
-    """Return what stands on the board in place of scored submissions of the same team, by their ids.
+) -> dict[str, Submission]:
+    """Return what holds the place of scored submissions of the same team, by their ids.
 
     A later run of the same method, or the one that stands for the team where the phase shows one of
-    each; left out is what stands itself, or is no entry at all. Late ones stand apart, and so do those
-    whose score is kept back: which of two is the better would tell it.
+    each; left out is what stands itself, or is no entry at all. One that was withdrawn after the
+    deadline holds its place still, and leaves it empty. Late ones stand apart, and so do those whose
+    score is kept back: which of two is the better would tell it.
     """
 
     def counts(each: Submission) -> bool:
@@ -198,10 +199,9 @@ def replacements(
         place_of[each.submission.id]: each.submission
         for (_, shows_one), stood in groups.items()
         for each in (_of_teams(stood) if shows_one else _of_methods(stood, pick))
-        if _is_scored(each.submission)
     }
     found = {each.id: standing.get(place_of[each.id]) for each in asked if each.id in place_of}
-    return {name: one.id for name, one in found.items() if one is not None and one.id != name}
+    return {name: one for name, one in found.items() if one is not None and one.id != name}
 
 
 def _is_scored(submission: Submission) -> bool:

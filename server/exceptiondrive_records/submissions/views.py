@@ -125,7 +125,7 @@ class _Seen:
         return published_sheets(self._session, self.phase, {each.id for each in told}, self.now)
 
     @cached_property
-    def replaced_by(self) -> Mapping[str, str]:
+    def replaced_by(self) -> Mapping[str, Submission]:
         """See `replacements`."""
         return replacements(self._session, self.phase, self._submissions, self.now)
 
@@ -171,13 +171,13 @@ def _view(
     phase, is_scored = seen.phase, _is_scored(submission)
     can_be_confirmed = submission.can_be_confirmed(seen.now)
     shown = seen.entries.get(submission.id) if is_scored else None
-    replaced = seen.replaced_by.get(submission.id)
+    holder = seen.replaced_by.get(submission.id)
     run_rule, is_chosen = seen.rules.get(submission.id, ("newest", False))
     is_published = not phase.policy.entries_private or submission.published_at is not None
     is_to_come = (
         is_scored
         and shown is None
-        and replaced is None
+        and holder is None
         and is_published
         and disqualified_at is None
         and not is_late(phase, submission)
@@ -187,6 +187,11 @@ def _view(
         unranked_because = "the board is frozen, and shows it when the organizers reveal the board"
     elif is_scored and not is_published and not seen.can_publish:
         unranked_because = "it was private when hidden scores were revealed, and stays so"
+    elif holder is not None and not _is_scored(holder):
+        unranked_because = (
+            f"{holder.id} stood in its place at the deadline and was withdrawn later: the place "
+            "stays empty"
+        )
     return SubmissionView(
         id=submission.id,
         phase=phase.id,
@@ -216,7 +221,7 @@ def _view(
         confirm_until=submission.confirm_until if can_be_confirmed else None,
         confirmed_as=submission.confirmed_as,
         is_late=is_late(phase, submission),
-        replaced_by=replaced,
+        replaced_by=holder.id if holder is not None and _is_scored(holder) else None,
         is_chosen=is_chosen,
         run_rule=run_rule,
         is_published=is_published,

@@ -12,7 +12,7 @@ from exceptiondrive.cli.account_commands import TOKEN_COLUMNS, show_revoked
 from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.options import argument, flag, option
 from exceptiondrive.cli.organizer import participation, phases, rescoring
-from exceptiondrive.cli.output import Answer, saved, say, show_result, upload_name
+from exceptiondrive.cli.output import Answer, id_in, saved, say, show_result, upload_name
 from exceptiondrive.cli.session import open_organizer, with_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.confirmations import confirm, default_key_path, make_key
@@ -25,9 +25,6 @@ from exceptiondrive_schemas.protocol import ProtocolDocument, ProtocolError
 from exceptiondrive_schemas.protocols.sense import nonsense
 from exceptiondrive_schemas.split import SplitRef
 
-SubmissionId = Annotated[
-    str, argument("ID", "Id of the submission.", offer=completion.submission_ids)
-]
 FileArgument = Annotated[Path, argument("FILE", "Protocol document, TOML.")]
 
 
@@ -148,7 +145,7 @@ def refuse_team(organizer: Organizer, team_id: options.TeamId, reason: options.R
 
 @with_organizer
 def retry_submission(
-    organizer: Organizer, submission_id: SubmissionId, reason: options.Reason
+    organizer: Organizer, submission_id: options.SubmissionId, reason: options.Reason
 ) -> Answer:
     """Queue a failed submission again, with all its attempts."""
     submission = organizer.retry_submission(submission_id, reason)
@@ -156,7 +153,7 @@ def retry_submission(
 
 
 @with_organizer
-def show_story(organizer: Organizer, submission_id: SubmissionId) -> Answer:
+def show_story(organizer: Organizer, submission_id: options.SubmissionId) -> Answer:
     """Show a submission and everything that ever happened to it.
 
     Scores of all submissions are listed by `exceptiondrive submissions` with an organizer's token.
@@ -176,7 +173,7 @@ def show_story(organizer: Organizer, submission_id: SubmissionId) -> Answer:
 
 
 def verify_submission(
-    submission_id: SubmissionId,
+    submission_id: options.SubmissionId,
     reason: options.Reason,
     server: options.Server = None,
     json: options.Json = False,
@@ -189,7 +186,7 @@ def verify_submission(
 
 @with_organizer
 def restore_submission(
-    organizer: Organizer, submission_id: SubmissionId, reason: options.Reason
+    organizer: Organizer, submission_id: options.SubmissionId, reason: options.Reason
 ) -> Answer:
     """Let a withdrawn submission stand again, at its old place in time."""
     submission = organizer.restore_submission(submission_id, reason)
@@ -199,8 +196,8 @@ def restore_submission(
 @with_organizer
 def write_about(
     organizer: Organizer,
-    submission_id: SubmissionId,
-    words: Annotated[str, option("--words", "TEXT", "What the team is told; no address shows.")],
+    submission_id: options.SubmissionId,
+    words: Annotated[str, options.text("--words", "What the team is told; no address shows.")],
 ) -> Answer:
     """Tell its team something about it: in its inbox, and at every confirmed address."""
     notice = organizer.write_about(submission_id, words)
@@ -209,7 +206,7 @@ def write_about(
 
 @with_organizer
 def download_upload(
-    organizer: Organizer, submission_id: SubmissionId, output: options.Output = None
+    organizer: Organizer, submission_id: options.SubmissionId, output: options.Output = None
 ) -> Answer:
     """Get the bytes that a team sent; the audit log says who had them."""
     data = organizer.download_upload(submission_id)
@@ -218,11 +215,11 @@ def download_upload(
 
 @with_organizer
 def download_story(
-    organizer: Organizer, submission_id: SubmissionId, output: options.Output = None
+    organizer: Organizer, submission_id: options.SubmissionId, output: options.Output = None
 ) -> Answer:
     """Get the whole story for a committee, as a tar: upload, receipt, records and a README."""
     data = organizer.download_story(submission_id)
-    return saved(output or Path(f"submission-{submission_id}.tar"), data)
+    return saved(output or Path(f"submission-{id_in(submission_id)}.tar"), data)
 
 
 @with_organizer
@@ -415,6 +412,10 @@ def _verdict_words(verdict: dict[str, Any], is_cut: bool) -> str:
     return f"the audit log is whole: {whole}"
 
 
+def _first(detail: Mapping[str, Any], names: Iterable[str]) -> Any:
+    return next((detail[name] for name in names if detail.get(name)), "")
+
+
 @with_organizer
 def read_audit(
     organizer: Organizer,
@@ -444,7 +445,8 @@ def read_audit(
         until=until,
         action=action,
     )
-    lines = [{**line, "reason": line["detail"].get("reason", "")} for line in found]
+    why = ("reason", "asked")  # why it was done, or what workers refused
+    lines = [{**line, "reason": _first(line["detail"], why)} for line in found]
     columns = ("id", "at", "actor", "action", "subject", "reason")
     return found, records_table(lines, columns)
 

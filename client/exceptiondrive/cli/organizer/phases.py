@@ -18,7 +18,6 @@ from exceptiondrive.cli.output import Answer, saved
 from exceptiondrive.cli.session import with_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.errors import InvalidArgumentError, utc_text
-from exceptiondrive.inputs import given_bytes
 from exceptiondrive.organizer import Organizer
 from exceptiondrive_schemas.api.form_fields import FormField, document_of, fields_of, values_of
 from exceptiondrive_schemas.api.phase_settings import PhaseChange, PhaseSettings
@@ -252,8 +251,8 @@ def _merged(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str
 def _value(field: FormField, given: Any) -> Any:
     if given == "none" and field.may_be_none:
         return None
-    if field.kind == "lines" and given.startswith("@") and "{" not in given:  # BibTeX: `@misc{`
-        return given_bytes(given[1:]).text()
+    if field.kind == "lines":
+        return options.from_file(given)
     if field.kind == "whole":
         if not (given.isdecimal() and field.lowest <= int(given) <= field.highest):
             raise InvalidArgumentError(

@@ -25,6 +25,7 @@ from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, utc
 from exceptiondrive.organizer import Rescoring
 from exceptiondrive.transport import Record
 from exceptiondrive_schemas.challenges import Metric
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.score_sheet import metric_text
 
 RunArgument = Annotated[str, argument("RUN", "Id of the run.", offer=completion.runs)]
@@ -89,7 +90,11 @@ def status(
             show_result(runs, json, runs_table(runs))
             return
         run = _watched(rescoring, run_id) if watch else rescoring.run(run_id)
-    show_result(run, json, *run_lines(run))
+        lines = run_lines(run)
+        if run["kind"] == "verification":
+            run = {**run, "verification": rescoring.verification(run_id)}
+            lines = [*verification_lines(run["verification"])]
+    show_result(run, json, *lines)
     if watch and run["progress"]["failed"]:
         raise typer.Exit(6)
 
@@ -117,13 +122,10 @@ def apply(
     run_id: RunArgument,
     reason: options.Reason,
     digest: Annotated[
-        str | None, option("--preview", "DIGEST", "Of the preview that you looked at.")
-    ] = None,
+        str, option("--preview", "DIGEST", "Last line of the `preview` that you looked at.")
+    ],
 ) -> Answer:
     """Show the new board, at once and wholly; refused while anything is missing or stale."""
-    if digest is None:
-        digest = rescoring.preview(run_id)["digest"]
-        say(f"applying the present preview, {digest}")
     run = rescoring.step(run_id, "apply", reason, preview=digest)
     return run, *run_lines(run)
 
@@ -150,13 +152,13 @@ def follow_verification(rescoring: Rescoring, found: Record, json: bool) -> None
         typer.Exit: A sheet differs, or could not be made again.
     """
     version = found["protocol"]["version"]
-    say(f"verification {found['id']} of {found['n_sheets']} sheets, protocol {version}")
-    found = _verified(rescoring, found)
-    problems = (
-        f"  {problem['submission_id']}  {problem['state']}  {problem['note'] or ''}"
-        for problem in found["problems"]
+    sheets = counted(found["n_sheets"], "sheet")
+    say(f"verification {found['id']} of {sheets}, protocol {version}")
+    say(
+        f"it goes on by itself; exceptiondrive organizer rescore status {found['id']} shows it, too"
     )
-    show_result(found, json, verification_line(found), *problems)
+    found = _verified(rescoring, found)
+    show_result(found, json, *verification_lines(found))
     if found["n_equal"] != found["n_sheets"]:
         raise typer.Exit(ExceptionDriveError.exit_code)
 
@@ -386,6 +388,13 @@ def verification_line(found: Record) -> str:
     if found["n_failed"]:
         words += f", {found['n_failed']} could not be recomputed"
     return words
+
+
+def verification_lines(found: Record) -> Iterator[str]:
+    """Yield what a verification has come to, and each sheet that is not equal."""
+    yield verification_line(found)
+    for problem in found["problems"]:
+        yield f"  {problem['submission_id']}  {problem['state']}  {problem['note'] or ''}"
 
 
 @contextmanager
