@@ -408,11 +408,6 @@ def test_a_list_of_several_teams_submissions_says_whose_each_is(
     assert ("Team Beta" in shown(), "Alpha" in shown()) == (True, True)
 
 
-def test_a_run_is_applied_with_the_preview_that_was_looked_at(running: "Running") -> None:
-    unseen = organize(running, "rescore", "apply", "run", "--reason", "why")
-    assert (unseen.exit_code, "--preview" in unseen.stderr) == (2, True)
-
-
 @pytest.mark.parametrize(
     ("words", "listed_by"),
     [

@@ -122,10 +122,18 @@ def apply(
     run_id: RunArgument,
     reason: options.Reason,
     digest: Annotated[
-        str, option("--preview", "DIGEST", "Last line of the `preview` that you looked at.")
-    ],
+        str | None,
+        option(
+            "--preview",
+            "DIGEST",
+            "Last line of the `preview` that you looked at; else the present one.",
+        ),
+    ] = None,
 ) -> Answer:
     """Show the new board, at once and wholly; refused while anything is missing or stale."""
+    if digest is None:
+        digest = rescoring.preview(run_id)["digest"]
+        say(f"applying the present preview, {digest}")
     run = rescoring.step(run_id, "apply", reason, preview=digest)
     return run, *run_lines(run)
 
