@@ -7,8 +7,9 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from datetime import datetime, timedelta, tzinfo
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import pytest
 from sqlalchemy import make_url, select, text
@@ -30,6 +31,7 @@ from exceptiondrive_records.work.heartbeats import beat
 from exceptiondrive_records.work.lease import take_lead
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_server.launcher.broker import broker_command, find_broker_binary, socket_path
+from exceptiondrive_server.operations import doctor
 from exceptiondrive_server.operations.doctor import Finding, Severity, examine
 from exceptiondrive_server.web.settings import ServerSettings
 
@@ -73,6 +75,19 @@ def test_an_older_scorer_beside_a_newer_one_is_named(healthy: ServerSettings, li
     with lived.database.write() as session:
         beat(session, "another", scorer_version="2")
     assert whats(healthy) == "workers run scorer 1 beside 2: the older ones score nothing"
+
+
+def test_a_clock_that_is_off_is_named_with_its_direction(
+    healthy: ServerSettings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Ahead(datetime):
+        @classmethod
+        def now(cls, tz: tzinfo | None = None) -> Self:
+            return super().now(tz) + timedelta(hours=1)
+
+    monkeypatch.setattr(doctor, "datetime", Ahead)
+    (finding,) = troubles(healthy)
+    assert re.fullmatch(r"this machine's clock is \+3\d{3}\.\d s from the database's", finding.what)
 
 
 def test_names_that_were_taken_before_they_looked_alike_are_named_and_stay(
