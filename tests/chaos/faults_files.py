@@ -86,7 +86,8 @@ def _put_back(folder: Path, aside: Path) -> None:
 
 def read_only_store(run: Run) -> str:
     """The store's file system turns read-only."""
-    _mount(run, "-t", "tmpfs", "-o", "size=64m", "tmpfs")
+    _mount(run, "-t", "tmpfs", "-o", "size=128m", "tmpfs")
+    (run.topology.uploads / "mounted").touch()  # an empty folder counts as away
     try:
         run.clients.stream(3)
         run.settle()

@@ -5,6 +5,7 @@ import shlex
 import shutil
 import stat
 import subprocess
+import time
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from typer.testing import CliRunner, Result
 
 from exceptiondrive_server.launcher.child import LaunchError
 from exceptiondrive_server.operations.cli import app
+from exceptiondrive_server.operations.secrets import self_signed
 
 ROOT = Path(__file__).parents[2]
 SERVER, WORKER, PROXY, OWNER, BROKER = range(10001, 10006)
@@ -114,9 +116,10 @@ def test_run_again_it_keeps_secrets_data_and_what_an_operator_added(folder: Path
     settings.write_text(settings.read_text() + "EXCEPTIONDRIVE_OIDC_CLIENT_ID=ours\n")
     unit_file.write_text("spoilt")
     (folder / "splits/kept").touch()
-    (folder / "secrets/tls.key").write_text("renewed")
+    for name, content in zip(("tls.crt", "tls.key"), self_signed("renewed"), strict=True):
+        (folder / "secrets" / name).write_bytes(content)
     assert init(folder, "other.example.org").exit_code == 0
-    kept = {path: path.read_bytes() for path in secrets if path.name != "tls.key"}
+    kept = {path: path.read_bytes() for path in secrets if path.suffix not in {".crt", ".key"}}
     assert all(secrets[path] == content for path, content in kept.items())
     lines = settings.read_text().splitlines()
     assert lines.count("EXCEPTIONDRIVE_OIDC_CLIENT_ID=ours") == 1
@@ -124,8 +127,45 @@ def test_run_again_it_keeps_secrets_data_and_what_an_operator_added(folder: Path
     assert not [line for line in lines if "board.example.org" in line]
     assert (folder / "splits/kept").exists()
     assert "spoilt" not in unit_file.read_text()
-    assert (folder / "etc/tls.key").read_text() == "renewed"
+    for name in ("tls.crt", "tls.key"):
+        renewed = (folder / "secrets" / name).read_bytes()
+        assert (folder / "etc" / name).read_bytes() == renewed != secrets[folder / "secrets" / name]
     assert not list(folder.rglob("*.new"))
+
+
+def test_a_certificate_beside_anothers_key_is_refused_and_the_one_in_use_stays(
+    folder: Path,
+) -> None:
+    """nginx takes such a pair without a word where the keys are of two kinds, and nobody gets in."""
+    in_use = (folder / "etc/tls.crt").read_bytes()
+    certificate, _ = self_signed("board.example.org")
+    for content, said in ((certificate, "is not the key of"), (b"none", "cannot be read")):
+        (folder / "secrets/tls.crt").write_bytes(content)
+        done = init(folder)
+        assert isinstance(done.exception, LaunchError)
+        assert said in str(done.exception)
+        assert (folder / "etc/tls.crt").read_bytes() == in_use
+
+
+def test_the_password_of_mail_comes_from_its_secret_or_else_stays_as_written(folder: Path) -> None:
+    settings, secret = folder / "etc/reconciler.env", folder / "secrets/smtp_password"
+    settings.write_text(settings.read_text() + "EXCEPTIONDRIVE_SMTP_PASSWORD=written\n")
+    for password, line in (("", "written"), ("kept", "kept")):
+        secret.write_text(password)
+        assert init(folder).exit_code == 0
+        found = [row for row in settings.read_text().splitlines() if "SMTP_PASSWORD" in row]
+        assert found == [f"EXCEPTIONDRIVE_SMTP_PASSWORD={line}"]
+
+
+def test_what_a_backup_that_was_cut_off_left_goes_with_old_backups(folder: Path) -> None:
+    """It has a name of its own, and may be as large as a backup."""
+    (command,) = [line for line in unit(folder, "backup")["ExecStart"] if line.startswith("find ")]
+    backups = folder / "backups"
+    for name, days in (("a.tar", 20), (".b.tar-x1", 20), ("c.tar", 3)):
+        (backups / name).touch()
+        os.utime(backups / name, (time.time() - days * 86_400,) * 2)
+    subprocess.run(shlex.split(command), check=True)
+    assert [path.name for path in backups.iterdir()] == ["c.tar"]
 
 
 def test_a_command_of_the_operator_takes_settings_as_systemd_does(folder: Path) -> None:

@@ -108,6 +108,20 @@ def test_every_service_is_confined(compose: dict[str, Any]) -> None:
         assert service["deploy"]["resources"]["limits"]["memory"], name
 
 
+def test_no_log_grows_for_ever(compose: dict[str, Any]) -> None:
+    for name, service in compose["services"].items():
+        assert service["logging"]["driver"] == "local", name
+        assert service["logging"]["options"].keys() == {"max-size", "max-file"}, name
+
+
+def test_what_stands_for_a_variable_that_is_not_set_is_the_default_of_the_setting() -> None:
+    text = (ROOT / "compose.yaml").read_text("utf-8")
+    defaults = re.findall(r"EXCEPTIONDRIVE_(\w+): \$\{\w+:-([^}]*)\}", text)
+    fields = ServerSettings.model_fields | NoticeSettings.model_fields
+    assert len(defaults) >= 8
+    assert {name: str(fields[name.lower()].default or "") for name, _ in defaults} == dict(defaults)
+
+
 def test_server_and_worker_run_as_different_users(compose: dict[str, Any]) -> None:
     services = compose["services"]
     assert services["server"]["user"] != services["worker-live"]["user"]

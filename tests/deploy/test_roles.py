@@ -260,6 +260,27 @@ def test_a_role_that_is_there_gets_back_exactly_its_rights(
         ask(Role.WORKER, "SELECT * FROM tokens")
 
 
+def test_a_role_that_cannot_sign_in_gets_the_password_of_its_address(
+    records_url: str, ask: Ask, tmp_path: Path
+) -> None:
+    """So a password is changed: in the file of its secret. One that opens is left as it is."""
+    owner = records_url.replace("+psycopg", "")
+    kept = "SELECT rolpassword FROM pg_authid WHERE rolname = 'exceptiondrive_worker'"
+    address = tmp_path / "worker_database_url"
+    with psycopg.connect(owner, autocommit=True) as connection:
+        connection.execute("ALTER ROLE exceptiondrive_worker PASSWORD NULL")
+        url = make_url(as_role(records_url, Role.WORKER)).set(password="changed")
+        address.write_text(url.render_as_string(hide_password=False))
+        grant_to_files(records_url, [address])
+        assert connection.execute(kept).fetchone() == (None,), "this server asks nobody for one"
+        connection.execute("ALTER ROLE exceptiondrive_worker NOLOGIN")
+        grant_to_files(records_url, [address])
+        (digest,) = connection.execute(kept).fetchone() or ("",)
+        assert str(digest).startswith("SCRAM-SHA-256$")
+        assert ask(Role.WORKER, "SELECT 1") == (1,)
+        connection.execute("ALTER ROLE exceptiondrive_worker PASSWORD NULL")
+
+
 def test_no_role_makes_temporary_tables(records_url: str, ask: Ask, tmp_path: Path) -> None:
     """The right is everybody's by default, and stands at the database, not at its tables."""
     ask(Role.API, "CREATE TEMPORARY TABLE before (id int)")

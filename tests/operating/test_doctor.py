@@ -1,24 +1,28 @@
 """The doctor finds what is wrong, says what to do, and has nothing to say of a healthy server."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from datetime import datetime, timedelta, tzinfo
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import pytest
-from sqlalchemy import select, text
+from sqlalchemy import make_url, select, text
 from sqlalchemy.exc import DBAPIError
 from tests.chaos.story import Lived
 from tests.support.broker import PrivateBroker
+from tests.support.databases import as_role
 from tests.support.processes import plain_environment, wait_until
 
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.database import is_forbidden, sentence_of
+from exceptiondrive_records.db.database import Database, is_forbidden, sentence_of
 from exceptiondrive_records.db.errors import Conflict
+from exceptiondrive_records.db.roles import Role
 from exceptiondrive_records.participation.changes import change_team
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.tables import Submission
@@ -27,10 +31,12 @@ from exceptiondrive_records.work.heartbeats import beat
 from exceptiondrive_records.work.lease import take_lead
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_server.launcher.broker import broker_command, find_broker_binary, socket_path
+from exceptiondrive_server.operations import doctor
 from exceptiondrive_server.operations.doctor import Finding, Severity, examine
 from exceptiondrive_server.web.settings import ServerSettings
 
 BIN = Path(sys.executable).parent
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
@@ -69,6 +75,19 @@ def test_an_older_scorer_beside_a_newer_one_is_named(healthy: ServerSettings, li
     with lived.database.write() as session:
         beat(session, "another", scorer_version="2")
     assert whats(healthy) == "workers run scorer 1 beside 2: the older ones score nothing"
+
+
+def test_a_clock_that_is_off_is_named_with_its_direction(
+    healthy: ServerSettings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Ahead(datetime):
+        @classmethod
+        def now(cls, tz: tzinfo | None = None) -> Self:
+            return super().now(tz) + timedelta(hours=1)
+
+    monkeypatch.setattr(doctor, "datetime", Ahead)
+    (finding,) = troubles(healthy)
+    assert re.fullmatch(r"this machine's clock is \+3\d{3}\.\d s from the database's", finding.what)
 
 
 def test_names_that_were_taken_before_they_looked_alike_are_named_and_stay(
@@ -139,6 +158,17 @@ def test_a_broker_that_evicts_is_named(healthy: ServerSettings, broker: Any) -> 
     assert "allkeys-lru" in whats(healthy)
 
 
+def test_a_broker_that_asks_for_another_password_is_there(
+    healthy: ServerSettings, broker: Any
+) -> None:
+    with broker.client() as client:
+        client.config_set("requirepass", "another")
+        (finding,) = troubles(healthy)
+        client.config_set("requirepass", "")
+    assert finding.severity is Severity.WARNING
+    assert finding.what.startswith("the broker asks for another password than ")
+
+
 def test_a_broker_that_tells_nothing_of_its_settings_answers_all_the_same(
     healthy: ServerSettings, broker: Any
 ) -> None:
@@ -180,6 +210,18 @@ def test_a_folder_of_uploads_that_is_not_there_is_named_and_not_made(
     assert not folder.exists()
 
 
+def test_an_empty_folder_of_uploads_that_the_records_mention_is_an_error(
+    healthy: ServerSettings, lived: Lived
+) -> None:
+    lived.uploads.rename(lived.uploads.with_name("away"))
+    lived.uploads.mkdir(mode=0o700)
+    (finding,) = troubles(healthy)
+    assert finding.severity is Severity.ERROR
+    assert finding.what == (
+        f"{lived.uploads} is empty, and the records mention uploads: new ones are refused"
+    )
+
+
 def test_a_receipt_key_that_is_none_is_named_before_somebody_asks_for_a_receipt(
     healthy: ServerSettings,
 ) -> None:
@@ -187,6 +229,24 @@ def test_a_receipt_key_that_is_none_is_named_before_somebody_asks_for_a_receipt(
     (finding,) = troubles(healthy)
     assert finding.severity is Severity.ERROR
     assert str(healthy.receipt_key_file) in finding.what
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can become another user")
+def test_a_store_and_a_place_of_the_receipt_key_of_another_user_are_named(
+    open_folder: Path,
+) -> None:
+    """As after a restore whose files were left to their owner, and where `etc/` is root's."""
+    store = open_folder / "uploads"
+    store.mkdir(mode=0o700)
+    key = open_folder / "receipt.pem"
+    said = doctor_as(
+        20001,
+        EXCEPTIONDRIVE_FILE_STORE_URL=store.as_uri(),
+        EXCEPTIONDRIVE_RECEIPT_KEY_FILE=str(key),
+    )
+    assert f"error   this user may not enter {store}, which is of user 0" in said
+    assert f"there is no key {key}, and this user can make none there" in said
+    assert not key.exists()
 
 
 def test_the_settings_of_the_server_are_examined(tmp_path: Path) -> None:
@@ -210,7 +270,8 @@ def test_missing_workers_and_reconcilers_are_named(healthy: ServerSettings, live
         session.execute(text("DELETE FROM work WHERE kind = 'lead'"))
         take_lead(session, "sweep", "somebody", 60)
     assert whats(healthy) == (
-        "No worker is alive: nothing is scored. Nothing is lost meanwhile. | no reconciler leads"
+        "No worker is alive: nothing is scored. Nothing is lost meanwhile. | No reconciler leads: webhooks, "
+        "mail and rescoring wait, and what was lost is not found again."
     )
 
 
@@ -228,6 +289,27 @@ def test_records_without_their_guards_are_an_error(healthy: ServerSettings, live
     (finding,) = troubles(healthy)
     assert finding.severity is Severity.ERROR
     assert "audit_lines" in finding.what
+
+
+def test_what_the_database_said_is_told(healthy: ServerSettings, database_url: str) -> None:
+    """One that refuses a name or a right answers: to look for it in the network would be in vain."""
+    if database_url.startswith("sqlite"):
+        Path(database_url.removeprefix("sqlite:///")).write_bytes(b"no database" * 100)
+        settings = healthy.model_copy(update={"database_url": database_url})
+        assert "file is not a database; the records are damaged" in whats(settings)
+        return
+    nobody = make_url(database_url).set(username="nobody").render_as_string(hide_password=False)
+    assert 'role "nobody" does not exist' in whats(
+        healthy.model_copy(update={"database_url": nobody})
+    )
+    database = Database(database_url)
+    with database.write() as session:
+        session.execute(text(f"REVOKE ALL ON work FROM {Role.API}"))
+    database.dispose()
+    settings = healthy.model_copy(update={"database_url": as_role(database_url, Role.API)})
+    said = whats(settings)
+    assert "permission denied for table work" in said
+    assert "migrate --grant-to FILE" in said
 
 
 def test_an_old_schema_is_an_error(healthy: ServerSettings, empty_database_url: str) -> None:
@@ -249,18 +331,18 @@ def open_folder() -> Iterator[Path]:
     shutil.rmtree(folder)
 
 
-def doctor_as(user: int, withheld: Path) -> str:
-    """What the command says of a folder to a user of the machine."""
+def doctor_as(user: int, *words: str, **settings: str) -> str:
+    """What the command says to a user of the machine."""
     code = (
         "import os, sys; from exceptiondrive_server.operations.cli import main;"
         # whatever is imported later, while it can read: the other user may not enter this Python
         "from exceptiondrive_server.operations.doctor import redis; redis.Redis();"
         "user = int(sys.argv.pop(1)); os.setgroups([]); os.setgid(user); os.setuid(user); main()"
     )
-    words = [str(user), "doctor", "--data", "/nowhere", "--withheld", str(withheld)]
+    away = {"EXCEPTIONDRIVE_BROKER_URL": "redis+socket:///nowhere/broker.sock"}
     done = subprocess.run(
-        [sys.executable, "-c", code, *words],
-        env=plain_environment(EXCEPTIONDRIVE_BROKER_URL="redis+socket:///nowhere/broker.sock"),
+        [sys.executable, "-c", code, str(user), "doctor", "--data", "/nowhere", *words],
+        env=plain_environment(**away, **settings),
         capture_output=True,
         text=True,
         check=False,
@@ -276,17 +358,28 @@ def test_a_wall_that_stands_and_one_that_does_not(open_folder: Path) -> None:
     (withheld / "name").mkdir(mode=0o755)
     os.chown(withheld, 20002, 20002)
     for closed in (withheld, withheld / "name"):
-        assert f"ok      this user cannot enter {closed}" in doctor_as(20001, closed)
+        assert f"ok      this user cannot enter {closed}" in doctor_as(
+            20001, "--withheld", str(closed)
+        )
     for mode in (0o755, 0o711, 0o744):
         withheld.chmod(mode)
-        said = doctor_as(20001, withheld)
+        said = doctor_as(20001, "--withheld", str(withheld))
         assert f"error   this user may read {withheld}" in said
         assert f"chmod 0700 {withheld}" in said
     withheld.chmod(0o700)
-    said = doctor_as(20002, withheld)
+    said = doctor_as(20002, "--withheld", str(withheld))
     assert "-> run server and workers as different users" in said
-    said = doctor_as(20001, open_folder / "nope")
+    said = doctor_as(20001, "--withheld", str(open_folder / "nope"))
     assert f"error   there is no {open_folder}/nope: nothing was examined" in said
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="root alone may enter every folder")
+def test_root_is_told_that_it_cannot_tell_and_no_more(
+    healthy: ServerSettings, open_folder: Path
+) -> None:
+    (finding,) = troubles(healthy, open_folder)
+    assert finding.severity is Severity.WARNING
+    assert finding.do == "run the doctor as the server's user"
 
 
 def test_the_command_ends_with_1_on_errors(tmp_path: Path) -> None:
@@ -344,4 +437,23 @@ def test_backup_restore_and_verify_by_command(lived: Lived, tmp_path: Path) -> N
     stored.unlink()
     done = run("verify", "--data", str(tmp_path / "new"))
     assert done.returncode == 2
-    assert "upload missing" in done.stdout
+    with lived.database.read() as session:
+        whose = select(Submission.id).where(Submission.file_digest == f"sha256:{stored.name}")
+        named = ", ".join(sorted(session.scalars(whose)))
+    assert f"upload missing: sha256:{stored.name}: the file of {named}\n" == done.stdout
+    section = "broken invariants"
+    assert f"1 broken invariant; see `{section}` in docs/operating.md" in done.stderr
+    done = run("backup", str(tmp_path / "none.tar"), "--data", str(tmp_path / "new"))
+    assert done.returncode == 2
+    assert (
+        f"No backup was written. exceptiondrive-server verify says whose file it is; see `{section}`"
+        in done.stderr
+    )
+    assert not (tmp_path / "none.tar").exists()
+    put_back = re.search(r"`(tar -xO[^`]+)`", (ROOT / "docs/operating.md").read_text("utf-8"))
+    assert put_back is not None
+    words = put_back[1].replace("BACKUP.tar", backup).replace("HEX", stored.name)
+    stored.write_bytes(subprocess.check_output(words.split()))
+    assert run("verify", "--data", str(tmp_path / "new")).returncode == 0
+    done = run("backup", str(tmp_path))
+    assert "is a directory" in " ".join(done.stderr.replace("│", " ").split())

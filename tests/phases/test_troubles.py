@@ -20,6 +20,7 @@ from exceptiondrive_records.operations.troubles import troubles
 from exceptiondrive_records.phases.phases import find_phase, splits_in_use
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.heartbeats import beat
+from exceptiondrive_records.work.lease import give_up_lead, take_lead
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_server.operations.doctor import Severity, examine
@@ -62,12 +63,22 @@ def store(life: Life) -> SplitStore:
     samples = tuple(one.model_copy(update={"recorded": path}) for one in recorded.samples)
     life.add_split(recorded.model_copy(update={"samples": samples}))
     life.make_phase("driven", split="driven", policy={"live_part": "whole"})
+    with life.database.write() as session:
+        take_lead(session, "reconciler", "somebody", 3600)
     return SplitStore(life.worker.splits_dir)
 
 
 def test_a_server_whose_parts_are_all_there_has_none(life: Life, store: SplitStore) -> None:
     say_alive(life, store)
     assert told(life) == []
+
+
+def test_a_server_without_a_reconciler(life: Life, store: SplitStore) -> None:
+    """Uploads are scored all the same, so nobody would notice that no mail goes out."""
+    say_alive(life, store)
+    with life.database.write() as session:
+        give_up_lead(session, "reconciler", "somebody")
+    assert told(life) == [("no_reconciler", "reconciler")]
 
 
 @pytest.mark.parametrize(

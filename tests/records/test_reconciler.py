@@ -4,7 +4,10 @@ import threading
 from datetime import timedelta
 from typing import Any
 
+import pytest
 from sqlalchemy import update
+from sqlalchemy.exc import OperationalError
+from structlog.testing import capture_logs
 from tests.records.test_dispatch import board_is_built, waiting
 from tests.support.work import let_time_pass
 
@@ -158,6 +161,20 @@ def test_one_leads_until_its_lease_ends(database: Database) -> None:
         give_up_lead(session, "reconciler", "a")  # not the leader: changes nothing
         give_up_lead(session, "reconciler", "b")
     assert leads("a")
+
+
+def test_the_log_says_why_the_database_does_not_answer(broker: Broker) -> None:
+    class OneLook(threading.Event):
+        def wait(self, timeout: float | None = None) -> bool:
+            self.set()
+            return True
+
+    away = Database("postgresql+psycopg://nobody@127.0.0.1:1/none")
+    with capture_logs() as logs, pytest.raises(OperationalError):  # it cannot give up the lead
+        run_reconciler(away, Dispatcher(broker.url), SETTINGS, OneLook())
+    away.dispose()
+    (line,) = [line for line in logs if line["event"] == "the database did not answer"]
+    assert "Connection refused" in line["reason"]
 
 
 def test_two_reconcilers_wake_no_more_than_one(world: World, broker: Broker) -> None:

@@ -96,6 +96,31 @@ def test_a_store_without_room_is_not_ready(
     response = api.get("/readyz")
     assert response.status_code == 503
     assert (response.json()["database"], response.json()["file_store"]) == (True, False)
+    refused = api.submit("a")
+    assert refused.status_code == 503
+    assert int(refused.headers["retry-after"]) > 0
+    assert "no room" in refused.json()["detail"]
+    assert list(api.services.files.stored()) == []
+
+
+def test_an_empty_folder_of_a_server_with_uploads_takes_no_more(
+    make_api: MakeApi,
+    sqlite_url: str,
+    tmp_path: Path,
+    as_problem: Callable[[Any, int, str], dict[str, Any]],
+) -> None:
+    """So looks one on which nothing is mounted: what came now would lie under the mount."""
+    api = make_api(sqlite_url)
+    assert api.submit("a").status_code == 202, "a new server's folder is empty, too"
+    (tmp_path / "uploads").rename(tmp_path / "away")
+    (tmp_path / "uploads").mkdir()
+    assert (api.get("/readyz").status_code, api.get("/readyz").json()["file_store"]) == (503, False)
+    as_problem(api.submit("b"), 503, "store_unavailable")
+    assert list((tmp_path / "uploads").iterdir()) == []
+    (tmp_path / "uploads").rmdir()
+    (tmp_path / "away").rename(tmp_path / "uploads")
+    assert api.get("/readyz").status_code == 200
+    assert api.submit("b").status_code == 202
 
 
 def test_an_older_schema_is_not_ready_and_a_newer_one_is(

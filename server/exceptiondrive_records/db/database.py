@@ -56,6 +56,7 @@ _CONFLICTS = {
     "SQLITE_CONSTRAINT_PRIMARYKEY",
     "SQLITE_CONSTRAINT_UNIQUE",
 }
+_DAMAGED = {"XX001", "XX002", "SQLITE_CORRUPT", "SQLITE_NOTADB"}
 _NO_TABLE = "no such table"  # SQLite has no code of its own for it
 _NO_COLUMN = "no such column"
 
@@ -208,7 +209,8 @@ def sentence_of(error: DBAPIError) -> str:
     """Return what a database said and what an operator does about it, without what was asked.
 
     Raises:
-        DBAPIError: The error itself, where it is neither an outage nor a missing right, table or column.
+        DBAPIError: The error itself, where it is neither an outage, damage, nor a missing right, table or
+            column.
     """
     said = str(error.orig).partition("\n")[0]
     if said.startswith(_NO_TABLE) or _code_of(error) == _UNDEFINED_TABLE:
@@ -220,6 +222,8 @@ def sentence_of(error: DBAPIError) -> str:
         return f"{said}; another version made these records: exceptiondrive-server doctor says more"
     if _code_of(error) == _INSUFFICIENT_PRIVILEGE:
         return f"{said}; its owner gives the rights: exceptiondrive-server migrate --grant-to FILE"
+    if _code_of(error) in _DAMAGED:
+        return f"{said}; the records are damaged: restore a backup into new ones"
     if isinstance(error, OperationalError):
         return f"the database does not answer: {said}"
     raise error

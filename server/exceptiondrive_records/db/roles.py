@@ -11,6 +11,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from sqlalchemy import URL, make_url, text
+from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.base import Base
@@ -263,8 +264,8 @@ def role_of(address: str) -> tuple[Role, URL]:
 def grant_to_files(owner_url: str, files: list[Path]) -> list[Role]:
     """Give the roles of addresses in files their rights; roles that are not there are made.
 
-    A new role gets the password of its address; that of an existing one is left alone. Each file
-    holds the address with which one service connects.
+    A role that cannot sign in with its address gets the password that stands there: so a new one, and one
+    whose password was changed in the file. Each file holds the address with which one service connects.
 
     Raises:
         InvalidRecord: The database is no PostgreSQL, or an address is no role's.
@@ -276,29 +277,46 @@ def grant_to_files(owner_url: str, files: list[Path]) -> list[Role]:
     try:
         with database.write() as session:
             for role, url in addresses:
-                make_role(session, role, None if url.password is None else str(url.password))
+                is_new = make_role(session, role)
+                if url.password is not None and (is_new or not _opens(url)):
+                    _set_password(session, role, url.password)
                 grant(session, role)
     finally:
         database.dispose()
     return [role for role, _ in addresses]
 
 
-def make_role(session: Session, role: Role, password: str | None = None) -> None:
-    """Make a role that may sign in, unless it is there; the log sees a digest of the password."""
+def make_role(session: Session, role: Role) -> bool:
+    """Make a role that may sign in, unless it is there; whether it was made."""
     query = text("SELECT 1 FROM pg_roles WHERE rolname = :name")
     if session.scalar(query, {"name": str(role)}) is not None:
-        return
+        return False
     session.execute(text(f"CREATE ROLE {role} LOGIN"))
-    if password is not None:
-        from psycopg import Connection, sql  # PostgreSQL's alone: others do without
+    return True
 
-        driver = session.connection().connection.driver_connection
-        assert isinstance(driver, Connection)
-        secret = driver.pgconn.encrypt_password(password.encode(), role.encode(), b"scram-sha-256")
-        change = sql.SQL("ALTER ROLE {} PASSWORD {}").format(
-            sql.Identifier(role), sql.Literal(secret.decode())
-        )
-        driver.execute(change)
+
+def _opens(url: URL) -> bool:
+    database = Database(url.render_as_string(hide_password=False))
+    try:
+        database.engine.connect().close()
+    except OperationalError:
+        return False
+    finally:
+        database.dispose()
+    return True
+
+
+def _set_password(session: Session, role: Role, password: str) -> None:
+    """Let a role sign in with a password; the log sees a digest of it."""
+    from psycopg import Connection, sql  # PostgreSQL's alone: others do without
+
+    driver = session.connection().connection.driver_connection
+    assert isinstance(driver, Connection)
+    secret = driver.pgconn.encrypt_password(password.encode(), role.encode(), b"scram-sha-256")
+    change = sql.SQL("ALTER ROLE {} LOGIN PASSWORD {}").format(
+        sql.Identifier(role), sql.Literal(secret.decode())
+    )
+    driver.execute(change)
 
 
 def grant(session: Session, role: Role) -> None:

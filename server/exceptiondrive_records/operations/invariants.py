@@ -19,6 +19,7 @@ from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, Board
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText
 from exceptiondrive_records.db.errors import Conflict, NotFound, StoreError, Violation
+from exceptiondrive_records.operations.dump import file_digests
 from exceptiondrive_records.operations.unlogged import (
     board_in,
     unlogged_disqualifications,
@@ -33,7 +34,6 @@ from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.splits.drawings import drawings_of_withheld_splits
 from exceptiondrive_records.splits.pictures import pictures_of_withheld_splits
 from exceptiondrive_records.submissions.file_store import FileDamaged, FileStore
-from exceptiondrive_records.submissions.submissions import keeps_its_file
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Job, Profile, WorkState
 from exceptiondrive_schemas.api.submission import SubmissionStatus as Status
@@ -276,20 +276,25 @@ def unfinished(session: Session) -> list[Violation]:
 
 
 def damaged_uploads(session: Session, files: FileStore, *, limit_bytes: int) -> list[Violation]:
-    """Read every upload that the records mention; return those that are missing or damaged."""
+    """Read every file that the records mention; return those that are missing or damaged, and whose they are."""
     found = []
-    query = select(Submission.file_digest).where(keeps_its_file(session))
-    digests = session.scalars(query.distinct())
-    for digest in digests:
+    for digest in file_digests(session):
         try:
             files.read(digest, limit_bytes=limit_bytes)
         except NotFound:
-            found.append(Violation("upload missing", digest, "a submission has no file"))
+            found.append(Violation("upload missing", digest, _whose(session, digest)))
         except FileDamaged:
-            found.append(Violation("upload damaged", digest, "the bytes are not those sent"))
+            text = f"the bytes are not those sent; {_whose(session, digest)}"
+            found.append(Violation("upload damaged", digest, text))
         except StoreError as error:
             found.append(Violation("store unreadable", digest, str(error)))
     return found
+
+
+def _whose(session: Session, digest: str) -> str:
+    ids = session.scalars(select(Submission.id).where(Submission.file_digest == digest))
+    named = ", ".join(sorted(ids))
+    return f"the file of {named}" if named else "shown of a public split, not sent by a team"
 
 
 def _first_jobs(held: _Held) -> Iterator[Violation]:

@@ -15,7 +15,7 @@ import structlog
 from sqlalchemy.exc import OperationalError
 
 from exceptiondrive_records.boards.renewal import renew_where_families_show
-from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.database import Database, sentence_of
 from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.notifications.events import LOOK_EVERY_S, tell_teams
@@ -73,7 +73,7 @@ def run_reconciler(
                 if done != Pass():
                     _log.info("reconciled", **vars(done))
         except OperationalError as error:
-            _log.warning("the database did not answer", error=type(error.orig).__name__)
+            _log.warning("the database did not answer", reason=sentence_of(error))
         stop.wait(settings.reconcile_every_s)
     with database.write() as session:
         give_up_lead(session, LEADERSHIP, holder)

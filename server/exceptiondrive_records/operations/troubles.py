@@ -12,11 +12,12 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.notifications.tables import Channel, ContactPoint, Delivery
+from exceptiondrive_records.operations.reconciler import LEADERSHIP
 from exceptiondrive_records.phases.phases import list_phases, not_checked
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.splits.splits import whole_split
 from exceptiondrive_records.work.heartbeats import live_workers, missing_splits
-from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, WorkState
+from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest, Leader, WorkState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.printable import counted
 
@@ -50,6 +51,7 @@ def troubles(session: Session) -> tuple[Trouble, ...]:
     return (
         *_lanes(session),
         *_splits(session),
+        *_reconciler(session),
         *_boards(session),
         *_phases(session),
         *_mail(session),
@@ -97,6 +99,17 @@ def _splits(session: Session) -> Iterator[Trouble]:
             f"put it back to {name}/split.json.gz in the workers' folder of splits; the folder has "
             "the name of the split. What waits is scored by itself",
             stops_scoring=True,
+        )
+
+
+def _reconciler(session: Session) -> Iterator[Trouble]:
+    leading = (Leader.key == LEADERSHIP, Leader.lease_until > database_now(session))
+    if session.scalar(select(Leader.id).where(*leading)) is None:
+        yield Trouble(
+            "no_reconciler",
+            "reconciler",
+            "No reconciler leads: webhooks, mail and rescoring wait, and what was lost is not found again.",
+            "start one: exceptiondrive-server reconcile",
         )
 
 

@@ -22,10 +22,11 @@ from urllib.parse import unquote, urlsplit
 import obstore
 from obstore.exceptions import AlreadyExistsError, BaseError
 from obstore.store import LocalStore, ObjectStore, from_url
-from sqlalchemy import text
+from sqlalchemy import select, text
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.errors import NotFound, StoreError, UploadTooLarge
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.base import bytes_digest
 
 if TYPE_CHECKING:
@@ -137,10 +138,19 @@ class FileStore:
         """Whether the store answers and, where it is a folder, can be written and has room."""
         if not self._answers():
             return False
-        if self._folder is None:
-            return True
-        has_room = (self.free_bytes() or 0) >= LEAST_FREE_BYTES
-        return has_room and os.access(self._folder, os.W_OK | os.X_OK)
+        return self._folder is None or (
+            self.has_room() and os.access(self._folder, os.W_OK | os.X_OK)
+        )
+
+    def has_room(self) -> bool:
+        """Whether another file leaves room for records and boards, where the store is a folder."""
+        return self._folder is None or (self.free_bytes() or 0) >= LEAST_FREE_BYTES
+
+    def is_empty(self) -> bool:
+        """Whether nothing lies in the folder, as in one on which nothing is mounted."""
+        return self._folder is not None and not (
+            self._folder.is_dir() and any(self._folder.iterdir())
+        )
 
     def _answers(self) -> bool:
         try:
@@ -206,7 +216,7 @@ class FileStore:
         """
         if self._folder is None:
             return
-        if not self._folder.is_dir() or (has_files and not any(self._folder.iterdir())):
+        if not self._folder.is_dir() or (has_files and self.is_empty()):
             raise StoreError("The file store does not answer; try again later.")
 
     def _put(self, digest: str, spooled: tempfile.SpooledTemporaryFile[bytes]) -> None:
@@ -317,6 +327,11 @@ def _key(digest: str) -> str:
         raise NotFound("file", digest)
     name = match.group(1)
     return f"{name[:2]}/{name}"
+
+
+def seems_unmounted(session: Session, files: FileStore) -> bool:
+    """Whether the folder of uploads is empty and should not be: what came now would lie under the mount."""
+    return files.is_empty() and session.scalar(select(Submission.id).limit(1)) is not None
 
 
 _SWEEP_LOCK = 0x45447377  # any constant: uploads share it, a sweep has it alone (PostgreSQL)

@@ -20,7 +20,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.db.errors import RecordsError, StoreError
+from exceptiondrive_records.db.errors import NotFound, RecordsError, StoreError
 from exceptiondrive_records.migrations import migrate, newest_revision
 from exceptiondrive_records.operations.dump import (
     begin_snapshot,
@@ -32,7 +32,7 @@ from exceptiondrive_records.operations.dump import (
     load_rows,
 )
 from exceptiondrive_records.operations.invariants import violations
-from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_records.submissions.file_store import FileDamaged, FileStore, FileUnreadable
 from exceptiondrive_schemas.base import Document
 
 LIMIT_BYTES = 2**30
@@ -74,6 +74,11 @@ def write_backup(database: Database, files: FileStore, path: Path) -> BackupHead
             for digest in digests:  # files never change: they need no snapshot
                 data = files.read(digest, limit_bytes=LIMIT_BYTES)
                 _add(archive, f"files/{digest.removeprefix('sha256:')}", data)
+    except (NotFound, FileDamaged, FileUnreadable) as error:
+        raise BackupError(
+            f"{error} No backup was written. exceptiondrive-server verify says whose file it is; see "
+            "`broken invariants` in docs/operating.md"
+        ) from None
     except OSError as error:
         raise BackupError(f"{path} cannot be written: {error.strerror}") from None
     return head

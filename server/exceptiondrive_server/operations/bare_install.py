@@ -21,6 +21,7 @@ from exceptiondrive_server.operations.secrets import (
     DATABASE,
     OWNER,
     RECEIPT_KEY,
+    require_pair,
     write_first_secrets,
 )
 
@@ -71,7 +72,8 @@ class BareServer:
             The secrets that were made.
 
         Raises:
-            LaunchError: This is not root, or no nginx or broker is installed.
+            LaunchError: This is not root, no nginx or broker is installed, or key and certificate do
+                not belong together.
         """
         if os.geteuid() != 0:
             raise LaunchError("only root can give folders and secrets to the services' users")
@@ -82,6 +84,7 @@ class BareServer:
             _give(path, user, mode)
         secrets = self.folder / "secrets"
         made = write_first_secrets(secrets, self.host, database=DATABASE_AT, broker=BROKER_AT)
+        require_pair(secrets)
         (secrets / "database.sql").write_text(
             _first_sql((secrets / "postgres_password").read_text())
         )
@@ -126,13 +129,15 @@ class BareServer:
             "TRUSTED_PROXIES": "127.0.0.1",
             "OIDC_CLIENT_SECRET": (secrets / "oidc_client_secret").read_text(),
         }
+        password = (secrets / "smtp_password").read_text()
+        mail = {"SMTP_PASSWORD": password} if password else {}  # it may stand in etc/ alone
         worker = {
             "SPLITS_DIR": f"{self.folder}/splits",
             "PRIVATE_DIR": f"{self.folder}/private",
         }
         return {
             "server": (SERVER_USER, common("database_url") | site | server),
-            "reconciler": (SERVER_USER, common("reconciler_database_url") | site),
+            "reconciler": (SERVER_USER, common("reconciler_database_url") | site | mail),
             "worker": (WORKER_USER, common("worker_database_url") | worker),
             "owner": (OWNER_USER, common("owner_database_url")),
         }

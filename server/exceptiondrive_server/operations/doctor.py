@@ -8,6 +8,7 @@ import platform
 import sqlite3
 import stat
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -19,24 +20,24 @@ from kombu.utils.url import parse_url
 from redis.backoff import NoBackoff
 from redis.retry import Retry
 from sqlalchemy import make_url, select, text
-from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.database import Database, sentence_of
 from exceptiondrive_records.db.errors import StoreError
 from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.migrations import is_current, is_usable, missing_columns
-from exceptiondrive_records.operations.reconciler import LEADERSHIP
 from exceptiondrive_records.operations.troubles import troubles
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.file_store import (
     LEAST_FREE_BYTES,
     LOW_ON_ROOM_BYTES,
     FileStore,
+    seems_unmounted,
 )
 from exceptiondrive_records.teams.teams import names_that_look_alike
 from exceptiondrive_records.work.heartbeats import scorers_at_work
-from exceptiondrive_records.work.tables import Job, Leader, WorkState
+from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_server.submissions.receipts import read_or_make_key
 from exceptiondrive_server.web.settings import ServerSettings
@@ -44,6 +45,7 @@ from exceptiondrive_server.web.settings import ServerSettings
 _CLOCK_SKEW_S = 2.0
 _OLDEST_QUEUED_S = 60.0
 _NO_FILE = "sha256:" + "0" * 64
+_LOOK = os.R_OK | os.X_OK
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
 
 
@@ -135,14 +137,22 @@ def _database(settings: RecordsSettings) -> Iterator[Finding]:
         yield from _queue(database, settings)
         yield from _append_only(database)
         yield from _names(database)
+        yield from _mount(database, settings.file_store_url)
     except SQLAlchemyError as error:
         yield Finding(
             Severity.ERROR,
-            f"the database does not answer ({type(error).__name__})",
+            _words_of(error),
             "check EXCEPTIONDRIVE_DATABASE_URL, the network and the database's own log",
         )
     finally:
         database.dispose()
+
+
+def _words_of(error: SQLAlchemyError) -> str:
+    if isinstance(error, DBAPIError):
+        with suppress(DBAPIError):
+            return sentence_of(error)
+    return f"the database does not do what it is asked ({type(error).__name__})"
 
 
 def _clock(database: Database) -> Iterator[Finding]:
@@ -166,8 +176,6 @@ def _queue(database: Database, settings: RecordsSettings) -> Iterator[Finding]:
         )
         found = troubles(session)
         scorers = scorers_at_work(session)
-        leading = (Leader.key == LEADERSHIP, Leader.lease_until > now)
-        leads = session.scalar(select(Leader.holder).where(*leading))
         has_phases = session.scalar(select(Phase.id).limit(1)) is not None
     for trouble in found:
         yield Finding(Severity.WARNING, trouble.what, trouble.do)
@@ -177,10 +185,6 @@ def _queue(database: Database, settings: RecordsSettings) -> Iterator[Finding]:
             Severity.WARNING,
             f"workers run scorer {older} beside {scorers[-1]}: the older ones score nothing",
             "upgrade them; see `upgrade` in docs/operating.md",
-        )
-    if leads is None:
-        yield Finding(
-            Severity.WARNING, "no reconciler leads", "start one: exceptiondrive-server reconcile"
         )
     if oldest is not None and (now - oldest).total_seconds() > _OLDEST_QUEUED_S:
         age_s = (now - oldest).total_seconds()
@@ -234,6 +238,14 @@ def _broker(url: str) -> Iterator[Finding]:
     try:
         policy = _of_config(client, "maxmemory-policy")
         limit = _of_config(client, "maxmemory")
+    except redis.AuthenticationError:
+        yield Finding(
+            Severity.WARNING,
+            "the broker asks for another password than EXCEPTIONDRIVE_BROKER_URL gives: scoring waits, "
+            "nothing is lost",
+            "write the broker's password there; see `rotate keys` in docs/operating.md",
+        )
+        return
     except redis.RedisError as error:
         yield Finding(
             Severity.WARNING,
@@ -295,6 +307,13 @@ def _store(url: str) -> Iterator[Finding]:
             "check EXCEPTIONDRIVE_FILE_STORE_URL; the server makes the folder when it starts",
         )
         return
+    if url.startswith("file:") and not os.access(folder, _LOOK):
+        yield Finding(
+            Severity.ERROR,
+            f"this user may not enter {folder}, which is of user {folder.stat().st_uid}",
+            "give the folder and all in it to the server's user",
+        )
+        return
     try:
         FileStore(url).holds(_NO_FILE)
     except (StoreError, OSError) as error:
@@ -332,9 +351,30 @@ def _store(url: str) -> Iterator[Finding]:
         yield Finding(Severity.OK, "the file store answers and is closed to others")
 
 
+def _mount(database: Database, url: str) -> Iterator[Finding]:
+    folder = Path(unquote(urlsplit(url).path))
+    if not url.startswith("file:") or not os.path.isdir(folder) or not os.access(folder, _LOOK):
+        return  # nothing is made by looking; `_store` says what is wrong
+    with database.read() as session:
+        is_away = seems_unmounted(session, FileStore(url))
+    if is_away:
+        yield Finding(
+            Severity.ERROR,
+            f"{folder} is empty, and the records mention uploads: new ones are refused",
+            "mount what belongs there, or restore the uploads from a backup",
+        )
+
+
 def _receipt_key(path: Path) -> Iterator[Finding]:
-    """One that is not there is made when a receipt is asked for first."""
+    """One that is not there is made when a receipt is asked for first, where that can be."""
     if not os.path.exists(path):  # False where its folder is closed
+        folder = next(parent for parent in path.absolute().parents if os.path.isdir(parent))
+        if not os.access(folder, os.W_OK | os.X_OK):
+            yield Finding(
+                Severity.ERROR,
+                f"receipts cannot be signed: there is no key {path}, and this user can make none there",
+                "put the key back; see `rotate keys` in docs/operating.md",
+            )
         return
     try:
         read_or_make_key(path)
@@ -377,6 +417,7 @@ def _wall(folder: Path) -> Iterator[Finding]:
             f"cannot tell whether the server may enter {folder}: this is root",
             "run the doctor as the server's user",
         )
+        return
     if os.access(folder, os.R_OK) or os.access(folder, os.X_OK):
         if found.st_uid == os.geteuid() and not stat.S_IMODE(found.st_mode) & _OTHERS:
             do = "run server and workers as different users"

@@ -36,6 +36,7 @@ LANE_TITLES = {Lane.LIVE: "Fresh submissions", Lane.RESCORE: "Rescoring"}
 TROUBLE_LINKS = {
     "lane_without_worker": ("#workers", "See the workers"),
     "split_without_file": ("/organize/phases#splits", "See the splits"),
+    "no_reconciler": ("#queue", "See the queue"),
     "board_not_built": ("/organize/phases/{}", "See the phase"),
     "no_recorded_drives": ("/organize/phases/{}#troubles", "What to do"),
     "reported_beside_other_split": ("/organize/phases/{}#troubles", "What to do"),

@@ -10,9 +10,15 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from cryptography import x509
+from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric.ec import SECP256R1, generate_private_key
 from cryptography.hazmat.primitives.hashes import SHA256
-from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+from cryptography.hazmat.primitives.serialization import (
+    Encoding,
+    NoEncryption,
+    PrivateFormat,
+    load_pem_private_key,
+)
 from cryptography.x509.oid import NameOID
 
 from exceptiondrive_records.db.roles import Role
@@ -46,6 +52,25 @@ def self_signed(host: str) -> tuple[bytes, bytes]:
         certificate.public_bytes(Encoding.PEM),
         key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()),
     )
+
+
+def require_pair(folder: Path) -> None:
+    """Refuse a certificate beside another one's key: nginx takes both, and then nobody gets in.
+
+    Raises:
+        LaunchError: They do not belong together, or one cannot be read.
+    """
+    certificate, key = folder / "tls.crt", folder / "tls.key"
+    try:
+        of_certificate = x509.load_pem_x509_certificate(certificate.read_bytes()).public_key()
+        of_key = load_pem_private_key(key.read_bytes(), password=None).public_key()
+    except (ValueError, TypeError, UnsupportedAlgorithm):
+        raise LaunchError(
+            f"{certificate} or {key} cannot be read: PEM is wanted, and a key without a password; what is "
+            "in use stays"
+        ) from None
+    if of_certificate != of_key:
+        raise LaunchError(f"{key} is not the key of {certificate}; what is in use stays")
 
 
 def _general_name(host: str) -> x509.GeneralName:

@@ -14,6 +14,7 @@ from exceptiondrive_records.operations.garbage import GRACE, sweep_orphans
 from exceptiondrive_records.operations.invariants import damaged_uploads, violations
 from exceptiondrive_records.operations.setup import opened
 from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.launcher.broker import broker_url
 from exceptiondrive_server.launcher.layout import Layout
 from exceptiondrive_server.operations.backup import LIMIT_BYTES, restore_backup, write_backup
@@ -21,7 +22,7 @@ from exceptiondrive_server.operations.records_commands import ACTOR, DataOption,
 from exceptiondrive_server.web.settings import ServerSettings
 
 upkeep_app = typer.Typer()
-File = Annotated[Path, typer.Argument(metavar="FILE", help="The backup, one file.")]
+File = Annotated[Path, typer.Argument(metavar="FILE", dir_okay=False, help="The backup, one file.")]
 
 
 @upkeep_app.command("backup")
@@ -68,7 +69,9 @@ def verify(
     for violation in found:
         typer.echo(str(violation))
     if found:
-        raise RecordsError(f"{len(found)} invariants are broken; see docs/operating.md")
+        raise RecordsError(
+            f"{counted(len(found), 'broken invariant')}; see `broken invariants` in docs/operating.md"
+        )
     say(f"every invariant holds; {verdict.n_lines} audit lines, head {verdict.head}")
 
 

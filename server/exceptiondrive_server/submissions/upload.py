@@ -26,7 +26,7 @@ from exceptiondrive_records.db.errors import NotAllowed, RecordsError, StoreErro
 from exceptiondrive_records.operations.garbage import remove_orphan
 from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_records.phases.quotas import quota_of
-from exceptiondrive_records.submissions.file_store import is_kept
+from exceptiondrive_records.submissions.file_store import FileStore, is_kept, seems_unmounted
 from exceptiondrive_records.submissions.submissions import (
     Accepted,
     accept,
@@ -243,6 +243,7 @@ def take_upload(
             idempotency_key=idempotency_key,
             asks_first=fields.asks_first,
         )
+        _require_store(session, services.files)
     size_bytes = _store(services, upload.file)
     try:
         accepted = _accept(
@@ -263,6 +264,18 @@ def take_upload(
     with services.database.read() as session:
         taken = view(session, accepted.submission, is_duplicate=accepted.is_duplicate)
         return told_to(principal, taken), quota_of(session, team_id, phase)
+
+
+def _require_store(session: Session, files: FileStore) -> None:
+    """Put nothing where the last room is needed by records, or where earlier files should lie and do not.
+
+    Raises:
+        StoreError: It is so.
+    """
+    if not files.has_room():
+        raise StoreError("The server has no room for the file now; try again later.")
+    if seems_unmounted(session, files):
+        raise StoreError("The file store does not answer; try again later.")
 
 
 def confirmed_upload(

@@ -1,5 +1,6 @@
 """Health: alive, ready, and the metrics of both."""
 
+from contextlib import suppress
 from typing import Annotated
 
 from fastapi import APIRouter, Depends
@@ -11,6 +12,7 @@ from sqlalchemy import text
 from sqlalchemy.exc import SQLAlchemyError
 
 from exceptiondrive_records.migrations import is_usable
+from exceptiondrive_records.submissions.file_store import seems_unmounted
 from exceptiondrive_records.work.dispatch import transport_options
 from exceptiondrive_records.work.heartbeats import live_workers
 from exceptiondrive_schemas.jobs import Lane
@@ -52,7 +54,7 @@ def readyz(services: ServicesOf) -> Response:
     A broker or worker that is away delays scoring but loses nothing: uploads are still accepted.
     """
     workers = _workers(services)
-    database, store = workers is not None, services.files.takes_files()
+    database, store = workers is not None, _takes_files(services)
     broker = _broker_answers(services.settings.broker_url)
     note = "" if broker and workers else "Scoring is delayed: no broker or no worker is alive."
     readiness = Readiness(
@@ -84,6 +86,13 @@ def _workers(services: Services) -> int | None:
             return live_workers(session, Lane.LIVE).workers
     except SQLAlchemyError:
         return None
+
+
+def _takes_files(services: Services) -> bool:
+    with suppress(SQLAlchemyError), services.database.read() as session:
+        if seems_unmounted(session, services.files):
+            return False
+    return services.files.takes_files()
 
 
 def _broker_answers(broker_url: str) -> bool:

@@ -113,7 +113,7 @@ def _submissions(session: Session) -> Metric:
 def _troubles(session: Session) -> Metric:
     gauge = GaugeMetricFamily(
         "exceptiondrive_troubles",
-        "What stands wrongly: a lane without worker, a split without file; see the overview.",
+        "What stands wrongly, 1 each: a lane without worker, no reconciler, a split without file; the overview says what to do.",
         labels=["trouble", "subject"],
     )
     for found in troubles(session):
