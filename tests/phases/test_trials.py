@@ -15,8 +15,8 @@ from tests.support.floors import write_floors
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.operations.reconciler import reconcile_once
-from exceptiondrive_records.phases.scoring_keys import find_run
 from exceptiondrive_records.protocols.protocols import add_protocol, find_protocol
+from exceptiondrive_records.rescoring.runs import find_run
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.trials import claim_trial, count_trial, tried_protocols
 from exceptiondrive_records.work.dispatch import Dispatcher

@@ -12,12 +12,11 @@ from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.news.questions import count_waiting
 from exceptiondrive_records.operations.troubles import Trouble, troubles
-from exceptiondrive_records.phases.scoring_keys import OPEN
+from exceptiondrive_records.rescoring.runs import list_runs
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.tables import OPEN_STATES, Job, WorkerHeartbeat, WorkState
-from exceptiondrive_schemas.api.rescoring import RunKind
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.jobs import Lane
 
@@ -78,16 +77,13 @@ def overview(session: Session) -> Overview:
     pending = select(Team).where(Team.pending_since.is_not(None)).order_by(Team.pending_since)
     failed = select(Submission).where(Submission.status == SubmissionStatus.FAILED)
     newest = failed.order_by(Submission.status_at.desc(), Submission.id).limit(NEWEST)
-    runs = select(RescoringRun).where(
-        RescoringRun.kind == RunKind.UPDATE, RescoringRun.state.in_(OPEN)
-    )
     since = database_now(session) - _A_DAY
     received = select(func.count()).where(Submission.received_at >= since)
     return Overview(
         pending=tuple(session.scalars(pending)),
         failed=tuple(session.scalars(newest)),
         n_failed=session.scalar(select(func.count()).select_from(failed.subquery())) or 0,
-        open_runs=tuple(session.scalars(runs.order_by(RescoringRun.created_at.desc()))),
+        open_runs=tuple(list_runs(session, only_open=True)),
         queue=tuple(lane_queue(session, lane) for lane in Lane),
         workers=tuple(worker_signs(session)),
         n_received_today=session.scalar(received) or 0,

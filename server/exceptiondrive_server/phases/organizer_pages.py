@@ -31,10 +31,10 @@ from exceptiondrive_records.phases.phases import (
     lock_phase,
     phase_view,
 )
-from exceptiondrive_records.phases.scoring_keys import list_runs
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol, list_protocols
 from exceptiondrive_records.rescoring.reveal import reveal_split
+from exceptiondrive_records.rescoring.runs import list_runs
 from exceptiondrive_records.splits.splits import list_splits, whole_split, words_of_revision
 from exceptiondrive_records.submissions.submissions import counts_by_phase
 from exceptiondrive_schemas.api.form_fields import FormField, fields_of, values_of

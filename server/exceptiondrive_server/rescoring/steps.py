@@ -8,8 +8,8 @@ from types import MappingProxyType
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.phases.phases import titles_of_phases
-from exceptiondrive_records.phases.scoring_keys import find_run
-from exceptiondrive_records.rescoring import flip, runs
+from exceptiondrive_records.rescoring import changes, flip
+from exceptiondrive_records.rescoring.runs import find_run
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.views import preview_of, run_view
 from exceptiondrive_records.splits.splits import newly_counted
@@ -146,7 +146,7 @@ RUN_STEPS: Mapping[str, RunStep] = MappingProxyType(
                 "Workers score in the background, behind fresh submissions. "
                 "The public board does not change.",
                 "run_started",
-                runs.start_run,
+                changes.start_run,
                 "begin",
                 is_main=True,
             ),
@@ -156,7 +156,7 @@ RUN_STEPS: Mapping[str, RunStep] = MappingProxyType(
                 "Pause the run",
                 "No further sheet begins; those that run are finished.",
                 "run_paused",
-                runs.pause_run,
+                changes.pause_run,
                 "pause",
             ),
             RunStep(
@@ -165,7 +165,7 @@ RUN_STEPS: Mapping[str, RunStep] = MappingProxyType(
                 "Resume the run",
                 "Scoring goes on, and sheets that failed are tried again.",
                 "run_resumed",
-                runs.resume_run,
+                changes.resume_run,
                 "resume",
                 is_main=True,
             ),
@@ -204,7 +204,7 @@ RUN_STEPS: Mapping[str, RunStep] = MappingProxyType(
                 "The new protocol stays: fresh submissions are scored under it alone, and the run "
                 "can no longer be rolled back.",
                 "run_closed",
-                runs.close_run,
+                changes.close_run,
                 "close",
                 is_grave=True,
             ),
@@ -214,7 +214,7 @@ RUN_STEPS: Mapping[str, RunStep] = MappingProxyType(
                 "Cancel the run",
                 "It ends here. The public board never changed, and sheets that were made are kept.",
                 "run_cancelled",
-                runs.cancel_run,
+                changes.cancel_run,
                 "cancel",
                 is_grave=True,
             ),
