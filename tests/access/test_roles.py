@@ -505,6 +505,7 @@ def test_organizers_give_and_take_roles_by_page(
     assert reader.send(page, sent).status_code == 403
     wrong = owner.post(page, {"role": "helper", "phases": "no-such"}, page=page)
     assert wrong.status_code == 404
+    assert 'value="no-such"' in wrong.text  # nothing that was typed is lost
     done = owner.post(page, {"role": "helper", "phases": "dev other"}, page=page)
     assert done.headers["location"] == "/organize/people?done=role_set"
     told = owner.get("/organize/people").text

@@ -265,8 +265,6 @@ def post_phase(
             change = made(PhaseChange, SETTINGS, values)
             require_order_right(browser.principal, change)
             update_phase(session, phase_id, change, actor=browser.principal.actor)
-    except NotFound:
-        raise
     except RecordsError as refusal:
         return _phase(request, services, browser, phase_id, typed(form), refusal)
     return go(f"{HERE}/{phase_id}", "phase_changed")

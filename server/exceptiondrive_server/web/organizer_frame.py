@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 from starlette.datastructures import FormData
 
 from exceptiondrive_records.accounts.tokens import Principal
-from exceptiondrive_records.db.errors import NotFound, RecordsError
+from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.web.auth import ServicesOf
@@ -231,8 +231,6 @@ def take_step(
                 return go(step.back, "nothing_changed")
             came = step.take(session, **values, actor=browser.principal.actor)
             address = step.back if step.onward is None else step.onward(came)
-    except NotFound:
-        raise
     except RecordsError as refusal:
         return step_page(request, browser, step, texts=typed(form), refusal=refusal)
     return go(address, step.done)
