@@ -55,6 +55,7 @@ from exceptiondrive_server.web.browser_session import PostedForm, SignedIn
 from exceptiondrive_server.web.forms import (
     NOTHING_KEPT,
     REASON,
+    by_label,
     changed,
     filled,
     made,
@@ -417,7 +418,7 @@ def _page(
         browser,
         "phases/organizer_phase.html",
         "phases",
-        refusal=refusal,
+        refusal=by_label(refusal, settings),
         plain=filled([field for field in settings if field.part is None], texts, kept),
         page_fields=filled([field for field in settings if field.part == "page"], texts, kept),
         policy=filled([field for field in settings if field.part == "policy"], texts, kept),
