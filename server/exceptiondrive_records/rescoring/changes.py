@@ -48,6 +48,10 @@ CURE_OF_SPLIT = (
     "Cancel the run; then change the protocol, or register a revision of the split that moves or "
     "withdraws these samples. No team can help it."
 )
+CURE_OF_FLOORS = (
+    "Started as it is, every sheet would fail. Cancel the run and change the protocol; or start it once "
+    "what they ask for is there."
+)
 _DONE = {
     RunAction.START: "started",
     RunAction.PAUSE: "paused",

@@ -23,7 +23,12 @@ from exceptiondrive_records.phases.scoring_keys import (
     shadow_key,
 )
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.rescoring.changes import CURE_OF_SPLIT, move_run, require_action
+from exceptiondrive_records.rescoring.changes import (
+    CURE_OF_FLOORS,
+    CURE_OF_SPLIT,
+    move_run,
+    require_action,
+)
 from exceptiondrive_records.rescoring.comparison import Compared, compare_to_shown, what_changed
 from exceptiondrive_records.rescoring.fan_out import cancel_jobs
 from exceptiondrive_records.rescoring.progress import count_sheets, failed_sheets, fresh_board
@@ -115,6 +120,8 @@ def blockers_of(session: Session, run: RescoringRun) -> tuple[str, ...]:
     trial = trial_of(session, run.id)
     if run.state is not RunState.APPLIED and trial is not None and trial.state == "refused":
         return (f"{trial.sentence} {CURE_OF_SPLIT}",)
+    if run.state is RunState.DRAFT and trial is not None and trial.state == "held":
+        return (f"{trial.sentence} {CURE_OF_FLOORS}",)
     if run.state is RunState.DRAFT:
         return ("Scoring has not begun: start the run.",)
     key = shadow_key(run)

@@ -97,6 +97,8 @@ def _next_words(run: RunView) -> str:
     is_refused = run.trial is not None and run.trial.state == "refused"
     if run.state is RunState.DRAFT and is_refused:
         return "drafted, but it cannot be started: cancel it."
+    if run.state is RunState.DRAFT and run.trial is not None and run.trial.state == "held":
+        return "drafted, but the floors of its split forbid it."
     return _NEXT[run.state]
 
 

@@ -69,7 +69,14 @@ def start(
     """
     run = rescoring.draft(phase, protocol, split_revision, reason)
     if not draft:
-        run = rescoring.step(_tried(rescoring, run)["id"], "start", reason)
+        run = _tried(rescoring, run)
+        if (run.get("trial") or {}).get("state") == "held":
+            raise InvalidArgumentError(
+                "split_floor",
+                f"It stays a draft. {run['blockers'][0]}",
+                f"organizer rescore cancel {run['id']}",
+            )
+        run = rescoring.step(run["id"], "start", reason)
     return run, *run_lines(run)
 
 
