@@ -4,6 +4,7 @@ import json
 import re
 import sys
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -115,6 +116,15 @@ def saved(path: Path, data: bytes) -> Answer:
         ) from None
     size = len(data)
     return {"file": str(path), "size_bytes": size}, f"{path}  {size:,} bytes"
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[None]:
+    """Say on stderr that a file was there, where what is made or fetched anew was written over it."""
+    was_there = path.is_file()
+    yield
+    if was_there:
+        say(f"{path} was there, and is replaced")
 
 
 def upload_name(submission_id: str, data: bytes) -> str:

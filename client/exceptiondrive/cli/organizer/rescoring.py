@@ -19,7 +19,7 @@ from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.file_tables import metric_head
 from exceptiondrive.cli.fitted_table import Column, FittedTable
 from exceptiondrive.cli.options import argument, flag, option
-from exceptiondrive.cli.output import Answer, console, has_terminal, say, show_result
+from exceptiondrive.cli.output import Answer, console, has_terminal, replacing, say, show_result
 from exceptiondrive.cli.session import command_of, open_organizer
 from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, utc_text
 from exceptiondrive.organizer import Rescoring
@@ -112,7 +112,8 @@ def preview(
     with _rescoring(server) as rescoring:
         found = rescoring.preview(run_id, seen)
         if csv is not None:
-            write_file(csv, rescoring.preview_csv(run_id))
+            with replacing(csv):
+                write_file(csv, rescoring.preview_csv(run_id))
     show_result(found, json, preview_lines(found))
     if found["is_stale"]:
         raise typer.Exit(ExceptionDriveError.exit_code)
