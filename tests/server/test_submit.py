@@ -258,6 +258,11 @@ def test_a_missing_file_is_named(api: "Api", as_problem: Problem) -> None:
     assert list(as_problem(response, 400, "bad_request")["fields"]) == ["file"]
 
 
+def test_an_empty_name_is_refused_in_our_words(api: "Api", as_problem: Problem) -> None:
+    problem = as_problem(api.submit("a", method=""), 400, "bad_request")
+    assert problem["fields"] == {"method": "must not be empty"}
+
+
 def test_a_misspelt_field_is_refused_and_not_repeated(api: "Api", as_problem: Problem) -> None:
     response = api.submit("a", **{"paper-secret": "x"})
     problem = as_problem(response, 400, "bad_request")
