@@ -33,9 +33,9 @@ from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.operations.reconciler import reconcile_once
 from exceptiondrive_records.operations.setup import prepare
 from exceptiondrive_records.phases.phases import create_phase
-from exceptiondrive_records.phases.scoring_keys import find_run
 from exceptiondrive_records.protocols.protocols import add_protocol
-from exceptiondrive_records.rescoring.runs import create_run, start_run
+from exceptiondrive_records.rescoring.changes import create_run, start_run
+from exceptiondrive_records.rescoring.runs import find_run
 from exceptiondrive_records.rescoring.views import preview_of, run_view
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, SimilarityRow, Submission
 from exceptiondrive_records.teams.teams import create_team

@@ -214,9 +214,12 @@ class Submission:
             )
 
     def _timed_out(self, timeout_s: float | None) -> WaitTimeoutError:
+        sentence = f"Submission {self.id} was not scored within {timeout_s:g} s."
+        if self._outages:
+            sentence = f"Whether submission {self.id} was scored within {timeout_s:g} s is not known: the server is away."
         return WaitTimeoutError(
             "wait_timed_out",
-            f"Submission {self.id} was not scored within {timeout_s:g} s.",
+            sentence,
             IT_IS_SAFE.format(self.id),
             self.view,
         )
@@ -275,6 +278,11 @@ class Client(Connection):
         """Return all phases, with the team's own quota when a token was given."""
         answer = self._transport.get("/phases")
         return read_answer(lambda data: PHASES.validate_json(data, extra="allow"), answer)
+
+    @property
+    def said_at(self) -> datetime | None:
+        """When the server answered last, by its own clock; that of this machine may be wrong."""
+        return self._transport.said_at
 
     def phase(self, phase: str) -> PhaseView:
         """Return one phase.

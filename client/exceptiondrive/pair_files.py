@@ -103,8 +103,12 @@ def read_bytes(path: Path) -> bytes:
         if data.startswith(GZIP_MAGIC):
             with gzip.open(io.BytesIO(data)) as stream:
                 data = stream.read(MOST_BYTES + 1)
-    except (gzip.BadGzipFile, EOFError, zlib.error) as error:
-        raise fault(path, f"cannot be read: {error}.") from None
+    except EOFError:
+        raise fault(
+            path, "is gzip that stops before its end: was its writing or copying cut off?"
+        ) from None
+    except (gzip.BadGzipFile, zlib.error):
+        raise fault(path, "is gzip that is damaged: compress it again.") from None
     except OSError as error:
         raise InvalidArgumentError(
             "unreadable_file", f"{path} cannot be read: {error.strerror}."

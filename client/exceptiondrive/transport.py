@@ -209,6 +209,8 @@ def error_of(
     is_ours = problem.code is ProblemCode.INTERNAL
     if is_ours and problem.request_id and problem.request_id not in problem.detail:
         advice = f"Tell the organizers this request id: {problem.request_id}."
+    if problem.detail.startswith("There is no submission "):
+        advice = "Those of your team: exceptiondrive submissions"
     kind = _KINDS.get(problem.code)
     if kind is None:
         sentence = " ".join([problem.detail, *(f"{k}: {v}" for k, v in problem.fields.items())])
@@ -345,6 +347,8 @@ class Transport:
         self.server = server
         self._on_retry = on_retry or (lambda _: None)
         self._attempts = attempts
+        self.said_at: datetime | None = None
+        """When the server answered last, by its own clock."""
         self._gives_up = threading.Event()
         headers = {"user-agent": f"exceptiondrive/{__version__}"}
         if token:
@@ -479,6 +483,7 @@ class Transport:
             raise InvalidArgumentError(
                 "wrong_argument", f"An argument cannot be sent: {error}.", advice
             ) from error
+        self.said_at = _said_at(response)
         if not response.is_success:
             self._refuse(response)
         if response.headers.get("content-type", "").startswith("text/html"):

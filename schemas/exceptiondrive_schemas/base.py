@@ -78,8 +78,14 @@ def faults_in(error: ValidationError) -> list[str]:
     """Say each fault of a document with its place: `samples.0.task: Field required`; no value of it."""
     found = error.errors(include_url=False, include_input=False, include_context=False)
     places = (".".join(map(str, each["loc"])) for each in found)
-    words = (each["msg"].removeprefix("Value error, ") for each in found)
+    words = (fault_words(each["msg"]) for each in found)
     return [f"{at}: {said}" if at else said for at, said in zip(places, words, strict=True)]
+
+
+def fault_words(said: str) -> str:
+    """Return what pydantic says of a value, in our words where people meet it often."""
+    said = said.removeprefix("Value error, ")
+    return "must not be empty" if said == "String should have at least 1 character" else said
 
 
 def in_words(words: str) -> WrapValidator:

@@ -192,6 +192,34 @@ def test_the_nouns_of_the_records_stand_as_the_architecture_says() -> None:
     assert said == [layer.split(" | ") for layer in reversed(layers)]
 
 
+def test_documents_of_the_api_lie_where_the_architecture_says(texts: dict[str, str]) -> None:
+    code = {name: text for name, text in texts.items() if name.endswith(".py")}
+    shared = [
+        Path(name).stem
+        for name, text in code.items()
+        if name.startswith("schemas/exceptiondrive_schemas/api/") and "(Document):" in text
+    ]
+    beside_the_server = "".join(
+        text
+        for name, text in code.items()
+        if name.startswith(("client/", "worker/", "server/exceptiondrive_records/"))
+    )
+    assert "submission" in shared
+    assert [
+        name for name in shared if f"exceptiondrive_schemas.api.{name} " not in beside_the_server
+    ] == []
+    bodies = {
+        name
+        for name, text in code.items()
+        if name.startswith("server/")
+        and re.search(r"^class \w+\((Form|Deed)\):", text, re.MULTILINE)
+    }
+    assert {Path(name).name for name in bodies - {"server/exceptiondrive_server/web/forms.py"}} == {
+        "api.py",
+        "organizer_api.py",
+    }
+
+
 def test_the_page_of_faults_has_the_faults_and_inputs_that_are_tried() -> None:
     rows = re.findall(r"^\| ([FI]\d\d) \|", (DOCS / "faults.md").read_text("utf-8"), re.MULTILINE)
     assert rows == sorted({fault.id[:3] for fault in FAULTS}) + list(ROWS)

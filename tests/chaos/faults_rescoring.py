@@ -9,11 +9,12 @@ from tests.chaos.run import OPEN, Run
 from tests.chaos.topology import PHASE
 
 from exceptiondrive_records.boards.boards import current_board
-from exceptiondrive_records.phases.scoring_keys import find_run, shadow_key
+from exceptiondrive_records.phases.scoring_keys import shadow_key
 from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_records.rescoring.changes import create_run, resume_run, start_run
 from exceptiondrive_records.rescoring.flip import apply_run, comparison_of, rollback_run
 from exceptiondrive_records.rescoring.progress import failed_sheets, progress_of
-from exceptiondrive_records.rescoring.runs import create_run, resume_run, start_run
+from exceptiondrive_records.rescoring.runs import find_run
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.jobs import EXHAUSTED_CODE

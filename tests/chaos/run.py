@@ -21,8 +21,8 @@ from exceptiondrive_records.db.errors import Violation
 from exceptiondrive_records.operations.invariants import unfinished
 from exceptiondrive_records.operations.reconciler import LEADERSHIP
 from exceptiondrive_records.phases.quotas import quota_of
-from exceptiondrive_records.phases.scoring_keys import find_run
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.rescoring.runs import find_run
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_records.work.tables import Job, Leader, WorkerHeartbeat, WorkState

@@ -92,7 +92,7 @@ def fill_records(context: "WorkerContext") -> tuple[str, str]:
     publish_split_file(context.database, context.files, context.splits, "tiny", protocol)
     with context.database.write() as session:
         for phase, challenge in (("dev", "planning"), ("words", "strategy")):
-            usual = {"title": "Development", "split": "tiny", "quota_per_day": 2}
+            usual: Any = {"title": "Development", "split": "tiny", "quota_per_day": 2}
             add_phase(session, phase, challenge=challenge, **usual)
     return tokens["alpha"], tokens["organizer"]
 

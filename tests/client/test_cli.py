@@ -310,6 +310,19 @@ def test_convert_says_exactly_what_it_did(planning_file: MakeFile, tmp_path: Pat
     assert run("check", output).exit_code == 0
 
 
+def test_what_is_written_over_is_said_and_what_is_read_is_left_as_it_is(
+    planning_file: MakeFile, tmp_path: Path
+) -> None:
+    path, output = planning_file(), tmp_path / "out.json"
+    for there in (False, True):
+        done = run("convert", path, "-o", output)
+        assert (done.exit_code, f"{output} was there, and is replaced" in done.stderr) == (0, there)
+    kept = path.read_bytes()
+    done = run("convert", path, "-o", path, "--rotate", "-90")
+    assert (done.exit_code, "is what is read; it was left as it is" in done.stderr) == (2, True)
+    assert path.read_bytes() == kept
+
+
 def test_convert_says_where_there_was_no_mode_to_choose(
     planning_file: MakeFile, tmp_path: Path
 ) -> None:

@@ -540,6 +540,26 @@ def test_an_outage_that_ends_the_wait_names_the_submission_that_is_safe(
 
 
 @pytest.mark.usefixtures("impatient")
+def test_a_wait_that_ends_while_the_server_is_away_says_that_nothing_is_known(
+    canned_server: "CannedServer",
+) -> None:
+    canned_server.answer("GET /submissions/abc", 500, b"no problem document")
+    with pytest.raises(WaitTimeoutError, match="not known: the server is away"):
+        for _ in followed(canned_server).waiting(timeout_s=0.5):
+            pass
+
+
+def test_a_submission_that_is_not_there_leads_to_those_that_are(
+    canned_server: "CannedServer",
+) -> None:
+    detail = "There is no submission 'abc'."
+    canned_server.problem("GET /submissions/abc", 404, "not_found", detail=detail)
+    with pytest.raises(NotFoundError) as caught:
+        Client(canned_server.url).status("abc")
+    assert caught.value.advice == "Those of your team: exceptiondrive submissions"
+
+
+@pytest.mark.usefixtures("impatient")
 def test_a_rejected_file_ends_the_wait_with_its_report(canned_server: "CannedServer") -> None:
     report = {
         "challenge": "planning",

@@ -248,13 +248,17 @@ BROKEN = {
     "huge array": huge_array(),
     "huge field": b"sample_id,trajectory,step,x_m,y_m\n" + b"s" * 140_000 + b",source,1,0,0\n",
 }
+BROKEN_WORDS = {
+    "cut gzip": "gzip that stops before its end: was its writing or copying cut off",
+    "gzip of noise": "gzip that is damaged: compress it again",
+}
 
 
 @pytest.mark.parametrize("kind", BROKEN)
 def test_a_broken_file_is_named_without_a_traceback(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "mine"
     path.write_bytes(BROKEN[kind])
-    with pytest.raises(InvalidArgumentError, match="mine: "):
+    with pytest.raises(InvalidArgumentError, match=f"mine: .*{BROKEN_WORDS.get(kind, '')}"):
         read_pairs([path])
 
 

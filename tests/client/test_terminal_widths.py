@@ -225,6 +225,14 @@ def test_a_phase_that_is_ahead_is_told_by_its_opening(
     assert told.startswith(words) if words.endswith((" ", "2")) else told == words
 
 
+def test_whether_a_phase_is_ahead_follows_the_clock_of_the_server() -> None:
+    now = datetime.now(UTC)
+    dates = {"opens_at": now - timedelta(days=1), "closes_at": now + timedelta(days=1)}
+    view = phase("dev", **dates, is_open=False)
+    told = phases_table((view,), now=now - timedelta(days=2)).rows[0][0]
+    assert told[-2].plain.startswith("opens ")
+
+
 def text_of(parts: list[RenderableType], width: int) -> str:
     console = Console(width=width, color_system=None, highlight=False, markup=False, emoji=False)
     with console.capture() as captured:

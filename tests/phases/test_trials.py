@@ -15,8 +15,8 @@ from tests.support.floors import write_floors
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.operations.reconciler import reconcile_once
-from exceptiondrive_records.phases.scoring_keys import find_run
 from exceptiondrive_records.protocols.protocols import add_protocol, find_protocol
+from exceptiondrive_records.rescoring.runs import find_run
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.trials import claim_trial, count_trial, tried_protocols
 from exceptiondrive_records.work.dispatch import Dispatcher
@@ -132,7 +132,16 @@ def test_floors_hold_for_trials_and_trials_count_among_the_protocols(scored: "Li
     assert trial["state"] == "held"
     assert "footprint_length_m" in str(trial["found"])
     assert TOUCH not in str(trial)
+    (blocker,) = seen(scored, run)["blockers"]
+    assert "The floors of the withheld split forbid it: footprint_length_m" in blocker
+    assert "Cancel the run" in blocker
+    browser = visitor(scored, "organizer")
+    told = "The floors of split plain refused"
+    overview = browser.get("/organize").text
+    assert told in overview
+    assert "drafted, but the floors of its split forbid it" in overview
     scored.done(f"/rescoring/{run['id']}/cancel", {"reason": "no"})
+    assert told not in browser.get("/organize").text
     bound(scored, 2)
     for version, length_m in (("1.3", 18.0), ("1.4", 22.0)):
         run = draft(scored, version, footprint_length_m=length_m)

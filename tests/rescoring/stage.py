@@ -24,10 +24,10 @@ from tests.support.worker import (
 from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.roles import Role
-from exceptiondrive_records.phases.scoring_keys import find_run
 from exceptiondrive_records.protocols.protocols import add_protocol
-from exceptiondrive_records.rescoring import flip, runs
+from exceptiondrive_records.rescoring import changes, flip
 from exceptiondrive_records.rescoring.fan_out import tend_runs
+from exceptiondrive_records.rescoring.runs import find_run
 from exceptiondrive_records.rescoring.views import preview_of, run_view
 from exceptiondrive_schemas.api.rescoring import RunView
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
@@ -91,7 +91,7 @@ class Stage:
 
     def draft(self, **target: str) -> str:
         with self.database.write() as session:
-            return runs.create_run(session, "dev", **target, **STEP).id
+            return changes.create_run(session, "dev", **target, **STEP).id
 
     def add_protocol(self, toml: str) -> None:
         with self.database.write() as session:
@@ -99,7 +99,7 @@ class Stage:
 
     def step(self, what: str, run_id: str) -> None:
         with self.database.write() as session:
-            getattr(runs, f"{what}_run")(session, run_id, **STEP)
+            getattr(changes, f"{what}_run")(session, run_id, **STEP)
 
     def ready(self, toml: str) -> str:
         """Carry a run to a new protocol until it may be applied."""

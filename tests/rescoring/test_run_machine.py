@@ -31,11 +31,12 @@ from tests.support.worker import build_wanted_boards, due_jobs, score_submission
 
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
 from exceptiondrive_records.operations.invariants import unfinished, violations
-from exceptiondrive_records.phases.scoring_keys import OPEN, UNFINISHED, key_of_phase, new_key
+from exceptiondrive_records.phases.scoring_keys import UNFINISHED, key_of_phase, new_key
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.rescoring.progress import count_sheets
 from exceptiondrive_records.rescoring.retry import retry_submission
+from exceptiondrive_records.rescoring.runs import list_runs
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import Submission
@@ -154,8 +155,7 @@ class Updates(RuleBasedStateMachine):
     def every_promise_is_kept(self) -> None:
         with self.stage.database.read() as session:
             assert violations(session) == []
-            open_runs = select(RescoringRun).where(RescoringRun.state.in_(OPEN))
-            assert len(session.scalars(open_runs).all()) <= 1
+            assert len(list_runs(session, only_open=True)) <= 1
 
     def teardown(self) -> None:
         """Faults stop: whatever the organizer left behind, every sheet that is due comes."""

@@ -19,10 +19,10 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.notifications.inbox import list_notifications
 from exceptiondrive_records.participation.forgetting import forget_team
-from exceptiondrive_records.phases.scoring_keys import find_run
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.rescoring import fan_out, runs
+from exceptiondrive_records.rescoring import changes, fan_out
 from exceptiondrive_records.rescoring.fan_out import tend_runs
+from exceptiondrive_records.rescoring.runs import find_run
 from exceptiondrive_records.rescoring.views import board_history, public_run
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
@@ -103,7 +103,7 @@ def test_nothing_can_be_drafted_that_changes_nothing_or_gives_no_reason(stage: S
     with pytest.raises(InvalidRecord, match="already"):
         stage.draft(protocol="1.0")
     with pytest.raises(InvalidRecord, match="reason"), stage.database.write() as session:
-        runs.create_run(session, "dev", protocol="1.0", reason=" ", actor="me")
+        changes.create_run(session, "dev", protocol="1.0", reason=" ", actor="me")
 
 
 @pytest.mark.parametrize("state", [WorkState.FAILED, WorkState.QUEUED])

@@ -15,8 +15,8 @@ from exceptiondrive_records.boards.boards import entries_on
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.operations.invariants import violations
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.rescoring.changes import verify_submission
 from exceptiondrive_records.rescoring.retry import restore_submission
-from exceptiondrive_records.rescoring.runs import verify_submission
 from exceptiondrive_records.rescoring.verification import rechecks_of
 from exceptiondrive_records.submissions.submissions import find_submission, withdraw
 from exceptiondrive_records.submissions.tables import ScoreSheetRow

@@ -4,6 +4,7 @@ import csv
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -11,6 +12,7 @@ from starlette.testclient import TestClient
 from tests.rescoring.application import application_over, organizers_token
 from tests.rescoring.test_caution_update import Organizer, Serve
 from tests.rescoring.test_organizer_pages import SITE, Visitor
+from tests.support.floors import write_floors
 
 from exceptiondrive_records.audit.log import audit_page
 from exceptiondrive_records.notifications.channels import text_of
@@ -18,6 +20,7 @@ from exceptiondrive_records.notifications.inbox import list_notifications
 from exceptiondrive_records.rescoring.views import board_history
 from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
+from exceptiondrive_worker.trial_run import try_next_split
 
 Stage = Any
 WHY = "flagged Stands still, Impossible motion and Hardly moves; protocol 1.1 ranks no such entry"
@@ -109,3 +112,21 @@ def test_pages_history_notices_and_audit_tell_it_in_words(parked: Stage) -> None
     with parked.database.read() as session:
         newest = list_notifications(session, find_team(session, "gamma").id)[0]
         assert f"before: not ranked: {WHY}" in text_of(newest, "https://board.example")
+
+
+def test_a_run_that_the_floors_of_the_split_forbid_stays_a_draft(
+    parked: Stage, serve: Serve, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    organizer = Organizer(*serve(parked), tmp_path)
+    write_floors(parked.settings.splits_dir / "tiny", "max_protocols = 1")
+    parked.add_protocol(packaged_protocol_toml("1.1"))
+
+    def a_worker_tries(_: float) -> None:
+        try_next_split(parked.context)
+
+    clock = SimpleNamespace(sleep=a_worker_tries)
+    monkeypatch.setattr("exceptiondrive.cli.organizer.rescoring.time", clock)
+    start = ("rescore", "start", "--phase", "dev", "--protocol", "1.1", *REASON)
+    organizer.refuse("The floors of the withheld split forbid it: it would be protocol", *start)
+    (run,) = organizer.rescore("status")
+    assert run["state"] == "draft"

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from exceptiondrive_records.db.errors import Conflict
-from exceptiondrive_records.phases.scoring_keys import find_run
+from exceptiondrive_records.rescoring.runs import find_run
 from exceptiondrive_schemas.api.rescoring import (
     TRANSITIONS,
     RunAction,

@@ -12,7 +12,7 @@ from tests.rescoring.test_caution_update import Organizer, Serve
 from exceptiondrive_records.boards.boards import current_board, entry_ids
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
-from exceptiondrive_records.rescoring.runs import start_verification
+from exceptiondrive_records.rescoring.changes import start_verification
 from exceptiondrive_records.rescoring.verification import (
     claim_recheck,
     finish_recheck,

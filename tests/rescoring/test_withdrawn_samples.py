@@ -25,7 +25,7 @@ from exceptiondrive_build.workshop import Workshop
 from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.notifications.inbox import list_notifications
-from exceptiondrive_records.rescoring import runs
+from exceptiondrive_records.rescoring import changes
 from exceptiondrive_records.rescoring.views import board_history, public_run
 from exceptiondrive_records.splits.shown import shown_revision
 from exceptiondrive_records.splits.splits import publish_split
@@ -271,7 +271,7 @@ def test_from_the_workshop_to_a_rescored_board(stage: Stage, shop: Path) -> None
     )  # fmt: skip
     second = hang_up(stage, shop / "2", "-2")
     with stage.database.write() as session:
-        run_id = runs.create_run(session, "made", split_revision=second.revision, **STEP).id
+        run_id = changes.create_run(session, "made", split_revision=second.revision, **STEP).id
     with stage.database.read() as session:
         page = shown_revision(session, "made-2027", None)
         assert page.revision == first.revision, "what is drafted is not shown"

@@ -2,11 +2,14 @@
 
 import json
 import re
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import pytest
 
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.flags import bars_leading
+from exceptiondrive_schemas.check import check_bytes
+from exceptiondrive_schemas.flags import FLAGS, bars_leading
 from exceptiondrive_schemas.protocol import (
     NEWEST,
     ProtocolDocument,
@@ -17,6 +20,28 @@ from exceptiondrive_schemas.protocol import (
 )
 from exceptiondrive_schemas.publish.examples import example_board
 from exceptiondrive_schemas.score_sheet import Coverage, Flag
+from exceptiondrive_schemas.split import Manifest
+
+Path = list[list[float]]
+Pair = tuple[Path, Path]
+DRIVE: Path = [[1.5 * t, 0.0] for t in range(1, 7)]
+STANDS: Path = [[0.0, 0.0]] * 6
+TOLD_OF_A_FILE: Mapping[str, Callable[[Path], Pair]] = {
+    "stands_still": lambda drive: (drive, STANDS),
+    "source_stands_still": lambda drive: (STANDS, drive),
+    "impossible_motion": lambda drive: (
+        drive,
+        [[x, 9.0 * (-1) ** i] for i, (x, _) in enumerate(drive)],
+    ),
+    "reverses": lambda drive: (drive, [[-x, y] for x, y in drive]),
+    "blind_to_the_edit": lambda drive: (drive, drive),
+    "off_course": lambda drive: ([[x, x / 2] for x, _ in drive], drive),
+    "hardly_moves": lambda drive: (drive, [[x / 20, y] for x, y in drive]),
+    "same_answer": lambda drive: (drive, DRIVE),
+}
+"""Source and edited trajectory, of the drive that was recorded, as the planner of each flag makes them."""
+NEED_THE_REGIONS = {"over_cautious"}
+"""Which samples are controls is withheld."""
 
 
 def test_protocol_1_1_measures_and_grades_as_1_0_does() -> None:
@@ -46,6 +71,35 @@ def test_flags_that_take_a_rank_are_known_and_stand_once(codes: str, problem: st
                   packaged_protocol_toml("1.1"))  # fmt: skip
     with pytest.raises(ProtocolError, match=problem):
         parse_protocol(toml)
+
+
+def test_a_check_tells_every_flag_that_a_file_tells() -> None:
+    assert {*TOLD_OF_A_FILE, *NEED_THE_REGIONS} == set(FLAGS)
+
+
+@pytest.mark.parametrize("code", TOLD_OF_A_FILE)
+def test_a_check_tells_a_flag_before_an_upload(code: str, manifest: Manifest) -> None:
+    protocol = packaged_protocol(NEWEST)
+    ranking = protocol.ranking.model_copy(update={"unranked_flags": tuple(FLAGS)})
+    drives = {
+        f"s-{number:03}": [[x * (2 + number / 15), y] for x, y in DRIVE] for number in range(30)
+    }
+    pairs = {key: TOLD_OF_A_FILE[code](drive) for key, drive in drives.items()}
+    document: dict[str, Any] = {
+        "schema": "exceptiondrive.planning/1",
+        "split": manifest.name,
+        "predictions": [
+            {"sample_id": key, "source": source, "edited": edited}
+            for key, (source, edited) in pairs.items()
+        ],
+    }
+    report = check_bytes(
+        json.dumps(document).encode(),
+        protocol=protocol.model_copy(update={"ranking": ranking}),
+        manifest=manifest.model_copy(update={"recorded": drives, "sample_ids": tuple(drives)}),
+    )
+    assert report.faults == ()
+    assert f"flagged {FLAGS[code].label}: " in (report.unranked_because or "")
 
 
 def test_a_flag_of_a_newer_server_is_read_and_bars_leading() -> None:

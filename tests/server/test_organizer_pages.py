@@ -143,14 +143,17 @@ def test_the_overview_names_what_waits(api: "Api", organizer: "TeamBrowser") -> 
 def test_the_overview_says_what_workers_refused_and_suspect(
     api: "Api", organizer: "TeamBrowser"
 ) -> None:
-    asked = {"phase": "dev", "protocol": "9.0", "asked": ["waypoints is 1, it must lie from 4"]}
+    asked = {"phase": "dev", "protocol": "1.0", "asked": ["waypoints is 1, it must lie from 4"]}
     with api.database.write() as session:
         for _ in range(2):
             audit_once(session, "worker", SPLIT_FLOOR_HELD, "sample", asked)
+        of_a_cancelled_run = asked | {"protocol": "9.0", "asked": ["what nobody asks any more"]}
+        audit_once(session, "worker", SPLIT_FLOOR_HELD, "sample", of_a_cancelled_run)
         audit_once(session, "worker", PROBING_SUSPECTED, "dev", {"teams": ["Alpha"]})
     page = organizer.get("/organize").text
     words = "The floors of split sample refused what phase dev asks: waypoints is 1, it must lie"
     assert page.count(words) == 1
+    assert "what nobody asks any more" not in page
     assert "Phase dev has submissions that change a few samples at a time" in page
     for address in ("/organize/audit?subject=sample", "/organize/similar/dev"):
         assert f'href="{address}"' in page

@@ -123,23 +123,19 @@ class Stages:
         Raises:
             RejectedUpload: The upload has faults.
         """
-        measurement_key = _measurement_key(target)
-        settled, split = self._settled(target, measurement_key), target.split
+        settled, split = self.settled(target), target.split
         sheet = graded_sheet(
             self._scoring_of(target), settled, split.arrays, split.manifest.ref, target.protocol
         )
-        return Scored(sheet, measurement_key, split.regions_digest)
+        return Scored(sheet, _measurement_key(target), split.regions_digest)
 
     def settled(self, target: Target) -> Settled:
-        """Return what no required clearance changes in the sheet of an upload.
+        """Return what no required clearance changes in a sheet; kept where the challenge grades the rest from it.
 
         Raises:
             RejectedUpload: The upload has faults.
         """
-        return self._settled(target, _measurement_key(target))
-
-    def _settled(self, target: Target, measurement_key: str) -> Settled:
-        """Kept where the challenge can grade the rest from it."""
+        measurement_key = _measurement_key(target)
         split, scoring = target.split, self._scoring_of(target)
         is_kept, key = scoring.regrading is not None, _settled_key(measurement_key, target)
         kept = self._private.read_columns(Shelf.SETTLED, key) if is_kept else None

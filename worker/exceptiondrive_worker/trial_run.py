@@ -5,9 +5,9 @@ tell of regions. The floors of a withheld split come first, and a trial counts a
 protocols that they allow.
 """
 
-from exceptiondrive_records.phases.scoring_keys import find_run
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.rescoring.runs import find_run
 from exceptiondrive_records.rescoring.trials import claim_trial, count_trial, finish_trial
 from exceptiondrive_records.splits.drawings import find_public_split
 from exceptiondrive_records.work.tables import Trial

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import structlog
 
-from exceptiondrive_records.phases.scoring_keys import accepted_under, find_run
+from exceptiondrive_records.phases.scoring_keys import accepted_under
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.rescoring.runs import find_run
 from exceptiondrive_records.rescoring.verification import claim_recheck, finish_recheck
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.lease import try_later

@@ -98,7 +98,7 @@ def phases(client: "Client") -> Answer:
     With their dates, split and protocol, and what your team may still submit.
     """
     views = client.phases()
-    return views, phases_table(views)
+    return views, phases_table(views, client.said_at)
 
 
 @with_client
@@ -159,7 +159,7 @@ def _report_view(found: "PhaseReport") -> Iterator[str | FittedTable]:
         yield moved
 
 
-def phases_table(views: tuple[PhaseView, ...]) -> FittedTable:
+def phases_table(views: tuple[PhaseView, ...], now: datetime | None = None) -> FittedTable:
     """Return the table of all phases."""
     table = FittedTable.of(
         Column("phase", "id"),
@@ -179,16 +179,15 @@ def phases_table(views: tuple[PhaseView, ...]) -> FittedTable:
             view.split + (" (public)" if view.split_is_public else ""),
             f"{view.n_samples:,}",
             view.protocol,
-            _window(view),
-            _left(view),
+            (window := _window(view, now or datetime.now(UTC))),
+            _left(view, window),
         )
     return table
 
 
-def _left(view: PhaseView) -> str:
+def _left(view: PhaseView, window: str) -> str:
     if view.disqualified_at is not None:
         return f"nothing: disqualified since {view.disqualified_at:%Y-%m-%d}"
-    window = _window(view)
     if window.startswith(("archived", "closed")) and not _takes_late_entries(view):
         return "nothing"
     if window.startswith("opens"):
@@ -200,10 +199,10 @@ def _takes_late_entries(view: PhaseView) -> bool:
     return view.now is not None and view.now.takes_late_entries
 
 
-def _window(view: PhaseView) -> str:
+def _window(view: PhaseView, now: datetime) -> str:
     if view.visibility == "archived":
         return "archived"
-    opens, closes, now = view.opens_at, view.closes_at, datetime.now(UTC)
+    opens, closes = view.opens_at, view.closes_at
     if view.is_open:
         return "open" if closes is None else f"until {utc_text(closes)}"
     if opens is not None and opens > now:

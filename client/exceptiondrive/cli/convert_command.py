@@ -8,7 +8,7 @@ from exceptiondrive.cli import options
 from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.file_tables import report_view
 from exceptiondrive.cli.options import argument, flag, option
-from exceptiondrive.cli.output import say, show_result
+from exceptiondrive.cli.output import replacing, say, show_result
 from exceptiondrive.conversion import (
     Angles,
     Conversion,
@@ -160,6 +160,13 @@ def convert(
             "wrong_option",
             "Name files with pairs, or two runs by --source-run and --edited-run; not both.",
         )
+    given = [*(files or []), *(source_run or []), *(edited_run or [])]
+    if output.resolve() in [Path(each).resolve() for each in given]:
+        raise InvalidArgumentError(
+            "wrong_option",
+            f"{output} is what is read; it was left as it is.",
+            "Name another: --output FILE",
+        )
     split_of_files = None
     if form is not None:
         pairs = read_runs(form, source_run or [], edited_run or [], mode, forms.setdefault)
@@ -212,7 +219,8 @@ def convert(
             f"The result is not valid; {output} was not written.",
             "Correct what is listed where the planner writes, or by an option of this command.",
         )
-    size_bytes = write_file(output, text)
+    with replacing(output):
+        size_bytes = write_file(output, text)
     facts = {"output": str(output), "split": split, "n_predictions": len(outcome.pairs)}
     if mode is not None and not any(each.startswith(f"mode {mode} of ") for each in forms):
         done = (f"no trajectory has several modes: --mode {mode} chose nothing", *done)

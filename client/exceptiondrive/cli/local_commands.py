@@ -12,7 +12,7 @@ from exceptiondrive.checking import check_file, csv_text, parquet_bytes, write_f
 from exceptiondrive.cli import options
 from exceptiondrive.cli.file_tables import file_view, report_view, sheet_view
 from exceptiondrive.cli.options import flag, option
-from exceptiondrive.cli.output import say, show, show_result
+from exceptiondrive.cli.output import replacing, say, show, show_result
 from exceptiondrive.cli.progress import step_line
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
@@ -148,7 +148,8 @@ def evaluate(
     if per_sample is not None:
         rows = sample_results(sound.document, sound.split, sound.protocol)
         form = parquet_bytes if per_sample.suffix == ".parquet" else csv_text
-        write_file(per_sample, form(SampleResult._fields, rows))
+        with replacing(per_sample):
+            write_file(per_sample, form(SampleResult._fields, rows))
         say(f"{counted(len(rows), 'sample')} in {per_sample}")
     because = "; ".join(unranked_reasons(sheet, sound.protocol))
     report = sound.report.model_copy(update={"unranked_because": because or None})
@@ -182,14 +183,15 @@ def plot(
     """
     from exceptiondrive.plot import plot_file
 
-    drawn = plot_file(
-        options.given(file, context),
-        output,
-        split=split,
-        sample_ids=samples,
-        worst=worst,
-        protocol=protocol,
-    )
+    with replacing(output):
+        drawn = plot_file(
+            options.given(file, context),
+            output,
+            split=split,
+            sample_ids=samples,
+            worst=worst,
+            protocol=protocol,
+        )
     facts = {"output": str(output), "sample_ids": list(drawn)}
     show_result(facts, json, f"{counted(len(drawn), 'sample')} in {output}")
 

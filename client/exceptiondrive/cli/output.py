@@ -4,6 +4,7 @@ import json
 import re
 import sys
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import urlsplit
@@ -121,6 +122,15 @@ def saved(path: Path, data: bytes) -> Answer:
 def id_in(submission: str) -> str:
     """Return the id of a submission, of the address of its page too."""
     return PurePosixPath(urlsplit(submission.strip()).path).name
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[None]:
+    """Say on stderr that a file was there, where what is made or fetched anew was written over it."""
+    was_there = path.is_file()
+    yield
+    if was_there:
+        say(f"{path} was there, and is replaced")
 
 
 def upload_name(submission_id: str, data: bytes) -> str:

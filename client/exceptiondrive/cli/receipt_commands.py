@@ -8,7 +8,7 @@ import typer
 from exceptiondrive.checking import write_file
 from exceptiondrive.cli import options
 from exceptiondrive.cli.options import argument, option
-from exceptiondrive.cli.output import say, show_result
+from exceptiondrive.cli.output import replacing, say, show_result
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.errors import utc_text
 from exceptiondrive.receipts import remember_keys, verify_receipt
@@ -65,7 +65,8 @@ def _write(text: str, output: Path | None) -> None:
     if output is None:
         typer.echo(printable(text))
         return
-    write_file(output, text + "\n")
+    with replacing(output):
+        write_file(output, text + "\n")
     say(f"written to {output}")
 
 

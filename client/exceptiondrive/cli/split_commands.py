@@ -8,7 +8,7 @@ import typer
 from exceptiondrive.checking import write_file
 from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.options import argument
-from exceptiondrive.cli.output import Answer
+from exceptiondrive.cli.output import Answer, replacing
 from exceptiondrive.cli.progress import transfer_bar
 from exceptiondrive.cli.session import with_client
 from exceptiondrive.settings import default_phase
@@ -30,7 +30,8 @@ def manifest(
     """
     found = client.manifest(default_phase(phase))
     path = output or Path(f"{found.name}.manifest.json")
-    write_file(path, found.model_dump_json(by_alias=True, indent=1))
+    with replacing(path):
+        write_file(path, found.model_dump_json(by_alias=True, indent=1))
     return _written(path, found, len(found.sample_ids))
 
 
@@ -53,7 +54,8 @@ def download(
     with transfer_bar("downloading", name) as bar:
         found = client.split(name, revision=revision, on_progress=bar)
     path = output or Path(f"{found.name}.split.json")
-    write_file(path, found.model_dump_json(by_alias=True, exclude_none=True))
+    with replacing(path):
+        write_file(path, found.model_dump_json(by_alias=True, exclude_none=True))
     return _written(path, found, len(found.samples))
 
 

@@ -654,7 +654,6 @@ def check_bytes(
     manifest: Manifest | None = None,
     challenge: ChallengeId | None = None,
     max_upload_bytes: int = MAX_UPLOAD_BYTES,
-    max_inflated_bytes: int = MAX_INFLATED_BYTES,
 ) -> CheckReport:
     """Return the report of `check` alone."""
     return check(
@@ -663,7 +662,6 @@ def check_bytes(
         manifest=manifest,
         challenge=challenge,
         max_upload_bytes=max_upload_bytes,
-        max_inflated_bytes=max_inflated_bytes,
     ).report
 
 

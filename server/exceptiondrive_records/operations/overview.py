@@ -1,6 +1,6 @@
 """What waits for an organizer: teams, failures, runs, and whether scoring keeps up."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 
@@ -12,12 +12,13 @@ from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.news.questions import count_waiting
 from exceptiondrive_records.operations.troubles import Trouble, troubles
-from exceptiondrive_records.phases.scoring_keys import OPEN
+from exceptiondrive_records.phases.phases import list_phases
+from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.rescoring.runs import list_runs
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.tables import OPEN_STATES, Job, WorkerHeartbeat, WorkState
-from exceptiondrive_schemas.api.rescoring import RunKind
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.jobs import Lane
 
@@ -64,7 +65,7 @@ class Overview:
     n_received_today: int
     """In the last 24 hours."""
     floors_held: tuple[AuditLine, ...]
-    """What workers refused of withheld splits in the last 30 days, newest first."""
+    """What workers refused of withheld splits in the last 30 days and is asked still, newest first."""
     troubles: tuple[Trouble, ...]
     """What stands wrongly and no error says."""
     probing: tuple[AuditLine, ...]
@@ -78,22 +79,20 @@ def overview(session: Session) -> Overview:
     pending = select(Team).where(Team.pending_since.is_not(None)).order_by(Team.pending_since)
     failed = select(Submission).where(Submission.status == SubmissionStatus.FAILED)
     newest = failed.order_by(Submission.status_at.desc(), Submission.id).limit(NEWEST)
-    runs = select(RescoringRun).where(
-        RescoringRun.kind == RunKind.UPDATE, RescoringRun.state.in_(OPEN)
-    )
+    open_runs = list_runs(session, only_open=True)
     since = database_now(session) - _A_DAY
     received = select(func.count()).where(Submission.received_at >= since)
     return Overview(
         pending=tuple(session.scalars(pending)),
         failed=tuple(session.scalars(newest)),
         n_failed=session.scalar(select(func.count()).select_from(failed.subquery())) or 0,
-        open_runs=tuple(session.scalars(runs.order_by(RescoringRun.created_at.desc()))),
+        open_runs=tuple(open_runs),
         queue=tuple(lane_queue(session, lane) for lane in Lane),
         workers=tuple(worker_signs(session)),
         n_received_today=session.scalar(received) or 0,
-        floors_held=tuple(session.scalars(_of_workers(session, SPLIT_FLOOR_HELD))),
+        floors_held=tuple(_floors_held(session, open_runs)),
         troubles=troubles(session),
-        probing=tuple(session.scalars(_of_workers(session, PROBING_SUSPECTED))),
+        probing=tuple(session.scalars(_of_workers(session, PROBING_SUSPECTED).limit(NEWEST))),
         n_questions=count_waiting(session),
     )
 
@@ -101,7 +100,16 @@ def overview(session: Session) -> Overview:
 def _of_workers(session: Session, action: str) -> Select[AuditLine]:
     since = database_now(session) - _A_MONTH
     query = select(AuditLine).where(AuditLine.action == action, AuditLine.at >= since)
-    return query.order_by(AuditLine.id.desc()).limit(NEWEST)
+    return query.order_by(AuditLine.id.desc())
+
+
+def _floors_held(session: Session, open_runs: Sequence[RescoringRun]) -> list[AuditLine]:
+    """Return what is still asked: by a phase as it stands, or by a run that goes on."""
+    asked = {(phase.id, phase.protocol_digest) for phase in list_phases(session, with_hidden=True)}
+    asked |= {(run.phase_id, run.to_protocol_digest) for run in open_runs}
+    versions = {(phase, find_protocol(session, digest).version) for phase, digest in asked}
+    lines = session.scalars(_of_workers(session, SPLIT_FLOOR_HELD))
+    return [it for it in lines if (it.detail["phase"], it.detail["protocol"]) in versions][:NEWEST]
 
 
 def lane_queue(session: Session, lane: Lane) -> LaneQueue:

@@ -6,7 +6,6 @@ from sqlalchemy import ColumnElement, and_, bindparam, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.columns import is_one_of
-from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.tables import RescoringRun
@@ -17,7 +16,6 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 
 UNFINISHED = (RunState.SCORING, RunState.PAUSED, RunState.READY)
 """Runs whose target every fresh submission is scored under besides."""
-OPEN = (RunState.DRAFT, *UNFINISHED, RunState.APPLIED)
 _TWO_SIDED_RUN = select(RescoringRun).where(
     RescoringRun.phase_id == bindparam("phase"),
     RescoringRun.kind == RunKind.UPDATE,
@@ -72,29 +70,6 @@ def shadow_key_of_phase(session: Session, phase_id: str) -> tuple[ScoringKey, bo
     if run is None:
         return None
     return shadow_key(run), run.state is RunState.PAUSED
-
-
-def find_run(session: Session, run_id: str, *, lock: bool = False) -> RescoringRun:
-    """Return a run.
-
-    Raises:
-        NotFound: There is none.
-    """
-    run = session.get(RescoringRun, run_id, with_for_update=lock, populate_existing=lock)
-    if run is None:
-        raise NotFound("rescoring run", run_id)
-    return run
-
-
-def list_runs(
-    session: Session, phase_id: str | None, kind: RunKind = RunKind.UPDATE
-) -> list[RescoringRun]:
-    """Return runs of a kind, newest first."""
-    query = select(RescoringRun).where(RescoringRun.kind == kind)
-    query = query.order_by(RescoringRun.created_at.desc(), RescoringRun.id)
-    if phase_id is not None:
-        query = query.where(RescoringRun.phase_id == phase_id)
-    return list(session.scalars(query))
 
 
 # Under which protocol an upload was accepted: what was accepted once is read the same for ever.

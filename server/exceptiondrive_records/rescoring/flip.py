@@ -16,7 +16,6 @@ from exceptiondrive_records.phases.policy import frozen_since
 from exceptiondrive_records.phases.quotas import WAITING
 from exceptiondrive_records.phases.scoring_keys import (
     ScoringKey,
-    find_run,
     is_of_key,
     key_of_phase,
     new_key,
@@ -24,11 +23,17 @@ from exceptiondrive_records.phases.scoring_keys import (
     shadow_key,
 )
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.rescoring.changes import (
+    CURE_OF_FLOORS,
+    CURE_OF_SPLIT,
+    move_run,
+    require_action,
+)
 from exceptiondrive_records.rescoring.comparison import Compared, compare_to_shown, what_changed
 from exceptiondrive_records.rescoring.fan_out import cancel_jobs
 from exceptiondrive_records.rescoring.progress import count_sheets, failed_sheets, fresh_board
 from exceptiondrive_records.rescoring.reveal import reveal_blockers
-from exceptiondrive_records.rescoring.runs import CURE_OF_SPLIT, move_run, require_action
+from exceptiondrive_records.rescoring.runs import find_run
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.trials import trial_of
 from exceptiondrive_records.submissions.tables import Submission
@@ -115,6 +120,8 @@ def blockers_of(session: Session, run: RescoringRun) -> tuple[str, ...]:
     trial = trial_of(session, run.id)
     if run.state is not RunState.APPLIED and trial is not None and trial.state == "refused":
         return (f"{trial.sentence} {CURE_OF_SPLIT}",)
+    if run.state is RunState.DRAFT and trial is not None and trial.state == "held":
+        return (f"{trial.sentence} {CURE_OF_FLOORS}",)
     if run.state is RunState.DRAFT:
         return ("Scoring has not begun: start the run.",)
     key = shadow_key(run)

@@ -10,8 +10,8 @@ from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.phases.phases import lock_phase
 from exceptiondrive_records.phases.policy import frozen_since, has_closed
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.rescoring.changes import create_run, start_run
 from exceptiondrive_records.rescoring.comparison import splits_of
-from exceptiondrive_records.rescoring.runs import create_run, start_run
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.splits.splits import part_of, part_revision, part_words
 from exceptiondrive_schemas.api.phase_settings import SplitPart

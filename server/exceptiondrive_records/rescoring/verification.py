@@ -12,9 +12,9 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import InvalidRecord, NotFound
-from exceptiondrive_records.phases.scoring_keys import find_run, list_runs
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.rescoring.runs import find_run, list_runs
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.lease import claim_oldest, finish, is_free, new_item

@@ -9,7 +9,7 @@ from exceptiondrive_records.boards.boards import aliases_in, latest_board, under
 from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.errors import Conflict, NotFound
 from exceptiondrive_records.phases.phases import find_phase
-from exceptiondrive_records.phases.scoring_keys import ScoringKey, find_run, list_runs, shadow_key
+from exceptiondrive_records.phases.scoring_keys import ScoringKey, shadow_key
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import (
     checked_protocol,
@@ -26,6 +26,7 @@ from exceptiondrive_records.rescoring.comparison import (
 )
 from exceptiondrive_records.rescoring.flip import blockers_of, comparison_of
 from exceptiondrive_records.rescoring.progress import count_sheets, progress_of
+from exceptiondrive_records.rescoring.runs import find_run, list_runs
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.trials import trial_of
 from exceptiondrive_records.submissions.tables import ScoreSheetRow

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.db.errors import InvalidRecord, NotFound, RecordsError
+from exceptiondrive_records.db.errors import InvalidRecord, RecordsError
 from exceptiondrive_records.participation.allowances import set_allowance
 from exceptiondrive_records.participation.changes import MAX_AFFILIATION, change_team, merge_teams
 from exceptiondrive_records.participation.disqualification import (
@@ -359,8 +359,6 @@ def post_message(
         step = _message(session)
         try:
             seen = _preview(session, step, read(step.fields, form))
-        except NotFound:
-            raise
         except RecordsError as refusal:
             return step_page(request, browser, step, texts=typed(form), refusal=refusal)
     if form.get("is_seen") != "yes":

@@ -31,10 +31,10 @@ from exceptiondrive_records.phases.phases import (
     lock_phase,
     phase_view,
 )
-from exceptiondrive_records.phases.scoring_keys import list_runs
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol, list_protocols
 from exceptiondrive_records.rescoring.reveal import reveal_split
+from exceptiondrive_records.rescoring.runs import list_runs
 from exceptiondrive_records.splits.splits import list_splits, whole_split, words_of_revision
 from exceptiondrive_records.submissions.submissions import counts_by_phase
 from exceptiondrive_schemas.api.form_fields import FormField, fields_of, values_of
@@ -55,6 +55,7 @@ from exceptiondrive_server.web.browser_session import PostedForm, SignedIn
 from exceptiondrive_server.web.forms import (
     NOTHING_KEPT,
     REASON,
+    by_label,
     changed,
     filled,
     made,
@@ -265,8 +266,6 @@ def post_phase(
             change = made(PhaseChange, SETTINGS, values)
             require_order_right(browser.principal, change)
             update_phase(session, phase_id, change, actor=browser.principal.actor)
-    except NotFound:
-        raise
     except RecordsError as refusal:
         return _phase(request, services, browser, phase_id, typed(form), refusal)
     return go(f"{HERE}/{phase_id}", "phase_changed")
@@ -419,7 +418,7 @@ def _page(
         browser,
         "phases/organizer_phase.html",
         "phases",
-        refusal=refusal,
+        refusal=by_label(refusal, settings),
         plain=filled([field for field in settings if field.part is None], texts, kept),
         page_fields=filled([field for field in settings if field.part == "page"], texts, kept),
         policy=filled([field for field in settings if field.part == "policy"], texts, kept),

@@ -7,8 +7,8 @@ from fastapi import APIRouter, Path, Query
 from fastapi.responses import Response
 from pydantic import Field, StrictInt
 
-from exceptiondrive_records.phases.scoring_keys import find_run
-from exceptiondrive_records.rescoring import flip, runs, verification
+from exceptiondrive_records.rescoring import changes, flip, verification
+from exceptiondrive_records.rescoring.runs import find_run
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.views import preview_of, run_view, run_views
 from exceptiondrive_schemas.api.rescoring import PreviewView, RunView, VerificationView
@@ -56,7 +56,7 @@ def post_run(services: ServicesOf, organizer: Organizer, wanted: NewRun) -> RunV
     """Draft a run: nothing is scored yet."""
     with services.database.write() as session:
         given = wanted.model_dump()
-        run = runs.create_run(session, given.pop("phase"), **given, actor=organizer.actor)
+        run = changes.create_run(session, given.pop("phase"), **given, actor=organizer.actor)
         return run_view(session, run)
 
 
@@ -74,7 +74,7 @@ def post_verification(
     """Recompute sheets from their uploads, and demand every bit again."""
     with services.database.write() as session:
         given = wanted.model_dump()
-        started = runs.start_verification(
+        started = changes.start_verification(
             session, given.pop("phase"), **given, actor=organizer.actor
         )
         return verification.verification_view(session, started.id)
@@ -125,25 +125,25 @@ def get_preview_csv(services: ServicesOf, run_id: RunId) -> Response:
 @router.post("/rescoring/{run_id}/start", operation_id="startRun")
 def post_start(services: ServicesOf, organizer: Organizer, run_id: RunId, deed: Deed) -> RunView:
     """Begin to score in the background."""
-    return _step(services, runs.start_run, organizer.actor, run_id, deed)
+    return _step(services, changes.start_run, organizer.actor, run_id, deed)
 
 
 @router.post("/rescoring/{run_id}/pause", operation_id="pauseRun")
 def post_pause(services: ServicesOf, organizer: Organizer, run_id: RunId, deed: Deed) -> RunView:
     """Let no further sheet of the run begin."""
-    return _step(services, runs.pause_run, organizer.actor, run_id, deed)
+    return _step(services, changes.pause_run, organizer.actor, run_id, deed)
 
 
 @router.post("/rescoring/{run_id}/resume", operation_id="resumeRun")
 def post_resume(services: ServicesOf, organizer: Organizer, run_id: RunId, deed: Deed) -> RunView:
     """Go on, and try failed sheets again."""
-    return _step(services, runs.resume_run, organizer.actor, run_id, deed)
+    return _step(services, changes.resume_run, organizer.actor, run_id, deed)
 
 
 @router.post("/rescoring/{run_id}/cancel", operation_id="cancelRun")
 def post_cancel(services: ServicesOf, organizer: Organizer, run_id: RunId, deed: Deed) -> RunView:
     """End a run that was not applied; the board never changed."""
-    return _step(services, runs.cancel_run, organizer.actor, run_id, deed)
+    return _step(services, changes.cancel_run, organizer.actor, run_id, deed)
 
 
 @router.post("/rescoring/{run_id}/apply", operation_id="applyRun")
@@ -167,7 +167,7 @@ def post_rollback(services: ServicesOf, organizer: Organizer, run_id: RunId, dee
 @router.post("/rescoring/{run_id}/close", operation_id="closeRun")
 def post_close(services: ServicesOf, organizer: Organizer, run_id: RunId, deed: Deed) -> RunView:
     """End an applied run for good: it can no longer be rolled back."""
-    return _step(services, runs.close_run, organizer.actor, run_id, deed)
+    return _step(services, changes.close_run, organizer.actor, run_id, deed)
 
 
 def _step(

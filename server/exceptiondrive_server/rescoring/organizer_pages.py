@@ -9,9 +9,9 @@ from fastapi.responses import Response
 from exceptiondrive_records.accounts.tokens import names_of_actors
 from exceptiondrive_records.db.errors import Conflict, NotFound, RecordsError
 from exceptiondrive_records.phases.phases import list_phases, titles_of_phases
-from exceptiondrive_records.phases.scoring_keys import find_run
 from exceptiondrive_records.protocols.protocols import find_protocol, list_protocols
-from exceptiondrive_records.rescoring import flip, runs
+from exceptiondrive_records.rescoring import changes, flip
+from exceptiondrive_records.rescoring.runs import find_run
 from exceptiondrive_records.rescoring.verification import list_verifications, verification_view
 from exceptiondrive_records.rescoring.views import preview_of, run_view, run_views
 from exceptiondrive_records.splits.splits import list_splits, words_of_revision
@@ -115,7 +115,7 @@ def draft(services: ServicesOf, phase: Choice = "", protocol: Choice = "") -> St
         ),
         texts={"phase": phase, "protocol": protocol},
         command='exceptiondrive organizer rescore start --phase PHASE --protocol 1.1 --reason "…"',
-        take=lambda session, phase, **given: runs.create_run(session, phase, **given),
+        take=lambda session, phase, **given: changes.create_run(session, phase, **given),
         done="run_drafted",
         onward=lambda run: f"{HERE}/{run.id}",
     )
@@ -272,7 +272,7 @@ def verification(services: ServicesOf, phase: Choice = "") -> Step:
         ),
         texts={"phase": phase},
         command='exceptiondrive organizer rescore verify --phase PHASE --sample all --reason "…"',
-        take=lambda session, phase, **given: runs.start_verification(session, phase, **given),
+        take=lambda session, phase, **given: changes.start_verification(session, phase, **given),
         done="verification_started",
         onward=lambda run: f"/organize/verifications/{run.id}",
     )

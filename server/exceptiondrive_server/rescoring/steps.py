@@ -8,8 +8,8 @@ from types import MappingProxyType
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.phases.phases import titles_of_phases
-from exceptiondrive_records.phases.scoring_keys import find_run
-from exceptiondrive_records.rescoring import flip, runs
+from exceptiondrive_records.rescoring import changes, flip
+from exceptiondrive_records.rescoring.runs import find_run
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.views import preview_of, run_view
 from exceptiondrive_records.splits.splits import newly_counted
@@ -97,6 +97,8 @@ def _next_words(run: RunView) -> str:
     is_refused = run.trial is not None and run.trial.state == "refused"
     if run.state is RunState.DRAFT and is_refused:
         return "drafted, but it cannot be started: cancel it."
+    if run.state is RunState.DRAFT and run.trial is not None and run.trial.state == "held":
+        return "drafted, but the floors of its split forbid it."
     return _NEXT[run.state]
 
 
@@ -146,7 +148,7 @@ RUN_STEPS: Mapping[str, RunStep] = MappingProxyType(
                 "Workers score in the background, behind fresh submissions. "
                 "The public board does not change.",
                 "run_started",
-                runs.start_run,
+                changes.start_run,
                 "begin",
                 is_main=True,
             ),
@@ -156,7 +158,7 @@ RUN_STEPS: Mapping[str, RunStep] = MappingProxyType(
                 "Pause the run",
                 "No further sheet begins; those that run are finished.",
                 "run_paused",
-                runs.pause_run,
+                changes.pause_run,
                 "pause",
             ),
             RunStep(
@@ -165,7 +167,7 @@ RUN_STEPS: Mapping[str, RunStep] = MappingProxyType(
                 "Resume the run",
                 "Scoring goes on, and sheets that failed are tried again.",
                 "run_resumed",
-                runs.resume_run,
+                changes.resume_run,
                 "resume",
                 is_main=True,
             ),
@@ -204,7 +206,7 @@ RUN_STEPS: Mapping[str, RunStep] = MappingProxyType(
                 "The new protocol stays: fresh submissions are scored under it alone, and the run "
                 "can no longer be rolled back.",
                 "run_closed",
-                runs.close_run,
+                changes.close_run,
                 "close",
                 is_grave=True,
             ),
@@ -214,7 +216,7 @@ RUN_STEPS: Mapping[str, RunStep] = MappingProxyType(
                 "Cancel the run",
                 "It ends here. The public board never changed, and sheets that were made are kept.",
                 "run_cancelled",
-                runs.cancel_run,
+                changes.cancel_run,
                 "cancel",
                 is_grave=True,
             ),

@@ -7,8 +7,8 @@ from fastapi.responses import Response
 from pydantic import Field
 
 from exceptiondrive_records.participation.messages import write_about
+from exceptiondrive_records.rescoring.changes import verify_submission
 from exceptiondrive_records.rescoring.retry import restore_submission, retry_submission
-from exceptiondrive_records.rescoring.runs import verify_submission
 from exceptiondrive_records.rescoring.verification import verification_view
 from exceptiondrive_records.submissions.similarity import similarity_report
 from exceptiondrive_records.submissions.submissions import find_submission

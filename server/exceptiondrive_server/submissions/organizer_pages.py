@@ -11,8 +11,8 @@ from fastapi.responses import HTMLResponse, Response
 from exceptiondrive_records.participation.disqualification import disqualification_of
 from exceptiondrive_records.participation.messages import write_about
 from exceptiondrive_records.phases.phases import find_phase, list_phases
+from exceptiondrive_records.rescoring.changes import verify_submission
 from exceptiondrive_records.rescoring.retry import restore_submission, retry_submission
-from exceptiondrive_records.rescoring.runs import verify_submission
 from exceptiondrive_records.submissions.similarity import similarity_report
 from exceptiondrive_records.submissions.submissions import find_submission, submission_page
 from exceptiondrive_records.submissions.views import views

@@ -19,7 +19,7 @@ from exceptiondrive_records.accounts.tokens import (
     revoke_token,
 )
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.errors import NotFound, RecordsError
+from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.participation.changes import MAX_AFFILIATION
 from exceptiondrive_records.participation.importing import make_team
 from exceptiondrive_records.phases.phases import list_phases
@@ -122,8 +122,6 @@ def post_token(
                 values["expires_at"],
                 actor=browser.principal.actor,
             )
-    except NotFound:
-        raise
     except RecordsError as refusal:
         return _team(request, services, browser, team_id, texts=typed(form), refusal=refusal)
     return _team(request, services, browser, team_id, issued=text)

@@ -6,6 +6,7 @@ not theirs to change, and what two changed at once is refused to the second.
 
 import hashlib
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -15,7 +16,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.datastructures import FormData
 
-from exceptiondrive_records.db.errors import Conflict, InvalidRecord
+from exceptiondrive_records.db.errors import Conflict, InvalidRecord, RecordsError
 from exceptiondrive_schemas.api.form_fields import FormField, Kind, document_of
 from exceptiondrive_schemas.base import faults_in
 from exceptiondrive_schemas.datetimes import in_utc
@@ -143,6 +144,15 @@ def made(model: type[Model], fields: Sequence[FormField], values: Mapping[str, A
         return model.model_validate(document_of(fields, values))
     except ValidationError as error:
         raise InvalidRecord(" ".join(f"{fault}." for fault in faults_in(error))) from None
+
+
+def by_label(refusal: RecordsError | None, fields: Sequence[FormField]) -> RecordsError | None:
+    """Let a refusal call fields by their labels, which a form shows, and not as the API does."""
+    if refusal is not None:
+        labels = {field.name: f"“{field.label}”" for field in fields if "_" in field.name}
+        words = re.sub(r"\w+_\w+", lambda name: labels.get(name[0], name[0]), str(refusal))
+        refusal.args = (words,)
+    return refusal
 
 
 def text_of(value: object) -> str:

@@ -28,6 +28,7 @@ from exceptiondrive_records.db.errors import (
 )
 from exceptiondrive_schemas.api.problems import PROBLEM_MEDIA_TYPE, Problem, ProblemCode
 from exceptiondrive_schemas.api.submission import Quota
+from exceptiondrive_schemas.base import fault_words
 from exceptiondrive_server.web.middleware import HEADERS, is_stream
 from exceptiondrive_server.web.problem_vocabulary import CODE_OF_STATUS, PROBLEMS, ApiProblem
 from exceptiondrive_server.web.responses import problem_page
@@ -185,7 +186,7 @@ def _field(item: Mapping[str, Any]) -> tuple[str, str]:
         return ".".join([*place[:-1], name]), "There is no such field; leave it out."
     if item["type"] == "json_invalid":
         return "body", "This is not JSON."
-    return ".".join(place)[:100] or "body", str(item["msg"]).removeprefix("Value error, ")[:200]
+    return ".".join(place)[:100] or "body", fault_words(str(item["msg"]))[:200]
 
 
 async def _http_exception(request: Request, error: Exception) -> Response:

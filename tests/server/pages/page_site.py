@@ -1,6 +1,7 @@
 """The pages over real records, for tests: a site to publish boards, submissions and drawings on."""
 
 import shutil
+from datetime import datetime
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -127,6 +128,7 @@ class Site:
         challenge: str = "planning",
         manifest: Manifest = MANIFEST,
         protocol: str = "1.0",
+        closed_at: datetime | None = None,
         **more: Any,
     ) -> None:
         """Create a phase over a split, by default the small one, registering protocol and split."""
@@ -135,7 +137,7 @@ class Site:
             made: dict[str, Any] = {"datasheet": DATASHEET, "changes": DATASHEET.changes}
             told = made if manifest is MANIFEST else {}
             register_split(session, manifest, COUNTS, "test", **told)
-            create_phase(
+            phase = create_phase(
                 session,
                 NewPhase(
                     id=phase_id,
@@ -147,6 +149,7 @@ class Site:
                 ),
                 actor="test",
             )
+            phase.closes_at = closed_at or phase.closes_at
 
     def publish_split(self) -> None:
         """Make the small split a development split."""

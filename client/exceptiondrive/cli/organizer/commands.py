@@ -12,7 +12,7 @@ from exceptiondrive.cli.account_commands import TOKEN_COLUMNS, show_revoked
 from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.options import argument, flag, option
 from exceptiondrive.cli.organizer import participation, phases, rescoring
-from exceptiondrive.cli.output import Answer, id_in, saved, say, show_result, upload_name
+from exceptiondrive.cli.output import Answer, id_in, replacing, saved, say, show_result, upload_name
 from exceptiondrive.cli.session import open_organizer, with_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.confirmations import confirm, default_key_path, make_key
@@ -322,7 +322,8 @@ def confirm_protocol(
     signed = confirm(ref, protocol.digest, key or default_key_path())
     words = f"protocol {protocol.version} ({protocol.digest}) on {split} at {revision}"
     if to_file is not None:
-        write_file(to_file, signed.model_dump_json(by_alias=True) + "\n")
+        with replacing(to_file):
+            write_file(to_file, signed.model_dump_json(by_alias=True) + "\n")
         show_result(signed, json, f"signed: {words}")
         return
     with open_organizer(server) as organizer:

@@ -19,7 +19,7 @@ from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.file_tables import metric_head
 from exceptiondrive.cli.fitted_table import Column, FittedTable
 from exceptiondrive.cli.options import argument, flag, option
-from exceptiondrive.cli.output import Answer, console, has_terminal, say, show_result
+from exceptiondrive.cli.output import Answer, console, has_terminal, replacing, say, show_result
 from exceptiondrive.cli.session import command_of, open_organizer
 from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, utc_text
 from exceptiondrive.organizer import Rescoring
@@ -70,7 +70,14 @@ def start(
     """
     run = rescoring.draft(phase, protocol, split_revision, reason)
     if not draft:
-        run = rescoring.step(_tried(rescoring, run)["id"], "start", reason)
+        run = _tried(rescoring, run)
+        if (run.get("trial") or {}).get("state") == "held":
+            raise InvalidArgumentError(
+                "split_floor",
+                f"It stays a draft. {run['blockers'][0]}",
+                f"organizer rescore cancel {run['id']}",
+            )
+        run = rescoring.step(run["id"], "start", reason)
     return run, *run_lines(run)
 
 
@@ -110,7 +117,8 @@ def preview(
     with _rescoring(server) as rescoring:
         found = rescoring.preview(run_id, seen)
         if csv is not None:
-            write_file(csv, rescoring.preview_csv(run_id))
+            with replacing(csv):
+                write_file(csv, rescoring.preview_csv(run_id))
     show_result(found, json, preview_lines(found))
     if found["is_stale"]:
         raise typer.Exit(ExceptionDriveError.exit_code)
