@@ -181,8 +181,8 @@ def test_phases_that_make_no_sense_are_refused(
 
 
 def test_a_phase_is_open_from_its_first_moment_until_just_before_its_last(world: World) -> None:
-    opens_at = datetime(2100, 1, 1, tzinfo=UTC)
-    closes_at = datetime(2100, 2, 1, tzinfo=UTC)
+    opens_at = datetime(2026, 1, 1, tzinfo=UTC)
+    closes_at = datetime(2026, 2, 1, tzinfo=UTC)
     phase = create_phase(world, opens_at=opens_at, closes_at=closes_at)
     moment = timedelta(microseconds=1)
     times = [opens_at - moment, opens_at, closes_at - moment, closes_at]

@@ -61,7 +61,7 @@ def test_phases_are_listed_by_challenge(api: "Api") -> None:
 
 
 def test_a_closed_phase_says_so(api: "Api") -> None:
-    api.phase("past", closed_at=datetime.now(UTC) - timedelta(days=1))
+    api.phase("past", closes_at=datetime.now(UTC) - timedelta(days=1))
     assert api.get("/phases/past").json()["is_open"] is False
 
 

@@ -128,7 +128,6 @@ def test_a_phase_is_made_with_its_dates_and_limits(api_on_both: "Api") -> None:
         ({"quota_per_day": "3"}, 400, "bad_request"),
         ({"opens_at": "2027-01-01T00:00:00Z", "closes_at": "2026-01-01T00:00:00Z"}, 400,
          "bad_request"),
-        ({"closes_at": "2001-01-01T00:00:00Z"}, 400, "bad_request"),
         ({"opens_at": "0001-01-01T00:00:00+14:00"}, 400, "bad_request"),
         ({"title": "two\nlines"}, 400, "bad_request"),
         ({"surprise": True}, 400, "bad_request"),

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Callable
-from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 import pytest
@@ -161,8 +160,6 @@ def test_a_phase_is_made_and_a_deadline_is_moved(
     assert wrong.status_code == 400
     for words in ("Submissions a day: must be", "Opens at: must be", 'value="2099-11-21T12:00"'):
         assert words in wrong.text
-    over = organizer.send(new, {**form, "closes_at": "2001-01-01T00:00"})
-    assert "“Closes at” lies in the past: nobody could ever submit." in over.text
     made = organizer.send(new, form)
     assert made.status_code == 303, re.findall(r"Refused.*", made.text)
     assert made.headers["location"] == f"{PHASES}/final?done=phase_created"
@@ -182,7 +179,7 @@ def test_a_phase_is_made_and_a_deadline_is_moved(
     }
     assert "phase changed" in organizer.get(here).text
     past = organizer.send(here, {**settings(organizer, here), "closes_at": "2001-01-01T00:00"})
-    assert (past.status_code, "“Closes at” lies in the past: what" in past.text) == (400, True)
+    assert (past.status_code, "“Closes at” lies in the past" in past.text) == (400, True)
 
 
 def test_the_life_of_a_phase_is_steered_with_reasons(api: "Api", one: "TeamBrowser") -> None:
@@ -203,15 +200,17 @@ def test_the_life_of_a_phase_is_steered_with_reasons(api: "Api", one: "TeamBrows
 @pytest.mark.parametrize(
     ("dates", "word"),
     [
-        ({"opens_at": datetime(2099, 1, 1, tzinfo=UTC)}, "upcoming"),
+        ({"opens_at": "2099-01-01T00:00"}, "upcoming"),
         ({}, "open"),
-        ({"closed_at": datetime(2020, 2, 1, tzinfo=UTC)}, "closed"),
+        ({"opens_at": "2020-01-01T00:00", "closes_at": "2020-02-01T00:00"}, "closed"),
     ],
 )
 def test_a_phase_is_said_to_be_upcoming_open_or_closed(
-    api: "Api", one: "TeamBrowser", dates: dict[str, datetime], word: str
+    one: "TeamBrowser", dates: dict[str, str], word: str
 ) -> None:
-    api.phase("next", **dates)
+    form = settings(one, f"{PHASES}/new") | {"id": "next", "title": "Next"}
+    form |= {"challenge": "planning", "split": "sample", "protocol": "1.0", **dates}
+    assert one.send(f"{PHASES}/new", form).status_code == 303
     assert badges(one, f"{PHASES}/next")[0] == word
     row = one.get(PHASES).text.split('href="/organize/phases/next"')[1]
     assert re.findall(r'class="badge st [^"]*">([^<]*)<', row)[0] == word

@@ -182,10 +182,10 @@ def test_rejected_files_cost_no_quota_but_are_capped(api: "Api", as_problem: Pro
     assert "resets_at" in problem
 
 
-@pytest.mark.parametrize("which", ["opens_at", "closed_at"])
+@pytest.mark.parametrize("which", ["opens_at", "closes_at"])
 def test_a_closed_phase_takes_nothing(api: "Api", as_problem: Problem, which: str) -> None:
     now = datetime.now(UTC)
-    dates = {"opens_at": now + timedelta(days=1), "closed_at": now - timedelta(days=1)}
+    dates = {"opens_at": now + timedelta(days=1), "closes_at": now - timedelta(days=1)}
     api.phase("shut", **{which: dates[which]})
     problem = as_problem(api.submit("a", phase="shut"), 403, "phase_closed")
     assert "UTC" in problem["detail"]
@@ -198,7 +198,7 @@ def test_of_a_refused_upload_no_byte_is_stored(
     """Known before it is stored; else a team could fill the disk with what nobody takes."""
     phase, fields = "dev", {}
     if refused == "closed":
-        api.phase("shut", closed_at=datetime.now(UTC) - timedelta(days=1))
+        api.phase("shut", closes_at=datetime.now(UTC) - timedelta(days=1))
         phase = "shut"
     elif refused == "spent":
         api.phase("once", quota_total=1)

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from datetime import datetime
 from typing import Any
 
 from sqlalchemy.orm import Session
@@ -59,11 +58,8 @@ def add_sample_split(session: Session, manifest: Manifest | None = None) -> None
     register_split(session, made, {"sudden_emergence": len(made.sample_ids)}, ACTOR)
 
 
-def add_phase(
-    session: Session, phase_id: str = "dev", closed_at: datetime | None = None, **settings: Any
-) -> None:
-    """Open a planning phase on the sample split, unless told otherwise; it may have closed long ago."""
+def add_phase(session: Session, phase_id: str = "dev", **settings: Any) -> None:
+    """Open a planning phase on the sample split, unless told otherwise."""
     usual: dict[str, Any] = {"challenge": "planning", "title": phase_id, "split": "sample"}
     usual |= {"protocol": "1.0", "quota_per_day": 3, "quota_total": None}  # those of public splits
-    phase = create_phase(session, NewPhase(id=phase_id, **(usual | settings)), actor=ACTOR)
-    phase.closes_at = closed_at or phase.closes_at
+    create_phase(session, NewPhase(id=phase_id, **(usual | settings)), actor=ACTOR)

@@ -104,7 +104,7 @@ def create_phase(session: Session, new: NewPhase, *, actor: str) -> Phase:
     Where nothing is said, a phase on a withheld split has what docs/leakage.md advises.
 
     Raises:
-        InvalidRecord: A text cannot be used, two settings contradict each other, or the deadline is past.
+        InvalidRecord: A text cannot be used, or two settings contradict each other.
         Conflict: The id is taken.
         NotFound: Split or protocol is unknown.
     """
@@ -115,7 +115,6 @@ def create_phase(session: Session, new: NewPhase, *, actor: str) -> Phase:
     whole = whole_split(session, split.name, split.revision)
     is_withheld = whole.public_file_digest is None
     settings = {name: getattr(new, name) for name in PhaseSettings.model_fields}
-    now = database_now(session)
     if is_withheld:
         untold = WITHHELD_DEFAULTS.keys() - new.model_fields_set
         settings |= {name: WITHHELD_DEFAULTS[name] for name in untold}
@@ -127,15 +126,11 @@ def create_phase(session: Session, new: NewPhase, *, actor: str) -> Phase:
         split_revision=live_revision(session, split.name, split.revision, new.policy.live_part),
         protocol_digest=find_protocol(session, protocol).digest,
         current_board_id=None,
-        created_at=now,
+        created_at=database_now(session),
         pseudonym_salt=new_salt() if new.policy.anonymous else None,
         **settings,
     )
     check_phase(phase)
-    if new.closes_at is not None and new.closes_at < now:
-        raise InvalidRecord(
-            "closes_at lies in the past: nobody could ever submit. Set a time to come, or none."
-        )
     session.add(phase)
     flush_or_refuse(session, "Its protocol was deleted meanwhile, or the id taken: look anew.")
     want_board(session, phase.id, phase.protocol_digest)

@@ -1,7 +1,6 @@
 """The pages over real records, for tests: a site to publish boards, submissions and drawings on."""
 
 import shutil
-from datetime import datetime
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -128,7 +127,6 @@ class Site:
         challenge: str = "planning",
         manifest: Manifest = MANIFEST,
         protocol: str = "1.0",
-        closed_at: datetime | None = None,
         **more: Any,
     ) -> None:
         """Create a phase over a split, by default the small one, registering protocol and split."""
@@ -137,7 +135,7 @@ class Site:
             made: dict[str, Any] = {"datasheet": DATASHEET, "changes": DATASHEET.changes}
             told = made if manifest is MANIFEST else {}
             register_split(session, manifest, COUNTS, "test", **told)
-            phase = create_phase(
+            create_phase(
                 session,
                 NewPhase(
                     id=phase_id,
@@ -149,7 +147,6 @@ class Site:
                 ),
                 actor="test",
             )
-            phase.closes_at = closed_at or phase.closes_at
 
     def publish_split(self) -> None:
         """Make the small split a development split."""

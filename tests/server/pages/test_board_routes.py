@@ -319,7 +319,7 @@ async def test_the_strategy_challenge_has_a_board_of_its_own_metrics(
         ({}, "Open for submissions"),
         ({"closes_at": AHEAD}, "Open until 5 May 2090, 09:30 UTC"),
         ({"opens_at": AHEAD}, "Opens 5 May 2090, 09:30 UTC"),
-        ({"opens_at": AGO, "closed_at": AGO_TOO}, "Closed since 4 May 2020, 10:30 UTC"),
+        ({"opens_at": AGO, "closes_at": AGO_TOO}, "Closed since 4 May 2020, 10:30 UTC"),
     ],
 )
 async def test_a_phase_says_whether_it_takes_submissions(
@@ -354,7 +354,7 @@ async def test_the_quick_start_says_which_run_of_a_method_stands(
 
 
 async def test_the_quick_start_says_so_where_a_phase_takes_nothing(lively_site: Any) -> None:
-    lively_site.create_phase("past", opens_at=AGO, closed_at=AGO_TOO)
+    lively_site.create_phase("past", opens_at=AGO, closes_at=AGO_TOO)
     text = (await lively_site.get("/submit?phase=past")).text
     assert "Past takes no submissions now: closed since 4 May 2020, 10:30 UTC." in text
     assert "What follows is for Sample." in text
