@@ -210,7 +210,11 @@ def test_a_phase_is_said_to_be_upcoming_open_or_closed(
 ) -> None:
     form = settings(one, f"{PHASES}/new") | {"id": "next", "title": "Next"}
     form |= {"challenge": "planning", "split": "sample", "protocol": "1.0", **dates}
-    assert one.send(f"{PHASES}/new", form).status_code == 303
+    made = one.send(f"{PHASES}/new", form)
+    assert made.status_code == 303
+    assert ("its deadline has passed" in one.get(made.headers["location"]).text) == (
+        word == "closed"
+    )
     assert badges(one, f"{PHASES}/next")[0] == word
     row = one.get(PHASES).text.split('href="/organize/phases/next"')[1]
     assert re.findall(r'class="badge st [^"]*">([^<]*)<', row)[0] == word

@@ -233,10 +233,11 @@ def post_new(
         told = {k: v for k, v in values.items() if v is not None or k not in WITHHELD_DEFAULTS}
         new = made(NewPhase, fields, told)
         with services.database.write() as session:
-            create_phase(session, new, actor=browser.principal.actor)
+            phase = create_phase(session, new, actor=browser.principal.actor)
+            is_over = phase.closes_at is not None and phase.closes_at <= phase.created_at
     except RecordsError as refusal:
         return _new(request, services, browser, typed(form), refusal)
-    return go(f"{HERE}/{new.id}", "phase_created")
+    return go(f"{HERE}/{new.id}", "phase_created_over" if is_over else "phase_created")
 
 
 @router.get("/{phase_id}")

@@ -36,6 +36,8 @@ DONE: Mapping[str, str] = MappingProxyType(
         "message_sent": "The message stands in the inboxes, and goes to the confirmed addresses.",
         "token_revoked": "The token is revoked. It no longer works.",
         "phase_created": "The phase is created.",
+        "phase_created_over": "The phase is created, and takes no files: its deadline has passed. Set a "
+        'later one under "Closes at", unless that is meant.',
         "nothing_changed": "Nothing was changed: all is as it was.",
         "site_changed": "The links are changed: every page shows them from now on.",
         "phase_changed": "The phase is changed; the audit log says from what to what.",
