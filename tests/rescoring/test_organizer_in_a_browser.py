@@ -9,6 +9,7 @@ from tests.support.browser import axe_violations
 from tests.support.serving import served
 
 from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, issue_token
+from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.teams.teams import register_team
 from exceptiondrive_server.app import create_app
 from exceptiondrive_server.web.settings import ServerSettings
@@ -69,6 +70,19 @@ def start_run(page: Page, site: str, toml: str) -> None:
     say(page, "Start scoring")
 
 
+@pytest.mark.parametrize("width", [390, 1440])
+def test_a_title_without_blanks_stays_within_the_page_of_news(
+    stage: Stage, browser: Browser, site: str, width: int
+) -> None:
+    with stage.database.write() as session:
+        find_phase(session, "dev").title = "T" * 120
+    page = signed_in(stage, browser, site, viewport={"width": width, "height": 900})
+    for path in ("/organize/news", "/organize/news?phase=dev"):
+        page.goto(site + path)
+        expect(page.locator("main")).to_contain_text("T" * 120)
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
 @pytest.mark.parametrize("has_script", [True, False])
 def test_a_walk_from_document_to_rollback(
     stage: Stage, browser: Browser, site: str, make_protocol: Make, has_script: bool
@@ -89,6 +103,7 @@ def test_a_walk_from_document_to_rollback(
     expect(page.locator(".run-now")).to_contain_text("100 %", timeout=LONGEST_MS)
     page.goto(f"{run}/preview")
     expect(page.locator("svg.slope.wide")).to_be_visible()
+    expect(page.locator("svg.slope.wide .sl text").first).to_contain_text(" · ")
     expect(page.locator("table.pv tbody tr").first).to_contain_text("slow")
     page.click("a:text-is('Apply')")
     say(page, "Apply")

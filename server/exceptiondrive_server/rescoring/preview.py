@@ -207,7 +207,7 @@ def _slope_line(one: EntryChange, y1: float, y2: float, longest: int) -> SlopeLi
         kind=kind,
         y1=px(y1),
         y2=px(y2),
-        left_text=f"{name} {old or NOT_RANKED}",
-        right_text=f"{new or NOT_RANKED} {name}",
+        left_text=f"{name} · {old or NOT_RANKED}",
+        right_text=f"{new or NOT_RANKED} · {name}",
         title=f"{one.method} of {one.team}: {before} before, {after} after",
     )

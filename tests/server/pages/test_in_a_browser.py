@@ -310,6 +310,15 @@ def test_a_name_without_spaces_breaks_and_moves_no_column_out_of_sight(
     assert seen == {"named": True, "page": 0, "aside": []}
 
 
+def test_a_title_of_a_phase_without_spaces_breaks(visit: Visit) -> None:
+    page = visit.open("/compare?phase=sample", width=390)
+    title = page.locator(".eyebrow span").first.text_content()
+    long = repr("NameWithoutASpaceThatFills" * 5)
+    asked = UNBROKEN.replace("const name = ", f"const name = {long} || ")
+    seen = page.evaluate(asked.replace("NAME", repr(title)).replace("PARTS", repr(".eyebrow")))
+    assert seen == {"named": True, "page": 0, "aside": []}
+
+
 LABELS = """() => [...document.querySelectorAll("text.t-lb")].filter((text) => text.checkVisibility())
   .map((text) => [text.textContent, text.getBBox().width])"""
 

@@ -134,6 +134,13 @@ def test_who_wants_no_motion_goes_step_by_step(visit: Any) -> None:
         assert time.input_value() == seconds
 
 
+def test_what_is_chosen_by_is_not_printed(visit: Any) -> None:
+    page = visit(SCENES)
+    page.emulate_media(media="print")
+    assert page.locator(".mo").first.is_visible()
+    assert page.locator(".mo-form").is_hidden()
+
+
 def test_without_script_everything_stands_still_at_the_end(visit: Any) -> None:
     page = visit(SCENES, java_script_enabled=False)
     assert page.locator("[data-play]").is_hidden()
