@@ -279,11 +279,6 @@ class Client(Connection):
         answer = self._transport.get("/phases")
         return read_answer(lambda data: PHASES.validate_json(data, extra="allow"), answer)
 
-    @property
-    def said_at(self) -> datetime | None:
-        """When the server answered last, by its own clock; that of this machine may be wrong."""
-        return self._transport.said_at
-
     def phase(self, phase: str) -> PhaseView:
         """Return one phase.
 

@@ -98,7 +98,7 @@ def phases(client: "Client") -> Answer:
     With their dates, split and protocol, and what your team may still submit.
     """
     views = client.phases()
-    return views, phases_table(views, client.said_at)
+    return views, phases_table(views, client._transport.said_at)
 
 
 @with_client

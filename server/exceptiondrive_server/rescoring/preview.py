@@ -162,7 +162,7 @@ def slope_chart(comparison: Comparison, *, width: int, longest: int) -> SlopeCha
         return None
     left = _rows(drawn, [one.old_rank for one in drawn])
     right = _rows(drawn, [one.new_rank for one in drawn])
-    margin = round(longest * 7.6 + 34)
+    margin = round(longest * 7.6 + 42)
     changed = counted(comparison.n_ranks_changed, "rank changes", "ranks change")
     is_update = comparison.from_protocol != comparison.to_protocol
     return SlopeChart(
