@@ -654,6 +654,7 @@ def check_bytes(
     manifest: Manifest | None = None,
     challenge: ChallengeId | None = None,
     max_upload_bytes: int = MAX_UPLOAD_BYTES,
+    max_inflated_bytes: int = MAX_INFLATED_BYTES,
 ) -> CheckReport:
     """Return the report of `check` alone."""
     return check(
@@ -662,6 +663,7 @@ def check_bytes(
         manifest=manifest,
         challenge=challenge,
         max_upload_bytes=max_upload_bytes,
+        max_inflated_bytes=max_inflated_bytes,
     ).report
 
 
