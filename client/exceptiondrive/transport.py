@@ -210,7 +210,7 @@ def error_of(
     if is_ours and problem.request_id and problem.request_id not in problem.detail:
         advice = f"Tell the organizers this request id: {problem.request_id}."
     if problem.detail.startswith("There is no submission "):
-        advice = "Those of your team: exceptiondrive submissions"
+        advice = "`exceptiondrive submissions` lists what there is."
     kind = _KINDS.get(problem.code)
     if kind is None:
         sentence = " ".join([problem.detail, *(f"{k}: {v}" for k, v in problem.fields.items())])

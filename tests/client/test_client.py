@@ -556,7 +556,7 @@ def test_a_submission_that_is_not_there_leads_to_those_that_are(
     canned_server.problem("GET /submissions/abc", 404, "not_found", detail=detail)
     with pytest.raises(NotFoundError) as caught:
         Client(canned_server.url).status("abc")
-    assert caught.value.advice == "Those of your team: exceptiondrive submissions"
+    assert caught.value.advice == "`exceptiondrive submissions` lists what there is."
 
 
 @pytest.mark.usefixtures("impatient")

@@ -64,7 +64,7 @@ def store(life: Life) -> SplitStore:
     life.add_split(recorded.model_copy(update={"samples": samples}))
     life.make_phase("driven", split="driven", policy={"live_part": "whole"})
     with life.database.write() as session:
-        take_lead(session, "reconciler", "somebody", 3600)
+        take_lead(session, "reconciler", "somebody", 86_400)
     return SplitStore(life.worker.splits_dir)
 
 

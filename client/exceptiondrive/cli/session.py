@@ -30,7 +30,6 @@ LISTED_BY = {
     "question": "organizer questions list",
     "rescoring run": "organizer rescore status",
     "split": "organizer splits list",
-    "submission": "submissions",
     "team": "organizer teams list",
 }
 """What lists them, by what the server calls one that it does not know."""
