@@ -330,7 +330,11 @@ class Client(Connection):
 
     def protocol(self, version: str) -> ProtocolDocument:
         """Return a protocol by its version."""
-        return self._get(ProtocolDocument, f"/protocols/{quoted(version)}")
+        with self._naming(version, self._protocol_versions, "protocols"):
+            return self._get(ProtocolDocument, f"/protocols/{quoted(version)}")
+
+    def _protocol_versions(self) -> list[str]:
+        return [one["version"] for one in self._transport.get("/protocols").json()]
 
     def split(
         self, name: str, *, revision: str | None = None, on_progress: Progress | None = None

@@ -23,12 +23,12 @@ class Organizer(Connection):
     def _do(self, *where: str, **said: Any) -> Record:
         return self._transport.post_once(_at(*where), said)
 
-    def _of(self, submission: str, *parts: str) -> str:
+    def _path_of(self, submission: str, *parts: str) -> str:
         """Return the path of a submission, of the address of its page too."""
         return _at("submissions", self._id_of(submission), *parts)
 
     def _do_with(self, submission: str, what: str, **said: Any) -> Record:
-        return self._transport.post_once(self._of(submission, what), said)
+        return self._transport.post_once(self._path_of(submission, what), said)
 
     @property
     def rescoring(self) -> "Rescoring":
@@ -158,7 +158,7 @@ class Organizer(Connection):
 
     def story(self, submission_id: str) -> Record:
         """Return a submission with its jobs, recomputations, edits, notices and audit lines."""
-        return self._transport.record(self._of(submission_id))
+        return self._transport.record(self._path_of(submission_id))
 
     def verify_submission(self, submission_id: str, reason: str) -> Record:
         """Ask for its score to be made again from the upload; follow it by `rescoring.verification`."""
@@ -174,11 +174,11 @@ class Organizer(Connection):
 
     def download_upload(self, submission_id: str) -> bytes:
         """Return the bytes that a team sent; the audit log says who had them."""
-        return self._transport.get(self._of(submission_id, "file")).content
+        return self._transport.get(self._path_of(submission_id, "file")).content
 
     def download_story(self, submission_id: str) -> bytes:
         """Return a tar for a committee: upload, receipt, story and a README."""
-        return self._transport.get(self._of(submission_id, "folder")).content
+        return self._transport.get(self._path_of(submission_id, "folder")).content
 
     def download_archive(
         self, team: str | None = None, phase: str | None = None, status: str | None = None

@@ -48,6 +48,19 @@ _ADVICE = {
     ProblemCode.PHASE_CLOSED: "Run: exceptiondrive phases, to see which are open.",
     ProblemCode.UPLOAD_TOO_LARGE: "Compress the file with gzip; both forms are taken.",
 }
+_LISTED_BY = {
+    "disqualification": "organizer teams disqualified",
+    "news": "organizer news list",
+    "person": "organizer people list",
+    "phase": "phases",
+    "protocol": "organizer protocols list",
+    "question": "organizer questions list",
+    "rescoring run": "organizer rescore status",
+    "split": "organizer splits list",
+    "submission": "submissions",
+    "team": "organizer teams list",
+}
+"""Which command lists them, by what the server calls one that it does not know."""
 _PASSING = (ProblemCode.TOO_MANY_REQUESTS, ProblemCode.STORE_UNAVAILABLE)
 _KINDS: dict[ProblemCode, type[ExceptionDriveError]] = {
     ProblemCode.NOT_SIGNED_IN: NotSignedInError,
@@ -209,8 +222,9 @@ def error_of(
     is_ours = problem.code is ProblemCode.INTERNAL
     if is_ours and problem.request_id and problem.request_id not in problem.detail:
         advice = f"Tell the organizers this request id: {problem.request_id}."
-    if problem.detail.startswith("There is no submission "):
-        advice = "`exceptiondrive submissions` lists what there is."
+    unknown = problem.detail.removeprefix("There is no ").partition(" '")[0]
+    if problem.code is ProblemCode.NOT_FOUND and unknown in _LISTED_BY:
+        advice = f"`exceptiondrive {_LISTED_BY[unknown]}` lists what there is."
     kind = _KINDS.get(problem.code)
     if kind is None:
         sentence = " ".join([problem.detail, *(f"{k}: {v}" for k, v in problem.fields.items())])

@@ -456,6 +456,12 @@ def test_a_name_that_is_not_there_is_answered_with_what_was_meant(
     assert words in done.stderr
 
 
+def test_a_protocol_that_is_not_there_is_answered_with_those_that_are(running: "Running") -> None:
+    with running.client() as client, pytest.raises(NotFoundError) as caught:
+        client.protocol("9")
+    assert caught.value.advice.startswith("There are the protocols 1.0")
+
+
 def test_the_quota_is_shown_by_phase_and_belongs_to_teams(running: "Running") -> None:
     found = json.loads(run(running, "quota", "--json").stdout)
     assert set(found) == {"dev", "words"}

@@ -98,7 +98,7 @@ def phases(client: "Client") -> Answer:
     With their dates, split and protocol, and what your team may still submit.
     """
     views = client.phases()
-    return views, phases_table(views, client._transport.said_at)
+    return views, phases_table(views, client._transport.said_at or datetime.now(UTC))
 
 
 @with_client
@@ -159,8 +159,8 @@ def _report_view(found: "PhaseReport") -> Iterator[str | FittedTable]:
         yield moved
 
 
-def phases_table(views: tuple[PhaseView, ...], now: datetime | None = None) -> FittedTable:
-    """Return the table of all phases."""
+def phases_table(views: tuple[PhaseView, ...], now: datetime) -> FittedTable:
+    """Return the table of all phases, as they stand now."""
     table = FittedTable.of(
         Column("phase", "id"),
         Column("challenge", "id", left_out=1),
@@ -172,6 +172,7 @@ def phases_table(views: tuple[PhaseView, ...], now: datetime | None = None) -> F
         Column("left"),
     )
     for view in views:
+        window = _window(view, now)
         table.add_row(
             view.id,
             view.challenge,
@@ -179,7 +180,7 @@ def phases_table(views: tuple[PhaseView, ...], now: datetime | None = None) -> F
             view.split + (" (public)" if view.split_is_public else ""),
             f"{view.n_samples:,}",
             view.protocol,
-            (window := _window(view, now or datetime.now(UTC))),
+            window,
             _left(view, window),
         )
     return table

@@ -1,7 +1,7 @@
 """Open a client for a command: token sent safely, retries said on stderr."""
 
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from functools import wraps
 from inspect import Parameter, signature
 from typing import TYPE_CHECKING, Any
@@ -21,34 +21,11 @@ def open_client(server: str | None) -> "Client":
     return Client(prepare(server), on_retry=say_retry)
 
 
-LISTED_BY = {
-    "disqualification": "organizer teams disqualified",
-    "news": "organizer news list",
-    "person": "organizer people list",
-    "phase": "phases",
-    "protocol": "organizer protocols list",
-    "question": "organizer questions list",
-    "rescoring run": "organizer rescore status",
-    "split": "organizer splits list",
-    "team": "organizer teams list",
-}
-"""What lists them, by what the server calls one that it does not know."""
-
-
-@contextmanager
-def open_organizer(server: str | None) -> Iterator["Organizer"]:
-    """Give an organizer's client for the chosen server; a name it does not know is listed somewhere."""
-    from exceptiondrive.errors import NotFoundError
+def open_organizer(server: str | None) -> "Organizer":
+    """Return an organizer's client for the chosen server."""
     from exceptiondrive.organizer import Organizer
 
-    with Organizer(prepare(server), on_retry=say_retry) as organizer:
-        try:
-            yield organizer
-        except NotFoundError as error:
-            noun = error.sentence.removeprefix("There is no ").partition(" '")[0]
-            if not error.advice and noun in LISTED_BY:
-                error.advice = f"`exceptiondrive {LISTED_BY[noun]}` lists what there is."
-            raise
+    return Organizer(prepare(server), on_retry=say_retry)
 
 
 def prepare(server: str | None) -> str:
