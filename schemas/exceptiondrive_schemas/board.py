@@ -59,8 +59,9 @@ class ReminderEffect(Document):
 class PairedComparison(Document):
     """Two entries on the same samples and the same draws; every difference is A minus B.
 
-    Overall by metric; each family and task by the metric that ranks first. A difference of two
-    published shares is the difference of these two, to the last digit. A task's interval is rounded
+    Overall by metric; each family and task by the metric that ranks first. A difference is that of the
+    two published values, to the last digit; of shifts and progress, which a sample may leave undefined,
+    it is over the samples that both define, as its interval is. A task's interval is rounded
     outward to whole per cents and gives its verdict; how many of its samples differ is not said.
     """
 

@@ -267,6 +267,9 @@ class Metric(Document):
     cells: Literal["always", "of public regions", "of public drives"] = "always"
     """On which splits families and tasks are told it: what it asks of regions or of recorded paths,
     beside what is told already, must be public (docs/leakage.md). Totals are always told."""
+    may_be_undefined: bool = False
+    """Whether a sample can leave it undefined, which is then in no mean: as a shift without a source
+    trajectory. Such a metric asks nothing of regions."""
 
     @model_validator(mode="after")
     def _a_quantile_has_a_level(self) -> Self:
@@ -407,6 +410,7 @@ PLANNING = Challenge(
             unit="metre",
             better=None,
             role="diagnostic",
+            may_be_undefined=True,
             meaning="How far the trajectory moved once the hazard appeared. Moving is not the "
             "same as avoiding.",
             formula=formulas.CTS,
@@ -419,6 +423,7 @@ PLANNING = Challenge(
             unit="metre",
             better=None,
             role="diagnostic",
+            may_be_undefined=True,
             meaning="Longitudinal part of the shift.",
             part_of="cts",
         ),
@@ -430,6 +435,7 @@ PLANNING = Challenge(
             unit="metre",
             better=None,
             role="diagnostic",
+            may_be_undefined=True,
             meaning="Lateral part of the shift.",
             part_of="cts",
         ),
@@ -441,6 +447,7 @@ PLANNING = Challenge(
             unit="fraction",
             better=None,
             role="diagnostic",
+            may_be_undefined=True,
             shown="extra column",
             meaning="How far along its own path of the original scene the planner still gets: 0 for "
             "standing still, backing and sliding sideways. Driving on is not the same as driving "
@@ -504,6 +511,7 @@ PLANNING = Challenge(
                 unit="metre",
                 better="lower",
                 role="diagnostic",
+                may_be_undefined=True,
                 shown="details",
                 cells="of public drives",
                 meaning=meaning,

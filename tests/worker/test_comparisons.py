@@ -240,6 +240,17 @@ def test_no_difference_of_shares_reads_the_exact_values_once_more(exact: float) 
     assert [cell.difference for cell in cells] == [0.0034] * 5
 
 
+def test_a_metric_that_may_be_undefined_differs_over_the_samples_that_both_define() -> None:
+    """Its difference is of the same samples as the interval beside it, so it lies inside."""
+    example = ScoreSheet.model_validate_json(example_text("score-sheet"))
+    shown = (_sheet(example, 0.9573), _sheet(example, 0.8718))
+    told = published_comparison(
+        _pair(0.03514, (0.0196, 0.05)), PLANNING, packaged_protocol(), shown, PUBLIC
+    )
+    assert (told.overall["progress"].difference, told.overall["cts"].difference) == (0.0351, 0.04)
+    assert told.overall["hcc"].difference == 0.0855
+
+
 def test_a_verdict_is_not_surer_than_the_interval_beside_it() -> None:
     example = ScoreSheet.model_validate_json(example_text("score-sheet"))
     shown = (_sheet(example, 0.1234), _sheet(example, 0.12))

@@ -280,3 +280,18 @@ def test_a_verdict_never_says_more_than_the_published_interval() -> None:
     published = reminder_effects_module.published_effect(effect, STRATEGY, rounding, [row, row])
     assert published.differences["accuracy"].interval == (0.0, 0.02)
     assert published.differences["accuracy"].verdict == compare_module.NOT_SEPARABLE
+
+
+@pytest.mark.parametrize("is_public", [True, False])
+def test_the_difference_is_that_of_the_two_published_values(is_public: bool) -> None:
+    """Exact means 0.27639 and 0.20964 differ by 0.06675: the board shows 0.2764 and 0.2096."""
+    exact = PairedDifference(
+        difference=-0.06675, interval=(-0.09, -0.03), discordant=0.3, verdict="better"
+    )
+    effect = ReminderEffect(
+        without="a", without_method="A", differences=dict.fromkeys(STRATEGY.metric_keys, exact)
+    )
+    rounding = Rounding(STRATEGY, packaged_protocol().publication, is_public=is_public)
+    rows: list[MetricRow] = [dict.fromkeys(STRATEGY.metric_keys, x) for x in (0.2096, 0.2764)]
+    published = reminder_effects_module.published_effect(effect, STRATEGY, rounding, rows)
+    assert {each.difference for each in published.differences.values()} == {-0.0668}

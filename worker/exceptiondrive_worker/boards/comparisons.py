@@ -89,10 +89,10 @@ def published_comparison(
 ) -> PairedComparison:
     """Round a comparison, metrics in column order; only this may leave the worker.
 
-    Families and tasks with fewer samples than the protocol publishes are left out. A difference of
-    shares is taken between the published values of the sheets: rounded by itself, it would be one
-    more reading of the exact ones, and nine comparisons would be nine (docs/leakage.md). How many
-    samples differ is told of public splits alone: it counts differences below any rounding.
+    Families and tasks with fewer samples than the protocol publishes are left out. A difference is
+    taken between the published values of the sheets: rounded by itself, it would be one more reading
+    of the exact ones, and nine comparisons would be nine (docs/leakage.md). A shift or progress may be
+    undefined, asks nothing of regions, and is compared where both define it. How many samples differ is told of public splits alone: it counts differences below any rounding.
     """
     first = challenge.metrics[0].key
     headlines = [sheet.average(protocol.grading.headline) for sheet in sheets]
@@ -205,10 +205,10 @@ def _coarse(
 def _published_difference(
     exact: PairedDifference, metric: Metric, rows: Sequence[MetricRow], rounding: Rounding
 ) -> float | None:
-    """Shares are defined for every sample; a shift may be undefined, and is its own team's to know."""
-    if metric.unit == "fraction":
-        return _between(metric.key, rows, rounding)
-    return rounding.metric(metric.key, exact.difference)
+    """That of the two rows; of a metric that may be undefined, over the samples that both define."""
+    if metric.may_be_undefined:
+        return rounding.metric(metric.key, exact.difference)
+    return _between(metric.key, rows, rounding)
 
 
 def _between(key: str, rows: Sequence[MetricRow], rounding: Rounding) -> float | None:

@@ -88,15 +88,11 @@ def published_effect(
 ) -> ReminderEffect:
     """Round an effect, metrics in column order; only this may leave the worker.
 
-    `rows` are the published headlines with the reminder and without it: of a withheld split shares
-    differ by these, and tell nothing more.
+    `rows` are the published headlines with the reminder and without it: their differences are told, as
+    in a comparison, and nothing more.
     """
-    differences = {}
-    for metric in challenge.interval_metrics:
-        exact = effect.differences[metric.key]
-        found = rounded_difference(exact, metric, rows, rounding)
-        if rounding.is_public:
-            own = rounding.metric(metric.key, exact.difference)
-            found = found.model_copy(update={"difference": own})
-        differences[metric.key] = found
+    differences = {
+        metric.key: rounded_difference(effect.differences[metric.key], metric, rows, rounding)
+        for metric in challenge.interval_metrics
+    }
     return effect.model_copy(update={"differences": differences})
