@@ -113,15 +113,25 @@ def _findings(
     if len(ranked) == 1:
         lead = f"The only ranked {words.subject} so far is {leader.method}"
     else:
+        others = [entry for entry in ranked if entry is not leader and entry.may_lead]
+        level = [entry for entry in others if entry.rank == leader.rank]
         lead = f"Of {grouped(len(ranked))} ranked {words.subjects}, {leader.method} leads"
-        lead += _could_too([entry for entry in ranked if entry is not leader])
+        lead += _level_with(level) + _could_too([entry for entry in others if entry not in level])
     above = [entry for entry in ranked if (entry.rank or 0) < (leader.rank or 0)]
     return (f"{lead}: {numbers} ({average}){_own_flags(leader)}.", *_above(above))
 
 
+def _level_with(level: Sequence[BoardEntry]) -> str:
+    """Name who shares the rank of the leader; of many, their number."""
+    if not level:
+        return ""
+    names = listed([entry.method for entry in level])
+    return f", level with {names if len(level) <= MAX_NAMED else f'{len(level)} others'}"
+
+
 def _could_too(others: Sequence[BoardEntry]) -> str:
     """Say how many might lead as well, given how much the scenes vary."""
-    n = sum(entry.may_lead and entry.could_be_first for entry in others)
+    n = sum(entry.could_be_first for entry in others)
     return f", though {counted(n, 'other', 'others')} could be first" if n else ""
 
 

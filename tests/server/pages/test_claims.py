@@ -122,13 +122,15 @@ def check_the_findings(text: str, board: Board) -> None:
     assert f"{leader.method}" in text
     assert f"{numbers} (mean of families)" in text
     above = [entry for entry in ranked(board) if (entry.rank or 0) < (leader.rank or 0)]
-    named = [leader, *above] if len(above) <= 3 else [leader]
-    assert set(re.findall(r"Planner\d+x", text)) == {entry.method for entry in named}
-    others = [entry for entry in contenders(board) if entry is not leader and entry.rank_interval]
+    level = [e for e in contenders(board) if e is not leader and e.rank == leader.rank]
+    above, named = (each if len(each) <= 3 else [] for each in (above, level))
+    assert set(re.findall(r"Planner\d+x", text)) == {e.method for e in (leader, *above, *named)}
+    assert ("leads, level with" in text) == bool(level)
+    others = [entry for entry in contenders(board) if entry.rank != leader.rank]
     could = sum((entry.rank_interval or (0, 0))[0] == 1 for entry in others)
-    said = re.search(r"leads, though (\d+) others? could be first:", text)
+    said = re.search(r"leads(?:, level with [^:]+?)?, though (\d+) others? could be first:", text)
     assert (int(said[1]) if said else 0) == could
-    for entry in named:
+    for entry in (leader, *above):
         assert all(label in text for label in labels(entry))
 
 

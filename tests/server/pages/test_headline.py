@@ -103,6 +103,26 @@ def test_where_every_ranked_one_is_flagged_nobody_leads(lively_board: Board) -> 
     assert len(said.facts) == 3
 
 
+@pytest.mark.parametrize(
+    ("n_level", "words"), [(1, "m1"), (2, "m1 and m2"), (3, "m1, m2 and m3"), (4, "4 others")]
+)
+def test_who_shares_the_rank_of_the_leader_is_said_to_be_level_with_it(
+    lively_board: Board, n_level: int, words: str
+) -> None:
+    entries = tuple(
+        lively_board.entries[0].model_copy(
+            update={
+                "method": f"m{at}",
+                "rank": 1 if at <= n_level else at + 1,
+                "rank_interval": (1, 6),
+            }
+        )
+        for at in range(n_level + 2)
+    )
+    said = headline(lively_board.model_copy(update={"entries": entries}), PLANNING, 21, Digits())
+    assert f"m0 leads, level with {words}, though 1 other could be first: " in said.findings[0]
+
+
 def test_a_flag_that_does_not_bar_is_named(lively_board: Board) -> None:
     alone = lively_board.model_copy(update={"entries": lively_board.entries[5:6]})
     said = headline(alone, PLANNING, 21, Digits())
