@@ -59,3 +59,14 @@ def test_wilson_replaces_only_intervals_that_shrank_to_zero_or_one() -> None:
     replaced = wilson_at_the_ends(intervals, np.full(5, 10.0), 0.95)
     np.testing.assert_allclose(replaced[:2], [[0, 0.2775], [0.7225, 1]], atol=5e-4)
     np.testing.assert_array_equal(replaced[2:], intervals[2:])
+
+
+@pytest.mark.parametrize("n_scenes", [8, 60])
+def test_of_equal_entries_about_one_difference_in_twenty_looks_sure(n_scenes: int) -> None:
+    """Differences of whole scenes are as often for the one as for the other."""
+    rng = np.random.default_rng(11)
+    drawn = rng.multinomial(n_scenes, np.full(n_scenes, 1 / n_scenes), size=1000)
+    gaps = rng.choice([-1.0, 1.0], (800, n_scenes)) * rng.beta(1, 3, (800, n_scenes))
+    ends = percentile_intervals(gaps @ drawn.T, np.full(800, n_scenes), 0.95)
+    is_sure = (ends[:, 0] > 0) | (ends[:, 1] < 0)
+    assert 0.03 <= is_sure.mean() <= 0.08

@@ -35,12 +35,13 @@ _WORDS = {
         "Rank and its range",
         "The rank is by the first metric, then the second; equal numbers share a rank. A range such as "
         "1\u20133 beside it says which ranks the planner could have, given how much the scenes vary: "
-        "other scenes of the same kind would have put it anywhere in there.",
+        "other scenes of the same kind could have put it anywhere in there. Of a withheld split it follows "
+        "from the intervals as they are told, so it can be wider than a comparison sample by sample says.",
     ),
     "interval": Term(
         "\u00b1 and bars",
-        "How far a number moves when the scenes are drawn anew: in 95 of 100 such draws it stays within "
-        "the bar. \u00b1 is the distance from the number to the farther end of the bar; + or \u2212 alone: it "
+        "How far a number moves when the scenes are drawn anew: in at least 95 of 100 such draws it stays "
+        "within the bar. \u00b1 is the distance from the number to the farther end of the bar; + or \u2212 alone: it "
         "reaches to that side only. Of withheld splits the ends are told outward to whole per cents.",
     ),
     "outcome": Term(
@@ -96,13 +97,13 @@ _WORDS = {
     ),
     "paired": Term(
         "Compared sample by sample",
-        "Both planners drove the same samples, so chance that hits both alike drops out. That settles "
+        "Both answered the same samples, so chance that hits both alike drops out. That settles "
         "more than a look at two intervals.",
     ),
     "coverage": Term(
         "Answered samples",
-        "The share of samples for which the file holds an answer. A missing answer counts as driving "
-        "into the hazard.",
+        "The share of samples for which the file holds an answer. A missing path with the hazard counts as "
+        "driving into it, a missing strategy as wrong and too careless.",
     ),
 }  # fmt: skip
 

@@ -178,6 +178,18 @@ async def test_several_are_set_side_by_side_and_each_against_each(paired_site: A
     }
 
 
+async def test_a_comparison_says_what_its_differences_are_of_and_how_many_are_chance(
+    paired_site: Any,
+) -> None:
+    answer = await paired_site.get("/compare?phase=sample&a=s0000000kq&b=s0000001kq")
+    text = " ".join(answer.text.split())
+    assert (
+        "on the samples that both define: of a metric that a sample can leave undefined, this need "
+        "not be the difference of the two means above."
+    ) in text
+    assert "Of equal planners, up to about one line in twenty looks sure by chance." in text
+
+
 async def test_anyone_on_the_board_is_found_by_typing_a_name(lively_site: Any) -> None:
     """By label, by part of one that only one entry has, and chosen alone by ticks."""
     typed = "/compare?phase=sample&a=nerve&b=brake-late,+Osprey&more=M%C3%B8ller"

@@ -141,6 +141,14 @@ async def test_strategy_entries_have_the_same_page_without_drawings(shown_site: 
     assert "How it drove" not in text
 
 
+async def test_a_bar_is_told_part_by_part_in_the_words_of_its_key(shown_site: Any) -> None:
+    text = " ".join((await shown_site.get("/entries/a0000000kq?phase=strategy")).text.split())
+    assert (
+        "A bar is all samples of its line, in parts: acceptable; wrong, not too careless; too "
+        "careless, or no answer."
+    ) in text
+
+
 async def test_everything_in_a_drawing_has_a_style_in_the_sheet(drawn_site: Any) -> None:
     """What has none is black, also on the dark page; the drawing is made outside of the templates."""
     style = (await drawn_site.get("/static/site.css")).text

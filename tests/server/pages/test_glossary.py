@@ -8,6 +8,7 @@ import pytest
 from tests.server.pages.reading import read
 
 from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_scoring.interval import draws_cut_off
 from exceptiondrive_server.web.glossary import TERMS
 from exceptiondrive_server.web.templating import FOLDER
 
@@ -26,6 +27,25 @@ def test_every_term_of_a_template_is_explained_and_none_is_left_over() -> None:
 def test_every_metric_has_its_words() -> None:
     assert METRICS <= TERMS.keys()
     assert all(term.title and term.meaning.endswith(".") for term in TERMS.values())
+
+
+def test_a_missing_answer_is_told_of_both_challenges() -> None:
+    meaning = TERMS["coverage"].meaning
+    assert "driving into it" in meaning
+    assert "a missing strategy as wrong and too careless" in meaning
+
+
+def test_at_least_as_many_draws_as_the_words_say_lie_within_a_bar() -> None:
+    """More where scenes are few; `draws_cut_off` leaves out so many at each end."""
+    assert "in at least 95 of 100 such draws" in TERMS["interval"].meaning
+    outside = [2 * draws_cut_off(1000, 0.95, n) for n in (2, 5, 6, 20, 60, 150, 1e6)]
+    assert outside == sorted(outside)
+    assert max(outside) <= 50
+
+
+def test_a_range_of_ranks_that_is_wider_than_a_comparison_is_explained() -> None:
+    meaning = TERMS["rank"].meaning
+    assert "Of a withheld split it follows from the intervals as they are told" in meaning
 
 
 @pytest.mark.parametrize("path", ["/", "/?phase=strategy", "/entries/s0000000kq"])

@@ -69,6 +69,8 @@ async def test_the_protocol_page_says_which_flags_take_a_rank_and_when_they_are_
     assert f"listed with its numbers, and takes no rank: {labels}." in text
     assert [kind.code for kind in FLAGS.values() if f"<b>{kind.label}" not in text] == []
     assert "A mean over fewer than 5 scenes has no interval." in text
+    assert "At most 2 decimals of per cent and 2 of metres leave the server" in text
+    assert "Of a withheld split, intervals of shares end at whole per cents, outward" in text
     assert "more than 5 m from the drive that was recorded" in text
     assert "less than 10 % in a family of at least 20 samples" in text
     assert "takes no rank" not in (await site.get("/protocols/1.0")).text
