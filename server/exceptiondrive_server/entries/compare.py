@@ -1,5 +1,6 @@
 """The compare page: entries of one board, the first two in full, all of them side by side."""
 
+from collections import defaultdict
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 from urllib.parse import urlencode
@@ -124,19 +125,29 @@ def verdict(board: Board, entries: Sequence[BoardEntry], digits: Digits) -> str:
     leader = _leader(fit or entries, first)
     if leader is None:
         return f"None of them has {first.label}."
-    groups: dict[str, list[str]] = {"sure": [], "open": [], "unknown": []}
+    level = [e for e in fit or entries if e is not leader and _is_level(e, leader, first, digits)]
+    groups: dict[str, list[str]] = defaultdict(list)
     for other in entries:
-        if other is not leader:
-            groups[against(board, leader, other, digits).kind].append(other.method)
+        if other is not leader and other not in level:
+            found = against(board, leader, other, digits)
+            groups[found.note if found.kind == "sure" else found.kind].append(other.method)
     among = "Of these" if len(fit) in (0, len(entries)) else "Of those that no flag bars"
-    parts = [f"{among}, {leader.method} has the best {first.label}"]
-    if groups["sure"]:
-        parts.append(f"it is surely better than {listed(groups['sure'])}")
+    best = f"{among}, {leader.method} has the best {first.label}"
+    parts = [best + (f", level with {listed([e.method for e in level])}" if level else "")]
+    for note in ("surely better", "surely worse"):
+        if groups[note]:
+            parts.append(f"it is {note} than {listed(groups[note])}")
     if groups["open"]:
         parts.append(f"this split does not tell it from {listed(groups['open'], 'or')}")
     if groups["unknown"]:
         parts.append(f"against {listed(groups['unknown'])} no paired interval is known")
     return " ".join(["; ".join(parts) + ".", *flagged(entries)])
+
+
+def _is_level(one: BoardEntry, other: BoardEntry, metric: Metric, digits: Digits) -> bool:
+    """Whether a page shows the same value of both."""
+    x, y = (digits.text(metric, each.metrics.get(metric.key)) for each in (one, other))
+    return x == y
 
 
 def _leader(entries: Sequence[BoardEntry], metric: Metric) -> BoardEntry | None:

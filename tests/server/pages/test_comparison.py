@@ -19,6 +19,7 @@ from exceptiondrive_server.boards.comparison import (
     is_sure,
 )
 from exceptiondrive_server.boards.families import dot_plot
+from exceptiondrive_server.entries.compare import verdict
 from exceptiondrive_server.web.numbers import Digits
 from exceptiondrive_server.web.templating import macro
 
@@ -176,6 +177,27 @@ async def test_several_are_set_side_by_side_and_each_against_each(paired_site: A
     assert set(re.findall(r'class="chart (\w+)', text[: text.index("Sample by sample")])) == {
         "dots"
     }
+
+
+def test_several_name_who_is_level_with_the_best(lively_board: Board) -> None:
+    first, second, third = lively_board.entries[:3]
+    second = second.model_copy(update={"metrics": first.metrics})
+    words = verdict(with_pairs(lively_board), (first, second, third), Digits())
+    assert words.startswith(
+        f"Of these, {first.method} has the best HCC, level with {second.method}; it is surely better "
+        f"than {third.method}."
+    )
+
+
+def test_of_several_a_flagged_one_that_is_surely_better_is_said_to_be(lively_board: Board) -> None:
+    """The best of the others is not better than a parked car that a protocol ranks first."""
+    parked = lively_board.entries[0].model_copy(update={"flags": (STILL,)})
+    best, other = lively_board.entries[2:4]
+    words = verdict(with_pairs(lively_board), (parked, best, other), Digits())
+    assert words.startswith(
+        f"Of those that no flag bars, {best.method} has the best HCC; it is surely worse than "
+        f"{parked.method};"
+    )
 
 
 async def test_a_comparison_says_what_its_differences_are_of_and_how_many_are_chance(
