@@ -116,7 +116,8 @@ def _findings(
         others = [entry for entry in ranked if entry is not leader and entry.may_lead]
         level = [entry for entry in others if entry.rank == leader.rank]
         lead = f"Of {grouped(len(ranked))} ranked {words.subjects}, {leader.method} leads"
-        lead += _level_with(level) + _could_too([entry for entry in others if entry not in level])
+        lead += _level_with(level)
+        lead += _could_too(leader, [entry for entry in others if entry not in level])
     above = [entry for entry in ranked if (entry.rank or 0) < (leader.rank or 0)]
     return (f"{lead}: {numbers} ({average}){_own_flags(leader)}.", *_above(above))
 
@@ -129,10 +130,15 @@ def _level_with(level: Sequence[BoardEntry]) -> str:
     return f", level with {names if len(level) <= MAX_NAMED else f'{len(level)} others'}"
 
 
-def _could_too(others: Sequence[BoardEntry]) -> str:
-    """Say how many might lead as well, given how much the scenes vary."""
-    n = sum(entry.could_be_first for entry in others)
-    return f", though {counted(n, 'other', 'others')} could be first" if n else ""
+def _could_too(leader: BoardEntry, others: Sequence[BoardEntry]) -> str:
+    """Say how many might have its place as well, given how much the scenes vary.
+
+    Its place is the first, or comes behind those whose flags bar them from leading.
+    """
+    place = leader.rank or 1
+    n = sum(each.rank_interval is not None and each.rank_interval[0] <= place for each in others)
+    could = "could be first" if place == 1 else "could lead"
+    return f", though {counted(n, 'other', 'others')} {could}" if n else ""
 
 
 def _own_flags(leader: BoardEntry) -> str:

@@ -127,8 +127,10 @@ def check_the_findings(text: str, board: Board) -> None:
     assert set(re.findall(r"Planner\d+x", text)) == {e.method for e in (leader, *above, *named)}
     assert ("leads, level with" in text) == bool(level)
     others = [entry for entry in contenders(board) if entry.rank != leader.rank]
-    could = sum((entry.rank_interval or (0, 0))[0] == 1 for entry in others)
-    said = re.search(r"leads(?:, level with [^:]+?)?, though (\d+) others? could be first:", text)
+    place = leader.rank or 0
+    could = sum(entry.rank_interval[0] <= place for entry in others if entry.rank_interval)
+    words = "could be first" if place == 1 else "could lead"
+    said = re.search(rf"leads(?:, level with [^:]+?)?, though (\d+) others? {words}:", text)
     assert (int(said[1]) if said else 0) == could
     for entry in (leader, *above):
         assert all(label in text for label in labels(entry))

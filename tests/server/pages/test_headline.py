@@ -123,6 +123,19 @@ def test_who_shares_the_rank_of_the_leader_is_said_to_be_level_with_it(
     assert f"m0 leads, level with {words}, though 1 other could be first: " in said.findings[0]
 
 
+def test_behind_a_parked_car_others_could_lead_that_cannot_be_first(lively_board: Board) -> None:
+    board = flagged(lively_board, 0)
+    spans = [(1, 1), (2, 4), (2, 4), (3, 5)]
+    entries = tuple(
+        entry.model_copy(
+            update={"rank": at, "rank_interval": span, "flags": entry.flags if at == 1 else ()}
+        )
+        for at, (entry, span) in enumerate(zip(board.entries, spans, strict=False), start=1)
+    )
+    said = headline(board.model_copy(update={"entries": entries}), PLANNING, 21, Digits())
+    assert f"{entries[1].method} leads, though 1 other could lead: " in said.findings[0]
+
+
 def test_a_flag_that_does_not_bar_is_named(lively_board: Board) -> None:
     alone = lively_board.model_copy(update={"entries": lively_board.entries[5:6]})
     said = headline(alone, PLANNING, 21, Digits())
