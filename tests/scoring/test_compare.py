@@ -48,6 +48,16 @@ def test_an_entry_compared_with_itself_is_not_separable(
         assert difference.verdict == "not separable on this split"
 
 
+def test_values_that_differ_in_their_last_bits_alone_are_the_same(
+    split: SplitArrays, protocol: ProtocolDocument
+) -> None:
+    a, b = (_scores(np.zeros(N, np.bool_)) for _ in "ab")
+    a.values[:, 0] = np.nextafter(b.values[:, 0], 1.0)
+    a.values[::4, 0] = b.values[::4, 0] + 1e-6
+    hcc = compare(a, b, split, protocol, SIX_METRICS).overall["hcc"]
+    assert hcc.discordant == np.mean(np.arange(N) % 4 == 0)
+
+
 def test_paired_samples_separate_what_single_intervals_do_not(
     split: SplitArrays, protocol: ProtocolDocument
 ) -> None:

@@ -28,6 +28,8 @@ Interval = tuple[float, float]
 SumsOf = Callable[[SampleScores, SplitArrays, Taxonomy], SceneSums]
 AS_MEAN = {"aggregation": "mean", "level": None}
 NOT_SEPARABLE = "not separable on this split"
+SAME_TO = 1e-9
+"""Values that lie no further apart are the same, worked out another way: arithmetic moves last bits."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ class Difference:
     Attributes:
         difference: Difference of the aggregates; None where nothing is defined.
         interval: Its bootstrap interval over scenes; None with too few scenes.
-        discordant: Share of the samples in which the two values differ.
+        discordant: Share of the samples in which the two values differ by more than `SAME_TO`.
         verdict: Plain words.
     """
 
@@ -118,7 +120,7 @@ def _paired(
     """
     taxonomy, ranking = protocol.taxonomy, protocol.ranking
     gaps = a.values - b.values
-    differs = np.where(np.isnan(gaps), np.nan, (gaps != 0).astype(np.float64))
+    differs = np.where(np.isnan(gaps), np.nan, (np.abs(gaps) > SAME_TO).astype(np.float64))
     means = tuple(metric.model_copy(update=AS_MEAN) for metric in a.metrics)
     values = aggregate(SampleScores(means, gaps), split, taxonomy)
     sums = sums_of(SampleScores(means, gaps), split, taxonomy)

@@ -92,7 +92,8 @@ def published_comparison(
     Families and tasks with fewer samples than the protocol publishes are left out. A difference is
     taken between the published values of the sheets: rounded by itself, it would be one more reading
     of the exact ones, and nine comparisons would be nine (docs/leakage.md). A shift or progress may be
-    undefined, asks nothing of regions, and is compared where both define it. How many samples differ is told of public splits alone: it counts differences below any rounding.
+    undefined, asks nothing of regions, and is compared where both define it. How many samples differ
+    is told of public splits alone: it counts differences below any rounding.
     """
     first = challenge.metrics[0].key
     headlines = [sheet.average(protocol.grading.headline) for sheet in sheets]
@@ -141,7 +142,7 @@ def _kept_or_made(
 ) -> PairedComparison:
     target = a[0]
     key = content_key(
-        "comparison/2",
+        "comparison/3",
         *(stages.scene_sums_key(each, record.measurement_key) for each, record in (a, b)),
         target.protocol.ranking_digest,
         target.protocol.grading.headline,
