@@ -138,6 +138,27 @@ def tell_team(
     return _put(session, team.id, view, addresses, run_id=run_id, subject=subject)
 
 
+def tell_about(
+    session: Session,
+    submission: Submission,
+    title: str,
+    sentences: Iterable[str],
+    *,
+    subject: str | None = None,
+) -> Notification:
+    """Tell a team what organizers wrote about one of its submissions, or did to it; it leads there."""
+    return tell_team(
+        session,
+        session.get_one(Team, submission.team_id),
+        "message",
+        title,
+        sentences,
+        address=f"/submissions/{submission.id}",
+        phase=submission.phase_id,
+        subject=subject,
+    )
+
+
 def send_to(session: Session, contact: ContactPoint, view: NotificationView) -> None:
     """Send a message to one address alone; it stands in no inbox."""
     _put(session, contact.team_id, view, [contact], subject=contact.id)
