@@ -17,7 +17,7 @@ from exceptiondrive_schemas.api.similarity import SimilarityReport
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
 if TYPE_CHECKING:
-    from tests.client.servers import Running
+    from tests.client.servers import CannedServer, Running
 
 
 def organize(server: "Running", *arguments: object, token: str | None = None) -> Any:
@@ -430,3 +430,37 @@ def test_a_name_that_is_not_known_is_answered_by_what_lists_them(
     assert missing.exit_code == 2
     assert f"`exceptiondrive {listed_by}` lists what there is." in missing.stderr
     assert CliRunner().invoke(app, [*listed_by.split(), "--help"]).exit_code == 0
+
+
+def test_a_preview_and_an_apply_say_whose_deadline_a_reveal_ends(
+    canned_server: "CannedServer",
+) -> None:
+    words = "Beta has a deadline of its own, 2026-12-01 12:00 UTC: it ends with the reveal."
+    version = {"version": "1.0"}
+    counts = dict.fromkeys(
+        ("old_board", "new_board", "n_entries", "n_numbers_changed", "n_ranks_changed",
+         "n_newly_failing"), 1)  # fmt: skip
+    sides = {"challenge": "planning", "from_protocol": version, "to_protocol": version}
+    preview = {
+        "run": "R",
+        "digest": "sha256:seen",
+        "is_stale": False,
+        "blockers": [],
+        "warnings": [words],
+        "comparison": {**sides, **counts, "entries": [], "worst_movers": []},
+    }
+    progress = {"done": 1, "total": 1, "failed": 0, "sheets_per_s": None, "remaining_s": None}
+    difference = {"sentence": "Nothing else.", "changes": []}
+    run = {**sides, "id": "R", "state": "applied", "phase": "dev", "blockers": []}
+    run |= {"progress": progress, "difference": difference}
+    canned_server.answer("GET /organizer/rescoring/R/preview", 200, preview)
+    canned_server.answer("POST /organizer/rescoring/R/apply", 200, run)
+    to = {"EXCEPTIONDRIVE_SERVER": canned_server.url, "EXCEPTIONDRIVE_TOKEN": "edk_x"}
+
+    def said(*words: str) -> Any:
+        return CliRunner().invoke(app, ["organizer", "rescore", *words], env=to)
+
+    assert words in said("preview", "R").stdout.replace("\n", " ")
+    for named in ((), ("--preview", "sha256:seen")):
+        done = said("apply", "R", *named, "--reason", "the end")
+        assert (done.exit_code, words in done.stderr) == (0, True), done.stderr
