@@ -43,7 +43,7 @@ def notify_teams(
 ) -> list[Notification]:
     """Notify each team whose published numbers change of the old and the new ones; no others.
 
-    While the phase is hidden nothing of it is published, so nobody is told.
+    While the phase is hidden nothing of it is published, so nobody is told before it is shown.
     """
     phase = session.get_one(Phase, comparison.phase)
     changed = [] if phase.visibility == "hidden" else _changed(comparison)

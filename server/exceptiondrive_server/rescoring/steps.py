@@ -176,8 +176,8 @@ RUN_STEPS: Mapping[str, RunStep] = MappingProxyType(
                 "Apply",
                 "Apply the run",
                 "One transaction shows the new board to every reader, and tells the teams whose "
-                "numbers change. While the phase is hidden, organizers alone see that board and nobody is "
-                "told. It can be rolled back until you close the run.",
+                "numbers change. While the phase is hidden, organizers alone see that board, and teams are "
+                "told when it is shown. It can be rolled back until you close the run.",
                 "run_applied",
                 flip.apply_run,
                 "apply",
