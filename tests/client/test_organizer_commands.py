@@ -214,7 +214,7 @@ def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path:
     assert "disqualified in dev\n" in organize(running, "teams", "show", "bet").stdout
     assert organize(running, "teams", "reinstate", number, *why).stdout == "bet reinstated\n"
     limits = organize(running, "teams", "limits", "bet", "--phase", "dev", "--quota-total", 2, *why)
-    assert limits.stdout == "team bet has its own limits in dev\n"
+    assert limits.stdout == "team bet has an allowance in dev\n"
     text = tmp_path / "text.txt"
     text.write_text("It moves.", encoding="utf-8")
     to = ("message", "The deadline", "--text", text, "--to", "alef", "--to", "bet")
@@ -290,7 +290,8 @@ def test_what_is_done_with_a_submission_from_the_command_line(
     assert organize(running, *of, "note", page, "--words", f"@{words_file}").exit_code == 0
     with running.client() as client:
         told_so = [notice.what_changed for notice in client.notices()]
-    assert told_so == [("It stays.",), ("It stands again.",)]
+    restored = "It is withdrawn no longer, and has its old place in time."
+    assert told_so == [("It stays.",), ("It stands again.",), (restored,)]
     no_sheet = organize(running, *of, "verify", sent.id, "--reason", "a dispute")
     assert (no_sheet.exit_code, "no score sheet" in no_sheet.stderr) == (2, True)
     upload = tmp_path / "upload.json"

@@ -120,7 +120,7 @@ def _require_place(session: Session, submission: Submission, phase: Phase) -> No
     if quota.remaining_today == 0:
         raise Conflict(
             "It cost no quota, and the team has used all of it, of that day or of the phase. To have "
-            "this one scored as well, raise the team's limits first."
+            "this one scored as well, give the team an allowance first."
         )
 
 

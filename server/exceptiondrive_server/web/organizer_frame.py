@@ -30,7 +30,7 @@ DONE: Mapping[str, str] = MappingProxyType(
         "team_changed": "The team is changed. New boards show it, and earlier ones stay as they are.",
         "teams_merged": "The two are one team. Boards with its new entries are being built.",
         "team_forgotten": "The team is forgotten: an alias stands wherever it was named.",
-        "allowance_set": "The limits are set, and the team is told.",
+        "allowance_set": "The allowance is set, and the team is told.",
         "disqualified": "Disqualified. The next board leaves it out, and the team is told.",
         "reinstated": "Reinstated. The next board shows what was scored, and the team is told.",
         "message_sent": "The message stands in the inboxes, and goes to the confirmed addresses.",
