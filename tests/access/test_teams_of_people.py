@@ -42,6 +42,7 @@ EVE = {"sub": "sub-eve", "name": "Eve <b>Example</b>", "email": "eve@example.org
 def invitation_from(page: Any) -> str:
     """Return the path of the link that a page shows."""
     assert page.status_code == 200, page.text
+    assert 'data-page="/my/team"' in page.text, "loaded anew it invites nobody else"
     start = page.text.index("https://server.test/join/") + len("https://server.test")
     return str(page.text[start:].split("<")[0].split('"')[0])
 
