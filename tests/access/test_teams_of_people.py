@@ -444,8 +444,11 @@ def test_a_person_registers_a_team_where_that_is_switched_on(
         switch_self_registration(session, True, actor="test")
     assert "Register a team" in ada.get("/my/team").text
     assert ada.post("/my/team/register", wanted, page="/my/team").status_code == 303
-    assert "An organizer has not approved the team yet" in ada.get("/my/team").text
-    refused = ada.browser.submit("a")
+    for page in ("/my/team", "/my", "/submit"):
+        assert "An organizer has not approved the team yet" in ada.get(page).text
+    assert 'id="upload"' not in ada.get("/submit").text
+    typed = {"phase": "dev", "method": "Planner"}
+    refused = ada.browser.post("/submit", typed, page="/my", files={"file": ("a.json", b"a")})
     assert refused.status_code == 403
     small_site.post("/organizer/teams/gamma/approve", "organizer")
     assert ada.browser.submit("a").status_code == 303
