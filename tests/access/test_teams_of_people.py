@@ -443,6 +443,10 @@ def test_a_person_registers_a_team_where_that_is_switched_on(
     with small_site.database.write() as session:
         switch_self_registration(session, True, actor="test")
     assert "Register a team" in ada.get("/my/team").text
+    taken = ada.post("/my/team/register", {**wanted, "id": "alpha"}, page="/my/team")
+    assert taken.status_code == 409
+    for words in ("There is a team with the id", 'value="alpha"', "Gamma group</textarea>"):
+        assert words in taken.text, "what was typed stays in the form"
     assert ada.post("/my/team/register", wanted, page="/my/team").status_code == 303
     for page in ("/my/team", "/my", "/submit"):
         assert "An organizer has not approved the team yet" in ada.get(page).text
