@@ -331,7 +331,7 @@ def test_a_team_is_told_what_an_organizer_does_with_its_submission(
     expected = [
         (
             "An organizer edited of alpha",
-            "Changed: method. Its page says what stood there before.",
+            "It is called of organizer now. Changed: method. Its page says what stood there before.",
         ),
         (
             "An organizer chose which run of of organizer stands",

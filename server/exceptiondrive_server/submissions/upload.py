@@ -340,11 +340,10 @@ def _decision(
     """Say what was done, and what it means."""
     edited_at, withdrawn_at, chosen_at, _ = before
     if submission.edited_at != edited_at:
-        names = ", ".join(
-            name.removeprefix("facts.").replace("_", " ")
-            for name in edits_of(session, submission.id)[0].changed
-        )
-        return "edited {}", f"Changed: {names}. Its page says what stood there before."
+        changed = edits_of(session, submission.id)[0].changed
+        names = ", ".join(name.removeprefix("facts.").replace("_", " ") for name in changed)
+        name = f"It is called {submission.method} now. " if "method" in changed else ""
+        return "edited {}", f"{name}Changed: {names}. Its page says what stood there before."
     if submission.withdrawn_at != withdrawn_at:
         return "withdrew {}", f"{_OFF_THE_BOARD} The quota it took stays used."
     if submission.chosen_at != chosen_at:
