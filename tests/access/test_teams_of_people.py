@@ -436,7 +436,10 @@ def test_a_person_registers_a_team_where_that_is_switched_on(
     small_site: "Api", person: Open
 ) -> None:
     ada = person(small_site)
+    assert "Sign in as a person, and read how you get one." in ada.get("/sign-in").text
     ada.sign_in()
+    for words in ("To submit you need a team", "invitation link of a member"):
+        assert words in ada.get("/my/team").text
     wanted = {"id": "gamma", "name": "Gamma", "note": "Gamma group"}
     assert "Register a team" not in ada.get("/my/team").text
     assert ada.post("/my/team/register", wanted, page="/my/team").status_code == 403
