@@ -61,7 +61,7 @@ class Organizer(Connection):
         return self._do("teams", team_id, "refuse", reason=reason)
 
     def participation(self, team_id: str) -> Record:
-        """Return people, addresses, own limits, disqualifications and accepted terms of a team."""
+        """Return people, addresses, allowances, disqualifications and accepted terms of a team."""
         return self._transport.record(_at("teams", team_id, "participation"))
 
     def change_team(self, team_id: str, reason: str, **changes: str) -> Record:
@@ -81,11 +81,11 @@ class Organizer(Connection):
         return self._do("team-imports", csv=csv)
 
     def set_allowance(
-        self, team_id: str, phase_id: str, reason: str, limits: Mapping[str, Any]
+        self, team_id: str, phase_id: str, reason: str, allowance: Mapping[str, Any]
     ) -> Record:
         """Set `closes_at`, `quota_per_day`, `quota_total` of one team; without any, as for all."""
         return self._transport.put(
-            _at("teams", team_id, "allowances", phase_id), {"reason": reason, **limits}
+            _at("teams", team_id, "allowances", phase_id), {"reason": reason, **allowance}
         )
 
     def disqualify_team(

@@ -82,7 +82,7 @@ DEEDS = {
         *(f"{TEAM}/disqualify", "team reinstated"),
     ),
     ("PUT", f"{TEAM}/allowances/{{phase_id}}"): Deed(
-        *(f"{TEAM}/limits/{{phase_id}}", "teams limits", f"{TEAM}/allowances/{{phase_id}}"),
+        *(f"{TEAM}/allowances/{{phase_id}}", "teams limits", f"{TEAM}/allowances/{{phase_id}}"),
         "allowance changed",
         {**WHY, "quota_total": 2},
         (200, 409),

@@ -314,7 +314,7 @@ def test_no_page_offers_what_the_role_may_not_do(
     assert ("/organize/submissions/ID/disqualify" in deeds) is who.startswith("owner")
     assert ("/organize/teams/waiting/approve" in deeds) is (who in {"owner", "helper"})
     assert ("/organize/rescoring/ID/start" in deeds) is who.startswith("owner")
-    for deed in ("teams/alpha/merge", "teams/alpha/limits/dev", "messages", "rescoring/new"):
+    for deed in ("teams/alpha/merge", "teams/alpha/allowances/dev", "messages", "rescoring/new"):
         assert (f"/organize/{deed}" in deeds) is (who == "owner"), deed
     for deed in ("phases/dev/reported/new", "phases/dev/news", "phases/dev/freeze"):
         assert (f"/organize/{deed}" in deeds) is who.startswith("owner"), deed

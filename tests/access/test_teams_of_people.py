@@ -42,6 +42,7 @@ EVE = {"sub": "sub-eve", "name": "Eve <b>Example</b>", "email": "eve@example.org
 def invitation_from(page: Any) -> str:
     """Return the path of the link that a page shows."""
     assert page.status_code == 200, page.text
+    assert 'data-page="/my/team"' in page.text, "loaded anew it invites nobody else"
     start = page.text.index("https://server.test/join/") + len("https://server.test")
     return str(page.text[start:].split("<")[0].split('"')[0])
 
@@ -435,16 +436,26 @@ def test_a_person_registers_a_team_where_that_is_switched_on(
     small_site: "Api", person: Open
 ) -> None:
     ada = person(small_site)
+    assert "Sign in as a person, and read how you get one." in ada.get("/sign-in").text
     ada.sign_in()
+    for words in ("To submit you need a team", "invitation link of a member"):
+        assert words in ada.get("/my/team").text
     wanted = {"id": "gamma", "name": "Gamma", "note": "Gamma group"}
     assert "Register a team" not in ada.get("/my/team").text
     assert ada.post("/my/team/register", wanted, page="/my/team").status_code == 403
     with small_site.database.write() as session:
         switch_self_registration(session, True, actor="test")
     assert "Register a team" in ada.get("/my/team").text
+    taken = ada.post("/my/team/register", {**wanted, "id": "alpha"}, page="/my/team")
+    assert taken.status_code == 409
+    for words in ("There is a team with the id", 'value="alpha"', "Gamma group</textarea>"):
+        assert words in taken.text, "what was typed stays in the form"
     assert ada.post("/my/team/register", wanted, page="/my/team").status_code == 303
-    assert "An organizer has not approved the team yet" in ada.get("/my/team").text
-    refused = ada.browser.submit("a")
+    for page in ("/my/team", "/my", "/submit"):
+        assert "An organizer has not approved the team yet" in ada.get(page).text
+    assert 'id="upload"' not in ada.get("/submit").text
+    typed = {"phase": "dev", "method": "Planner"}
+    refused = ada.browser.post("/submit", typed, page="/my", files={"file": ("a.json", b"a")})
     assert refused.status_code == 403
     small_site.post("/organizer/teams/gamma/approve", "organizer")
     assert ada.browser.submit("a").status_code == 303

@@ -17,7 +17,7 @@ from exceptiondrive_schemas.api.similarity import SimilarityReport
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
 if TYPE_CHECKING:
-    from tests.client.servers import Running
+    from tests.client.servers import CannedServer, Running
 
 
 def organize(server: "Running", *arguments: object, token: str | None = None) -> Any:
@@ -214,7 +214,7 @@ def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path:
     assert "disqualified in dev\n" in organize(running, "teams", "show", "bet").stdout
     assert organize(running, "teams", "reinstate", number, *why).stdout == "bet reinstated\n"
     limits = organize(running, "teams", "limits", "bet", "--phase", "dev", "--quota-total", 2, *why)
-    assert limits.stdout == "team bet has its own limits in dev\n"
+    assert limits.stdout == "team bet has an allowance in dev\n"
     text = tmp_path / "text.txt"
     text.write_text("It moves.", encoding="utf-8")
     to = ("message", "The deadline", "--text", text, "--to", "alef", "--to", "bet")
@@ -290,7 +290,8 @@ def test_what_is_done_with_a_submission_from_the_command_line(
     assert organize(running, *of, "note", page, "--words", f"@{words_file}").exit_code == 0
     with running.client() as client:
         told_so = [notice.what_changed for notice in client.notices()]
-    assert told_so == [("It stays.",), ("It stands again.",)]
+    restored = "It is withdrawn no longer, and has its old place in time."
+    assert told_so == [("It stays.",), ("It stands again.",), (restored,)]
     no_sheet = organize(running, *of, "verify", sent.id, "--reason", "a dispute")
     assert (no_sheet.exit_code, "no score sheet" in no_sheet.stderr) == (2, True)
     upload = tmp_path / "upload.json"
@@ -430,3 +431,37 @@ def test_a_name_that_is_not_known_is_answered_by_what_lists_them(
     assert missing.exit_code == 2
     assert f"`exceptiondrive {listed_by}` lists what there is." in missing.stderr
     assert CliRunner().invoke(app, [*listed_by.split(), "--help"]).exit_code == 0
+
+
+def test_a_preview_and_an_apply_say_whose_deadline_a_reveal_ends(
+    canned_server: "CannedServer",
+) -> None:
+    words = "Beta has a deadline of its own, 2026-12-01 12:00 UTC: it ends with the reveal."
+    version = {"version": "1.0"}
+    counts = dict.fromkeys(
+        ("old_board", "new_board", "n_entries", "n_numbers_changed", "n_ranks_changed",
+         "n_newly_failing"), 1)  # fmt: skip
+    sides = {"challenge": "planning", "from_protocol": version, "to_protocol": version}
+    preview = {
+        "run": "R",
+        "digest": "sha256:seen",
+        "is_stale": False,
+        "blockers": [],
+        "warnings": [words],
+        "comparison": {**sides, **counts, "entries": [], "worst_movers": []},
+    }
+    progress = {"done": 1, "total": 1, "failed": 0, "sheets_per_s": None, "remaining_s": None}
+    difference = {"sentence": "Nothing else.", "changes": []}
+    run = {**sides, "id": "R", "state": "applied", "phase": "dev", "blockers": []}
+    run |= {"progress": progress, "difference": difference}
+    canned_server.answer("GET /organizer/rescoring/R/preview", 200, preview)
+    canned_server.answer("POST /organizer/rescoring/R/apply", 200, run)
+    to = {"EXCEPTIONDRIVE_SERVER": canned_server.url, "EXCEPTIONDRIVE_TOKEN": "edk_x"}
+
+    def said(*words: str) -> Any:
+        return CliRunner().invoke(app, ["organizer", "rescore", *words], env=to)
+
+    assert words in said("preview", "R").stdout.replace("\n", " ")
+    for named in ((), ("--preview", "sha256:seen")):
+        done = said("apply", "R", *named, "--reason", "the end")
+        assert (done.exit_code, words in done.stderr) == (0, True), done.stderr

@@ -49,7 +49,7 @@ def test_a_revoked_token_leaves_behind_what_it_made(running: "Running", keeper: 
     door_id = door.split("_")[2]
     revoked = tokens(running, keeper, "revoke", lost.split("_")[2])
     assert revoked.exit_code == 0, revoked.output
-    assert "revoke these too, if they are not yours" in revoked.stderr
+    assert "revoke these too, unless they are to stay" in revoked.stderr
     assert f"{door_id}  door  (edk_s_{door_id}, made by lost (" in revoked.stderr
     environment = {
         "EXCEPTIONDRIVE_SERVER": running.url,

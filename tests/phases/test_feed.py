@@ -2,6 +2,8 @@
 
 from typing import TYPE_CHECKING
 
+from tests.phases.life import SAMPLES
+
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
@@ -21,3 +23,40 @@ def test_an_update_says_what_it_changed_and_keeps_its_reason(life: "Life") -> No
     assert "fewest scenes that an interval takes 2 -&gt; 5" in first
     assert "fewest scenes" not in "".join(others)
     assert "as announced" not in "".join([first, *others]), "reasons stay with the organizers"
+
+
+def test_an_update_that_was_applied_behind_a_hidden_phase_is_told_once_it_is_shown(
+    life: "Life",
+) -> None:
+    life.make_phase(split="plain")
+    one = life.submit("alpha", dict.fromkeys(SAMPLES, 1.0) | {"a": 9.0}, "Net", "plain")
+    life.work()
+    toml = packaged_protocol_toml("1.0").replace('version = "1.0"', 'version = "9.0"', 1)
+    with life.database.write() as session:
+        add_protocol(
+            session, toml.replace('headline = "macro_family"', 'headline = "micro"'), "test"
+        )
+    life.change({"visibility": "hidden"})
+    run = life.start_run(protocol="9.0")
+    life.apply(run)
+
+    def told() -> list[str]:
+        found = life.json("/api/v1/notifications", "alpha")
+        assert {entry["submission_id"] for notice in found for entry in notice["entries"]} <= {one}
+        return [notice["title"] for notice in found]
+
+    assert told() == []
+    life.change({"title": "Trial"})
+    assert told() == [], "it is hidden still"
+    life.change({"visibility": "shown"})
+    assert told() == ["Trial now stands under protocol 9.0"]
+    assert "Protocol 9.0, content" in life.get("/feed.atom?phase=test").text
+    for visibility in ("hidden", "shown"):
+        life.change({"visibility": visibility})
+    assert len(told()) == 1, "once"
+    life.work()
+    life.done(f"/rescoring/{run}/rollback")
+    assert told() == [
+        "Trial stands again under protocol 1.0",
+        "Trial now stands under protocol 9.0",
+    ]

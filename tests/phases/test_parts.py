@@ -261,9 +261,21 @@ def test_a_later_deadline_of_a_team_ends_with_the_reveal(life: "Life", what: str
     life.done("/teams/beta/allowances/test", grant, "PUT")
     chosen = f"/api/v1/submissions/{own[0]}/choose"
     assert life.request("POST", chosen, "beta").status_code == 200
+    organizer = visitor(life, "organizer")
+    until = f"{datetime.fromisoformat(grant['closes_at']):%Y-%m-%d %H:%M} UTC"
+    words = f"Beta Labs has a deadline of its own, {until}: it ends with the reveal."
+    assert words in organizer.get(f"/organize/phases/test/reveal-{what}").text
+    assert words not in organizer.get("/organize/phases/test/reveal-names").text
     if what == "split":
         life.work()
+        path = f"/rescoring/{run}/preview"
+        preview = life.json(f"/api/v1/organizer{path}", "organizer")
+        assert preview["warnings"] == [words]
+        assert words in organizer.get(f"/organize{path}").text
+        step = f"/organize/rescoring/{run}/apply?preview={preview['digest']}"
+        assert words in organizer.get(step).text
         life.apply(run)
+        assert life.json(f"/api/v1/organizer{path}", "organizer")["warnings"] == []
     else:
         life.done("/phases/test/reveal", {"what": "board", "reason": "the end"})
     for each in own:

@@ -249,7 +249,7 @@ def test_what_failed_is_tried_again_only_within_the_quota(
     assert quota(world).remaining_today == 0
     with (
         world.database.write() as session,
-        pytest.raises(Conflict, match="raise the team's limits"),
+        pytest.raises(Conflict, match="give the team an allowance"),
     ):
         retry_submission(session, second, actor="test")
     with world.database.write() as session:

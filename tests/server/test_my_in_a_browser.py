@@ -6,7 +6,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
+from sqlalchemy import func, select
 from tests.support.serving import served
+
+from exceptiondrive_records.audit.tables import AuditLine
 
 if TYPE_CHECKING:
     from tests.support.application import Api
@@ -86,6 +89,36 @@ def test_a_new_token_is_copied_by_a_button_that_can_be_seen(
     page.click(".issued button:text-is('Copy')")
     expect(page.locator(".issued button")).to_have_text("Copied")
     assert page.evaluate("navigator.clipboard.readText()") == token
+
+
+@pytest.mark.parametrize(
+    ("page_of_form", "button"),
+    [
+        ("/my/tokens", "Issue the token"),
+        ("/my/tokens", "Rotate"),
+        ("/my/notices", "Add"),
+    ],
+)
+def test_what_is_shown_once_is_made_once_however_often_its_page_is_loaded(
+    api: "Api", my_page: Callable[..., Page], address: str, page_of_form: str, button: str
+) -> None:
+    page = my_page()
+    page.goto(f"{address}{page_of_form}")
+    for field, text in (("name", "cluster"), ("address", "https://example.org/hook")):
+        if page.locator(f"input[name={field}]").count():
+            page.fill(f"input[name={field}]", text)
+    page.locator(f"button:has-text('{button}')").first.click()
+    expect(page.locator(".issued pre")).to_be_visible()
+    with api.database.read() as session:
+        n_lines = session.scalar(select(func.count()).select_from(AuditLine))
+    for _ in range(2):
+        answer = page.reload()
+        assert answer is not None
+        assert (answer.request.method, answer.status) == ("GET", 200)
+        assert page.url == f"{address}{page_of_form}"
+        expect(page.locator(".issued")).to_have_count(0)
+    with api.database.read() as session:
+        assert session.scalar(select(func.count()).select_from(AuditLine)) == n_lines
 
 
 def test_a_refused_upload_is_said_in_red_below_an_empty_bar_and_stays_in_its_form(

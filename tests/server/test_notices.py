@@ -291,6 +291,93 @@ def test_what_waits_for_a_word_says_a_deadline_that_comes_first(api: "Api", brow
     )
 
 
+def test_a_team_is_told_what_an_organizer_does_with_its_submission(
+    api: "Api", browse: Browse
+) -> None:
+    one = api.submit("a").json()["id"]
+    api.score(one)
+    here = f"/submissions/{one}"
+    confirmed(api, browse, "updates")
+    off = (
+        "The next boards leave it out; earlier ones keep what they showed, and a frozen board goes "
+        "on showing it until it is revealed."
+    )
+
+    def do(what: str, who: str = "organizer") -> None:
+        if what == "edit":
+            change = {"method": f"of {who}", "facts": {"sensors": ["lidar"]}}
+            answer = api.request("PATCH", here, who, json=change)
+        else:
+            answer = api.post(f"{here}/{what}", who)
+        assert answer.status_code == 200, answer.text
+
+    def told() -> list[tuple[str, tuple[str, ...], str, str]]:
+        return [
+            (notice.title, notice.what_changed, notice.comparison, notice.phase)
+            for _, notice in mails(api)[1:]
+        ]
+
+    policy = PhasePolicy(entries_private=True, run_choice="team")
+    closes_in(api, timedelta(hours=1), policy=policy)
+    for what in ("edit", "publish", "unpublish", "publish", "choose?rule=best"):
+        do(what, "alpha")
+    assert told() == [], "what a team does itself it knows"
+    for what in ("edit", "edit", "choose", "choose?rule=best", "unpublish", "publish", "publish"):
+        do(what)
+    do("withdraw")
+    do("withdraw")
+    again = api.post(f"/organizer{here}/restore", "organizer", json={"reason": "a slip"})
+    assert again.status_code == 200, again.text
+    expected = [
+        (
+            "An organizer edited of alpha",
+            "It is called of organizer now. Changed: method. Its page says what stood there before.",
+        ),
+        (
+            "An organizer chose which run of of organizer stands",
+            "From the next board on this very run stands.",
+        ),
+        (
+            "An organizer chose which run of of organizer stands",
+            "From the next board on the best run of it stands.",
+        ),
+        ("An organizer made of organizer private", off),
+        ("An organizer published of organizer", "It stands on the next board."),
+        ("An organizer withdrew of organizer", f"{off} The quota it took stays used."),
+        (
+            "An organizer restored of organizer",
+            "It is withdrawn no longer, and has its old place in time.",
+        ),
+    ]
+    assert told() == [(title, (words,), here, "dev") for title, words in expected]
+    assert len(api.get("/notifications", "alpha").json()) == len(expected)
+
+
+def test_a_team_is_told_that_an_organizer_confirmed_for_it_or_tried_again(api: "Api") -> None:
+    asked = api.submit("a", asks_first="true").json()["id"]
+    report = check_bytes(b"[]", protocol=packaged_protocol())
+    report = report.model_copy(update={"faults": (), "to_confirm": ("It replaces another.",)})
+    with api.database.write() as session:
+        job = claim_this(session, session.query(Job).one().id, 120, 4)
+        assert job is not None
+        finish_rejected(session, job, report)
+    counted = [api.post(f"/submissions/{asked}/confirm", "organizer").json()["id"] for _ in "12"]
+    (notice,) = api.get("/notifications", "alpha").json()
+    assert counted == [notice["comparison"].removeprefix("/submissions/")] * 2
+    assert notice["title"] == "An organizer confirmed Planner"
+    with api.database.write() as session:
+        last = select(Job.id).where(Job.submission_id == counted[0])
+        job = claim_this(session, str(session.scalar(last)), 120, 4)
+        assert job is not None
+        finish_failed(session, job, "store_broken", "The store is away.", retry=False)
+    body = {"reason": "it is back"}
+    path = f"/organizer/submissions/{counted[0]}/retry"
+    assert api.post(path, "organizer", json=body).status_code == 200
+    newest, _ = api.get("/notifications", "alpha").json()
+    assert newest["title"] == "An organizer queued Planner again"
+    assert newest["comparison"] == notice["comparison"]
+
+
 def test_a_message_that_is_being_sent_has_not_failed_yet(api: "Api") -> None:
     """Whoever adds an address is told from this that its mail could not be sent."""
     add(api)

@@ -227,7 +227,7 @@ PAGES = (
     (f"{PHASES}/dev", {"quota_per_day": "7"}, {"title": "Theirs", "rules": RULES}),
     ("/organize/site", {"contact": "ada@example.org"}, {"paper_url": "https://example.org/p"}),
     (f"{TEAMS}/alpha/change", {"affiliation": "Mine"}, {"name": "Theirs"}),
-    (f"{TEAMS}/alpha/limits/dev", {"quota_per_day": "7"}, {"quota_total": "9"}),
+    (f"{TEAMS}/alpha/allowances/dev", {"quota_per_day": "7"}, {"quota_total": "9"}),
 )
 
 
@@ -250,7 +250,7 @@ def test_what_one_leaves_alone_is_not_taken_back_from_another(
         (f"{PHASES}/dev", "rules", ("Be kind.", "Be fast.")),
         ("/organize/site", "paper_url", ("https://example.org/a", "https://example.org/b")),
         (f"{TEAMS}/alpha/change", "name", ("Alef", "Aleph")),
-        (f"{TEAMS}/alpha/limits/dev", "quota_per_day", ("7", "8")),
+        (f"{TEAMS}/alpha/allowances/dev", "quota_per_day", ("7", "8")),
     ],
 )
 def test_what_two_change_at_once_is_refused_to_the_second_until_it_is_said_again(
@@ -297,7 +297,7 @@ def test_a_refused_form_shows_what_was_changed_meanwhile_in_what_was_left_alone(
 
 @pytest.mark.parametrize(
     "page",
-    [f"{PHASES}/dev", "/organize/site", f"{TEAMS}/alpha/change", f"{TEAMS}/alpha/limits/dev"],
+    [f"{PHASES}/dev", "/organize/site", f"{TEAMS}/alpha/change", f"{TEAMS}/alpha/allowances/dev"],
 )
 def test_a_form_that_changes_nothing_says_so_and_leaves_no_line(
     api: "Api", one: "TeamBrowser", page: str

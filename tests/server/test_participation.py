@@ -195,7 +195,7 @@ def test_a_team_that_became_part_of_another_is_written_to_and_changed_no_more(
     assert (refused.status_code, "is forgotten" in refused.text) == (409, True)
 
 
-def test_names_limits_and_addresses_stand_on_the_page_of_a_team(
+def test_names_allowances_and_addresses_stand_on_the_page_of_a_team(
     api_on_both: "Api", organizer: "TeamBrowser"
 ) -> None:
     api = api_on_both
@@ -209,7 +209,7 @@ def test_names_limits_and_addresses_stand_on_the_page_of_a_team(
     assert "University of X" in organizer.get(here).text
     taken = organizer.post(page, {**words, "name": "Beta"}, page=page)
     assert taken.status_code == 409
-    page = f"{here}/limits/dev"
+    page = f"{here}/allowances/dev"
     done = organizer.post(page, {"quota_per_day": "7", **WHY}, page=page)
     assert done.headers["location"] == f"{here}?done=allowance_set"
     assert api.get("/phases/dev", "alpha").json()["quota"]["per_day"] == 7
@@ -226,13 +226,15 @@ def test_names_limits_and_addresses_stand_on_the_page_of_a_team(
 def test_a_deadline_of_a_team_that_the_phase_has_passed_by_is_told_nowhere_and_stops_nothing(
     api_on_both: "Api", organizer: "TeamBrowser"
 ) -> None:
-    api, limits = api_on_both, "/organizer/teams/alpha/allowances/dev"
+    api, allowance = api_on_both, "/organizer/teams/alpha/allowances/dev"
     move = partial(api.request, "PATCH", "/organizer/phases/dev", "organizer")
     assert move(json={"closes_at": "2101-01-01T00:00:00Z"}).status_code == 200
     own = {"closes_at": "2102-01-01T00:00:00Z", **WHY}
-    assert api.request("PUT", limits, "organizer", json=own).json()["closes_at"] == own["closes_at"]
+    assert (
+        api.request("PUT", allowance, "organizer", json=own).json()["closes_at"] == own["closes_at"]
+    )
     assert api.get("/phases/dev", "alpha").json()["quota"]["closes_at"] == own["closes_at"]
-    page = "/organize/teams/alpha/limits/dev"
+    page = "/organize/teams/alpha/allowances/dev"
     assert "2102-01-01" in organizer.get(page).text
     assert move(json={"closes_at": "2103-01-01T00:00:00Z"}).status_code == 200
     assert api.get("/phases/dev", "alpha").json()["quota"]["closes_at"] is None
@@ -245,11 +247,11 @@ def test_a_deadline_of_a_team_that_the_phase_has_passed_by_is_told_nowhere_and_s
         .text.split("Own deadline")[1]
         .split("</section>")[0]
     )
-    put = api.request("PUT", limits, "organizer", json={**own, "quota_per_day": 9})
+    put = api.request("PUT", allowance, "organizer", json={**own, "quota_per_day": 9})
     assert (put.status_code, put.json()["closes_at"], put.json()["quota_per_day"]) == (200, None, 9)
     inbox = api.get("/notifications", "alpha").json()
     assert "2102-01-01" not in str(inbox[0])
-    assert api.request("PUT", limits, "organizer", json=own).status_code == 400, "another one"
+    assert api.request("PUT", allowance, "organizer", json=own).status_code == 400, "another one"
 
 
 def test_the_history_of_a_team_is_in_words(api_on_both: "Api", organizer: "TeamBrowser") -> None:
@@ -259,8 +261,8 @@ def test_the_history_of_a_team_is_in_words(api_on_both: "Api", organizer: "TeamB
     api.request("PUT", "/organizer/teams/alpha/allowances/dev", "organizer", json=own)
     renamed = {"name": "Alef", **WHY}
     api.request("PATCH", "/organizer/teams/alpha", "organizer", json=renamed)
-    limits = "phase: The &lt;season&gt; (dev); was: nothing; is: submissions a day are 33"
-    words = (limits, "name: Alpha → Alef", "is reference: no")
+    allowance = "phase: The &lt;season&gt; (dev); was: nothing; is: submissions a day are 33"
+    words = (allowance, "name: Alpha → Alef", "is reference: no")
     for page in ("/organize/teams/alpha", "/organize/audit?subject=alpha"):
         seen = organizer.get(page).text
         assert [each for each in words if each not in seen] == []

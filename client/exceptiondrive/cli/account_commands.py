@@ -146,7 +146,7 @@ def show_revoked(token: Record, json: bool) -> None:
     show_result(token, json, f"token {token['id']} revoked")
     made = token.get("still_work", [])
     if made and not json:
-        say("what was made with it works on; revoke these too, if they are not yours:")
+        say("what was made with it works on; revoke these too, unless they are to stay:")
         for one in made:
             say(f"  {one['id']}  {one['name']}  ({one['prefix']}, made by {one['made_by']})")
 

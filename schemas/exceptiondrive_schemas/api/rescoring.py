@@ -296,6 +296,8 @@ class PreviewView(Document):
     """What makes it true: the next step of the run; of one that has ended, its apply."""
     is_stale: bool
     blockers: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
+    """What else it ends: the later deadlines of single teams that still run."""
     comparison: Comparison
 
 

@@ -43,7 +43,7 @@ def notify_teams(
 ) -> list[Notification]:
     """Notify each team whose published numbers change of the old and the new ones; no others.
 
-    While the phase is hidden nothing of it is published, so nobody is told.
+    While the phase is hidden nothing of it is published, so nobody is told before it is shown.
     """
     phase = session.get_one(Phase, comparison.phase)
     changed = [] if phase.visibility == "hidden" else _changed(comparison)
@@ -136,6 +136,27 @@ def tell_team(
     )
     addresses = listening(session, team.id, wish)
     return _put(session, team.id, view, addresses, run_id=run_id, subject=subject)
+
+
+def tell_about(
+    session: Session,
+    submission: Submission,
+    title: str,
+    sentences: Iterable[str],
+    *,
+    subject: str | None = None,
+) -> Notification:
+    """Tell a team what organizers wrote about one of its submissions, or did to it; it leads there."""
+    return tell_team(
+        session,
+        session.get_one(Team, submission.team_id),
+        "message",
+        title,
+        sentences,
+        address=f"/submissions/{submission.id}",
+        phase=submission.phase_id,
+        subject=subject,
+    )
 
 
 def send_to(session: Session, contact: ContactPoint, view: NotificationView) -> None:

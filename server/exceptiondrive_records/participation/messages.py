@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
 from exceptiondrive_records.db.identifiers import checked_text
-from exceptiondrive_records.notifications.inbox import tell_team
+from exceptiondrive_records.notifications.inbox import tell_about, tell_team
 from exceptiondrive_records.notifications.tables import Channel, ContactPoint, Notification
 from exceptiondrive_records.submissions.submissions import find_submission
 from exceptiondrive_records.submissions.tables import Submission
@@ -117,16 +117,7 @@ def write_about(session: Session, submission_id: str, *, words: str, actor: str)
     team = session.get_one(Team, submission.team_id)
     refusal = "This very message about it was sent already."
     digest = _digest_of_new(session, [team], (submission_id, title, *paragraphs), refusal)
-    row = tell_team(
-        session,
-        team,
-        "message",
-        title,
-        paragraphs,
-        address=f"/submissions/{submission_id}",
-        phase=submission.phase_id,
-        subject=digest,
-    )
+    row = tell_about(session, submission, title, paragraphs, subject=digest)
     audit(session, actor, "team told", submission_id, {"notice": row.id, "digest": digest})
     return row
 

@@ -5,10 +5,12 @@ from datetime import datetime
 from sqlalchemy import bindparam, select, update
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.participation.tables import Allowance
-from exceptiondrive_records.phases.policy import has_closed, has_revealed, is_open
+from exceptiondrive_records.phases.policy import has_closed, has_revealed, is_open, own_deadline
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.tables import Team
 
 _ALLOWANCE = select(Allowance).where(
     Allowance.team_id == bindparam("team"), Allowance.phase_id == bindparam("phase")
@@ -38,6 +40,28 @@ def is_open_to(
 def is_revealed(session: Session, phase: Phase) -> bool:
     """Whether scores that had been kept back were shown since the deadline of all."""
     return phase.closes_at is not None and has_revealed(session, phase, phase.closes_at)
+
+
+def ended_by_reveal(session: Session, phase: Phase) -> tuple[str, ...]:
+    """Say which teams have a later deadline that still runs, and that a reveal of scores would end."""
+    if is_revealed(session, phase):
+        return ()
+    query = (
+        select(Team.name, Allowance.closes_at)
+        .join(Team, Team.id == Allowance.team_id)
+        .where(
+            Allowance.phase_id == phase.id,
+            Allowance.closes_at > database_now(session),
+            Team.merged_into_id.is_(None),
+            Team.forgotten_at.is_(None),
+        )
+        .order_by(Allowance.closes_at, Team.slug)
+    )
+    return tuple(
+        f"{name} has a deadline of its own, {until:%Y-%m-%d %H:%M} UTC: it ends with the reveal."
+        for name, until in session.execute(query)
+        if own_deadline(phase, until) is not None
+    )
 
 
 def end_own_deadlines(session: Session, phase: Phase, now: datetime) -> None:

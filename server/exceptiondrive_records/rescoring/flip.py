@@ -1,6 +1,6 @@
 """Apply and roll back: one transaction moves the pointer, and nothing when anything is missing."""
 
-from sqlalchemy import Select, func, select, update
+from sqlalchemy import Select, exists, func, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.tables import AuditLine
@@ -10,6 +10,7 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.notifications.inbox import notify_teams
+from exceptiondrive_records.notifications.tables import Notification
 from exceptiondrive_records.phases.allowances import end_own_deadlines
 from exceptiondrive_records.phases.phases import lock_phase
 from exceptiondrive_records.phases.policy import frozen_since
@@ -189,6 +190,21 @@ def rollback_run(session: Session, run_id: str, *, reason: str, actor: str) -> R
     cancel_jobs(session, run, new_key(run))
     _notify(session, run, compared.comparison, "protocol_rolled_back")
     return run
+
+
+def tell_of_hidden_updates(session: Session, phase_id: str) -> None:
+    """Tell teams of updates that were applied while the phase was hidden, now that readers see it.
+
+    Of those that a team was told of nobody is told again.
+    """
+    runs = select(RescoringRun).where(
+        RescoringRun.phase_id == phase_id,
+        RescoringRun.state.in_((RunState.APPLIED, RunState.CLOSED)),
+        ~exists().where(Notification.run_id == RescoringRun.id),
+    )
+    for run in session.scalars(runs.order_by(RescoringRun.applied_at)):
+        if run.comparison is not None:
+            _notify(session, run, run.comparison, "protocol_applied")
 
 
 def _notify(

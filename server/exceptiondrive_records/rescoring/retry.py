@@ -7,6 +7,7 @@ from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.db.identifiers import checked_reason
+from exceptiondrive_records.notifications.inbox import tell_about
 from exceptiondrive_records.phases.policy import has_revealed
 from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.phases.scoring_keys import key_of_phase
@@ -61,6 +62,8 @@ def retry_submission(
     score_left_out(session, phase.id, key_of_phase(phase))
     detail = {} if reason is None else {"reason": checked_reason(reason)}
     audit(session, actor, "scoring retried by hand", submission_id, detail)
+    told = "It waits for its score at its old place in time, and counts in the quota of its day."
+    tell_about(session, submission, f"An organizer queued {submission.method} again", (told,))
     return submission
 
 
@@ -107,6 +110,8 @@ def restore_submission(
     for protocol_digest, split_revision in scored_under(session, submission_id):
         want_board(session, submission.phase_id, protocol_digest, split_revision)
     audit(session, actor, "submission restored", submission_id, detail)
+    told = "It is withdrawn no longer, and has its old place in time."
+    tell_about(session, submission, f"An organizer restored {submission.method}", (told,))
     return submission
 
 
@@ -115,7 +120,7 @@ def _require_place(session: Session, submission: Submission, phase: Phase) -> No
     if quota.remaining_today == 0:
         raise Conflict(
             "It cost no quota, and the team has used all of it, of that day or of the phase. To have "
-            "this one scored as well, raise the team's limits first."
+            "this one scored as well, give the team an allowance first."
         )
 
 

@@ -8,6 +8,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.boards.boards import aliases_in, latest_board, under_alias
 from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.errors import Conflict, NotFound
+from exceptiondrive_records.phases.allowances import ended_by_reveal
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.scoring_keys import ScoringKey, shadow_key
 from exceptiondrive_records.phases.tables import Phase
@@ -26,6 +27,7 @@ from exceptiondrive_records.rescoring.comparison import (
 )
 from exceptiondrive_records.rescoring.flip import blockers_of, comparison_of
 from exceptiondrive_records.rescoring.progress import count_sheets, progress_of
+from exceptiondrive_records.rescoring.reveal import is_reveal
 from exceptiondrive_records.rescoring.runs import find_run, list_runs
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.trials import trial_of
@@ -128,12 +130,14 @@ def preview_of(session: Session, run_id: str, seen: str | None = None) -> Previe
     if compared is None:
         yet = "" if run.state.is_final else " yet"
         raise Conflict(f"There is nothing to compare{yet}. {' '.join(blockers)}")
+    phase = session.get_one(Phase, run.phase_id)
     return PreviewView(
         run=run.id,
         digest=compared.digest,
         direction=_direction(run.state),
         is_stale=is_behind or (seen is not None and seen != compared.digest),
         blockers=blockers,
+        warnings=ended_by_reveal(session, phase) if is_reveal(session, run) else (),
         comparison=compared.comparison,
     )
 

@@ -1,4 +1,4 @@
-"""What organizers do with teams: conduct, limits, names, messages, many at once."""
+"""What organizers do with teams: conduct, allowances, names, messages, many at once."""
 
 from typing import Annotated
 
@@ -146,7 +146,7 @@ class MessageView(BaseModel):
 
 @router.get("/teams/{team_id}/participation", operation_id="showParticipation")
 def get_participation(services: ServicesOf, team_id: TeamId) -> Participation:
-    """Show people, addresses, own limits, disqualifications and accepted terms of a team."""
+    """Show people, addresses, allowances, disqualifications and accepted terms of a team."""
     with services.database.read() as session:
         return participation_of(session, find_team(session, team_id))
 

@@ -63,7 +63,7 @@ NAMES = (
     FormField("affiliation", "Affiliation", hint="for organizers", max_length=MAX_AFFILIATION),
     REASON,
 )
-LIMITS = (
+ALLOWANCE = (
     FormField("closes_at", "Own deadline", "moment", "empty: as for all teams"),
     FormField("quota_per_day", "Submissions a day", "whole", "empty: as for all teams"),
     FormField("quota_total", "Submissions in all", "whole", "empty: as for all teams"),
@@ -218,14 +218,14 @@ def _once_typed(team: Team, deed: Callable[..., Any]) -> Callable[..., Any]:
     return take
 
 
-@step_at(router, "/teams/{team_id}/limits/{phase_id}")
-def limits(services: ServicesOf, team_id: TeamId, phase_id: PhaseId) -> Step:
-    """Set the limits of one team in a phase."""
+@step_at(router, "/teams/{team_id}/allowances/{phase_id}")
+def allowance(services: ServicesOf, team_id: TeamId, phase_id: PhaseId) -> Step:
+    """Set what one team has in a phase instead of what all have."""
 
     def texts(session: Session) -> dict[str, str]:
         row = allowance_of(session, find_team(session, team_id).id, phase_id)
         own = None if row is None else allowance_view(find_phase(session, phase_id), row)
-        return {field.name: text_of(getattr(own, field.name, None)) for field in LIMITS[:-1]}
+        return {field.name: text_of(getattr(own, field.name, None)) for field in ALLOWANCE[:-1]}
 
     def kept(session: Session) -> dict[str, str]:
         lock_phase(session, phase_id)
@@ -238,11 +238,11 @@ def limits(services: ServicesOf, team_id: TeamId, phase_id: PhaseId) -> Step:
     until = f"{phase.closes_at:%Y-%m-%d %H:%M} UTC" if phase.closes_at else "none"
     return _step(
         team,
-        title=f"Limits of {team.name} in {phase.title}",
+        title=f"Allowance of {team.name} in {phase.title}",
         meaning="A later deadline holds for what came before it was granted, too: within it an "
         "upload is not late. What stays empty is as for all teams. The team is told.",
-        button="Set the limits",
-        fields=LIMITS,
+        button="Set the allowance",
+        fields=ALLOWANCE,
         texts=shown,
         kept=kept,
         facts=(

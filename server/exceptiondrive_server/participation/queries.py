@@ -1,4 +1,4 @@
-"""What organizers see of a team besides its submissions: people, addresses, limits, conduct, terms."""
+"""What organizers see of a team besides its submissions: people, addresses, allowances, conduct, terms."""
 
 from datetime import datetime
 
@@ -110,7 +110,7 @@ def standings_of_teams(session: Session) -> dict[int, str]:
 
 
 def participation_of(session: Session, team: Team) -> Participation:
-    """Return people, addresses, limits, conduct and terms of a team."""
+    """Return people, addresses, allowances, conduct and terms of a team."""
     return Participation(
         name=team.name,
         affiliation=team.affiliation,

@@ -16,6 +16,7 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound, RecordsError
 from exceptiondrive_records.news.questions import count_waiting
 from exceptiondrive_records.operations.troubles import troubles_of
+from exceptiondrive_records.phases.allowances import ended_by_reveal
 from exceptiondrive_records.phases.changes import (
     delete_phase,
     feature_phase,
@@ -31,8 +32,10 @@ from exceptiondrive_records.phases.phases import (
     lock_phase,
     phase_view,
 )
+from exceptiondrive_records.phases.policy import has_closed
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol, list_protocols
+from exceptiondrive_records.rescoring.flip import tell_of_hidden_updates
 from exceptiondrive_records.rescoring.reveal import reveal_split
 from exceptiondrive_records.rescoring.runs import list_runs
 from exceptiondrive_records.splits.splits import list_splits, whole_split, words_of_revision
@@ -267,6 +270,7 @@ def post_phase(
             change = made(PhaseChange, SETTINGS, values)
             require_order_right(browser.principal, change)
             update_phase(session, phase_id, change, actor=browser.principal.actor)
+            tell_of_hidden_updates(session, phase_id)
     except RecordsError as refusal:
         return _phase(request, services, browser, phase_id, typed(form), refusal)
     return go(f"{HERE}/{phase_id}", "phase_changed")
@@ -285,6 +289,7 @@ def step_of(services: ServicesOf, phase_id: PhaseId, step: StepKey) -> Step:
     """Take an action on a phase."""
     with services.database.read() as session:
         phase = find_phase(session, phase_id)
+        ending = ended_by_reveal(session, phase) if _ends_deadlines(session, phase, step) else ()
     if step not in PHASE_STEPS:
         raise NotFound("action on a phase", step)
     known = PHASE_STEPS[step]
@@ -298,13 +303,20 @@ def step_of(services: ServicesOf, phase_id: PhaseId, step: StepKey) -> Step:
         back=f"{HERE}/{phase_id}",
         back_words="The phase",
         fields=(REASON,),
-        facts=(("Phase", phase.title),),
+        facts=(("Phase", phase.title), *([("Deadlines", ending)] if ending else [])),
         command=f'exceptiondrive organizer phases {verb} {phase_id}{what} --reason "…"',
         is_grave=known.is_grave,
         take=partial(known.take, phase_id=phase_id),
         done="phase_deleted" if known.is_end else "phase_changed",
         onward=(lambda _: HERE) if known.is_end else None,
     )
+
+
+def _ends_deadlines(session: Session, phase: Phase, step: str) -> bool:
+    """Whether an action shows scores that were kept back, after which no team's later deadline runs."""
+    if step == "reveal-board":
+        return phase.policy.frozen_scores == "hidden" and has_closed(phase, database_now(session))
+    return step == "reveal-split"
 
 
 def _made_of(session: Session) -> tuple[FormField, ...]:

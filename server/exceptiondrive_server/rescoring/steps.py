@@ -176,8 +176,8 @@ RUN_STEPS: Mapping[str, RunStep] = MappingProxyType(
                 "Apply",
                 "Apply the run",
                 "One transaction shows the new board to every reader, and tells the teams whose "
-                "numbers change. While the phase is hidden, organizers alone see that board and nobody is "
-                "told. It can be rolled back until you close the run.",
+                "numbers change. While the phase is hidden, organizers alone see that board, and teams are "
+                "told when it is shown. It can be rolled back until you close the run.",
                 "run_applied",
                 flip.apply_run,
                 "apply",
@@ -244,10 +244,13 @@ def page_of_step(session: Session, step: RunStep, run_id: str, preview: str) -> 
     seen = run_view(session, run)
     here = f"/organize/rescoring/{run_id}"
     given = {"preview": preview} if step.needs_preview else {}
-    comparison = preview_of(session, run_id).comparison if step.is_flip and seen.preview else None
+    shown = preview_of(session, run_id) if step.is_flip and seen.preview else None
     blockers = flip.obstacles(session, run, step.key) if step.is_flip else ()
     is_stale = step.needs_preview and not blockers and preview != seen.preview
+    comparison = None if shown is None else shown.comparison
     facts = [*_facts(run_line(session, seen), titles_of_phases(session)[seen.phase], comparison)]
+    if shown is not None and shown.warnings:
+        facts.append(("Deadlines", shown.warnings))
     if step.needs_preview and preview:
         facts.append(("Preview", preview))
     return Step(

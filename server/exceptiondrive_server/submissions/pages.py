@@ -128,7 +128,7 @@ def _submit_page(
     code = challenge.words.code
     team = None if browser is None else browser.principal.team_name
     upload = None
-    if browser is not None and team is not None and Scope.SUBMIT in browser.principal.scopes:
+    if browser is not None and team is not None and _may_submit(browser.principal):
         open_phases = _to_submit_to(phases)
         ids = {one.id for one in open_phases}
         stand = [one for one in standing if one.phase in ids]
@@ -168,6 +168,10 @@ def _submit_page(
     if refusal is not None and refusal.retry_after_s is not None:
         answer.headers["Retry-After"] = str(refusal.retry_after_s)
     return answer
+
+
+def _may_submit(who: Principal) -> bool:
+    return Scope.SUBMIT in who.scopes and not who.team_is_pending
 
 
 def _standing(session: Session, who: Principal) -> tuple[SubmissionView, ...]:

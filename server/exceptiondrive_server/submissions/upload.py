@@ -23,9 +23,11 @@ from exceptiondrive_records.accounts.sessions import require_unrevoked
 from exceptiondrive_records.accounts.tokens import Principal, Scope
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotAllowed, RecordsError, StoreError, UploadEmpty
+from exceptiondrive_records.notifications.inbox import tell_about
 from exceptiondrive_records.operations.garbage import remove_orphan
 from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_records.phases.quotas import quota_of
+from exceptiondrive_records.submissions.edits import edits_of
 from exceptiondrive_records.submissions.file_store import FileStore, is_kept, seems_unmounted
 from exceptiondrive_records.submissions.submissions import (
     Accepted,
@@ -34,6 +36,7 @@ from exceptiondrive_records.submissions.submissions import (
     find_submission,
     require_acceptable,
 )
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import NOT_APPROVED
@@ -63,6 +66,10 @@ _NO_RESULTS: dict[str, Any] = {
     "unranked_because": None,
     "replaced_by": None,
 }
+_OFF_THE_BOARD = (
+    "The next boards leave it out; earlier ones keep what they showed, and a frozen board goes on "
+    "showing it until it is revealed."
+)
 _ASKED_OF_READERS = ("What is asked may name scores: a token with the scope read:own is told it.",)
 
 
@@ -288,8 +295,13 @@ def confirmed_upload(
     """
     with services.database.write() as session:
         require_unrevoked(session, principal)
-        find_submission(session, submission_id, team_id=own_team(principal))
-        counted_id = confirm(session, submission_id).id
+        asked = find_submission(session, submission_id, team_id=own_team(principal))
+        was_confirmed = asked.confirmed_as is not None
+        counted = confirm(session, submission_id)
+        if own_team(principal) is None and not was_confirmed:
+            told = "It was asked about, counts from now on, and took its quota."
+            tell_about(session, counted, f"An organizer confirmed {counted.method}", (told,))
+        counted_id = counted.id
     wake(services)
     with services.database.read() as session:
         return told_to(principal, view(session, find_submission(session, counted_id)))
@@ -300,7 +312,8 @@ def decide(
 ) -> None:
     """Let a team do something with a submission of its own, in one transaction.
 
-    `what` is called with a session, the id, and `actor`.
+    An organizer may do it with any, and its team is told. `what` is called with a session, the id, and
+    `actor`.
 
     Raises:
         NotAllowed: The token, or the place in the team, ended since the request began.
@@ -308,8 +321,38 @@ def decide(
     """
     with services.database.write() as session:
         require_unrevoked(session, principal)
-        find_submission(session, submission_id, team_id=own_team(principal))
+        submission = find_submission(session, submission_id, team_id=own_team(principal))
+        method, before = submission.method, _decided(submission)
         what(session, submission_id, actor=principal.actor)
+        if own_team(principal) is None and _decided(submission) != before:
+            done, means = _decision(session, submission, before)
+            tell_about(session, submission, f"An organizer {done.format(method)}", (means,))
+
+
+def _decided(submission: Submission) -> tuple[datetime | None, ...]:
+    one = submission
+    return one.edited_at, one.withdrawn_at, one.chosen_at, one.published_at
+
+
+def _decision(
+    session: Session, submission: Submission, before: tuple[datetime | None, ...]
+) -> tuple[str, str]:
+    """Say what was done, and what it means."""
+    edited_at, withdrawn_at, chosen_at, _ = before
+    if submission.edited_at != edited_at:
+        changed = edits_of(session, submission.id)[0].changed
+        names = ", ".join(name.removeprefix("facts.").replace("_", " ") for name in changed)
+        name = f"It is called {submission.method} now. " if "method" in changed else ""
+        return "edited {}", f"{name}Changed: {names}. Its page says what stood there before."
+    if submission.withdrawn_at != withdrawn_at:
+        return "withdrew {}", f"{_OFF_THE_BOARD} The quota it took stays used."
+    if submission.chosen_at != chosen_at:
+        rule = submission.chosen_rule
+        which = "this very run stands" if rule == "this" else f"the {rule} run of it stands"
+        return "chose which run of {} stands", f"From the next board on {which}."
+    if submission.published_at is None:
+        return "made {} private", _OFF_THE_BOARD
+    return "published {}", "It stands on the next board."
 
 
 def told_to(principal: Principal, seen: SubmissionView) -> SubmissionView:

@@ -1,5 +1,6 @@
 """The team's people: members, invitations, and the choice of a team to act for."""
 
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Request
@@ -24,7 +25,7 @@ from exceptiondrive_records.accounts.sessions import act_for
 from exceptiondrive_records.accounts.sign_in import count_attempt, registration_keys_of
 from exceptiondrive_records.accounts.tables import Person
 from exceptiondrive_records.accounts.tokens import Principal, Scope, live_tokens_by_team, may_invite
-from exceptiondrive_records.db.errors import InvalidRecord
+from exceptiondrive_records.db.errors import InvalidRecord, RecordsError
 from exceptiondrive_records.notifications.contacts import list_contacts
 from exceptiondrive_records.submissions.submissions import counts_by_team
 from exceptiondrive_records.teams.tables import Team
@@ -39,6 +40,7 @@ from exceptiondrive_server.web.browser_session import (
     keep_session,
     require_scope,
 )
+from exceptiondrive_server.web.forms import NOTHING_KEPT, typed
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.responses import origin_of, private_page
 from exceptiondrive_server.web.services import Services
@@ -123,10 +125,13 @@ def register(
     with services.database.write() as session:
         count_attempt(session, registration_keys_of(address))
     texts = (str(form.get(field, "")) for field in ("id", "name", "note"))
-    with services.database.write() as session:
-        team = make_pending_team(session, *texts, actor=actor, address=address)
-        add_member(session, team, person_id, actor=actor)
-        act_for(session, browser.secret, person_id, team.id)
+    try:
+        with services.database.write() as session:
+            team = make_pending_team(session, *texts, actor=actor, address=address)
+            add_member(session, team, person_id, actor=actor)
+            act_for(session, browser.secret, person_id, team.id)
+    except RecordsError as refusal:
+        return _page(request, services, browser, refusal=refusal, texts=typed(form))
     return _as_member(request, browser)
 
 
@@ -174,7 +179,12 @@ def _as_member(request: Request, browser: SignedIn) -> Response:
 
 
 def _page(
-    request: Request, services: Services, browser: SignedIn, link: str | None = None
+    request: Request,
+    services: Services,
+    browser: SignedIn,
+    link: str | None = None,
+    refusal: RecordsError | None = None,
+    texts: Mapping[str, str] = NOTHING_KEPT,
 ) -> Response:
     who = browser.principal
     if who.person_id is None:
@@ -201,6 +211,8 @@ def _page(
             may_register=may_register and team is None,
             provider=None if services.provider is None else services.provider.name,
             link=link,
+            refusal=refusal,
+            texts=texts,
             form_token=browser.form_token,
         )
 

@@ -1,4 +1,4 @@
-"""What organizers do with teams in a season: conduct, own limits, names, messages, many at once."""
+"""What organizers do with teams in a season: conduct, allowances, names, messages, many at once."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -23,7 +23,7 @@ PublicNote = Annotated[
 
 @with_organizer
 def show_team(organizer: Organizer, team_id: options.TeamId) -> Answer:
-    """Show name, standing, people, addresses, own limits, disqualifications and accepted terms of a team."""
+    """Show name, standing, people, addresses, allowances, disqualifications and accepted terms of a team."""
     found = organizer.participation(team_id)
     tables = {
         "members": ("name", "email", "joined_at"),
@@ -97,7 +97,7 @@ def import_teams(
 
 
 @with_organizer
-def set_limits(
+def set_allowance(
     organizer: Organizer,
     team_id: options.TeamId,
     phase: options.PhaseId,
@@ -108,10 +108,10 @@ def set_limits(
     ] = None,
     quota_total: Annotated[int | None, option("--quota-total", "N", "Else as all.", min=1)] = None,
 ) -> Answer:
-    """Set deadline and quota of one team in a phase; what is left out is as for all teams."""
-    limits = {"closes_at": closes_at, "quota_per_day": quota_per_day, "quota_total": quota_total}
-    row = organizer.set_allowance(team_id, phase, reason, limits)
-    own = "its own limits" if row["granted_at"] else "the limits of all teams again"
+    """Set a team's allowance in a phase, its own deadline and quota; what is left out is as for all."""
+    allowance = {"closes_at": closes_at, "quota_per_day": quota_per_day, "quota_total": quota_total}
+    row = organizer.set_allowance(team_id, phase, reason, allowance)
+    own = "an allowance" if row["granted_at"] else "what all teams have again"
     return row, f"team {team_id} has {own} in {phase}"
 
 
@@ -196,7 +196,7 @@ TEAM_COMMANDS: dict[str, Callable[..., None]] = {
     "merge": merge_teams,
     "forget": forget_team,
     "import": import_teams,
-    "limits": set_limits,
+    "limits": set_allowance,
     "disqualify": disqualify_team,
     "disqualified": list_disqualified,
     "reinstate": reinstate,

@@ -139,8 +139,11 @@ def apply(
     ] = None,
 ) -> Answer:
     """Show the new board, at once and wholly; refused while anything is missing or stale."""
+    found = rescoring.preview(run_id)
+    for warning in found.get("warnings", ()):
+        say(warning)
     if digest is None:
-        digest = rescoring.preview(run_id)["digest"]
+        digest = found["digest"]
         say(f"applying the present preview, {digest}")
     run = rescoring.step(run_id, "apply", reason, preview=digest)
     return run, *run_lines(run)
@@ -328,6 +331,7 @@ def preview_lines(preview: Record) -> Iterator[RenderableType]:
     yield from _unranked_lines(comparison)
     yield from _effect_lines(comparison)
     yield from (f"! {blocker}" for blocker in preview["blockers"])
+    yield from preview.get("warnings", ())
     yield f"preview {preview['digest']}"
 
 

@@ -26,6 +26,10 @@
     else sentAt = event.timeStamp;
   });
 
+  // What was made and is shown once is made once: loaded anew, the page is the one of its form.
+  const issued = document.querySelector(".issued");
+  if (issued) history.replaceState(null, "", issued.dataset.page);
+
   // A changed choice is applied at once.
   for (const select of document.querySelectorAll("form.filters > label select")) {
     select.addEventListener("change", () => select.form.requestSubmit());
