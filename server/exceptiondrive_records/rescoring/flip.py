@@ -12,6 +12,7 @@ from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.notifications.inbox import notify_teams
 from exceptiondrive_records.notifications.tables import Notification
 from exceptiondrive_records.phases.allowances import end_own_deadlines
+from exceptiondrive_records.phases.changes import update_phase
 from exceptiondrive_records.phases.phases import lock_phase
 from exceptiondrive_records.phases.policy import frozen_since
 from exceptiondrive_records.phases.quotas import WAITING
@@ -40,6 +41,7 @@ from exceptiondrive_records.rescoring.trials import trial_of
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.tables import WAITING_STATES, Job
+from exceptiondrive_schemas.api.phase_settings import PhaseChange
 from exceptiondrive_schemas.api.rescoring import Comparison, NotificationKind, RunAction, RunState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.printable import counted
@@ -192,11 +194,21 @@ def rollback_run(session: Session, run_id: str, *, reason: str, actor: str) -> R
     return run
 
 
-def tell_of_hidden_updates(session: Session, phase_id: str) -> None:
-    """Tell teams of updates that were applied while the phase was hidden, now that readers see it.
+def change_phase(session: Session, phase_id: str, change: PhaseChange, *, actor: str) -> Phase:
+    """Change settings of a phase; where that shows it, tell its teams of what was applied behind it.
 
-    Of those that a team was told of nobody is told again.
+    Raises:
+        RecordsError: It is refused as by `update_phase`.
     """
+    was_hidden = lock_phase(session, phase_id).visibility == "hidden"
+    phase = update_phase(session, phase_id, change, actor=actor)
+    if was_hidden and phase.visibility != "hidden":
+        _tell_of_hidden_updates(session, phase_id)
+    return phase
+
+
+def _tell_of_hidden_updates(session: Session, phase_id: str) -> None:
+    """Of those that a team was told of, while the phase was shown before, nobody is told again."""
     runs = select(RescoringRun).where(
         RescoringRun.phase_id == phase_id,
         RescoringRun.state.in_((RunState.APPLIED, RunState.CLOSED)),

@@ -16,11 +16,10 @@ from exceptiondrive_records.phases.changes import (
     freeze_phase,
     reveal_board,
     reveal_names,
-    update_phase,
 )
 from exceptiondrive_records.phases.phases import create_phase, find_phase, phase_view
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.rescoring.flip import tell_of_hidden_updates
+from exceptiondrive_records.rescoring.flip import change_phase
 from exceptiondrive_records.rescoring.reveal import reveal_split
 from exceptiondrive_schemas.api.phase_settings import NewPhase, PhaseChange
 from exceptiondrive_schemas.api.submission import PhaseView
@@ -66,8 +65,7 @@ def patch_phase(
     """Change settings of a phase; what would take back a promise is refused."""
     require_order_right(organizer, change)
     with services.database.write() as session:
-        phase = update_phase(session, phase_id, change, actor=organizer.actor)
-        tell_of_hidden_updates(session, phase_id)
+        phase = change_phase(session, phase_id, change, actor=organizer.actor)
         return _view(session, services, phase)
 
 

@@ -23,7 +23,6 @@ from exceptiondrive_records.phases.changes import (
     freeze_phase,
     reveal_board,
     reveal_names,
-    update_phase,
 )
 from exceptiondrive_records.phases.phases import (
     create_phase,
@@ -35,7 +34,7 @@ from exceptiondrive_records.phases.phases import (
 from exceptiondrive_records.phases.policy import has_closed
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol, list_protocols
-from exceptiondrive_records.rescoring.flip import tell_of_hidden_updates
+from exceptiondrive_records.rescoring.flip import change_phase
 from exceptiondrive_records.rescoring.reveal import reveal_split
 from exceptiondrive_records.rescoring.runs import list_runs
 from exceptiondrive_records.splits.splits import list_splits, whole_split, words_of_revision
@@ -269,8 +268,7 @@ def post_phase(
                 return go(f"{HERE}/{phase_id}", "nothing_changed")
             change = made(PhaseChange, SETTINGS, values)
             require_order_right(browser.principal, change)
-            update_phase(session, phase_id, change, actor=browser.principal.actor)
-            tell_of_hidden_updates(session, phase_id)
+            change_phase(session, phase_id, change, actor=browser.principal.actor)
     except RecordsError as refusal:
         return _phase(request, services, browser, phase_id, typed(form), refusal)
     return go(f"{HERE}/{phase_id}", "phase_changed")
