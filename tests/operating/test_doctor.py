@@ -19,6 +19,7 @@ from tests.support.broker import PrivateBroker
 from tests.support.databases import as_role
 from tests.support.processes import plain_environment, wait_until
 
+from exceptiondrive_records.audit.log import audit_page
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database, is_forbidden, sentence_of
 from exceptiondrive_records.db.errors import Conflict
@@ -33,6 +34,7 @@ from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_server.launcher.broker import broker_command, find_broker_binary, socket_path
 from exceptiondrive_server.operations import doctor
 from exceptiondrive_server.operations.doctor import Finding, Severity, examine
+from exceptiondrive_server.web.metrics import RequestMetrics, exposition
 from exceptiondrive_server.web.settings import ServerSettings
 
 BIN = Path(sys.executable).parent
@@ -428,6 +430,12 @@ def test_backup_restore_and_verify_by_command(lived: Lived, tmp_path: Path) -> N
     backup = str(tmp_path / "backup.tar")
     done = run("backup", backup, **ours)
     assert done.returncode == 0, done.stderr
+    with lived.database.read() as session:
+        (noted,) = audit_page(session, action="backup written")
+    told = exposition(RequestMetrics(), lived.database).decode()
+    last = re.search(r"^exceptiondrive_last_backup_timestamp_seconds (.+)$", told, re.MULTILINE)
+    assert last is not None
+    assert float(last[1]) == pytest.approx(noted.at.timestamp(), abs=1)
     done = run("restore", backup, "--data", str(tmp_path / "new"))
     assert done.returncode == 0, done.stderr
     done = run("verify", "--data", str(tmp_path / "new"))
