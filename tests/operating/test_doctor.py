@@ -16,7 +16,7 @@ from sqlalchemy import make_url, select, text
 from sqlalchemy.exc import DBAPIError
 from tests.chaos.story import Lived
 from tests.support.broker import PrivateBroker
-from tests.support.databases import as_role
+from tests.support.databases import as_role, read_only
 from tests.support.processes import plain_environment, wait_until
 
 from exceptiondrive_records.audit.log import audit_page
@@ -24,6 +24,7 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database, is_forbidden, sentence_of
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.db.roles import Role
+from exceptiondrive_records.migrations import migrate
 from exceptiondrive_records.participation.changes import change_team
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.tables import Submission
@@ -312,6 +313,21 @@ def test_what_the_database_said_is_told(healthy: ServerSettings, database_url: s
     said = whats(settings)
     assert "permission denied for table work" in said
     assert "migrate --grant-to FILE" in said
+
+
+def test_records_that_are_read_only_are_an_error(
+    healthy: ServerSettings, database_url: str
+) -> None:
+    migrate(database_url)
+    settings = healthy.model_copy(update={"database_url": database_url})
+    database = Database(database_url)
+    try:
+        with read_only(database):
+            found = troubles(settings)
+    finally:
+        database.dispose()
+    (finding,) = (each for each in found if each.severity is Severity.ERROR)
+    assert finding.what == "the records can be read and not written: uploads are refused"
 
 
 def test_an_old_schema_is_an_error(healthy: ServerSettings, empty_database_url: str) -> None:
