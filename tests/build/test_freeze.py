@@ -417,6 +417,13 @@ def test_what_was_accepted_since_waits_for_the_next_split(read: Path, tmp_path: 
     second = split_of(frozen(folder, "2", "--previous", previous, "--words", "Nothing."))
     assert [it.sample_id for it in second.samples] == [it.sample_id for it in first.samples]
     assert len(split_of(frozen(folder, "whole")).samples) > len(second.samples)
+    again = run("freeze", folder / "3", "-w", folder, "--previous", previous, "--words", "Nothing.")
+    assert "warning nothing_changed: the split is the previous revision itself" in again.output
+    assert withdraw(folder, [first.samples[0].sample_id]).exit_code == 0
+    other = run(
+        "freeze", folder / "4", "-w", folder, "--previous", previous, "--words", "One less."
+    )
+    assert "nothing_changed" not in other.output
 
 
 def test_controls_are_marked_and_counted_apart(shop: Path) -> None:

@@ -59,6 +59,18 @@ def test_a_workshop_without_scenes_says_what_to_do(tmp_path: Path) -> None:
         assert "exceptiondrive-build scenes read SOURCE" in result.stderr
 
 
+def test_a_stage_before_its_turn_says_what_to_run_first(shop: Path, stand_in: StandIn) -> None:
+    for stage in ("edit", "review"):
+        early = run(shop, stage)
+        assert (early.exit_code, early.stdout) == (2, "")
+        assert "18 candidates must pass an earlier stage." in early.stderr
+        assert "Run first: exceptiondrive-build run screen\n" in early.stderr
+    report(shop, "screen")
+    assert "Run first: exceptiondrive-build run edit\n" in run(shop, "review").stderr
+    early = CliRunner().invoke(app, ["localize", "--by-hand", "-w", str(shop)])
+    assert (early.exit_code, "exceptiondrive-build run review" in early.stderr) == (2, True)
+
+
 def test_every_stage_decides_all_and_is_then_done(shop: Path, stand_in: StandIn) -> None:
     assert report(shop, "screen")["decided"] == 18
     suitable = [c for c in walked(shop).values() if c.is_suitable]

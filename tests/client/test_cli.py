@@ -55,6 +55,28 @@ def test_the_exit_code_tells_causes_apart(
     assert done.stderr.startswith(f"error: The server says {code}.")
 
 
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("leaderboard dev", "a phase is named by --phase PHASE"),
+        ("news dev", "a phase is named by --phase PHASE"),
+        ("organizer news list dev", "a phase is named by --phase PHASE"),
+        ("report --phase dev", "this command takes the phase without it"),
+        ("organizer phases freeze --phase dev", "this command takes the phase without it"),
+    ],
+)
+def test_a_phase_that_is_named_the_other_way_is_told_the_right_one(words: str, told: str) -> None:
+    done = run(*words.split())
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert told in " ".join(done.stderr.split())
+
+
+def test_a_phase_is_no_part_of_what_is_refused_where_none_is_taken() -> None:
+    for words in ("whoami dev", "status --phase dev"):
+        assert "a phase" not in run(*words.split()).stderr
+        assert "the phase" not in run(*words.split()).stderr
+
+
 def test_an_address_with_a_path_too_many_is_named_where_nothing_is_found(
     canned_server: "CannedServer",
 ) -> None:

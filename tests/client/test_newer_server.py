@@ -228,7 +228,7 @@ def test_sdk_and_commands_work_with_a_newer_server(
         ["whoami"],
         ["manifest", "dev", "-o", str(tmp_path / "manifest.json")],
         ["receipt", "get", identifier, "-o", str(receipt)],
-        ["withdraw", identifier],
+        ["withdraw", identifier, "--yes"],
     ):
         done = run(newer.url, newer.token, words)
         assert done.exit_code == 0, (words, done.stderr)

@@ -225,6 +225,9 @@ def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path:
     assert "sent to 2 teams" in organize(running, *to).stdout
     assert organize(running, *to).exit_code == 4
     merge = ("teams", "merge", "alef", "--into", "bet", *why)
+    for deed in (merge, ("teams", "forget", "alef", *why)):
+        unasked = organize(running, *deed)
+        assert (unasked.exit_code, "add --yes" in unasked.stderr) == (2, True)
     with pytest.MonkeyPatch.context() as on_terminal:
         on_terminal.setattr("exceptiondrive.cli.output.can_ask", lambda: True)
         for deed in (merge, ("teams", "forget", "alef", *why)):

@@ -104,7 +104,7 @@ def test_a_phase_is_made_with_settings_shown_and_changed(running: "Running") -> 
         (("update", "test", "--quota-total", "0"), "from 1 to 1,000,000, not '0'"),
         (("update", "test"), "`--help` lists the settings"),
         (("reveal", "test", "--what", "all", *REASON), "board, names, split, not 'all'"),
-        (("reveal", "test", "--what", "split", *REASON), "has no parts"),
+        (("reveal", "test", "--what", "split", "--yes", *REASON), "has no parts"),
         (("show", "none"), "none"),
     ],
 )
@@ -135,7 +135,7 @@ def test_a_board_is_frozen_and_revealed(working: "Running", planning_file: MakeF
     asked = ("leaderboard", "--phase", "test")
     assert "\nfrozen since 2" in run(working, *asked).stdout
     assert "frozen" not in run(working, *asked, "--as-of", "2099-01-01").stdout
-    revealed = organize(working, "reveal", "test", "--what", "board", *REASON)
+    revealed = organize(working, "reveal", "test", "--what", "board", "--yes", *REASON)
     assert revealed.exit_code == 0, revealed.stderr
     assert revealed.stdout.startswith("the newest board of test is shown")
     board_shows(working, first, second)
@@ -147,7 +147,11 @@ def test_names_are_revealed(working: "Running", planning_file: MakeFile) -> None
     mine = scored(working, planning_file(), "Planner")
     board_shows(working, mine)
     assert "Alpha" not in run(working, "leaderboard", "--phase", "test").stdout
-    assert organize(working, "reveal", "test", "--what", "names", *REASON).exit_code == 0
+    unasked = organize(working, "reveal", "test", "--what", "names", *REASON)
+    assert (unasked.exit_code, "add --yes" in unasked.stderr) == (2, True)
+    assert shown(working)["now"]["is_anonymous"]
+    named = organize(working, "reveal", "test", "--what", "names", "--yes", *REASON)
+    assert named.exit_code == 0
     with working.client() as client:
         while client.leaderboard(phase="test").entries[0].team != "Alpha":
             time.sleep(PAUSE_S)

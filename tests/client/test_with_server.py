@@ -103,7 +103,7 @@ def test_a_second_run_of_a_method_is_told_before_it_replaces_the_first(
     assert f"It replaces {first['id']} (HCC " in refused.stderr
     assert ', rank 1) of "Planner". Nothing was sent.' in refused.stderr
     assert "add --replace" in refused.stderr
-    monkeypatch.setattr("exceptiondrive.cli.submission_commands.can_ask", lambda: True)
+    monkeypatch.setattr("exceptiondrive.cli.output.can_ask", lambda: True)
     command = ["submit", str(second_file), "--phase", "dev", "--method", "Planner"]
     env = {"EXCEPTIONDRIVE_SERVER": working.url, "EXCEPTIONDRIVE_TOKEN": working.token}
     no = CliRunner().invoke(app, command, env=env, input="n\n")
@@ -213,6 +213,9 @@ def test_a_withdrawal_asks_and_says_what_stands_again(
     first = json.loads(submit(working, planning_file(), "--wait", "--json").stdout)
     done = submit(working, slower_file(planning_file), "--replace", "--wait", "--json")
     second = json.loads(done.stdout)
+    unasked = run(working, "withdraw", second["id"])
+    assert (unasked.exit_code, unasked.stdout) == (2, "")
+    assert "Nothing was changed.\nNobody can be asked here: add --yes.\n" in unasked.stderr
     with monkeypatch.context() as on_terminal:
         on_terminal.setattr("exceptiondrive.cli.output.can_ask", lambda: True)
         asked = run(working, "withdraw", second["id"], typed="n\n")
@@ -221,7 +224,7 @@ def test_a_withdrawal_asks_and_says_what_stands_again(
         assert asked.exit_code == 2
         told = run(working, "withdraw", second["id"], "--yes").stdout
     assert f"withdrawn: with the next board there stands again {first['id']} (HCC " in told
-    assert "no other run takes its place" in run(working, "withdraw", first["id"]).stdout
+    assert "no other run takes its place" in run(working, "withdraw", first["id"], "--yes").stdout
     again = run(working, "withdraw", second["id"]).stdout
     assert again == f"{second['id']} withdrawn: it was so before, and nothing changed\n"
 
@@ -554,7 +557,7 @@ def test_a_withdrawn_entry_leaves_the_board_and_stays_in_the_list(
     working: "Running", planning_file: MakeFile
 ) -> None:
     view = json.loads(submit(working, planning_file(), "--wait", "--json").stdout)
-    done = run(working, "withdraw", view["id"])
+    done = run(working, "withdraw", view["id"], "--yes")
     assert (done.exit_code, done.stdout) == (0, WITHDRAWN.format(view["id"]))
     listed = run(working, "submissions", "--status", "withdrawn", "--json")
     assert [row["id"] for row in json.loads(listed.stdout)] == [view["id"]]

@@ -134,7 +134,7 @@ def test_a_season_from_clone_to_archive(system: System, tmp_path: Path) -> None:
     organize("teams", "disqualify", "team-4", "--phase", PHASE, *WHY)
     wait_until(lambda: len(digests(system)) > len(before), "a board behind the freeze", 120)
     assert "Team 4" in board(system)
-    organize("phases", "reveal", PHASE, "--what", "board", *WHY)
+    organize("phases", "reveal", PHASE, "--what", "board", "--yes", *WHY)
     wait_until(lambda: "Team 4" not in board(system), "the revealed board", 120)
     soon = datetime.now(UTC) + timedelta(seconds=30)
     organize("phases", "update", PHASE, "--closes-at", soon.isoformat())
@@ -161,7 +161,7 @@ def test_a_season_from_clone_to_archive(system: System, tmp_path: Path) -> None:
     assert {number: numbers[number] for number in before} == before
     current = system.get(f"/leaderboard?phase={PHASE}")["board"]
     shown = system.get(f"/boards/{PHASE}/{current}")
-    organize("teams", "forget", "team-5", *WHY)
+    organize("teams", "forget", "team-5", "--yes", *WHY)
     told_now = system.get(f"/boards/{PHASE}/{current}")
     names = {entry["submission_id"]: entry["team"] for entry in told_now["entries"]}
     assert names[ids["team-5"]].startswith("Former team ")

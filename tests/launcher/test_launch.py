@@ -114,6 +114,19 @@ def test_whatever_dies_is_started_again_and_nothing_outlives_the_launcher(tmp_pa
         time.sleep(0.1)
 
 
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="nobody can write into /proc")
+def test_a_server_that_can_take_no_uploads_says_where_to_learn_why(tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    running = Running(data, free_port(), EXCEPTIONDRIVE_FILE_STORE_URL="file:///proc")
+    try:
+        running.wait_until(lambda said: "can take no uploads yet" in said)
+    finally:
+        running.end()
+    said = running.said.read_text()
+    assert f"`exceptiondrive-server doctor --data {data}` says what to do" in said
+    assert not has_started(said)
+
+
 def test_pages_say_that_the_sample_is_being_made_and_only_while_it_is(tmp_path: Path) -> None:
     for page in first_pages(tmp_path / "data", "--sample"):
         assert "The sample is being made" in page

@@ -16,13 +16,15 @@ from sqlalchemy import make_url, select, text
 from sqlalchemy.exc import DBAPIError
 from tests.chaos.story import Lived
 from tests.support.broker import PrivateBroker
-from tests.support.databases import as_role
+from tests.support.databases import as_role, read_only
 from tests.support.processes import plain_environment, wait_until
 
+from exceptiondrive_records.audit.log import audit_page
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database, is_forbidden, sentence_of
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.db.roles import Role
+from exceptiondrive_records.migrations import migrate
 from exceptiondrive_records.participation.changes import change_team
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.tables import Submission
@@ -33,6 +35,7 @@ from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_server.launcher.broker import broker_command, find_broker_binary, socket_path
 from exceptiondrive_server.operations import doctor
 from exceptiondrive_server.operations.doctor import Finding, Severity, examine
+from exceptiondrive_server.web.metrics import RequestMetrics, exposition
 from exceptiondrive_server.web.settings import ServerSettings
 
 BIN = Path(sys.executable).parent
@@ -312,6 +315,21 @@ def test_what_the_database_said_is_told(healthy: ServerSettings, database_url: s
     assert "migrate --grant-to FILE" in said
 
 
+def test_records_that_are_read_only_are_an_error(
+    healthy: ServerSettings, database_url: str
+) -> None:
+    migrate(database_url)
+    settings = healthy.model_copy(update={"database_url": database_url})
+    database = Database(database_url)
+    try:
+        with read_only(database):
+            found = troubles(settings)
+    finally:
+        database.dispose()
+    (finding,) = (each for each in found if each.severity is Severity.ERROR)
+    assert finding.what == "the records can be read and not written: uploads are refused"
+
+
 def test_an_old_schema_is_an_error(healthy: ServerSettings, empty_database_url: str) -> None:
     path = empty_database_url.removeprefix("sqlite:///")
     if path != empty_database_url:
@@ -428,6 +446,12 @@ def test_backup_restore_and_verify_by_command(lived: Lived, tmp_path: Path) -> N
     backup = str(tmp_path / "backup.tar")
     done = run("backup", backup, **ours)
     assert done.returncode == 0, done.stderr
+    with lived.database.read() as session:
+        (noted,) = audit_page(session, action="backup written")
+    told = exposition(RequestMetrics(), lived.database).decode()
+    last = re.search(r"^exceptiondrive_last_backup_timestamp_seconds (.+)$", told, re.MULTILINE)
+    assert last is not None
+    assert float(last[1]) == pytest.approx(noted.at.timestamp(), abs=1)
     done = run("restore", backup, "--data", str(tmp_path / "new"))
     assert done.returncode == 0, done.stderr
     done = run("verify", "--data", str(tmp_path / "new"))

@@ -129,3 +129,11 @@ def test_a_store_that_cannot_heal_a_file_says_so(tmp_path: Path) -> None:
     path.mkdir(parents=True)
     with pytest.raises(StoreError, match="try again later"):
         store.put_stream(chunks(), limit_bytes=20_000)
+
+
+def test_what_cannot_be_a_folder_is_told_with_the_setting_that_names_it(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    for path in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(StoreError, match="EXCEPTIONDRIVE_FILE_STORE_URL") as refused:
+            FileStore(path.as_uri())
+        assert str(refused.value).startswith(f"{path} cannot be the folder of uploads: ")

@@ -462,6 +462,10 @@ def test_many_teams_are_made_or_none(world: World) -> None:
     assert "Line 4" in str(refused.value)
     with world.database.read() as session:
         assert [team.slug for team in list_teams(session)] == ["alpha", "beta", "gamma"]
+    twice = "id,name\ndelta,Delta\nDelta2,Other\ndelta,Third\nepsilon,DELTA\n"
+    with pytest.raises(InvalidRecord) as refused, world.database.write() as session:
+        import_teams(session, twice, actor=WHO)
+    assert "Line 4, Line 5: It has the id or the name of line 2." in str(refused.value)
     cells = 'id,name,affiliation\ndelta,Delta,"Lab\nD"\n\nBAD,Bad,\n'
     with pytest.raises(InvalidRecord) as refused, world.database.write() as session:
         import_teams(session, cells, actor=WHO)

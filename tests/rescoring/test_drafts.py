@@ -97,7 +97,12 @@ def test_each_refusal_says_the_state_and_what_is_possible(
 ) -> None:
     stage.add_protocol(make_protocol("1.1", *D_SAFE))
     run_id = stage.draft(protocol="1.1")
-    assert refused(lambda: stage.apply(run_id, "x")) == "Scoring has not begun: start the run."
+    assert refused(lambda: stage.apply(run_id, "x")) == (
+        "Scoring has not begun: start it on its page, or by `organizer rescore begin`."
+    )
+    assert refused(lambda: stage.draft(protocol="1.1")) == (
+        f"The phase has an open run, {run_id} (a draft); begin or cancel it first."
+    )
     assert refused(lambda: stage.rollback(run_id)) == (
         "The run is a draft; it can be rolled back only while it is applied."
     )

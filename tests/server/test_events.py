@@ -70,6 +70,25 @@ def test_nothing_more_is_told_once_the_token_is_revoked(
     assert [event["status"] for event in events_of(told)] == ["received"]
 
 
+def test_a_stream_ends_with_its_token_though_nothing_changes(
+    make_api: Callable[..., "Api"], sqlite_url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(events, "KEEP_ALIVE_S", 0.0)
+    api = make_api(sqlite_url, events_longest_s=3600)
+    path = f"/api/v1/submissions/{api.submit('a').json()['id']}/events"
+    bearer = {"Authorization": f"Bearer {api.tokens['alpha']}"}
+    with (
+        served(api.app) as address,
+        httpx.stream("GET", address + path, headers=bearer, timeout=60) as stream,
+    ):
+        parts = stream.iter_text()
+        assert ": still here" in next(parts) + next(parts)
+        api.post(f"/tokens/{api.tokens['alpha'].split('_')[2]}/revoke", "alpha")
+        more = list(itertools.islice(parts, 20))
+    assert len(more) < 20, "it ended long before its longest time"
+    assert "event:" not in "".join(more)
+
+
 @pytest.mark.parametrize("longest_s", [0.05])
 def test_a_stream_ends_in_time_and_the_follower_connects_again(
     make_api: Callable[..., "Api"], sqlite_url: str, longest_s: float

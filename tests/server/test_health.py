@@ -10,6 +10,7 @@ from sqlalchemy import text
 from starlette.routing import Match
 from starlette.types import Scope
 from tests.later_release import become_later_release
+from tests.support.databases import read_only
 
 from exceptiondrive_records.db.roles import Role
 from exceptiondrive_records.migrations import migrate
@@ -133,6 +134,17 @@ def test_an_older_schema_is_not_ready_and_a_newer_one_is(
         migrate(api_on_both.database.engine.url.render_as_string(hide_password=False))
     response = api_on_both.get("/readyz")
     assert (response.status_code, response.json()["database"]) == (200, True)
+
+
+def test_records_that_are_read_only_are_not_ready(api_on_both: "Api") -> None:
+    """Reads go on, and every upload would be refused."""
+    with read_only(api_on_both.database):
+        api_on_both.services.database.engine.dispose()
+        response = api_on_both.get("/readyz")
+        assert (response.status_code, response.json()["database"]) == (503, False)
+        assert api_on_both.get("/phases").status_code == 200
+    api_on_both.services.database.engine.dispose()
+    assert api_on_both.get("/readyz").status_code == 200
 
 
 def test_without_the_database_every_answer_is_503_and_says_when_to_come_back(

@@ -12,13 +12,14 @@ import tempfile
 import uuid
 import warnings
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import psycopg
 import pytest
-from sqlalchemy import make_url
+from sqlalchemy import make_url, text
 from tests.canary.watch import look_in_postgres
 
 from exceptiondrive_records.db.database import Database
@@ -238,3 +239,29 @@ def database(database_url: str) -> Iterator[Database]:
     opened = Database(database_url)
     yield opened
     opened.dispose()
+
+
+@contextmanager
+def read_only(database: Database) -> Iterator[None]:
+    """Let a database be read alone meanwhile: as a standby is, or a file without the right to write."""
+    _set_read_only(database, True)
+    try:
+        yield
+    finally:
+        _set_read_only(database, False)
+
+
+def _set_read_only(database: Database, is_so: bool) -> None:
+    url = database.engine.url
+    if url.get_backend_name() == "sqlite":
+        Path(url.database or "").chmod(0o400 if is_so else 0o600)
+        return
+    with database.engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+        connection.execute(text("SET default_transaction_read_only = off"))
+        how = (
+            "SET default_transaction_read_only = on"
+            if is_so
+            else "RESET default_transaction_read_only"
+        )
+        connection.execute(text(f'ALTER DATABASE "{url.database}" {how}'))
+    database.engine.dispose()  # connections that are made from now on know it

@@ -33,6 +33,7 @@ from exceptiondrive_endpoints.errors import NoAnswerError, Reason
 from exceptiondrive_endpoints.images import CleanImage, ImageDataError, clean_image
 from exceptiondrive_endpoints.journal import Journal, read_journal
 from exceptiondrive_schemas.base import Document, content_digest
+from exceptiondrive_schemas.printable import counted
 
 MAX_TEXT = 20_000
 
@@ -225,17 +226,33 @@ def open_candidates(stage: Stage, candidates: Mapping[str, Candidate]) -> list[C
     return [candidate for candidate in candidates.values() if stage.is_open(candidate)]
 
 
+def awaited(kind: Kind, candidate: Candidate) -> Kind | None:
+    """The earlier stage that has to decide a candidate before this one can, if any."""
+    if kind is not Kind.SCREEN and candidate.screened is None:
+        return Kind.SCREEN
+    is_awaited = kind is Kind.REVIEW and candidate.is_suitable and candidate.edited is None
+    return Kind.EDIT if is_awaited else None
+
+
 def run_stage(stage: Stage, limit: int | None = None) -> StageReport:
     """Ask about every open candidate, or the first `limit` of them.
 
     Raises:
-        BuildError: The workshop cannot be read or written, such as when the disk is full.
+        BuildError: The workshop cannot be read or written, such as when the disk is full; or all that
+            is left waits for an earlier stage.
         EndpointError: The endpoint refuses all, or has gone; or another run is at this stage.
     """
     workshop = stage.workshop
     header = AnswersHeader(stage=stage.kind)
     with Journal(_journal_path(workshop, stage.kind), header, Answer) as journal:
-        waiting = open_candidates(stage, walk(workshop))
+        candidates = walk(workshop)
+        waiting = open_candidates(stage, candidates)
+        earlier = [first for it in candidates.values() if (first := awaited(stage.kind, it))]
+        if earlier and not waiting:
+            raise BuildError(
+                f"Nothing can be asked: {counted(len(earlier), 'candidate')} must pass an earlier stage.",
+                f"Run first: exceptiondrive-build run {min(earlier, key=list(Kind).index)}",
+            )
         run = _Run(stage, journal)
         asyncio.run(run.ask(waiting[:limit]))
         return run.report(len(waiting))

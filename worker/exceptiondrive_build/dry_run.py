@@ -7,10 +7,16 @@ first call they are guesses, and said to be.
 from collections.abc import Mapping, Sequence
 from statistics import fmean
 
-from exceptiondrive_build.asking import Answer, Question, Stage, open_candidates, read_answers
+from exceptiondrive_build.asking import (
+    Answer,
+    Question,
+    Stage,
+    awaited,
+    open_candidates,
+    read_answers,
+)
 from exceptiondrive_build.candidates import Candidate
 from exceptiondrive_build.records import Kind
-from exceptiondrive_build.values import Screened
 from exceptiondrive_schemas.base import Document
 
 CHARACTERS_PER_TOKEN = 4
@@ -71,7 +77,7 @@ def dry_run(
     return StagePlan(
         stage=stage.kind,
         candidates=len(waiting),
-        not_ready=sum(_comes_later(stage.kind, candidate) for candidate in candidates.values()),
+        not_ready=sum(awaited(stage.kind, it) is not None for it in candidates.values()),
         calls=len(to_ask),
         pictures=sum(len(question.images) for _, question in to_ask),
         hours=round(seconds / 3600, 3),
@@ -79,16 +85,6 @@ def dry_run(
         currency=workshop.settings.currency,
         timed_calls=len(timed),
     )
-
-
-def _comes_later(kind: Kind, candidate: Candidate) -> bool:
-    if kind is Kind.SCREEN or (
-        isinstance(candidate.screened, Screened) and not candidate.screened.suitable
-    ):
-        return False
-    if kind is Kind.EDIT:
-        return candidate.screened is None
-    return candidate.screened is None or (candidate.is_suitable and candidate.edited is None)
 
 
 def _cost(

@@ -136,11 +136,17 @@ def localize_by_hand(workshop: Workshop) -> LocalizeReport:
 def _eligible(workshop: Workshop, candidates: Mapping[str, Candidate]) -> list[Candidate]:
     """What is accepted, and what waits for a person who may accept it."""
     waiting = to_inspect(candidates, workshop.settings.inspect)
-    return [
+    found = [
         candidate
         for sample_id, candidate in candidates.items()
         if candidate.is_accepted or (sample_id in waiting and candidate.inspected is None)
     ]
+    if not found:
+        advice = (
+            "Run first: exceptiondrive-build run review; `report` says what was refused, and why."
+        )
+        raise BuildError("No edit is accepted, or waits for a person who may accept it.", advice)
+    return found
 
 
 def _propose(

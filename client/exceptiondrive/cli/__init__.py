@@ -45,7 +45,7 @@ COMMANDS = {
     "download": (".submission_commands", "Get the team's own upload again, bit by bit."),
     "withdraw": (
         ".submission_commands",
-        "Take a submission off the board; on a terminal it asks first.",
+        "Take a submission off the board; it asks first, and without a terminal needs --yes.",
     ),
     "choose": (".submission_commands", "Say which run stands, in a phase that lets teams choose."),
     "publish": (
@@ -84,6 +84,9 @@ COMMANDS = {
     "organizer": (".organizer.commands", "For organizers, with an organizer's token."),
 }
 """Where each command lives, under its name, and what `--help` says of it, which a test holds to it."""
+
+_UsageError: Any = typer.BadParameter.__base__
+"""What is wrong with options and arguments; typer exports its children alone, of click or its own."""
 
 BLAS_THREADS = "OPENBLAS_NUM_THREADS"
 """numpy would start a thread for each core, and no command multiplies matrices."""
@@ -129,8 +132,23 @@ class Commands(Group):
 
             report_error(error, ctx)
             ctx.exit(error.exit_code)
+        except _UsageError as error:
+            _say_how_a_phase_is_named(error)
+            raise
         except typer.Abort:  # Ctrl-C at a question ends as it does anywhere else
             raise KeyboardInterrupt from None
+
+
+def _say_how_a_phase_is_named(error: Any) -> None:
+    """Add to a refusal how its command takes a phase: as an option, or as its argument."""
+    asked = error.ctx.command.params if error.ctx else ()
+    if "extra argument" in error.message and any("--phase" in each.opts for each in asked):
+        error.message += "; a phase is named by --phase PHASE"
+    elif getattr(error, "option_name", "") == "--phase" and any(
+        each.name.startswith("phase") for each in asked
+    ):
+        error.message += "; this command takes the phase without it"
+        error.possibilities = None
 
 
 class _LazyCommands(Commands):

@@ -3,17 +3,14 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from exceptiondrive.cli import options
 from exceptiondrive.cli.options import flag
-from exceptiondrive.cli.output import can_ask, say, show_result
+from exceptiondrive.cli.output import be_sure, say, show_result
 from exceptiondrive.cli.progress import transfer_bar
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.data import download_file, read_data_manifest
-from exceptiondrive.errors import InvalidArgumentError, NotFoundError
+from exceptiondrive.errors import NotFoundError
 from exceptiondrive.settings import default_phase
-from exceptiondrive_schemas.api.data_manifest import DataManifest
 
 
 def data(
@@ -55,28 +52,16 @@ def data(
         return
     for line in said:
         say(line)
-    _require_consent(manifest, accept_licence)
+    be_sure(
+        f"The data stand under the licence {manifest.licence}.",
+        accept_licence,
+        "--accept-licence",
+        question="Accept it, and download?",
+        nothing="Nothing was downloaded.",
+    )
     paths = []
     for file in manifest.files:
         with transfer_bar("downloading", file.name) as bar:
             paths.append(str(download_file(file, output, bar)))
     done = {"licence": manifest.licence, "files": paths}
     show_result(done, json, f"{len(paths)} files in {output}, as the list says")
-
-
-def _require_consent(manifest: DataManifest, is_given: bool) -> None:
-    """Ask for the licence before the first byte.
-
-    Raises:
-        InvalidArgumentError: Nobody can be asked, or the answer is no.
-    """
-    if is_given:
-        return
-    if not can_ask():
-        raise InvalidArgumentError(
-            "not_confirmed",
-            f"The data stand under the licence {manifest.licence}. Nothing was downloaded.",
-            "To accept it, add --accept-licence.",
-        )
-    if not typer.confirm(f"Accept the licence {manifest.licence}, and download?", err=True):
-        raise InvalidArgumentError("not_confirmed", "Nothing was downloaded.")

@@ -5,9 +5,8 @@ import re
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 import typer
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -119,11 +118,6 @@ def saved(path: Path, data: bytes) -> Answer:
     return {"file": str(path), "size_bytes": size}, f"{path}  {size:,} bytes"
 
 
-def id_in(submission: str) -> str:
-    """Return the id of a submission, of the address of its page too."""
-    return PurePosixPath(urlsplit(submission.strip()).path).name
-
-
 @contextmanager
 def replacing(path: Path) -> Iterator[None]:
     """Say on stderr that a file was there, where what is made or fetched anew was written over it."""
@@ -136,7 +130,7 @@ def replacing(path: Path) -> Iterator[None]:
 def upload_name(submission_id: str, data: bytes) -> str:
     """Return the name of a downloaded upload, which is gzip or plain JSON."""
     suffix = ".json.gz" if data.startswith(b"\x1f\x8b") else ".json"
-    return id_in(submission_id) + suffix
+    return submission_id + suffix
 
 
 def say(text: str) -> None:
@@ -161,14 +155,27 @@ def can_ask() -> bool:
     return sys.stdin.isatty() and sys.stderr.isatty()
 
 
-def be_sure(question: str, yes: bool) -> None:
-    """Ask on a terminal before what cannot be taken back, unless who calls has said yes.
+def be_sure(
+    sentence: str,
+    is_said: bool,
+    option: str = "--yes",
+    *,
+    question: str = "",
+    nothing: str = "Nothing was changed.",
+) -> None:
+    """Ask before what cannot be taken back, unless an option has said yes.
 
     Raises:
-        InvalidArgumentError: The answer is no.
+        InvalidArgumentError: Nobody can be asked, or the answer is no.
     """
-    if can_ask() and not yes and not typer.confirm(question, err=True):
-        raise InvalidArgumentError("not_confirmed", "Nothing was changed.")
+    if is_said:
+        return
+    if not can_ask():
+        raise InvalidArgumentError(
+            "not_confirmed", f"{sentence} {nothing}", f"Nobody can be asked here: add {option}."
+        )
+    if not typer.confirm(f"{sentence} {question}".strip(), err=True):
+        raise InvalidArgumentError("not_confirmed", nothing)
 
 
 def report_error(error: ExceptionDriveError, context: typer.Context) -> None:

@@ -13,7 +13,6 @@ from exceptiondrive.cli.options import flag, option
 from exceptiondrive.cli.output import (
     Answer,
     be_sure,
-    can_ask,
     saved,
     say,
     say_view,
@@ -149,14 +148,9 @@ def _require_consent(outlook: Outlook, *, replace: bool, allow_unranked: bool) -
     said = {"replace": replace, "allow_unranked": allow_unranked}
     for argument, sentence in outlook.to_confirm.items():
         option = f"--{argument.replace('_', '-')}"
-        if said[argument]:
-            continue
-        if not can_ask():
-            raise InvalidArgumentError(
-                "not_confirmed", f"{sentence} Nothing was sent.", f"To send it, add {option}."
-            )
-        if not typer.confirm(f"{sentence} Submit it?", err=True):
-            raise InvalidArgumentError("not_confirmed", "Nothing was sent.")
+        be_sure(
+            sentence, said[argument], option, question="Submit it?", nothing="Nothing was sent."
+        )
 
 
 @with_client
@@ -240,14 +234,14 @@ def download(
 ) -> Answer:
     """Get the team's own upload again, bit by bit."""
     data = client.download(submission_id)
-    return saved(output or Path(upload_name(submission_id, data)), data)
+    return saved(output or Path(upload_name(client._id_of(submission_id), data)), data)
 
 
 @with_client
 def withdraw(
     client: "Client", submission_id: options.SubmissionId, yes: options.Yes = False
 ) -> Answer:
-    """Take a submission off the board; on a terminal it asks first.
+    """Take a submission off the board; it asks first, and without a terminal needs --yes.
 
     It stays in the team's own list; until the deadline the run of the method that it had replaced
     stands again.

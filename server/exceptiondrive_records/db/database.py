@@ -4,6 +4,8 @@ SQLite: WAL, synchronous=FULL, and `BEGIN IMMEDIATE` for every write, because th
 not honoured when a read transaction is upgraded (docs/decisions/0003-sql-is-the-queue.md).
 """
 
+import os
+import stat
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -21,6 +23,7 @@ from sqlalchemy import (
     event,
     make_url,
     select,
+    text,
 )
 from sqlalchemy.dialects.postgresql import insert as postgres_insert
 from sqlalchemy.dialects.sqlite import insert as sqlite_insert
@@ -111,6 +114,22 @@ class Database:
         """
         with self._claims() as session, session.begin():
             yield session
+
+    def takes_writes(self) -> bool:
+        """Whether rows can be added: it is no standby, and no file that its owner or this user only reads.
+
+        Raises:
+            SQLAlchemyError: It does not answer.
+        """
+        if self.engine.dialect.name == "postgresql":
+            with self.read() as session:
+                return bool(session.scalar(text("SHOW transaction_read_only")) == "off")
+        path = Path(self.engine.url.database or "")
+        if (
+            not path.is_file() or not path.stat().st_mode & stat.S_IWUSR
+        ):  # root may write it all the same
+            return False
+        return os.access(path, os.W_OK) and os.access(path.parent, os.W_OK)
 
     def dispose(self) -> None:
         """Close all connections."""

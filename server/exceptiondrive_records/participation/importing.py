@@ -10,6 +10,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
 from exceptiondrive_records.db.csv_table import Fault, csv_rows, faults_text
 from exceptiondrive_records.db.errors import InvalidRecord, RecordsError
+from exceptiondrive_records.db.identifiers import skeleton
 from exceptiondrive_records.notifications.contacts import add_contact
 from exceptiondrive_records.notifications.tables import Channel
 from exceptiondrive_records.participation.changes import checked_affiliation
@@ -39,16 +40,20 @@ def import_teams(session: Session, text: str, *, actor: str) -> list[ImportedTea
     Raises:
         InvalidRecord: The table cannot be read, or lines of it are refused: each is named.
     """
-    made, faults = [], []
+    made, faults = dict[int, ImportedTeam](), []
     for number, values in _lines(text):
         try:
             with session.begin_nested():
-                made.append(_make(session, values, actor))
+                made[number] = _make(session, values, actor)
         except RecordsError as refusal:
-            faults.append(Fault(f"Line {number}", str(refusal)))
+            why = str(refusal)
+            for earlier, team in made.items():
+                if team.slug == values["id"] or skeleton(team.name) == skeleton(values["name"]):
+                    why = f"It has the id or the name of line {earlier}."
+            faults.append(Fault(f"Line {number}", why))
     if faults:
         raise InvalidRecord(f"No team was made. {faults_text(faults)}")
-    return made
+    return list(made.values())
 
 
 def tokens_table(made: list[ImportedTeam]) -> str:

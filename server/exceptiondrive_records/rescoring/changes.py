@@ -300,8 +300,11 @@ def _require_no_open_run(session: Session, phase_id: str) -> None:
     if not open_runs:
         return
     run = open_runs[0]
-    advice = "close it or roll it back" if run.state is RunState.APPLIED else "apply or cancel it"
-    raise Conflict(f"The phase has an open run, {run.id} ({_words(run.state)}); {advice} first.")
+    advice = {RunState.APPLIED: "close it or roll it back", RunState.DRAFT: "begin or cancel it"}
+    raise Conflict(
+        f"The phase has an open run, {run.id} ({_words(run.state)}); "
+        f"{advice.get(run.state, 'apply or cancel it')} first."
+    )
 
 
 def _target(

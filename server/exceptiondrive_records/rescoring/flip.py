@@ -126,7 +126,7 @@ def blockers_of(session: Session, run: RescoringRun) -> tuple[str, ...]:
     if run.state is RunState.DRAFT and trial is not None and trial.state == "held":
         return (f"{trial.sentence} {CURE_OF_FLOORS}",)
     if run.state is RunState.DRAFT:
-        return ("Scoring has not begun: start the run.",)
+        return ("Scoring has not begun: start it on its page, or by `organizer rescore begin`.",)
     key = shadow_key(run)
     counts = count_sheets(session, run.phase_id, key)
     found = []

@@ -70,12 +70,23 @@ class FileStore:
     """A folder of files named by their content. Safe to share between threads."""
 
     def __init__(self, url: str) -> None:
+        """Open the store; a folder that is not there is made.
+
+        Raises:
+            StoreError: It cannot be made.
+        """
         self._folder = Path(unquote(urlsplit(url).path)) if url.startswith("file:") else None
-        self._store: ObjectStore = (
-            LocalStore(self._folder, mkdir=True)
-            if self._folder is not None
-            else from_url(url, retry_config=_RETRIES)
-        )
+        try:
+            self._store: ObjectStore = (
+                LocalStore(self._folder, mkdir=True)
+                if self._folder is not None
+                else from_url(url, retry_config=_RETRIES)
+            )
+        except OSError as error:
+            raise StoreError(
+                f"{self._folder} cannot be the folder of uploads: {str(error).partition(' (os ')[0]}. "
+                "Name in EXCEPTIONDRIVE_FILE_STORE_URL a folder, or one that this user may make."
+            ) from None
 
     def writer(self, *, limit_bytes: int) -> "FileWriter":
         """Return a writer that takes chunks as they come; use it as a context manager."""

@@ -10,6 +10,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from http import HTTPStatus
 from pathlib import Path
 from types import FrameType
 
@@ -160,13 +161,20 @@ class Launcher:
         return child
 
     def _watch(self, shared: Mapping[str, str]) -> None:
-        is_ready = False
+        is_ready = is_refusing = False
         while not self._signals:
             for child in self.children:
                 news = child.check()
                 if news is not None:
                     self._tell_death(child, news, is_ready)
-            if not is_ready and _answers(self.address):
+            status = None if is_ready else _readiness(self.address)
+            if status == HTTPStatus.SERVICE_UNAVAILABLE and not is_refusing:
+                is_refusing = True
+                self.say(
+                    f"{self.address.url} answers, and can take no uploads yet; in another terminal "
+                    f"`exceptiondrive-server doctor --data {self.layout.data}` says what to do"
+                )
+            if status == HTTPStatus.OK:
                 is_ready = True
                 self.say(banner(self.layout.data, self.address, self._phase_to_try(shared)))
                 self._start_sample(shared)
@@ -261,12 +269,16 @@ def _records(shared: Mapping[str, str]) -> Iterator[Database]:
         database.dispose()
 
 
-def _answers(address: Address) -> bool:
+def _readiness(address: Address) -> int | None:
+    """Return the status of `/readyz`, or None while nobody answers."""
     try:
         with urllib.request.urlopen(f"{address.url}/readyz", timeout=1) as answer:
-            return bool(answer.status == 200)
+            return int(answer.status)
+    except urllib.error.HTTPError as refusal:
+        with refusal:
+            return refusal.code
     except (urllib.error.URLError, OSError):
-        return False
+        return None
 
 
 def launch(

@@ -133,6 +133,13 @@ def _database(settings: RecordsSettings) -> Iterator[Finding]:
         yield Finding(
             Severity.OK, f"the records answer ({url.get_backend_name()}), schema {schema}"
         )
+        if not database.takes_writes():
+            yield Finding(
+                Severity.ERROR,
+                "the records can be read and not written: uploads are refused",
+                "name the primary database, not a standby; or give the file and its folder to the "
+                "server's user, with the right to write",
+            )
         yield from _clock(database)
         yield from _queue(database, settings)
         yield from _append_only(database)

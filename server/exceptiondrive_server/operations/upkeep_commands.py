@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from exceptiondrive_records.audit.log import verify_audit
+from exceptiondrive_records.audit.log import audit, verify_audit
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.db.settings import RecordsSettings, load_settings
 from exceptiondrive_records.operations.garbage import GRACE, sweep_orphans
@@ -31,7 +31,9 @@ def backup(file: File, data: DataOption = None) -> None:
     settings = load_settings(RecordsSettings, data)
     with opened(settings) as database:
         head = write_backup(database, FileStore(settings.file_store_url), file)
-    say(f"{head.n_files} files and {head.audit_lines} audit lines in {file}; keep it private")
+        say(f"{head.n_files} files and {head.audit_lines} audit lines in {file}; keep it private")
+        with database.write() as session:
+            audit(session, ACTOR, "backup written", "backup", {"as_of": head.created_at})
 
 
 @upkeep_app.command("restore")

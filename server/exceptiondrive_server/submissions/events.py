@@ -69,16 +69,13 @@ async def _events(
                 now = await services.looks.now(
                     followed, partial(_look, services, principal, now.id)
                 )
-                if now != seen:
-                    await run_in_threadpool(_require_unrevoked, services, principal)
+                if now == seen and time.monotonic() - sent_at < KEEP_ALIVE_S:
+                    continue
+                await run_in_threadpool(_require_unrevoked, services, principal)
             except (SQLAlchemyError, NotAllowed):
                 return  # the client connects again, and is told why: 503 as long as it lasts, or 401
-            if now != seen:
-                sent_at = time.monotonic()
-                yield _event(now)
-            elif time.monotonic() - sent_at > KEEP_ALIVE_S:
-                sent_at = time.monotonic()
-                yield format_sse_event(comment="still here")
+            sent_at = time.monotonic()
+            yield format_sse_event(comment="still here") if now == seen else _event(now)
 
 
 def _look(services: Services, principal: Principal, submission_id: str) -> SubmissionView:

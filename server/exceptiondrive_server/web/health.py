@@ -77,9 +77,9 @@ def metrics(services: ServicesOf) -> Response:
 
 
 def _workers(services: Services) -> int | None:
-    """Live workers, or None when the records do not answer or have an older schema."""
+    """Live workers, or None when the records do not answer, are read only or have an older schema."""
     try:
-        if not is_usable(services.database):
+        if not is_usable(services.database) or not services.database.takes_writes():
             return None
         with services.database.read() as session:
             session.execute(text("SELECT 1"))

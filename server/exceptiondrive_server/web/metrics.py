@@ -9,6 +9,7 @@ from prometheus_client.registry import Collector
 from sqlalchemy import case, func, select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.operations.troubles import troubles
@@ -70,6 +71,7 @@ class RecordsCollector(Collector):
             yield _troubles(session)
             yield from _heartbeats(session)
             yield from _durations(session)
+            yield _last_backup(session)
 
 
 def exposition(requests: RequestMetrics, database: Database) -> bytes:
@@ -160,3 +162,15 @@ def _durations(session: Session) -> Iterable[Metric]:
         if build_s is not None:
             building.add_metric([phase], build_s)
     return scoring, building, late
+
+
+def _last_backup(session: Session) -> Metric:
+    gauge = GaugeMetricFamily(
+        "exceptiondrive_last_backup_timestamp_seconds",
+        "When `exceptiondrive-server backup` last wrote a file.",
+    )
+    written = (AuditLine.subject == "backup", AuditLine.action == "backup written")
+    at = session.scalar(select(func.max(AuditLine.at)).where(*written))
+    if at is not None:
+        gauge.add_metric([], at.timestamp())
+    return gauge

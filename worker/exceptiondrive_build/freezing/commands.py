@@ -119,6 +119,11 @@ def freeze_split(
     )
     for found in sheet.warnings:
         typer.echo(printable(f"warning {found.code} ({found.count:,}): {found.what}"))
+    if before is not None and before.revision == sheet.revision:
+        typer.echo(
+            "warning nothing_changed: the split is the previous revision itself; what was accepted since "
+            "waits for the next split"
+        )
     if alone:
         typer.echo(
             f"warning changed_alone ({len(alone):,}): one sample alone changes in {', '.join(alone)}; on a "

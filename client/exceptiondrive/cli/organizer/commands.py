@@ -12,7 +12,7 @@ from exceptiondrive.cli.account_commands import TOKEN_COLUMNS, show_revoked
 from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.options import argument, flag, option
 from exceptiondrive.cli.organizer import participation, phases, rescoring
-from exceptiondrive.cli.output import Answer, id_in, replacing, saved, say, show_result, upload_name
+from exceptiondrive.cli.output import Answer, replacing, saved, say, show_result, upload_name
 from exceptiondrive.cli.session import open_organizer, with_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.confirmations import confirm, default_key_path, make_key
@@ -210,7 +210,7 @@ def download_upload(
 ) -> Answer:
     """Get the bytes that a team sent; the audit log says who had them."""
     data = organizer.download_upload(submission_id)
-    return saved(output or Path(upload_name(submission_id, data)), data)
+    return saved(output or Path(upload_name(organizer._id_of(submission_id), data)), data)
 
 
 @with_organizer
@@ -219,7 +219,7 @@ def download_story(
 ) -> Answer:
     """Get the whole story for a committee, as a tar: upload, receipt, records and a README."""
     data = organizer.download_story(submission_id)
-    return saved(output or Path(f"submission-{id_in(submission_id)}.tar"), data)
+    return saved(output or Path(f"submission-{organizer._id_of(submission_id)}.tar"), data)
 
 
 @with_organizer

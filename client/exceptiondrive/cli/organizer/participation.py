@@ -65,7 +65,7 @@ def merge_teams(
     reason: options.Reason,
     yes: options.Yes = False,
 ) -> Answer:
-    """Make a team part of another one, with submissions, people and addresses; on a terminal it asks first."""
+    """Make a team part of another one, with submissions, people and addresses; needs --yes where it cannot ask."""
     be_sure(f"Make {team_id} part of {into} for good?", yes)
     merged = organizer.merge_teams(team_id, into, reason)
     n_moved = merged["n_submissions"]
@@ -77,7 +77,7 @@ def merge_teams(
 def forget_team(
     organizer: Organizer, team_id: options.TeamId, reason: options.Reason, yes: options.Yes = False
 ) -> Answer:
-    """Take everything personal of a team out of the records; on a terminal it asks first."""
+    """Take everything personal of a team out of the records; needs --yes where it cannot ask."""
     be_sure(f"Forget {team_id} for good? An alias will stand on boards.", yes)
     team = organizer.forget_team(team_id, reason)
     return team, f"the team is forgotten; it stands as {team['name']} ({team['id']})"

@@ -14,7 +14,7 @@ import typer
 from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.options import argument, option
-from exceptiondrive.cli.output import Answer, saved
+from exceptiondrive.cli.output import Answer, be_sure, saved
 from exceptiondrive.cli.session import with_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.errors import InvalidArgumentError, utc_text
@@ -185,10 +185,15 @@ def reveal(
         str, option("--what", "|".join(WHAT), "What readers are to see.", offer=choices(*WHAT))
     ],
     reason: options.Reason,
+    yes: options.Yes = False,
 ) -> Answer:
-    """Show the board behind a freeze, the names, or begin to score the other part of the split."""
+    """Show the board behind a freeze, the names, or begin to score the other part of the split.
+
+    What was shown cannot be taken back: needs --yes where it cannot ask.
+    """
     if what not in WHAT:
         raise InvalidArgumentError("wrong_what", f"--what is {', '.join(WHAT)}, not {what!r}.")
+    be_sure(f"Reveal the {what} of {phase_id} for good?", yes)
     phase = organizer.reveal_phase(phase_id, what, reason)
     return phase, REVEALED[what].format(phase_id)
 
