@@ -101,11 +101,10 @@ def restore_submission(
         if job.state is WorkState.CANCELLED:
             queue_again(job, now)
     shown = key_of_phase(phase)
-    digest, revision = shown.protocol_digest, shown.split_revision
-    if not any((job.protocol_digest, job.split_revision) == (digest, revision) for job in jobs):
-        session.add(new_job(submission, digest, revision, Lane.RESCORE, False, now))
-    for protocol_digest, split_revision in scored_under(session, submission_id):
-        want_board(session, submission.phase_id, protocol_digest, split_revision)
+    if not any((job.protocol_digest, job.split_revision) == shown for job in jobs):
+        session.add(new_job(submission, *shown, Lane.RESCORE, False, now))
+    for key in scored_under(session, submission_id):
+        want_board(session, submission.phase_id, *key)
     audit(session, actor, "submission restored", submission_id, detail)
     return submission
 
