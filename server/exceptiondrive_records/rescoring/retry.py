@@ -42,9 +42,7 @@ def retry_submission(
             its quota without this one, which cost nothing and will.
     """
     lock_team(session, find_submission(session, submission_id).team_id)
-    submission = session.get_one(
-        Submission, submission_id, with_for_update=True, populate_existing=True
-    )
+    submission = find_submission(session, submission_id, lock=True)
     if submission.status is not SubmissionStatus.FAILED:
         raise Conflict(f"The submission is {submission.status}; only failed ones can be retried.")
     _require_only_one(session, submission)
@@ -79,9 +77,7 @@ def restore_submission(
     """
     lock_team(session, find_submission(session, submission_id).team_id)
     lock_jobs(session, submission_id)
-    submission = session.get_one(
-        Submission, submission_id, with_for_update=True, populate_existing=True
-    )
+    submission = find_submission(session, submission_id, lock=True)
     if submission.status is not SubmissionStatus.WITHDRAWN:
         raise Conflict(f"The submission is {submission.status}; only withdrawn ones are restored.")
     if submission.confirmed_as is not None:

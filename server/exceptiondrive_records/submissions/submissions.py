@@ -402,11 +402,7 @@ def withdraw(session: Session, submission_id: str, *, actor: str) -> Submission:
         Conflict: It was rejected or has failed: there is nothing to withdraw.
     """
     lock_jobs(session, submission_id)
-    submission = session.get(
-        Submission, submission_id, with_for_update=True, populate_existing=True
-    )
-    if submission is None:
-        raise NotFound("submission", submission_id)
+    submission = find_submission(session, submission_id, lock=True)
     if submission.status is SubmissionStatus.WITHDRAWN:
         return submission
     if submission.status in (SubmissionStatus.REJECTED, SubmissionStatus.FAILED):
@@ -423,14 +419,16 @@ def withdraw(session: Session, submission_id: str, *, actor: str) -> Submission:
 
 
 def find_submission(
-    session: Session, submission_id: str, *, team_id: int | None = None
+    session: Session, submission_id: str, *, team_id: int | None = None, lock: bool = False
 ) -> Submission:
     """Return a submission; with `team_id`, only if it is that team's.
 
     Raises:
         NotFound: There is none, or it is not the team's: the answer is the same.
     """
-    submission = session.get(Submission, submission_id)
+    submission = session.get(
+        Submission, submission_id, with_for_update=lock, populate_existing=lock
+    )
     if submission is None or (team_id is not None and submission.team_id != team_id):
         raise NotFound("submission", submission_id)
     return submission
