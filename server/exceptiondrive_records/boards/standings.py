@@ -10,8 +10,8 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.best_run import best_run
 from exceptiondrive_records.boards.documents import Sharing
-from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.disqualified import disqualified_ids
+from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.policy import (
     is_anonymous,
     is_late,
@@ -110,9 +110,7 @@ def entries_for_board(
     Raises:
         NotFound: No such phase.
     """
-    phase = session.get(Phase, phase_id)
-    if phase is None:
-        raise NotFound("phase", phase_id)
+    phase = find_phase(session, phase_id)
     key = ScoringKey(protocol_digest, split_revision or phase.split_revision)
     scored = _scored_under(session, phase, key)
     due = _due(session, phase, scored, view, key)
