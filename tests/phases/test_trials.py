@@ -18,8 +18,9 @@ from exceptiondrive_records.operations.reconciler import reconcile_once
 from exceptiondrive_records.protocols.protocols import add_protocol, find_protocol
 from exceptiondrive_records.rescoring.runs import find_run
 from exceptiondrive_records.rescoring.tables import RescoringRun
-from exceptiondrive_records.rescoring.trials import claim_trial, count_trial, tried_protocols
+from exceptiondrive_records.rescoring.trials import count_trial, tried_protocols
 from exceptiondrive_records.work.dispatch import Dispatcher
+from exceptiondrive_records.work.lease import claim_oldest
 from exceptiondrive_records.work.tables import Trial, WorkState
 from exceptiondrive_schemas.protocol import packaged_protocol_toml, parse_protocol
 from exceptiondrive_schemas.split import SplitRef
@@ -196,7 +197,7 @@ def test_two_trials_at_once_take_no_more_than_is_left(scored: "Life") -> None:
     items = []
     for _ in range(2):
         with scored.database.write() as session:
-            items.append(claim_trial(session, 60.0, 4))
+            items.append(claim_oldest(session, Trial, 60.0, 4))
     with ThreadPoolExecutor(2) as pool:
         passed = list(pool.map(is_let_pass, [item for item in items if item is not None]))
     assert sorted(passed) == [False, True]

@@ -38,7 +38,9 @@ def _unkeyed(_: Any) -> property:
 
 
 def _any_team(find: Any) -> Callable[..., Any]:
-    return lambda session, submission_id, *, team_id=None: find(session, submission_id)
+    return lambda session, submission_id, *, team_id=None, lock=False: find(
+        session, submission_id, lock=lock
+    )
 
 
 def _unlocked(_: Any) -> Callable[..., Any]:

@@ -18,9 +18,9 @@ from exceptiondrive_records.operations.reconciler import Pass, reconcile_once, r
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_records.work.heartbeats import beat
-from exceptiondrive_records.work.lease import give_up_lead, take_lead
-from exceptiondrive_records.work.profiles import ask_for_profile, claim_profile, profiles_coming
-from exceptiondrive_records.work.tables import Job, Leader, WorkState
+from exceptiondrive_records.work.lease import claim_oldest, give_up_lead, take_lead
+from exceptiondrive_records.work.profiles import ask_for_profile, profiles_coming
+from exceptiondrive_records.work.tables import Job, Leader, Profile, WorkState
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.jobs import Lane
 
@@ -124,12 +124,12 @@ def test_a_file_that_ends_whoever_looks_at_it_is_looked_at_no_more(
     for _ in range(SETTINGS.max_attempts):
         reconcile_once(world.database, dispatcher, SETTINGS)
         with world.database.write() as session:
-            assert claim_profile(session, 60, SETTINGS.max_attempts) is not None
+            assert claim_oldest(session, Profile, 60, SETTINGS.max_attempts) is not None
             assert profiles_coming(session, [key]) == {key}
         hours_pass(world)
     reconcile_once(world.database, dispatcher, SETTINGS)
     with world.database.write() as session:
-        assert claim_profile(session, 60, SETTINGS.max_attempts) is None
+        assert claim_oldest(session, Profile, 60, SETTINGS.max_attempts) is None
         assert profiles_coming(session, [key]) == set(), "its team waits for nothing"
 
 

@@ -14,12 +14,12 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.rescoring.changes import start_verification
 from exceptiondrive_records.rescoring.verification import (
-    claim_recheck,
     finish_recheck,
     verification_view,
 )
 from exceptiondrive_records.submissions.tables import SimilarityRow
 from exceptiondrive_records.work.dispatch import kinds_due
+from exceptiondrive_records.work.lease import claim_oldest
 from exceptiondrive_records.work.tables import Recheck
 from exceptiondrive_schemas.api.rescoring import RunAction, RunKind, VerificationView, VerifyState
 from exceptiondrive_schemas.jobs import Lane
@@ -170,7 +170,7 @@ def test_a_sheet_that_no_attempt_answers_is_named(stage: Stage, max_attempts: in
         with stage.database.read() as session:
             assert kinds_due(session, Lane.RESCORE, max_attempts) == {Recheck}
         with stage.context.database.write() as session:
-            assert claim_recheck(session, 30, max_attempts) is not None
+            assert claim_oldest(session, Recheck, 30, max_attempts) is not None
         with stage.owner.write() as session:
             session.scalars(select(Recheck)).one().lease_until = database_now(session)
     stage.verify_all()
@@ -184,10 +184,10 @@ def test_who_lost_the_lease_records_nothing(stage: Stage) -> None:
     with stage.database.write() as session:
         start_verification(session, "dev", sample=1, reason="to be sure", actor="organizer")
     with stage.context.database.write() as session:
-        late = claim_recheck(session, 30, 4)
+        late = claim_oldest(session, Recheck, 30, 4)
     assert late is not None
     with stage.owner.write() as session:
         session.scalars(select(Recheck)).one().lease_until = database_now(session)
     with stage.context.database.write() as session:
-        assert claim_recheck(session, 30, 4) is not None
+        assert claim_oldest(session, Recheck, 30, 4) is not None
         assert not finish_recheck(session, late, VerifyState.EQUAL, late.expected_digest)

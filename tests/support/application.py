@@ -27,8 +27,9 @@ from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.roles import Role
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.board_requests import want_board
-from exceptiondrive_records.work.profiles import claim_profile, finish_profile
-from exceptiondrive_records.work.tables import Job
+from exceptiondrive_records.work.lease import claim_oldest
+from exceptiondrive_records.work.profiles import finish_profile
+from exceptiondrive_records.work.tables import Job, Profile
 from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource, FamilyHead
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.faults import CheckReport
@@ -167,7 +168,7 @@ class Api:
     def describe(self, report: "CheckReport") -> None:
         """Do what a worker does when it has described the file that waits longest."""
         with self.database.write() as session:
-            item = claim_profile(session, 120, 4)
+            item = claim_oldest(session, Profile, 120, 4)
         assert item is not None
         with self.database.write() as session:
             assert finish_profile(session, item, report)

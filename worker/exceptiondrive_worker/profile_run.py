@@ -16,8 +16,8 @@ from exceptiondrive_records.phases.scoring_keys import accepted_under
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.work.lease import try_later
-from exceptiondrive_records.work.profiles import claim_profile, finish_profile
+from exceptiondrive_records.work.lease import claim_oldest, try_later
+from exceptiondrive_records.work.profiles import finish_profile
 from exceptiondrive_records.work.tables import Profile
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.check.answers import TrajectoryPair
@@ -38,7 +38,7 @@ def describe_next(context: WorkerContext) -> bool:
     """Describe the scored file that waits longest; whether there was one, and may be more."""
     with context.database.claim() as session:
         settings = context.settings
-        item = claim_profile(session, settings.lease_s, settings.max_attempts)
+        item = claim_oldest(session, Profile, settings.lease_s, settings.max_attempts)
     if item is None:
         return False
     with job_boundary(

@@ -78,8 +78,7 @@ def score_next(context: WorkerContext, lane: Lane, *which: ColumnElement[bool]) 
         return False
     settings = context.settings
     if away:
-        keys = [(key.protocol_digest, key.split_revision) for key in away]
-        which = (*which, _KEY.not_in(keys))
+        which = (*which, _KEY.not_in(away))
     with context.database.write() as session:
         job = claim_job(session, lane, settings.lease_s, settings.max_attempts, *which)
     if job is None:

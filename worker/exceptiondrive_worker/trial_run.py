@@ -8,8 +8,9 @@ protocols that they allow.
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.runs import find_run
-from exceptiondrive_records.rescoring.trials import claim_trial, count_trial, finish_trial
+from exceptiondrive_records.rescoring.trials import count_trial, finish_trial
 from exceptiondrive_records.splits.drawings import find_public_split
+from exceptiondrive_records.work.lease import claim_oldest
 from exceptiondrive_records.work.tables import Trial
 from exceptiondrive_schemas.api.rescoring import SplitTrial, TrialFinding
 from exceptiondrive_schemas.split import SplitRef
@@ -24,7 +25,7 @@ def try_next_split(context: WorkerContext) -> bool:
     """Try the split that comes next; whether there was one."""
     settings = context.settings
     with context.database.write() as session:
-        item = claim_trial(session, settings.lease_s, settings.max_attempts)
+        item = claim_oldest(session, Trial, settings.lease_s, settings.max_attempts)
     if item is None:
         return False
 

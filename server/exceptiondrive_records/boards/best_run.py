@@ -3,6 +3,7 @@
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.phases.scoring_keys import ScoringKey, is_of_key
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.splits import live_revision
@@ -13,11 +14,7 @@ from exceptiondrive_schemas.score_sheet import ScoreSheet
 
 
 def best_run(
-    session: Session,
-    phase: Phase,
-    submission_ids: list[str],
-    protocol_digest: str,
-    split_revision: str,
+    session: Session, phase: Phase, submission_ids: list[str], key: ScoringKey
 ) -> str | None:
     """Return the submission that ranks best by its published sheet; of equal ones the newest.
 
@@ -29,12 +26,11 @@ def best_run(
     Returns:
         None where no run has such a sheet.
     """
-    protocol = find_protocol(session, protocol_digest)
-    live = live_revision(session, phase.split_name, split_revision, phase.policy.live_part)
+    protocol = find_protocol(session, key.protocol_digest)
+    live = live_revision(session, phase.split_name, key.split_revision, phase.policy.live_part)
     query = select(ScoreSheetRow).where(
         ScoreSheetRow.submission_id.in_(submission_ids),
-        ScoreSheetRow.protocol_digest == protocol_digest,
-        ScoreSheetRow.split_revision == live,
+        is_of_key(ScoreSheetRow, key._replace(split_revision=live)),
     )
     sheets = {row.submission_id: row.sheet for row in session.scalars(query)}
     known = [run for run in reversed(submission_ids) if run in sheets]

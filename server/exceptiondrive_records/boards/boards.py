@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from datetime import datetime
 from typing import NamedTuple, TypeVar
 
-from sqlalchemy import ColumnElement, Select, exists, func, insert, select
+from sqlalchemy import ColumnElement, exists, func, insert, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
@@ -206,10 +206,19 @@ def current_board(session: Session, phase_id: str) -> BoardRow | None:
 
 def board_at(session: Session, phase_id: str, as_of: datetime) -> BoardRow | None:
     """Return the board that the phase showed at a time."""
+    return _last_shown(session, phase_id, BoardFlip.at <= as_of)
+
+
+def latest_public_board(session: Session, phase_id: str, protocol_digest: str) -> BoardRow | None:
+    """Return the board of a phase under a protocol that readers saw last, also after a rollback."""
+    return _last_shown(session, phase_id, BoardRow.protocol_digest == protocol_digest)
+
+
+def _last_shown(session: Session, phase_id: str, which: ColumnElement[bool]) -> BoardRow | None:
     query = (
         select(BoardRow)
         .join(BoardFlip, BoardFlip.board_id == BoardRow.id)
-        .where(BoardFlip.phase_id == phase_id, BoardFlip.at <= as_of)
+        .where(BoardFlip.phase_id == phase_id, which)
         .order_by(BoardFlip.at.desc(), BoardFlip.id.desc())
         .limit(1)
     )
@@ -232,20 +241,14 @@ def latest_board(
     view: BoardView = "main",
 ) -> BoardRow | None:
     """Return the newest board of a phase under a protocol (and split revision), drafts too."""
-    query = _newest_first(phase_id, protocol_digest, split_revision)
-    return session.scalars(query.where(BoardRow.view == view)).first()
-
-
-def latest_public_board(session: Session, phase_id: str, protocol_digest: str) -> BoardRow | None:
-    """Return the board of a phase under a protocol that readers saw last, also after a rollback."""
-    query = (
-        select(BoardRow)
-        .join(BoardFlip, BoardFlip.board_id == BoardRow.id)
-        .where(BoardFlip.phase_id == phase_id, BoardRow.protocol_digest == protocol_digest)
-        .order_by(BoardFlip.at.desc(), BoardFlip.id.desc())
-        .limit(1)
+    query = select(BoardRow).where(
+        BoardRow.phase_id == phase_id,
+        BoardRow.protocol_digest == protocol_digest,
+        BoardRow.view == view,
     )
-    return session.scalars(query).first()
+    if split_revision is not None:
+        query = query.where(BoardRow.split_revision == split_revision)
+    return session.scalars(query.order_by(BoardRow.number.desc()).limit(1)).first()
 
 
 def public_protocols(session: Session, phase_id: str) -> list[str]:
@@ -391,17 +394,6 @@ def boards_by_protocol(
 
 def _board_of(session: Session, flip_id: int) -> BoardRow:
     return session.get_one(BoardRow, session.get_one(BoardFlip, flip_id).board_id)
-
-
-def _newest_first(
-    phase_id: str, protocol_digest: str, split_revision: str | None
-) -> Select[BoardRow]:
-    query = select(BoardRow).where(
-        BoardRow.phase_id == phase_id, BoardRow.protocol_digest == protocol_digest
-    )
-    if split_revision is not None:
-        query = query.where(BoardRow.split_revision == split_revision)
-    return query.order_by(BoardRow.number.desc()).limit(1)
 
 
 def _leader_of(board: Board) -> BoardLeader | None:

@@ -6,7 +6,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.phases.scoring_keys import key_of_phase, shadow_key_of_phase
+from exceptiondrive_records.phases.scoring_keys import is_of_key, key_of_phase, shadow_key_of_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.work.board_requests import is_board_wanted, want_board
 
@@ -17,8 +17,8 @@ def renew_boards(session: Session, phase: Phase) -> None:
     shadow = shadow_key_of_phase(session, phase.id)
     if shadow is not None:
         keys.add(shadow[0])
-    for key in sorted(keys, key=lambda key: (key.protocol_digest, key.split_revision)):
-        want_board(session, phase.id, key.protocol_digest, key.split_revision)
+    for key in sorted(keys):
+        want_board(session, phase.id, *key)
 
 
 def renew_where_families_show(database: Database) -> int:
@@ -42,12 +42,11 @@ def _families_are_due(session: Session, phase: Phase) -> bool:
     if families_from is None or database_now(session) < families_from:
         return False
     key = key_of_phase(phase)
-    if is_board_wanted(session, phase.id, key.protocol_digest, key.split_revision):
+    if is_board_wanted(session, phase.id, *key):
         return False
     query = select(func.max(BoardRow.published_at)).where(  # every second: not the board itself
         BoardRow.phase_id == phase.id,
-        BoardRow.protocol_digest == key.protocol_digest,
-        BoardRow.split_revision == key.split_revision,
+        is_of_key(BoardRow, key),
         BoardRow.view == "main",
     )
     published_at = session.scalar(query)

@@ -10,8 +10,8 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.best_run import best_run
 from exceptiondrive_records.boards.documents import Sharing
-from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.disqualified import disqualified_ids
+from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.policy import (
     is_anonymous,
     is_late,
@@ -21,7 +21,12 @@ from exceptiondrive_records.phases.policy import (
     score_kept_back_since,
     tells_entries_alone,
 )
-from exceptiondrive_records.phases.scoring_keys import all_accepted_under
+from exceptiondrive_records.phases.scoring_keys import (
+    ScoringKey,
+    all_accepted_under,
+    is_of_key,
+    key_of_phase,
+)
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
@@ -105,21 +110,19 @@ def entries_for_board(
     Raises:
         NotFound: No such phase.
     """
-    phase = session.get(Phase, phase_id)
-    if phase is None:
-        raise NotFound("phase", phase_id)
-    key = (protocol_digest, split_revision or phase.split_revision)
-    scored = _scored_under(session, phase, *key)
-    due = _due(session, phase, scored, view, *key)
+    phase = find_phase(session, phase_id)
+    key = ScoringKey(protocol_digest, split_revision or phase.split_revision)
+    scored = _scored_under(session, phase, key)
+    due = _due(session, phase, scored, view, key)
     out = disqualified_ids(session, phase.id)
     may_be_told = {
         each.submission.id: each
-        for each in (due if tells_entries_alone(session, phase, key[1]) else scored)
+        for each in (due if tells_entries_alone(session, phase, key.split_revision) else scored)
         if _is_public(phase, each.submission) and each.submission.id not in out
     }
     linked = [may_be_told.get(each.submission.linked_to or "") for each in due]
     told = [*due, *(each for each in linked if each is not None)]
-    sheets = _sheets(session, [each.submission.id for each in told], *key)
+    sheets = _sheets(session, [each.submission.id for each in told], key)
     accepted = all_accepted_under(session, phase.id)
     return [
         _entry(phase, each, counterpart, sheets, accepted)
@@ -127,33 +130,21 @@ def entries_for_board(
     ]
 
 
-def entry_ids_for_board(
-    session: Session, phase_id: str, protocol_digest: str, split_revision: str
-) -> set[str]:
+def entry_ids_for_board(session: Session, phase_id: str, key: ScoringKey) -> set[str]:
     """Return the submissions of `entries_for_board`, without reading a sheet."""
     phase = session.get_one(Phase, phase_id)
-    scored = _scored_under(session, phase, protocol_digest, split_revision)
-    due = _due(session, phase, scored, "main", protocol_digest, split_revision)
-    return {each.submission.id for each in due}
+    scored = _scored_under(session, phase, key)
+    return {each.submission.id for each in _due(session, phase, scored, "main", key)}
 
 
-@dataclass(frozen=True)
-class Names:
-    """Who really stands behind an entry: for organizers alone."""
-
-    submission_id: str
-    team: str
-    method: str
-
-
-def names_of(session: Session, submission_ids: list[str]) -> list[Names]:
-    """Return the names behind entries."""
+def names_of(session: Session, submission_ids: list[str]) -> dict[str, tuple[str, str]]:
+    """Return team and method behind entries, by submission: for organizers alone."""
     query = (
         select(Submission.id, Team.name, Submission.method)
         .join(Team, Team.id == Submission.team_id)
         .where(Submission.id.in_(submission_ids))
     )
-    return [Names(*row) for row in session.execute(query)]
+    return {name: (team, method) for name, team, method in session.execute(query)}
 
 
 def replacements(
@@ -194,7 +185,7 @@ def replacements(
             shows_one = is_one_each and not is_late_one and not team.is_reference
             groups.setdefault((is_late_one, shows_one), []).append(_Scored(submission, team, ""))
             place_of[submission.id] = is_late_one, team.id, "" if shows_one else submission.method
-    pick = _picker(session, phase, phase.protocol_digest, phase.split_revision)
+    pick = _picker(session, phase, key_of_phase(phase))
     standing = {
         place_of[each.submission.id]: each.submission
         for (_, shows_one), stood in groups.items()
@@ -208,9 +199,7 @@ def _is_scored(submission: Submission) -> bool:
     return submission.status is SubmissionStatus.SCORED
 
 
-def _scored_under(
-    session: Session, phase: Phase, protocol_digest: str, split_revision: str
-) -> list[_Scored]:
+def _scored_under(session: Session, phase: Phase, key: ScoringKey) -> list[_Scored]:
     query = (
         select(Submission, Team, ScoreSheetRow.measurement_key)
         .join(Team, Team.id == Submission.team_id)
@@ -218,37 +207,28 @@ def _scored_under(
         .where(
             Submission.phase_id == phase.id,
             Submission.status == SubmissionStatus.SCORED,
-            *_under(protocol_digest, split_revision),
+            is_of_key(ScoreSheetRow, key),
         )
         .order_by(Submission.received_at, Submission.id)
     )
     return [_Scored(*row) for row in session.execute(query)]
 
 
-def _under(protocol_digest: str, split_revision: str) -> tuple[ColumnElement[bool], ...]:
-    return (
-        ScoreSheetRow.protocol_digest == protocol_digest,
-        ScoreSheetRow.split_revision == split_revision,
-    )
-
-
 def whole_sheets(
-    session: Session, ids: Sequence[str], protocol_digest: str, split_revision: str
+    session: Session, ids: Sequence[str], key: ScoringKey
 ) -> Iterator[tuple[str, ScoreSheet]]:
     """Yield submission and sheet of those of some submissions that have one, a few read at a time."""
     for first in range(0, len(ids), _SHEETS_AT_ONCE):
         query = select(ScoreSheetRow.submission_id, ScoreSheetRow.sheet).where(
             ScoreSheetRow.submission_id.in_(ids[first : first + _SHEETS_AT_ONCE]),
-            *_under(protocol_digest, split_revision),
+            is_of_key(ScoreSheetRow, key),
         )
         yield from session.execute(query)
 
 
-def _sheets(
-    session: Session, ids: Sequence[str], protocol_digest: str, split_revision: str
-) -> dict[str, ScoreSheet]:
+def _sheets(session: Session, ids: Sequence[str], key: ScoringKey) -> dict[str, ScoreSheet]:
     found, sharing = {}, Sharing()
-    for submission_id, whole in whole_sheets(session, ids, protocol_digest, split_revision):
+    for submission_id, whole in whole_sheets(session, ids, key):
         found[submission_id] = whole.model_copy(update=_ON_NO_ROW)
         sharing.share(found[submission_id])
     return found
@@ -275,14 +255,13 @@ def _due(
     phase: Phase,
     scored: list[_Scored],
     view: BoardView,
-    protocol_digest: str,
-    split_revision: str,
+    key: ScoringKey,
 ) -> list[_Scored]:
     public = [each for each in scored if _is_public(phase, each.submission)]
     stood = sorted([*public, *_withdrawn_since(session, phase)], key=_by_arrival)
     in_time = [each for each in stood if not is_late(phase, each.submission)]
     shows_one = phase.policy.entries_shown == "chosen"
-    pick = _picker(session, phase, protocol_digest, split_revision)
+    pick = _picker(session, phase, key)
     due = _of_teams(in_time) if shows_one else _of_methods(in_time, pick)
     if view == "late" and not is_split_revealed(session, phase):
         due += _of_methods(each for each in public if is_late(phase, each.submission))
@@ -326,7 +305,7 @@ def _of_methods(scored: Iterable[_Scored], pick: _Picker = _newest) -> list[_Sco
     return [pick(runs) for runs in methods.values()]
 
 
-def _picker(session: Session, phase: Phase, protocol_digest: str, split_revision: str) -> _Picker:
+def _picker(session: Session, phase: Phase, key: ScoringKey) -> _Picker:
     """Return what picks the run of a method that stands: the newest, or as its team said last."""
     if phase.policy.run_choice == "newest":
         return _newest
@@ -339,7 +318,7 @@ def _picker(session: Session, phase: Phase, protocol_digest: str, split_revision
         if rule == "newest" or len(runs) == 1:
             return runs[-1]
         ids = [run.submission.id for run in runs]
-        best = best_run(session, phase, ids, protocol_digest, split_revision)
+        best = best_run(session, phase, ids, key)
         return next((run for run in runs if run.submission.id == best), runs[-1])
 
     return pick

@@ -232,16 +232,10 @@ def _work_policies(role: Role) -> Iterator[str]:
         yield f"CREATE POLICY {name} ON work FOR {verb} TO {role} {clause}"
 
 
-def _numbered() -> frozenset[str]:
-    """Return the tables whose rows the database numbers."""
-    return frozenset(
-        table.name
-        for table in Base.metadata.tables.values()
-        if table.autoincrement_column is not None
-    )
-
-
-_NUMBERED = _numbered()
+_NUMBERED = frozenset(
+    table.name for table in Base.metadata.tables.values() if table.autoincrement_column is not None
+)
+"""Tables whose rows the database numbers."""
 
 
 # Roles made and given their rights, by the owner of the database.

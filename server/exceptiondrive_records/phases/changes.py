@@ -27,6 +27,7 @@ from exceptiondrive_records.phases.policy import (
     new_salt,
     was_split_revealed,
 )
+from exceptiondrive_records.phases.scoring_keys import key_of_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.splits.splits import live_revision
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
@@ -157,7 +158,7 @@ def unfreeze(session: Session, phase: Phase, now: datetime) -> None:
     """Let the pointer move again, to the newest board of what the phase shows."""
     phase.unfrozen_at = now
     end_own_deadlines(session, phase, now)
-    row = latest_board(session, phase.id, phase.protocol_digest, phase.split_revision)
+    row = latest_board(session, phase.id, *key_of_phase(phase))
     if row is not None:
         flip_board(session, phase, row)
     renew_boards(session, phase)

@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.splits.splits import part_of, part_revision
+from exceptiondrive_records.splits.splits import part_revision
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_schemas.api.phase_settings import PhaseNow
@@ -166,7 +166,7 @@ def phase_now(session: Session, phase: Phase) -> PhaseNow:
     now = database_now(session)
     split = session.get_one(SplitRow, (phase.split_name, phase.split_revision))
     return PhaseNow(
-        part=part_of(split),
+        part=split.part,
         n_counted=split.n_samples,
         frozen_since=frozen_since(phase, now),
         families_shown_from=families_shown_from(phase, now),

@@ -1,10 +1,11 @@
 """What sheets are kept under, and which runs ask for fresh submissions to be scored twice."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from sqlalchemy import ColumnElement, and_, bindparam, select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.columns import is_one_of
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
@@ -29,16 +30,15 @@ _FIRST_PROTOCOL = (
 )
 
 
-@dataclass(frozen=True)
-class ScoringKey:
+class ScoringKey(NamedTuple):
     """A protocol and a split revision: with a submission it names one sheet."""
 
     protocol_digest: str
     split_revision: str
 
 
-def is_of_key(rows: type[Job | ScoreSheetRow], key: ScoringKey) -> ColumnElement[bool]:
-    """Whether a job makes, or a sheet is, what a key names."""
+def is_of_key(rows: type[Job | ScoreSheetRow | BoardRow], key: ScoringKey) -> ColumnElement[bool]:
+    """Whether a job makes, a sheet is, or a board shows, what a key names."""
     return and_(
         rows.protocol_digest == key.protocol_digest, rows.split_revision == key.split_revision
     )

@@ -257,7 +257,7 @@ def require_action(session: Session, run: RescoringRun, action: RunAction) -> Ru
         Conflict: It is not possible; the sentence says in which states it is.
     """
     may_retry = action is RunAction.RESUME and run.state in RETRIES
-    has_failed = may_retry and has_failed_sheets(session, run)
+    has_failed = may_retry and count_sheets(session, run.phase_id, shadow_key(run)).failed > 0
     states = next_states(action, has_failed=has_failed, kind=run.kind)
     if run.state in states:
         return states[run.state]
@@ -284,11 +284,6 @@ def retry_failed(session: Session, run: RescoringRun, key: ScoringKey) -> None:
         .values(state=WorkState.QUEUED, attempts=0, available_at=now, finished_at=None)
         .execution_options(synchronize_session=False)
     )
-
-
-def has_failed_sheets(session: Session, run: RescoringRun) -> bool:
-    """Whether sheets of the side that is not shown could not be made."""
-    return count_sheets(session, run.phase_id, shadow_key(run)).failed > 0
 
 
 def _words(state: RunState) -> str:

@@ -36,7 +36,7 @@ def compare_boards(old: Board, new: Board) -> Comparison:
 
     The old one is what readers see now, the new one what they would see.
     """
-    before, after = _scored(old), _scored(new)
+    before, after = old.entries_by_submission, new.entries_by_submission
     order = [*before, *(key for key in after if key not in before)]
     entries = tuple(_change(before.get(key), after.get(key)) for key in order)
     return Comparison(
@@ -55,12 +55,6 @@ def compare_boards(old: Board, new: Board) -> Comparison:
         worst_movers=_worst_movers(entries, new.challenge),
         entries=entries,
     )
-
-
-def _scored(board: Board) -> dict[str, BoardEntry]:
-    return {
-        entry.submission_id: entry for entry in board.entries if entry.submission_id is not None
-    }
 
 
 def _change(old: BoardEntry | None, new: BoardEntry | None) -> EntryChange:

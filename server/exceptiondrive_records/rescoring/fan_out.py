@@ -99,8 +99,7 @@ def _make_jobs(session: Session, query: Select[Submission], key: ScoringKey) -> 
     now = database_now(session)
     found = list(session.scalars(query))
     for submission in found:
-        digest, revision = key.protocol_digest, key.split_revision
-        session.add(new_job(submission, digest, revision, Lane.RESCORE, False, now))
+        session.add(new_job(submission, *key, Lane.RESCORE, False, now))
     return len(found)
 
 

@@ -257,11 +257,11 @@ def _checked(session: Session, run_id: str, action: RunAction) -> tuple[Phase, B
 
 def _flip(session: Session, phase: Phase, row: BoardRow, key: ScoringKey) -> int | None:
     old = key_of_phase(phase)
-    phase.protocol_digest, phase.split_revision = key.protocol_digest, key.split_revision
+    phase.protocol_digest, phase.split_revision = key
     end_own_deadlines(session, phase, database_now(session))
     phase.late_board_id = None
     if phase.policy.late_entries == "own_view":  # its late view is built next
-        want_board(session, phase.id, key.protocol_digest, key.split_revision)
+        want_board(session, phase.id, *key)
     flip = flip_board(session, phase, row)
     _turn_waiting_jobs(session, phase.id, old, key)
     return None if flip is None else flip.id

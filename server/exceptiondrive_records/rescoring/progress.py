@@ -205,16 +205,16 @@ def _waypoints(geometry: GeometrySection) -> str:
 
 def fresh_board(session: Session, phase_id: str, key: ScoringKey) -> BoardRow | None:
     """Return the newest board under a key if it holds exactly the entries that are due now."""
-    if is_board_wanted(session, phase_id, key.protocol_digest, key.split_revision):
+    if is_board_wanted(session, phase_id, *key):
         return None
-    row = latest_board(session, phase_id, key.protocol_digest, key.split_revision)
-    due = entry_ids_for_board(session, phase_id, key.protocol_digest, key.split_revision)
+    row = latest_board(session, phase_id, *key)
+    due = entry_ids_for_board(session, phase_id, key)
     return row if row is not None and entry_ids(session, row.id) == due else None
 
 
 def want_fresh_board(session: Session, phase_id: str, key: ScoringKey) -> None:
     """Ask for the board under a key, once, unless it is fresh or asked for."""
-    if is_board_wanted(session, phase_id, key.protocol_digest, key.split_revision):
+    if is_board_wanted(session, phase_id, *key):
         return
     if fresh_board(session, phase_id, key) is None:
-        want_board(session, phase_id, key.protocol_digest, key.split_revision)
+        want_board(session, phase_id, *key)

@@ -43,9 +43,7 @@ def retry_submission(
             its quota without this one, which cost nothing and will.
     """
     lock_team(session, find_submission(session, submission_id).team_id)
-    submission = session.get_one(
-        Submission, submission_id, with_for_update=True, populate_existing=True
-    )
+    submission = find_submission(session, submission_id, lock=True)
     if submission.status is not SubmissionStatus.FAILED:
         raise Conflict(f"The submission is {submission.status}; only failed ones can be retried.")
     _require_only_one(session, submission)
@@ -82,9 +80,7 @@ def restore_submission(
     """
     lock_team(session, find_submission(session, submission_id).team_id)
     lock_jobs(session, submission_id)
-    submission = session.get_one(
-        Submission, submission_id, with_for_update=True, populate_existing=True
-    )
+    submission = find_submission(session, submission_id, lock=True)
     if submission.status is not SubmissionStatus.WITHDRAWN:
         raise Conflict(f"The submission is {submission.status}; only withdrawn ones are restored.")
     if submission.confirmed_as is not None:
@@ -104,11 +100,10 @@ def restore_submission(
         if job.state is WorkState.CANCELLED:
             queue_again(job, now)
     shown = key_of_phase(phase)
-    digest, revision = shown.protocol_digest, shown.split_revision
-    if not any((job.protocol_digest, job.split_revision) == (digest, revision) for job in jobs):
-        session.add(new_job(submission, digest, revision, Lane.RESCORE, False, now))
-    for protocol_digest, split_revision in scored_under(session, submission_id):
-        want_board(session, submission.phase_id, protocol_digest, split_revision)
+    if not any((job.protocol_digest, job.split_revision) == shown for job in jobs):
+        session.add(new_job(submission, *shown, Lane.RESCORE, False, now))
+    for key in scored_under(session, submission_id):
+        want_board(session, submission.phase_id, *key)
     audit(session, actor, "submission restored", submission_id, detail)
     told = "It is withdrawn no longer, and has its old place in time."
     tell_about(session, submission, f"An organizer restored {submission.method}", (told,))

@@ -13,7 +13,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.changes import create_run, start_run
 from exceptiondrive_records.rescoring.comparison import splits_of
 from exceptiondrive_records.rescoring.tables import RescoringRun
-from exceptiondrive_records.splits.splits import part_of, part_revision, part_words
+from exceptiondrive_records.splits.splits import part_revision, part_words
 from exceptiondrive_schemas.api.phase_settings import SplitPart
 from exceptiondrive_schemas.api.rescoring import RunState
 
@@ -60,7 +60,7 @@ def reveal_blockers(session: Session, run: RescoringRun) -> Iterator[str]:
 def _same_part(session: Session, run: RescoringRun) -> Iterator[str]:
     """Say what to ask for instead, where another revision was meant and not another part."""
     old, new = splits_of(session, run)
-    same = part_revision(session, new.name, new.revision, part_of(old))
+    same = part_revision(session, new.name, new.revision, old.part)
     if same is not None and same != old.revision:
         yield f"To count {part_words(old.part)} of that revision instead, cancel this run and name {same}."
 

@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.db.last import do_last
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.splits.tables import SplitRow
-from exceptiondrive_records.work.lease import claim_oldest, finish, new_item
+from exceptiondrive_records.work.lease import finish, new_item
 from exceptiondrive_records.work.tables import Trial, WorkState
 from exceptiondrive_schemas.api.rescoring import SplitTrial, TrialFinding
 from exceptiondrive_schemas.jobs import Lane
@@ -33,11 +33,6 @@ _UNANSWERED = SplitTrial(
 def ask_for_trial(session: Session, run: RescoringRun) -> None:
     """Ask a worker to try the split of a run."""
     session.add(new_item(Trial, run.id, run.created_at, lane=Lane.RESCORE, run_id=run.id))
-
-
-def claim_trial(session: Session, lease_s: float, max_attempts: int) -> Trial | None:
-    """Lease the split that is to be tried next; None: nothing is free."""
-    return claim_oldest(session, Trial, lease_s, max_attempts)
 
 
 def lock_protocols(session: Session, split_name: str) -> None:

@@ -12,12 +12,13 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import InvalidRecord, NotFound
+from exceptiondrive_records.phases.scoring_keys import is_of_key, new_key
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.runs import find_run, list_runs
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
-from exceptiondrive_records.work.lease import claim_oldest, finish, is_free, new_item
+from exceptiondrive_records.work.lease import finish, is_free, new_item
 from exceptiondrive_records.work.tables import OPEN_STATES, Recheck, WorkState
 from exceptiondrive_schemas.api.rescoring import (
     RunKind,
@@ -50,8 +51,7 @@ def ask_for_rechecks(
         .where(
             Submission.phase_id == run.phase_id,
             Submission.status == SubmissionStatus.SCORED,
-            ScoreSheetRow.protocol_digest == run.to_protocol_digest,
-            ScoreSheetRow.split_revision == run.to_split_revision,
+            is_of_key(ScoreSheetRow, new_key(run)),
         )
         .order_by(func.random())
         .limit(sample)
@@ -75,11 +75,6 @@ def ask_for_rechecks(
         for submission_id, digest in sheets
     )
     return len(sheets)
-
-
-def claim_recheck(session: Session, lease_s: float, max_attempts: int) -> Recheck | None:
-    """Lease the sheet that is to be recomputed next; None: nothing is free."""
-    return claim_oldest(session, Recheck, lease_s, max_attempts)
 
 
 def finish_recheck(

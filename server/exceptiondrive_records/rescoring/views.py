@@ -10,7 +10,7 @@ from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.errors import Conflict, NotFound
 from exceptiondrive_records.phases.allowances import ended_by_reveal
 from exceptiondrive_records.phases.phases import find_phase
-from exceptiondrive_records.phases.scoring_keys import ScoringKey, shadow_key
+from exceptiondrive_records.phases.scoring_keys import key_of_phase, shadow_key
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import (
     checked_protocol,
@@ -103,8 +103,8 @@ def protocol_check(session: Session, toml: str, phase_id: str | None) -> Differe
     if phase_id is not None:
         phase = find_phase(session, phase_id)
         old = find_protocol(session, phase.protocol_digest)
-        key = ScoringKey(phase.protocol_digest, phase.split_revision)
-        return protocol_difference(old, new, count_sheets(session, phase.id, key).total)
+        counted = count_sheets(session, phase.id, key_of_phase(phase))
+        return protocol_difference(old, new, counted.total)
     known = list_protocols(session)
     if not known:
         raise NotFound("protocol", "to compare with")
@@ -160,9 +160,8 @@ def _applied(session: Session, run: RescoringRun) -> Compared | None:
 
 def _unfinished_comparison(session: Session, run: RescoringRun) -> Compared | None:
     """What the newest draft board says, though submissions have come since."""
-    key = shadow_key(run)
     phase = session.get_one(Phase, run.phase_id)
-    draft = latest_board(session, run.phase_id, key.protocol_digest, key.split_revision)
+    draft = latest_board(session, run.phase_id, *shadow_key(run))
     return compare_to_shown(session, phase, draft)
 
 

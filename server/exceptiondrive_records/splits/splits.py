@@ -185,14 +185,9 @@ def manifest_of(session: Session, name: str, revision: str | None = None) -> Man
     return find_split(session, name, revision).manifest
 
 
-def part_of(split: SplitRow) -> SplitPart | None:
-    """Return which part of a split a revision is; None: all of it."""
-    return "public" if split.part == "public" else "private" if split.part == "private" else None
-
-
 def newly_counted(session: Session, old: SplitRef, new: SplitRef) -> str | None:
     """Say which part of a split counts at a revision; None where the same one did at an earlier."""
-    before, part = (part_of(find_split(session, each.name, each.revision)) for each in (old, new))
+    before, part = (find_split(session, each.name, each.revision).part for each in (old, new))
     return None if before == part else part_words(part)
 
 

@@ -2,12 +2,13 @@
 
 from datetime import datetime
 
-from sqlalchemy import ForeignKeyConstraint, Index
+from sqlalchemy import ForeignKeyConstraint, Index, String
 from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.columns import DocumentText
 from exceptiondrive_schemas.api.confirmation import Confirmation
+from exceptiondrive_schemas.api.phase_settings import SplitPart
 from exceptiondrive_schemas.datasheet import (
     NO_RECORDED_DRIVE,
     Datasheet,
@@ -34,8 +35,8 @@ class SplitRow(Base):
     public_file_digest: Mapped[str | None]
     """Content digest of the whole split file, for development splits alone."""
     registered_at: Mapped[datetime]
-    part: Mapped[str | None]
-    """`public` or `private`: a part of `whole_revision`; its manifest names all samples, and
+    part: Mapped[SplitPart | None] = mapped_column(String)
+    """None: all of it; else a part of `whole_revision`: its manifest names all samples, and
     `n_samples` and `family_counts` are those of the part. Which samples it has is withheld."""
     whole_revision: Mapped[str | None]
     warnings: Mapped[SplitWarnings] = mapped_column(DocumentText(SplitWarnings))

@@ -15,8 +15,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 from urllib.parse import unquote, urlsplit
 
 import obstore
@@ -88,21 +87,30 @@ class FileStore:
                 "Name in EXCEPTIONDRIVE_FILE_STORE_URL a folder, or one that this user may make."
             ) from None
 
-    def writer(self, *, limit_bytes: int) -> "FileWriter":
-        """Return a writer that takes chunks as they come; use it as a context manager."""
-        return FileWriter(self, limit_bytes)
-
     def put_stream(self, chunks: Iterable[bytes], *, limit_bytes: int) -> tuple[str, int]:
-        """Store a file and return its digest and size; storing the same bytes again is free.
+        """Store a file and return its digest and size in bytes; storing it again is free.
 
         Raises:
             UploadTooLarge: More than `limit_bytes` came.
-            StoreError: The store did not take it.
+            StoreError: There is no room to keep it meanwhile, or the store did not take it.
         """
-        with self.writer(limit_bytes=limit_bytes) as writer:
+        hashed = hashlib.sha256()
+        size_bytes = 0
+        with tempfile.SpooledTemporaryFile(max_size=_IN_MEMORY_BYTES) as spooled:
             for chunk in chunks:
-                writer.write(chunk)
-            return writer.commit()
+                size_bytes += len(chunk)
+                if size_bytes > limit_bytes:
+                    raise UploadTooLarge(limit_bytes)
+                hashed.update(chunk)
+                try:
+                    spooled.write(chunk)
+                except OSError as error:
+                    raise StoreError(
+                        "The server has no room for the file now; try again later."
+                    ) from error
+            digest = "sha256:" + hashed.hexdigest()
+            self._put(digest, spooled)
+        return digest, size_bytes
 
     def read(self, digest: str, *, limit_bytes: int) -> bytes:
         """Return a stored file whose bytes are proven to be those that were stored.
@@ -136,14 +144,7 @@ class FileStore:
         Raises:
             StoreError: The store did not answer.
         """
-        try:
-            obstore.head(self._store, _key(digest))
-        except FileNotFoundError:
-            self._require_folder()
-            return False
-        except (BaseError, OSError) as error:
-            raise StoreError("The file store does not answer; try again later.") from error
-        return True
+        return self.changed_at(digest) is not None
 
     def takes_files(self) -> bool:
         """Whether the store answers and, where it is a folder, can be written and has room."""
@@ -284,52 +285,6 @@ class FileStore:
                 os.fsync(descriptor)
             finally:
                 os.close(descriptor)
-
-
-class FileWriter:
-    """Takes the chunks of one upload, counts and hashes them, then stores them at once."""
-
-    def __init__(self, store: FileStore, limit_bytes: int) -> None:
-        self._store = store
-        self._limit_bytes = limit_bytes
-        self._hash = hashlib.sha256()
-        self._size_bytes = 0
-        self._spooled = tempfile.SpooledTemporaryFile(  # noqa: SIM115 - closed by __exit__
-            max_size=_IN_MEMORY_BYTES
-        )
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._spooled.close()
-
-    def write(self, chunk: bytes) -> None:
-        """Take a chunk.
-
-        Raises:
-            UploadTooLarge: More came than the limit allows.
-            StoreError: There is no room to keep it meanwhile.
-        """
-        self._size_bytes += len(chunk)
-        if self._size_bytes > self._limit_bytes:
-            raise UploadTooLarge(self._limit_bytes)
-        self._hash.update(chunk)
-        try:
-            self._spooled.write(chunk)
-        except OSError as error:
-            raise StoreError("The server has no room for the file now; try again later.") from error
-
-    def commit(self) -> tuple[str, int]:
-        """Store what came; return its digest and its size in bytes."""
-        digest = "sha256:" + self._hash.hexdigest()
-        self._store._put(digest, self._spooled)
-        return digest, self._size_bytes
 
 
 def _key(digest: str) -> str:

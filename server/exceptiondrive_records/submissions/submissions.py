@@ -22,7 +22,7 @@ from exceptiondrive_records.phases.disqualified import require_not_disqualified
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.policy import has_closed, has_revealed, takes_late_entries
 from exceptiondrive_records.phases.quotas import quota_of, require_quota
-from exceptiondrive_records.phases.scoring_keys import shadow_key_of_phase
+from exceptiondrive_records.phases.scoring_keys import ScoringKey, shadow_key_of_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.phases.terms import require_terms
 from exceptiondrive_records.submissions.tables import ReceiptKeyRow, ScoreSheetRow, Submission
@@ -334,8 +334,8 @@ def require_acceptable(
     *,
     linked_to: str | None,
     arrived_at: datetime | None,
-    idempotency_key: str | None = None,
-    asks_first: bool = False,
+    idempotency_key: str | None,
+    asks_first: bool,
 ) -> tuple[Submission | None, datetime | None]:
     """Refuse what cannot be accepted.
 
@@ -389,8 +389,7 @@ def _score_under_both(session: Session, submission: Submission, now: datetime) -
     if shadow is None:
         return
     key, is_held = shadow
-    digest, revision = key.protocol_digest, key.split_revision
-    session.add(new_job(submission, digest, revision, Lane.RESCORE, False, now, is_held=is_held))
+    session.add(new_job(submission, *key, Lane.RESCORE, False, now, is_held=is_held))
 
 
 def withdraw(session: Session, submission_id: str, *, actor: str) -> Submission:
@@ -403,11 +402,7 @@ def withdraw(session: Session, submission_id: str, *, actor: str) -> Submission:
         Conflict: It was rejected or has failed: there is nothing to withdraw.
     """
     lock_jobs(session, submission_id)
-    submission = session.get(
-        Submission, submission_id, with_for_update=True, populate_existing=True
-    )
-    if submission is None:
-        raise NotFound("submission", submission_id)
+    submission = find_submission(session, submission_id, lock=True)
     if submission.status is SubmissionStatus.WITHDRAWN:
         return submission
     if submission.status in (SubmissionStatus.REJECTED, SubmissionStatus.FAILED):
@@ -417,21 +412,23 @@ def withdraw(session: Session, submission_id: str, *, actor: str) -> Submission:
     submission.status = SubmissionStatus.WITHDRAWN
     submission.status_at = submission.withdrawn_at = now
     cancel_jobs_of(session, submission_id, now)
-    for protocol_digest, split_revision in scored_under(session, submission_id):
-        want_board(session, submission.phase_id, protocol_digest, split_revision)
+    for key in scored_under(session, submission_id):
+        want_board(session, submission.phase_id, *key)
     audit(session, actor, "submission withdrawn", submission_id, {"was": before})
     return submission
 
 
 def find_submission(
-    session: Session, submission_id: str, *, team_id: int | None = None
+    session: Session, submission_id: str, *, team_id: int | None = None, lock: bool = False
 ) -> Submission:
     """Return a submission; with `team_id`, only if it is that team's.
 
     Raises:
         NotFound: There is none, or it is not the team's: the answer is the same.
     """
-    submission = session.get(Submission, submission_id)
+    submission = session.get(
+        Submission, submission_id, with_for_update=lock, populate_existing=lock
+    )
     if submission is None or (team_id is not None and submission.team_id != team_id):
         raise NotFound("submission", submission_id)
     return submission
@@ -586,12 +583,12 @@ def lock_jobs(session: Session, submission_id: str) -> None:
     session.execute(jobs.with_for_update())
 
 
-def scored_under(session: Session, submission_id: str) -> list[tuple[str, str]]:
-    """Return the protocols and split revisions under which a submission has a sheet."""
+def scored_under(session: Session, submission_id: str) -> list[ScoringKey]:
+    """Return what a submission has a sheet under."""
     query = select(ScoreSheetRow.protocol_digest, ScoreSheetRow.split_revision).where(
         ScoreSheetRow.submission_id == submission_id
     )
-    return sorted((digest, revision) for digest, revision in session.execute(query))
+    return sorted(ScoringKey(*row) for row in session.execute(query))
 
 
 # The public keys of receipts: recorded when a key signs first, and kept for ever.

@@ -142,11 +142,8 @@ class _Seen:
     @cached_property
     def is_board_coming(self) -> bool:
         """Whether the board is being built that will show what came in time."""
-        if self.is_frozen:
-            return False
-        key = key_of_phase(self.phase)
-        return is_board_wanted(
-            self._session, self.phase.id, key.protocol_digest, key.split_revision
+        return not self.is_frozen and is_board_wanted(
+            self._session, self.phase.id, *key_of_phase(self.phase)
         )
 
     @cached_property

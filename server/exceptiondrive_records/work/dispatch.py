@@ -131,12 +131,13 @@ def wake_lanes(
 ) -> int:
     """Wake workers for all that could be done now, at most one a slot; return for how much."""
     with database.read() as session:
-        due = [(lane, _items_due(session, lane, settings)) for lane in lanes]
-        slots = {lane: _slots(session, lane) for lane, n_items in due if n_items}
+        due = {
+            lane: sum(session.execute(_number_due(lane, settings.max_attempts)).one())
+            for lane in lanes
+        }
+        slots = {lane: max(1, live_workers(session, lane).slots) for lane in due if due[lane]}
     return sum(
-        n_items
-        for lane, n_items in due
-        if n_items and dispatcher.wake(lane, at_most=min(n_items, slots[lane]))
+        due[lane] for lane in slots if dispatcher.wake(lane, at_most=min(due[lane], slots[lane]))
     )
 
 
@@ -164,10 +165,6 @@ def mark_queued(session: Session) -> int:
     return len(ids)
 
 
-def _items_due(session: Session, lane: Lane, settings: RecordsSettings) -> int:
-    return sum(session.execute(_number_due(lane, settings.max_attempts)).one())
-
-
 @cache
 def _number_due(lane: Lane, max_attempts: int) -> Select[int, int]:
     items = select(func.count(WorkItem.id)).where(
@@ -193,7 +190,3 @@ def _is_item_due(kind: type[WorkItem], lane: Lane, max_attempts: int) -> ColumnE
     if kind is BoardRequest:
         return is_due(lane, NOW)
     return and_(kind.lane == lane, kind.attempts < max_attempts, is_claimable(kind, NOW))
-
-
-def _slots(session: Session, lane: Lane) -> int:
-    return max(1, live_workers(session, lane).slots)

@@ -6,7 +6,7 @@ from sqlalchemy import bindparam, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.work.lease import ask_once, claim_oldest, finish
+from exceptiondrive_records.work.lease import ask_once, finish
 from exceptiondrive_records.work.tables import OPEN_STATES, Job, Profile, WorkState
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.faults import CheckReport
@@ -35,11 +35,6 @@ def ask_for_profile(session: Session, submission_id: str) -> None:
 def was_profile_asked_for(session: Session, submission_id: str) -> bool:
     """Whether anybody asked what a file looks like, whatever came of it."""
     return session.scalar(select(Profile.id).where(Profile.key == submission_id)) is not None
-
-
-def claim_profile(session: Session, lease_s: float, max_attempts: int) -> Profile | None:
-    """Lease the file that is to be looked at next; None: nothing is free."""
-    return claim_oldest(session, Profile, lease_s, max_attempts)
 
 
 def finish_profile(

@@ -256,11 +256,6 @@ class PhaseLink:
         """Address of the page about it."""
         return f"/phases/{self.id}"
 
-    @property
-    def challenge_title(self) -> str:
-        """Name of the challenge."""
-        return self.challenge.title
-
 
 @dataclass(frozen=True)
 class Notice:

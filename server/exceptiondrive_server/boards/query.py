@@ -198,28 +198,12 @@ def board_query_of(request: Request) -> BoardQuery:
     return BoardQuery.parse(request.query_params.multi_items())
 
 
+_ASKED_AS = {"search": "q", "facts": "fact", "hidden": "hide", "added": "add", "chosen": "more"}
+"""Fields that an address names otherwise."""
 _KEYS = frozenset(
     [
-        "challenge",
-        "phase",
-        "protocol",
-        "board",
-        "as_of",
-        "view",
-        "source",
-        "average",
-        "q",
-        "sort",
-        "page",
-        "rows",
-        "fact",
-        "hide",
-        "add",
-        "more",
-        "apply",
-        "order",
-        "offered",
-        "show",
+        *(_ASKED_AS.get(name, name) for name in BoardQuery.model_fields),
+        *("apply", "order", "offered", "show"),  # of forms
     ]
 )
 """What `BoardQuery.parse` reads of an address."""
@@ -246,7 +230,6 @@ def documented() -> dict[str, Any]:
     """Return what OpenAPI says of the fields that name a board, its entries and their order."""
     properties = BoardQuery.model_json_schema()["properties"]
     names = ("challenge", "phase", "protocol", "as_of", "sort", "view", "source")
-    texts = {"search": "q", "facts": "fact"}
     fact = "|".join(f"{field}:{value}" for field, values in LABELS.items() for value in values)
     forms = {"facts": {"pattern": f"^({fact})(,({fact}))*$"}}
     return {
@@ -254,14 +237,14 @@ def documented() -> dict[str, Any]:
             *(_parameter(name, properties[name]) for name in names),
             *(
                 _parameter(
-                    asked,
+                    _ASKED_AS[name],
                     {
                         "type": "string",
                         "description": properties[name]["description"],
                         **forms.get(name, {}),
                     },
                 )
-                for name, asked in texts.items()
+                for name in ("search", "facts")
             ),
         ]
     }

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from urllib.parse import urlencode
 
 from exceptiondrive_schemas.board import Board, BoardEntry
-from exceptiondrive_schemas.challenges import CHALLENGES, Metric
+from exceptiondrive_schemas.challenges import Metric
 from exceptiondrive_server.boards.charts import curve_chart
 from exceptiondrive_server.boards.comparison import (
     MAX_COMPARED,
@@ -35,14 +35,10 @@ def compare_page(reading: ComparedEntries) -> dict[str, Any]:
     shown, board, entries = reading.board, reading.board.board, reading.entries
     digits = Digits.of(shown.protocol.publication)
     keys = tuple(entry_key(entry) for entry in entries)
-    if board is not None:
-        challenge = challenge_of(board)
-    else:
-        challenge = shown.phase.challenge if shown.phase else next(iter(CHALLENGES.values()))
     page = {
         "shown": shown,
         "board": board,
-        "challenge": challenge,
+        "challenge": shown.challenge,
         "digits": digits,
         "entries": entries,
         "keys": keys,
@@ -65,7 +61,7 @@ def compare_page(reading: ComparedEntries) -> dict[str, Any]:
         "pair_plot": dot_plot(board, entries[:2], digits),
         "plot": dot_plot(board, entries, digits) if is_many else None,
         "wide_plot": dot_plot(board, entries, digits, DOT_WIDE) if is_many else None,
-        "bars": [outcome_bar(challenge, entry.metrics, digits) for entry in entries[:2]],
+        "bars": [outcome_bar(shown.challenge, entry.metrics, digits) for entry in entries[:2]],
         "differences": difference_table(
             both, shown.protocol, (reading.sheets[0], reading.sheets[1])
         ),

@@ -27,7 +27,7 @@ def show_questions(
     """Show what the team asked about a phase, and the form; an organizer is led to all questions."""
     if browser.principal.role is not None:
         address = f"/organize/news?{urlencode({'phase': phase_id})}"
-        return RedirectResponse(address, status_code=303, headers={"Cache-Control": "no-store"})
+        return RedirectResponse(address, status_code=303)
     return _questions(request, services, browser, phase_id)
 
 

@@ -18,6 +18,7 @@ from exceptiondrive_records.phases.changes import (
     reveal_names,
 )
 from exceptiondrive_records.phases.phases import create_phase, find_phase, phase_view
+from exceptiondrive_records.phases.scoring_keys import key_of_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.flip import change_phase
 from exceptiondrive_records.rescoring.reveal import reveal_split
@@ -139,14 +140,13 @@ def get_live_board(services: ServicesOf, phase_id: PhaseId) -> LiveBoard:
     """Show the newest board, behind a freeze too, and who stands behind its pseudonyms."""
     with services.database.read() as session:
         phase = find_phase(session, phase_id)
-        row = latest_board(session, phase.id, phase.protocol_digest, phase.split_revision)
+        row = latest_board(session, phase.id, *key_of_phase(phase))
         if row is None:
             raise NotFound("board of the phase", phase_id)
         board = parsed_board(row)
-        ids = [entry.submission_id for entry in board.entries if entry.submission_id]
         return LiveBoard(
             is_public=row.id == phase.current_board_id,
-            names={name.submission_id: (name.team, name.method) for name in names_of(session, ids)},
+            names=names_of(session, list(board.entries_by_submission)),
             board=board,
         )
 

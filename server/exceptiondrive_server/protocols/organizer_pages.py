@@ -32,8 +32,7 @@ from exceptiondrive_records.splits.confirmations import (
 from exceptiondrive_schemas.api.confirmation import Confirmation
 from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_schemas.protocols.difference import Difference
-from exceptiondrive_server.protocols.api import TOML
-from exceptiondrive_server.protocols.organizer_api import MAX_PROTOCOL_CHARACTERS
+from exceptiondrive_server.protocols.organizer_api import MAX_PROTOCOL_CHARACTERS, get_any_protocol
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import (
     FORM_TOKEN,
@@ -43,7 +42,6 @@ from exceptiondrive_server.web.browser_session import (
 )
 from exceptiondrive_server.web.forms import REASON
 from exceptiondrive_server.web.organizer_frame import (
-    NO_STORE,
     OrganizerBrowser,
     Step,
     go,
@@ -176,9 +174,7 @@ async def post_new(request: Request, services: ServicesOf, browser: OrganizerBro
 @router.get("/{version}/toml")
 def show_toml(services: ServicesOf, _browser: OrganizerBrowser, version: Version) -> Response:
     """Give the document of a protocol, of a draft too."""
-    with services.database.read() as session:
-        toml = find_protocol_row(session, version).toml
-    return Response(toml, media_type=TOML, headers=NO_STORE)
+    return get_any_protocol(services, version)
 
 
 @step_at(router, "/{version}/delete")

@@ -28,12 +28,12 @@ from exceptiondrive_server.rescoring.steps import (
     page_of_step,
     run_line,
 )
+from exceptiondrive_server.submissions.download import attachment
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import PostedForm, SignedIn
 from exceptiondrive_server.web.forms import REASON
 from exceptiondrive_server.web.numbers import short_digest
 from exceptiondrive_server.web.organizer_frame import (
-    NO_STORE,
     OrganizerBrowser,
     Step,
     go,
@@ -204,7 +204,8 @@ def download_csv(services: ServicesOf, browser: OrganizerBrowser, run_id: RunId)
     with services.database.read() as session:
         preview = preview_of(session, run_id)
     text = comparison_csv(preview.comparison, preview.direction)
-    return _file(text, "text/csv", f"preview-{run_id}.csv")
+    headers = attachment(f"preview-{run_id}.csv")
+    return Response(text, media_type="text/csv", headers=headers)
 
 
 @router.get("/rescoring/{run_id}/preview.json")
@@ -212,7 +213,8 @@ def download_json(services: ServicesOf, browser: OrganizerBrowser, run_id: RunId
     """Download the preview as the API gives it."""
     with services.database.read() as session:
         text = preview_of(session, run_id).model_dump_json()
-    return _file(text, "application/json", f"preview-{run_id}.json")
+    headers = attachment(f"preview-{run_id}.json")
+    return Response(text, media_type="application/json", headers=headers)
 
 
 @router.get("/rescoring/{run_id}/{step}")
@@ -304,8 +306,3 @@ def _known(step: str) -> RunStep:
     if step not in RUN_STEPS:
         raise NotFound("step of a run", step)
     return RUN_STEPS[step]
-
-
-def _file(text: str, media_type: str, name: str) -> Response:
-    headers = {**NO_STORE, "Content-Disposition": f'attachment; filename="{name}"'}
-    return Response(text, media_type=media_type, headers=headers)

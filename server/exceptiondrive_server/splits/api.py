@@ -15,6 +15,8 @@ from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.etag import conditional
 from exceptiondrive_server.web.problems import problem_responses
 
+SplitName = Annotated[str, Path(max_length=64, description="name of a split")]
+Revision = Annotated[str | None, Query(max_length=80, description="by default the one in force")]
 router = APIRouter(prefix="/splits", tags=["splits"])
 MAX_SPLIT_BYTES = 64 * 1024 * 1024
 
@@ -26,10 +28,8 @@ MAX_SPLIT_BYTES = 64 * 1024 * 1024
 )
 def get_datasheet(
     services: ServicesOf,
-    name: Annotated[str, Path(max_length=64, description="name of a split")],
-    revision: Annotated[
-        str | None, Query(max_length=80, description="by default the one in force")
-    ] = None,
+    name: SplitName,
+    revision: Revision = None,
 ) -> Datasheet:
     """Tell how a split was made, where its makers say so."""
     with services.database.read() as session:
@@ -52,10 +52,8 @@ def get_datasheet(
 def download_split(
     request: Request,
     services: ServicesOf,
-    name: Annotated[str, Path(max_length=64, description="name of a split")],
-    revision: Annotated[
-        str | None, Query(max_length=80, description="by default the one in force")
-    ] = None,
+    name: SplitName,
+    revision: Revision = None,
 ) -> Response:
     """Download a development split with its regions, for `exceptiondrive evaluate`."""
     with services.database.read() as session:

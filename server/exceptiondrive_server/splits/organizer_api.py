@@ -5,7 +5,7 @@ from datetime import datetime
 from fastapi import APIRouter
 from pydantic import BaseModel
 
-from exceptiondrive_records.splits.splits import list_splits, part_of
+from exceptiondrive_records.splits.splits import list_splits
 from exceptiondrive_schemas.api.phase_settings import SplitPart
 from exceptiondrive_schemas.datasheet import SplitWarning
 from exceptiondrive_server.web.auth import ServicesOf
@@ -40,7 +40,7 @@ def get_splits(services: ServicesOf) -> list[SplitView]:
                 title=split.title,
                 n_samples=split.n_samples,
                 is_public=split.public_file_digest is not None,
-                part=part_of(split),
+                part=split.part,
                 whole_revision=split.whole_revision,
                 registered_at=split.registered_at,
                 words="" if split.changes is None else split.changes.words,

@@ -31,7 +31,6 @@ from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.forms import REASON
 from exceptiondrive_server.web.numbers import minute
 from exceptiondrive_server.web.organizer_frame import (
-    NO_STORE,
     OrganizerBrowser,
     Step,
     organizer_page,
@@ -170,7 +169,8 @@ def show_story(
     services: ServicesOf, _browser: OrganizerBrowser, submission_id: SubmissionId
 ) -> Response:
     """Show the whole story on one page, to be printed or kept as a PDF."""
-    return HTMLResponse(story_page(services, submission_id), headers=NO_STORE)
+    text = story_page(services, submission_id)
+    return HTMLResponse(text, headers={"Cache-Control": "no-store"})
 
 
 @step_at(router, "/submissions/{submission_id}/{deed}")

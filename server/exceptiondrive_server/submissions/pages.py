@@ -6,7 +6,6 @@ All of it works without script. Another team's submission is not found.
 import time
 from collections.abc import Mapping
 from functools import partial
-from types import MappingProxyType
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query, Request
@@ -43,7 +42,7 @@ from exceptiondrive_server.submissions.facts_form import FACT_FIELDS
 from exceptiondrive_server.submissions.profile import asked_for_profile
 from exceptiondrive_server.submissions.queries import phase_rules, score_tables
 from exceptiondrive_server.submissions.quick_start import quick_start
-from exceptiondrive_server.submissions.receipts_api import statement_of
+from exceptiondrive_server.submissions.receipts_api import get_receipt
 from exceptiondrive_server.submissions.runs import run_lines
 from exceptiondrive_server.submissions.upload import (
     confirmed_upload,
@@ -63,7 +62,7 @@ from exceptiondrive_server.web.browser_session import (
     require_same_origin,
     require_scope,
 )
-from exceptiondrive_server.web.forms import filled, typed
+from exceptiondrive_server.web.forms import NOTHING_KEPT, filled, typed
 from exceptiondrive_server.web.path_ids import SubmissionId
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS, ApiProblem
 from exceptiondrive_server.web.problems import problem_of, wants_page
@@ -74,7 +73,6 @@ router = APIRouter(include_in_schema=False)
 SHOWN = 50
 MAX_FOLLOWED = 3
 """Browsers open six connections to a host over HTTP/1.1; the page needs some for itself."""
-NOTHING_TYPED: Mapping[str, str] = MappingProxyType({})
 _DECISIONS = {"publish": publish, "unpublish": unpublish}
 
 
@@ -106,7 +104,7 @@ async def submit(request: Request, services: ServicesOf, browser: Browser) -> Re
             _submit_page, request, services, browser, form.get("phase"), form, problem
         )
     address = f"/submissions/{taken.id}" + ("?again=1" if taken.is_duplicate else "")
-    return RedirectResponse(address, status_code=303, headers={"Cache-Control": "no-store"})
+    return RedirectResponse(address, status_code=303)
 
 
 def _submit_page(
@@ -114,7 +112,7 @@ def _submit_page(
     services: Services,
     browser: SignedIn | None,
     wanted: str | None,
-    texts: Mapping[str, str] = NOTHING_TYPED,
+    texts: Mapping[str, str] = NOTHING_KEPT,
     refusal: ApiProblem | None = None,
 ) -> Response:
     """Show the quick start for a phase, and the form again with what was typed before a refusal."""
@@ -315,11 +313,10 @@ def show_submission(
 def show_receipt(services: ServicesOf, browser: Browser, submission_id: SubmissionId) -> Response:
     """Give the signed receipt as a file, as the API gives it."""
     require_scope(browser, Scope.READ_OWN)
-    with services.database.read() as session:
-        found = find_submission(session, submission_id, team_id=own_team(browser.principal))
-        statement = statement_of(session, found)
     return Response(
-        services.signer.sign(statement).model_dump_json(indent=2, by_alias=True),
+        get_receipt(services, browser.principal, submission_id).model_dump_json(
+            indent=2, by_alias=True
+        ),
         media_type="application/json",
         headers=attachment(f"exceptiondrive-{submission_id}-receipt.json"),
     )

@@ -152,7 +152,7 @@ def show_invitation(
             expires_at=invitation.expires_at,
             is_used=invitation.used_at is not None,
             text=text,
-            person=_person_name(browser),
+            person=browser.principal.person_name if browser is not None else "",
             is_member=person_id is not None and is_member(session, team.id, person_id),
             provider=None if services.provider is None else services.provider.name,
             form_token=browser.form_token if browser is not None else "",
@@ -240,11 +240,6 @@ def _roles(person: Person, who: Principal, teams: list[Team]) -> list[tuple[int 
 def _may_register(services: Services) -> bool:
     with services.database.read() as session:
         return self_registration_is_on(session, services.settings.self_registration)
-
-
-def _person_name(browser: SignedIn | None) -> str | None:
-    is_person = browser is not None and browser.principal.person_id is not None
-    return browser.principal.person_name if browser is not None and is_person else None
 
 
 def _person_of(browser: SignedIn) -> str:

@@ -272,10 +272,9 @@ def _page_of(request: Request) -> str:
 
 
 async def _to_team(request: Request, error: Exception) -> Response:
-    return RedirectResponse("/my/team", status_code=303, headers={"Cache-Control": "no-store"})
+    return RedirectResponse("/my/team", status_code=303)
 
 
 async def _to_phase(request: Request, error: Exception) -> Response:
     assert isinstance(error, PhaseNeeded)
-    path = f"/organize/phases/{error.phase_id}"
-    return RedirectResponse(path, status_code=303, headers={"Cache-Control": "no-store"})
+    return RedirectResponse(f"/organize/phases/{error.phase_id}", status_code=303)

@@ -1,9 +1,8 @@
 """Health: alive, ready, and the metrics of both."""
 
 from contextlib import suppress
-from typing import Annotated
 
-from fastapi import APIRouter, Depends
+from fastapi import APIRouter
 from fastapi.responses import JSONResponse, Response
 from kombu import Connection
 from kombu.exceptions import KombuError
@@ -16,11 +15,11 @@ from exceptiondrive_records.submissions.file_store import seems_unmounted
 from exceptiondrive_records.work.dispatch import transport_options
 from exceptiondrive_records.work.heartbeats import live_workers
 from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.metrics import exposition
-from exceptiondrive_server.web.services import Services, services_at_hand
+from exceptiondrive_server.web.services import Services
 
 router = APIRouter(tags=["health"])
-ServicesOf = Annotated[Services, Depends(services_at_hand)]
 PROBE_TIMEOUT_S = 1
 
 

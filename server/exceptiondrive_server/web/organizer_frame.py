@@ -81,7 +81,6 @@ SECTIONS = (
     ("site", "Site", "/organize/site"),
     ("audit", "Audit log", "/organize/audit"),
 )
-NO_STORE = {"Cache-Control": "no-store"}
 
 
 def organizing(request: Request, services: ServicesOf, browser: Browser) -> SignedIn:
@@ -137,7 +136,7 @@ def _sections(principal: Principal) -> tuple[tuple[str, str, str], ...]:
 def go(path: str, done: str | None = None) -> Response:
     """Lead the browser on; `done` is a key of `DONE`, which the next page says in words."""
     address = path if done is None else f"{path}{'&' if '?' in path else '?'}done={done}"
-    return RedirectResponse(address, status_code=303, headers=NO_STORE)
+    return RedirectResponse(address, status_code=303)
 
 
 @dataclass(frozen=True)

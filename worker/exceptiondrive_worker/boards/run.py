@@ -11,9 +11,10 @@ from exceptiondrive_records.boards.boards import current_board, latest_board, pu
 from exceptiondrive_records.boards.documents import entries_of, entry_documents
 from exceptiondrive_records.boards.standings import entries_for_board, whole_sheets
 from exceptiondrive_records.phases.phases import find_phase
+from exceptiondrive_records.phases.scoring_keys import ScoringKey
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.drawings import find_public_split
-from exceptiondrive_records.splits.splits import find_split, part_of
+from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_records.work.board_requests import claim_board
 from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.api.phase_settings import BoardView
@@ -141,7 +142,7 @@ def _board(
         protocol = find_protocol(session, claimed.protocol_digest)
         key = (phase.id, protocol.digest, claimed.split_revision)
         records = entries_for_board(session, *key, view)
-        part = part_of(find_split(session, phase.split_name, claimed.split_revision))
+        part = find_split(session, phase.split_name, claimed.split_revision).part
         rows = (latest_board(session, *key, view), current_board(session, phase.id))
         texts = {row.id: row.body for row in rows if row is not None}
         ref = SplitRef(name=phase.split_name, revision=claimed.split_revision)
@@ -201,9 +202,9 @@ def _best(
     best = [found[name] for name in names]
     if not best:
         return []
-    protocol_digest = best[0][0].protocol.digest
+    key = ScoringKey(best[0][0].protocol.digest, split_revision)
     with context.database.read() as session:
-        whole = dict(whole_sheets(session, names, protocol_digest, split_revision))
+        whole = dict(whole_sheets(session, names, key))
     return [(target, replace(one, sheet=whole[one.submission_id])) for target, one in best]
 
 
