@@ -126,6 +126,10 @@ class AsyncClient:
         """Address of the page of a submission, from upload to rank, for members of its team."""
         return self.client.page_url(submission_id)
 
+    def id_of(self, submission: str) -> str:
+        """Return the id of a submission, of the address of its page too."""
+        return self.client.id_of(submission)
+
 
 class AsyncSubmission:
     """`Submission` to be awaited."""

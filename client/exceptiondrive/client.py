@@ -522,7 +522,7 @@ class Client(Connection):
             "description": description,
             "paper_url": paper,
             "code_url": code,
-            "linked_to": without_reminder and self._id_of(without_reminder),
+            "linked_to": without_reminder and self.id_of(without_reminder),
             "facts": None if facts is None else facts_of(facts).model_dump_json(),
         }
         body = UploadBody(given.name, given.data, fields, uuid4().hex, on_progress)
@@ -545,7 +545,7 @@ class Client(Connection):
         return self._get(SubmissionView, self._path_of(submission_id), query)
 
     def _path_of(self, submission: str) -> str:
-        return f"/submissions/{quoted(self._id_of(submission))}"
+        return f"/submissions/{quoted(self.id_of(submission))}"
 
     def submissions(
         self,
@@ -725,7 +725,7 @@ class Client(Connection):
             return self._get(Receipt, f"{self._path_of(submission_id)}/receipt")
         except (NotFoundError, NotSignedInError):
             with suppress(NotFoundError):
-                entry = quoted(self._id_of(submission_id))
+                entry = quoted(self.id_of(submission_id))
                 return self._get(Receipt, f"/entries/{entry}/receipt")
             raise
 

@@ -25,7 +25,7 @@ class Organizer(Connection):
 
     def _path_of(self, submission: str, *parts: str) -> str:
         """Return the path of a submission, of the address of its page too."""
-        return _at("submissions", self._id_of(submission), *parts)
+        return _at("submissions", self.id_of(submission), *parts)
 
     def _do_with(self, submission: str, what: str, **said: Any) -> Record:
         return self._transport.post_once(self._path_of(submission, what), said)

@@ -626,7 +626,7 @@ class Connection:
         """Address of the page of a submission, from upload to rank, for members of its team."""
         return f"{self.server}/submissions/{quoted(submission_id)}"
 
-    def _id_of(self, submission: str) -> str:
+    def id_of(self, submission: str) -> str:
         """Return the id of a submission, of the address of its page too.
 
         Raises:

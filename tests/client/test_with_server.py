@@ -213,18 +213,16 @@ def test_a_withdrawal_asks_and_says_what_stands_again(
     first = json.loads(submit(working, planning_file(), "--wait", "--json").stdout)
     done = submit(working, slower_file(planning_file), "--replace", "--wait", "--json")
     second = json.loads(done.stdout)
-    unasked = run(working, "withdraw", second["id"])
-    assert (unasked.exit_code, unasked.stdout) == (2, "")
-    assert "Nothing was changed.\nNobody can be asked here: add --yes.\n" in unasked.stderr
     with monkeypatch.context() as on_terminal:
-        on_terminal.setattr("exceptiondrive.cli.output.can_ask", lambda: True)
+        for module in ("output", "submission_commands"):
+            on_terminal.setattr(f"exceptiondrive.cli.{module}.can_ask", lambda: True)
         asked = run(working, "withdraw", second["id"], typed="n\n")
         assert f"Withdraw {second['id']} (HCC " in asked.stderr
         assert "Nothing was changed." in asked.stderr
         assert asked.exit_code == 2
         told = run(working, "withdraw", second["id"], "--yes").stdout
     assert f"withdrawn: with the next board there stands again {first['id']} (HCC " in told
-    assert "no other run takes its place" in run(working, "withdraw", first["id"], "--yes").stdout
+    assert "no other run takes its place" in run(working, "withdraw", first["id"]).stdout
     again = run(working, "withdraw", second["id"]).stdout
     assert again == f"{second['id']} withdrawn: it was so before, and nothing changed\n"
 
@@ -557,7 +555,7 @@ def test_a_withdrawn_entry_leaves_the_board_and_stays_in_the_list(
     working: "Running", planning_file: MakeFile
 ) -> None:
     view = json.loads(submit(working, planning_file(), "--wait", "--json").stdout)
-    done = run(working, "withdraw", view["id"], "--yes")
+    done = run(working, "withdraw", view["id"])
     assert (done.exit_code, done.stdout) == (0, WITHDRAWN.format(view["id"]))
     listed = run(working, "submissions", "--status", "withdrawn", "--json")
     assert [row["id"] for row in json.loads(listed.stdout)] == [view["id"]]

@@ -45,7 +45,7 @@ COMMANDS = {
     "download": (".submission_commands", "Get the team's own upload again, bit by bit."),
     "withdraw": (
         ".submission_commands",
-        "Take a submission off the board; it asks first, and without a terminal needs --yes.",
+        "Take a submission off the board; on a terminal it asks first.",
     ),
     "choose": (".submission_commands", "Say which run stands, in a phase that lets teams choose."),
     "publish": (

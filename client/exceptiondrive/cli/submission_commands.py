@@ -13,6 +13,7 @@ from exceptiondrive.cli.options import flag, option
 from exceptiondrive.cli.output import (
     Answer,
     be_sure,
+    can_ask,
     saved,
     say,
     say_view,
@@ -234,21 +235,22 @@ def download(
 ) -> Answer:
     """Get the team's own upload again, bit by bit."""
     data = client.download(submission_id)
-    return saved(output or Path(upload_name(client._id_of(submission_id), data)), data)
+    return saved(output or Path(upload_name(client.id_of(submission_id), data)), data)
 
 
 @with_client
 def withdraw(
     client: "Client", submission_id: options.SubmissionId, yes: options.Yes = False
 ) -> Answer:
-    """Take a submission off the board; it asks first, and without a terminal needs --yes.
+    """Take a submission off the board; on a terminal it asks first.
 
     It stays in the team's own list; until the deadline the run of the method that it had replaced
     stands again.
     """
     asked = client.status(submission_id)
     stands = asked.status is not SubmissionStatus.WITHDRAWN
-    be_sure(f"Withdraw {entry_words(asked)}?", yes or not stands)
+    if stands and can_ask():  # a script goes on: the same bytes may be sent again
+        be_sure(f"Withdraw {entry_words(asked)}?", yes)
     own = client.submissions(phase=asked.phase, limit=None)
     view = client.withdraw(submission_id)
     before = next((each for each in own if each.replaced_by == view.id), None)

@@ -125,10 +125,8 @@ class Database:
             with self.read() as session:
                 return bool(session.scalar(text("SHOW transaction_read_only")) == "off")
         path = Path(self.engine.url.database or "")
-        if (
-            not path.is_file() or not path.stat().st_mode & stat.S_IWUSR
-        ):  # root may write it all the same
-            return False
+        if not path.is_file() or not path.stat().st_mode & stat.S_IWUSR:
+            return False  # root could write it all the same
         return os.access(path, os.W_OK) and os.access(path.parent, os.W_OK)
 
     def dispose(self) -> None:

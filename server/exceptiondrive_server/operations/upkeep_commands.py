@@ -32,8 +32,9 @@ def backup(file: File, data: DataOption = None) -> None:
     with opened(settings) as database:
         head = write_backup(database, FileStore(settings.file_store_url), file)
         say(f"{head.n_files} files and {head.audit_lines} audit lines in {file}; keep it private")
-        with database.write() as session:
-            audit(session, ACTOR, "backup written", "backup", {"as_of": head.created_at})
+        if database.takes_writes():  # a standby does not
+            with database.write() as session:
+                audit(session, ACTOR, "backup written", "backup", {"as_of": head.created_at})
 
 
 @upkeep_app.command("restore")

@@ -210,7 +210,7 @@ def download_upload(
 ) -> Answer:
     """Get the bytes that a team sent; the audit log says who had them."""
     data = organizer.download_upload(submission_id)
-    return saved(output or Path(upload_name(organizer._id_of(submission_id), data)), data)
+    return saved(output or Path(upload_name(organizer.id_of(submission_id), data)), data)
 
 
 @with_organizer
@@ -219,7 +219,7 @@ def download_story(
 ) -> Answer:
     """Get the whole story for a committee, as a tar: upload, receipt, records and a README."""
     data = organizer.download_story(submission_id)
-    return saved(output or Path(f"submission-{organizer._id_of(submission_id)}.tar"), data)
+    return saved(output or Path(f"submission-{organizer.id_of(submission_id)}.tar"), data)
 
 
 @with_organizer
