@@ -5,7 +5,10 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
+import pytest
+
 from exceptiondrive_schemas.api.submission import QueuePlace
+from exceptiondrive_server.submissions import pages
 from exceptiondrive_server.submissions.view import place_words
 
 if TYPE_CHECKING:
@@ -80,6 +83,21 @@ def test_what_is_not_ranked_says_why(
     browser = browse(api)
     browser.sign_in("alpha")
     assert because in browser.get(f"/submissions/{one}").text
+
+
+def test_older_submissions_are_offered_right_below_the_list(
+    api: "Api", browse: Callable[..., "TeamBrowser"], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pages, "SHOWN", 1)
+    older, _ = (api.submit(text).json()["id"] for text in ("a", "b"))
+    browser = browse(api)
+    browser.sign_in("alpha")
+    page = browser.get("/my").text
+    assert page.index("Older submissions") < page.index("What you may still submit")
+    (path,) = re.findall(r'href="(/my\?after=[^"]+)"', page)
+    following = browser.get(path).text
+    assert f'href="/submissions/{older}"' in following
+    assert "Older submissions" not in following
 
 
 def test_families_stand_on_the_page_of_a_submission(

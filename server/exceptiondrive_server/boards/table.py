@@ -322,12 +322,15 @@ def _best(
 def _heat_top(board: Board, key: str) -> float:
     """A round maximum over the family cells of the ranked entries; of all that are scored where none is ranked.
 
+    Of the reference rows where nothing else is scored.
     A planner without a rank, such as one that only brakes, does not wash out the colours of the others.
     """
     scored = [entry for entry in board.entries if entry.source != "reference"]
     values = [
         value
-        for entry in [entry for entry in scored if entry.rank is not None] or scored
+        for entry in [entry for entry in scored if entry.rank is not None]
+        or scored
+        or board.entries
         for cell in entry.families.values()
         if (value := cell.metrics.get(key)) is not None
     ]

@@ -26,6 +26,8 @@ from tests.server.pages.page_site import (
 from exceptiondrive_schemas.board import (
     Board,
     FamilyCell,
+    PairedComparison,
+    PairedDifference,
 )
 from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.drawing import EntryDrawings
@@ -108,6 +110,12 @@ def shown_site(
         site.publish(lively_board.model_copy(update={"phase": phase, "entries": entries}))
     site.create_phase("strategy", "strategy")
     site.publish(strategy_board)
+    site.create_phase("pairs")
+    found = PairedDifference(
+        difference=0.04, interval=(-0.01, 0.07), discordant=0.3, verdict="open"
+    )
+    pair = PairedComparison(a="s0000000kq", b="s0000002kq", overall={"hcc": found}, families={})
+    site.publish(lively_board.model_copy(update={"phase": "pairs", "comparisons": (pair,)}))
     publish_late_view(site, lively_board)
     yield site
     site.database.dispose()

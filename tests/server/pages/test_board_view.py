@@ -225,3 +225,13 @@ def test_a_planner_without_a_rank_does_not_wash_out_the_colours_of_the_others(
     assert {tile.step for row in beside.rows if row.key == "brake" for tile in row.tiles} == {9}
     alone = view(lively_board.model_copy(update={"entries": (brake,)}), protocol)
     assert alone.builder.heat_top == 1.0
+
+
+def test_where_only_reference_rows_stand_a_poor_one_is_not_as_dark_as_the_best(
+    lively_board: Board, protocol: ProtocolDocument
+) -> None:
+    yardsticks = tuple(one for one in lively_board.entries if one.source == "reference")
+    rows = view(lively_board.model_copy(update={"entries": yardsticks}), protocol).rows
+    steps = {row.entry.method: {tile.step or 0 for tile in row.tiles} for row in rows}
+    assert min(steps["FREEZE"]) > 6
+    assert max(steps["CONSTANT VELOCITY"]) < 3

@@ -513,7 +513,8 @@ def check_the_curve(page: Node, entry: BoardEntry) -> None:
     scale, _, offset = map(float, re.findall(r"-?[\d.]+", group["transform"])[3:])
     y = offset + scale * float(lines[0]["points"].split()[0].split(",")[1])
     assert (y - zero) / (top - zero) == pytest.approx(1 - (entry.metrics["ur"] or 0), abs=0.002)
-    said = re.search(rf"{entry.method}: (\S+) % keep all of it", page.text)
+    said = re.search(rf"{entry.method}: (\S+) % keep all of it", sentence(page))
+    assert entry.method in [name.text for name in page.all("bdi")], "its numbers stay behind it"
     assert said is not None
     assert said[1] == percent(entry.metrics["clear"])
 

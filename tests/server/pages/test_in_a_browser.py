@@ -310,6 +310,81 @@ def test_a_name_without_spaces_breaks_and_moves_no_column_out_of_sight(
     assert seen == {"named": True, "page": 0, "aside": []}
 
 
+RIGHT_TO_LEFT = """() => {
+  const line = document.querySelector("main").appendChild(document.createElement("p"));
+  line.innerHTML = "<b>\u05de\u05ea\u05db\u05e0\u05df (2)</b> <span>\u05e6\u05d5\u05d5\u05ea (3)</span> came";
+  return [...line.children].map((part) => part.getBoundingClientRect().left);
+}"""
+
+
+def test_names_from_right_to_left_stay_in_the_order_of_the_sentence(visit: Visit) -> None:
+    name, team = visit.open("/history?phase=sample").evaluate(RIGHT_TO_LEFT)
+    assert name < team
+
+
+def test_what_a_row_of_one_s_own_would_say_is_not_cut(visit: Visit) -> None:
+    page = visit.open("/", width=1440)
+    words = page.locator(".you .tm")
+    words.evaluate("(part) => { part.textContent = 'on the board when the organizers reveal it'; }")
+    assert words.evaluate("(part) => part.scrollWidth <= part.clientWidth")
+
+
+@pytest.mark.parametrize("path", ["/problems", "/problems/file_invalid"])
+def test_a_code_breaks_at_its_underscores_alone(visit: Visit, path: str) -> None:
+    page = visit.open(path, width=320)
+    found = page.locator(".codes th code").evaluate_all(
+        "codes => codes.flatMap((code) => [...code.childNodes].filter((part) => part.data))"
+        ".map((part) => { const range = document.createRange(); range.selectNode(part);"
+        " return [part.data, range.getClientRects().length]; })"
+    )
+    assert ["waypoint_", 1] in found
+    assert [part for part, lines in found if lines > 1] == []
+
+
+@pytest.mark.parametrize("width", [320, 390])
+def test_no_head_of_a_comparison_breaks_within_its_word(visit: Visit, width: int) -> None:
+    page = visit.open("/compare?phase=pairs&a=s0000000kq&b=s0000002kq", width=width)
+    heads = page.locator("#paired thead th").filter(has_text="Difference")
+    assert heads.count() > 0
+    heights = heads.evaluate_all(
+        "heads => heads.map((head) => { const range = document.createRange();"
+        " range.selectNodeContents(head); return range.getClientRects().length; })"
+    )
+    assert set(heights) == {1}
+
+
+def test_the_words_of_a_legend_stay_clear_of_the_next_mark(visit: Visit) -> None:
+    page = visit.open("/?phase=strategy", width=1440)
+    word = page.locator("svg text.ans-w:text-is('acceptable')").bounding_box()
+    question = page.locator("svg text.ans-q").bounding_box()
+    marks = [mark.bounding_box() for mark in page.locator("svg .ans:not(:has(text)) circle").all()]
+    assert word is not None
+    assert question is not None
+    (first, second) = (mark["x"] for mark in marks if mark is not None)
+    assert question["x"] + question["width"] + 4 < first < word["x"]
+    assert word["x"] + word["width"] + 4 < second
+
+
+def test_the_words_of_an_empty_card_stay_clear_of_its_edge_on_a_phone(visit: Visit) -> None:
+    page = visit.open("/status", width=390)
+    edges = """() => {
+      const card = document.querySelector("main").appendChild(document.createElement("div"));
+      card.className = "card nothing-yet";
+      card.innerHTML = "<p>" + "Here people sign in with a token of the team. ".repeat(4) + "</p>";
+      return [card, card.firstChild].map((part) => part.getBoundingClientRect().left);
+    }"""
+    card, words = page.evaluate(edges)
+    assert words - card >= 16
+
+
+def test_in_forced_colours_a_scale_keeps_its_colours(visit: Visit) -> None:
+    page = visit.open("/", forced_colors="active")
+    fills = "parts => parts.map((part) => getComputedStyle(part).backgroundColor)"
+    assert len(set(page.locator(".ramp b").evaluate_all(fills))) == 10
+    assert len(set(page.locator(".sw").evaluate_all(fills))) == 2
+    assert len(set(page.locator(".heat td > span").evaluate_all(fills))) > 3
+
+
 def test_a_title_of_a_phase_without_spaces_breaks(visit: Visit) -> None:
     page = visit.open("/compare?phase=sample", width=390)
     title = page.locator(".eyebrow span").first.text_content()
@@ -329,6 +404,19 @@ def test_names_in_a_chart_are_no_wider_than_the_room_that_is_kept_for_them(visit
     for text, width in drawn:
         room = _text_box(text, 0, 0, "start")
         assert width <= room.right - room.left + 3, text
+
+
+def test_names_and_flags_of_a_phone_are_large_enough_for_a_finger(visit: Visit) -> None:
+    page = visit.open("/", width=390)
+    targets = page.locator("#board-rows .nm:has(.flag:not(.why)) > :is(.pn, .flag)")
+    boxes = targets.evaluate_all(
+        "all => all.map((one) => one.getBoundingClientRect())"
+        ".map((box) => [box.top, box.bottom, box.height, box.width])"
+    )
+    assert len(boxes) > 2
+    assert min(min(height, width) for _, _, height, width in boxes) >= 24
+    for (_, end, *_), (start, *_) in zip(boxes[::2], boxes[1::2], strict=True):
+        assert end <= start, "no name lies under its flag"
 
 
 def test_a_tap_on_a_phone_opens_the_rest_of_a_row(visit: Visit) -> None:
@@ -420,7 +508,9 @@ def test_a_print_says_how_much_of_the_board_it_holds_and_can_hold_all_of_it(
     assert page.inner_text(".pager") == "Page 1 of 1, 90 entries"
 
 
-@pytest.mark.parametrize("path", ["/submit", "/api", "/protocols/1.0", "/entries/s0000000kq"])
+@pytest.mark.parametrize(
+    "path", ["/submit", "/api", "/protocols/1.0", "/entries/s0000000kq", "/compare"]
+)
 def test_no_navigation_nor_button_is_printed(visit: Visit, path: str) -> None:
     page = visit.open(path)
     page.emulate_media(media="print")
