@@ -64,6 +64,11 @@ def stars(text: str) -> Markup:
     return Markup("".join(f"<b>{part}</b>" if i % 2 else part for i, part in enumerate(parts)))
 
 
+def breakable(code: str) -> Markup:
+    """Let a code break after its underscores, and nowhere else; everything is escaped."""
+    return Markup("_<wbr>").join(code.split("_"))
+
+
 def https_only(url: str | None) -> str:
     """Return a link that readers may follow; anything but an https address is left out."""
     return url if url is not None and url.startswith("https://") else ""
@@ -159,6 +164,7 @@ def environment() -> Environment:
         https=https_only,
         ticks=ticks,
         stars=stars,
+        breakable=breakable,
         markdown=markdown,
         first_paragraph=first_paragraph,
         a=with_article,
