@@ -26,7 +26,7 @@
     else sentAt = event.timeStamp;
   });
 
-  // What was made and is shown once is made once: loaded anew, the page is the one of its form.
+  // What is shown once is made once: loaded anew, the page is its form's.
   const issued = document.querySelector(".issued");
   if (issued) history.replaceState(null, "", issued.dataset.page);
 
