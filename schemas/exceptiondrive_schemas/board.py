@@ -174,7 +174,9 @@ class Board(Document):
     published_at: datetime
     n_samples: int
     confidence: float
-    interval_method: str = "percentile bootstrap over scenes, the same draws for every entry"
+    interval_method: str = (
+        "expanded percentile bootstrap over scenes, the same draws for every entry"
+    )
     """How `intervals` and rank intervals are found; draws and seed stand in the protocol."""
     families: tuple[FamilyHead, ...]
     entries: tuple[BoardEntry, ...]
