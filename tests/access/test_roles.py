@@ -10,8 +10,13 @@ from typer.testing import CliRunner
 
 from exceptiondrive_records.accounts.people import Identity, set_organizer, welcome_person
 from exceptiondrive_records.accounts.roles import OrganizerRole
-from exceptiondrive_records.accounts.sessions import find_session, open_person_session
+from exceptiondrive_records.accounts.sessions import (
+    find_session,
+    open_person_session,
+    require_unrevoked,
+)
 from exceptiondrive_records.accounts.tokens import SCOPES_OF_ROLE, Scope, issue_token
+from exceptiondrive_records.db.errors import NotAllowed
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_schemas.api.form_fields import values_of
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
@@ -475,19 +480,34 @@ def test_a_person_has_the_role_that_was_given_from_the_next_request_on(site: "Ap
         with site.database.read() as session:
             return find_session(session, secret)
 
+    def is_refused(began_as: Any) -> bool:
+        """Whether what it began, such as a stream of events, ends."""
+        with site.database.read() as session:
+            try:
+                require_unrevoked(session, began_as)
+            except NotAllowed:
+                return True
+        return False
+
+    began_as = [now()]
     assert now().role is None
     path = f"/organizer/people/{person_id}/organizer"
     wanted = {"is_organizer": True, "role": "helper", "phases": ["dev"]}
     told = site.post(path, "owner", json=wanted).json()
     assert (told["role"], told["phases"], told["is_organizer"]) == ("helper", ["dev"], True)
     assert (now().role, now().phases, now().is_organizer) == (HELPER, {"dev"}, False)
+    began_as.append(now())
+    site.post(path, "owner", json={**wanted, "phases": []})
+    began_as.append(now())
+    assert [is_refused(each) for each in began_as] == [True, True, False]
     missing = {**wanted, "phases": ["no-such"]}
     assert site.post(path, "owner", json=missing).status_code == 404
     site.post(path, "owner", json={"is_organizer": False})
     assert (now().role, now().phases) == (None, frozenset())
     lines = site.get("/organizer/audit", "owner").json()
-    granted = next(line for line in lines if line["action"] == "organizer granted")
-    assert granted["detail"] == {"role": "helper", "phases": ["dev"]}
+    granted = [line["detail"] for line in lines if line["action"] == "organizer granted"]
+    assert granted[-1] == {"role": "helper", "phases": ["dev"]}
+    assert is_refused(began_as[-1])
 
 
 def test_organizers_give_and_take_roles_by_page(
