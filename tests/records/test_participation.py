@@ -466,6 +466,10 @@ def test_many_teams_are_made_or_none(world: World) -> None:
     with pytest.raises(InvalidRecord) as refused, world.database.write() as session:
         import_teams(session, twice, actor=WHO)
     assert "Line 4, Line 5: It has the id or the name of line 2." in str(refused.value)
+    long = f"id,name\ndelta,Delta\nepsilon,Delta{chr(0x301) * 90_000}\n"
+    with pytest.raises(InvalidRecord) as refused, world.database.write() as session:
+        import_teams(session, long, actor=WHO)
+    assert "Line 3: The team name is longer" in str(refused.value), "it is not compared with others"
     cells = 'id,name,affiliation\ndelta,Delta,"Lab\nD"\n\nBAD,Bad,\n'
     with pytest.raises(InvalidRecord) as refused, world.database.write() as session:
         import_teams(session, cells, actor=WHO)
