@@ -270,9 +270,13 @@ def test_a_role_for_one_phase_asks_for_the_submissions_of_that_phase_with_its_to
     site: "Api", who: str
 ) -> None:
     own = site.submit("a").json()["id"]
-    site.submit("b", "beta", phase="other")
+    other = site.submit("b", "beta", phase="other").json()["id"]
     listed = site.get("/submissions?phase=dev", who)
     assert [one["id"] for one in listed.json()["submissions"]] == [own]
+    paths = [f"/organizer/submissions/{other}", f"/organizer/submissions/{'0' * len(other)}"]
+    theirs, none = (site.get(path, who) for path in paths)
+    assert theirs.status_code == none.status_code == 403
+    assert theirs.json()["detail"] == none.json()["detail"], "whether there is one is not told"
     for query in ("", "?phase=other", "?phase="):
         refused = site.get(f"/submissions{query}", who)
         assert refused.status_code == 403
