@@ -10,8 +10,13 @@ from typer.testing import CliRunner
 
 from exceptiondrive_records.accounts.people import Identity, set_organizer, welcome_person
 from exceptiondrive_records.accounts.roles import OrganizerRole
-from exceptiondrive_records.accounts.sessions import find_session, open_person_session
+from exceptiondrive_records.accounts.sessions import (
+    find_session,
+    open_person_session,
+    require_unrevoked,
+)
 from exceptiondrive_records.accounts.tokens import SCOPES_OF_ROLE, Scope, issue_token
+from exceptiondrive_records.db.errors import NotAllowed
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_schemas.api.form_fields import values_of
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
@@ -265,9 +270,13 @@ def test_a_role_for_one_phase_asks_for_the_submissions_of_that_phase_with_its_to
     site: "Api", who: str
 ) -> None:
     own = site.submit("a").json()["id"]
-    site.submit("b", "beta", phase="other")
+    other = site.submit("b", "beta", phase="other").json()["id"]
     listed = site.get("/submissions?phase=dev", who)
     assert [one["id"] for one in listed.json()["submissions"]] == [own]
+    paths = [f"/organizer/submissions/{other}", f"/organizer/submissions/{'0' * len(other)}"]
+    theirs, none = (site.get(path, who) for path in paths)
+    assert theirs.status_code == none.status_code == 403
+    assert theirs.json()["detail"] == none.json()["detail"], "whether there is one is not told"
     for query in ("", "?phase=other", "?phase="):
         refused = site.get(f"/submissions{query}", who)
         assert refused.status_code == 403
@@ -475,19 +484,34 @@ def test_a_person_has_the_role_that_was_given_from_the_next_request_on(site: "Ap
         with site.database.read() as session:
             return find_session(session, secret)
 
+    def is_refused(began_as: Any) -> bool:
+        """Whether what it began, such as a stream of events, ends."""
+        with site.database.read() as session:
+            try:
+                require_unrevoked(session, began_as)
+            except NotAllowed:
+                return True
+        return False
+
+    began_as = [now()]
     assert now().role is None
     path = f"/organizer/people/{person_id}/organizer"
     wanted = {"is_organizer": True, "role": "helper", "phases": ["dev"]}
     told = site.post(path, "owner", json=wanted).json()
     assert (told["role"], told["phases"], told["is_organizer"]) == ("helper", ["dev"], True)
     assert (now().role, now().phases, now().is_organizer) == (HELPER, {"dev"}, False)
+    began_as.append(now())
+    site.post(path, "owner", json={**wanted, "phases": []})
+    began_as.append(now())
+    assert [is_refused(each) for each in began_as] == [True, True, False]
     missing = {**wanted, "phases": ["no-such"]}
     assert site.post(path, "owner", json=missing).status_code == 404
     site.post(path, "owner", json={"is_organizer": False})
     assert (now().role, now().phases) == (None, frozenset())
     lines = site.get("/organizer/audit", "owner").json()
-    granted = next(line for line in lines if line["action"] == "organizer granted")
-    assert granted["detail"] == {"role": "helper", "phases": ["dev"]}
+    granted = [line["detail"] for line in lines if line["action"] == "organizer granted"]
+    assert granted[-1] == {"role": "helper", "phases": ["dev"]}
+    assert is_refused(began_as[-1])
 
 
 def test_organizers_give_and_take_roles_by_page(

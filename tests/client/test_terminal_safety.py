@@ -1,5 +1,6 @@
 """What a server sends cannot steer the terminal: the table of `nasty_strings.py` in every view."""
 
+import io
 import json
 from datetime import datetime
 
@@ -8,7 +9,7 @@ from rich.progress import Progress
 from tests.server.nasty_strings import ALL, steering_in
 from tests.support.documents import make_sheet
 
-from exceptiondrive.cli.output import console, say, show, show_json
+from exceptiondrive.cli.output import be_sure, console, say, show, show_json
 from exceptiondrive.cli.tables import (
     board_view,
     records_table,
@@ -117,3 +118,17 @@ def test_json_is_the_same_document_without_what_steers(capsys: pytest.CaptureFix
     text = capsys.readouterr().out
     assert json.loads(text) == ALL
     assert steering_in(text) == []
+
+
+@pytest.mark.parametrize("text", ALL.values(), ids=ALL)
+def test_a_question_before_what_nothing_brings_back_hides_none_of_its_words(
+    text: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The licence of data and what a server asks to be confirmed stand in it."""
+    monkeypatch.setattr("exceptiondrive.cli.output.can_ask", lambda: True)
+    monkeypatch.setattr("sys.stdin", io.StringIO("yes\n"))
+    be_sure(f"The licence is {text}.", False, "--accept-licence", question="Accept it?")
+    shown = capsys.readouterr()
+    asked = shown.out + shown.err
+    assert steering_in(asked) == []
+    assert "Accept it?" in asked

@@ -60,3 +60,54 @@ def test_an_update_that_was_applied_behind_a_hidden_phase_is_told_once_it_is_sho
         "Trial stands again under protocol 1.0",
         "Trial now stands under protocol 9.0",
     ]
+
+
+def test_what_is_told_as_a_phase_is_shown_is_true_by_then(life: "Life") -> None:
+    """What was told and then taken back is told, too; of what stands no longer nobody is told numbers."""
+    life.make_phase(split="plain")
+    steady = life.submit("alpha", dict.fromkeys(SAMPLES, 1.0) | {"a": 9.0}, "Net", "plain")
+    out = life.submit("beta", dict.fromkeys(SAMPLES, 2.0) | {"a": 9.0}, "Out", "plain")
+    life.work()
+    with life.database.write() as session:
+        for version, change in (
+            ("9.0", ('headline = "macro_family"', 'headline = "micro"')),
+            ("9.1", ("d_safe_m = 2.0", "d_safe_m = 4.5")),
+        ):
+            toml = packaged_protocol_toml("1.0").replace(
+                'version = "1.0"', f'version = "{version}"'
+            )
+            add_protocol(session, toml.replace(*change), "test")
+
+    def told(who: str) -> list[tuple[str, list[str]]]:
+        return [
+            (notice["title"], [entry["submission_id"] for entry in notice["entries"]])
+            for notice in life.json("/api/v1/notifications", who)
+            if notice["entries"]
+        ]
+
+    first = life.start_run(protocol="9.0")
+    life.apply(first)
+    applied = "Test now stands under protocol 9.0"
+    assert told("alpha") == [(applied, [steady])]
+    life.change({"visibility": "hidden"})
+    life.work()
+    life.done(f"/rescoring/{first}/rollback")
+    for version in ("9.0", "9.1"):
+        run = life.start_run(protocol=version)
+        life.apply(run)
+        life.done(f"/rescoring/{run}/close")
+    taken_back = life.start_run(protocol="9.0")
+    life.apply(taken_back)
+    life.work()
+    life.done(f"/rescoring/{taken_back}/rollback")
+    life.done(f"/submissions/{out}/disqualify", {"reason": "copied", "public_note": ""})
+    life.work()
+    for visibility in ("shown", "hidden", "shown"):
+        life.change({"visibility": visibility})
+    assert told("alpha") == [
+        ("Test now stands under protocol 9.1", [steady]),
+        (applied, [steady]),
+        ("Test stands again under protocol 1.0", [steady]),
+        (applied, [steady]),
+    ]
+    assert told("beta") == [(applied, [out])], "it stands no longer"

@@ -47,7 +47,13 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.phases.terms import accept_terms, terms_version
 from exceptiondrive_records.submissions.submissions import find_submission, withdraw
 from exceptiondrive_records.submissions.views import view
-from exceptiondrive_records.teams.teams import create_team, find_team, list_teams
+from exceptiondrive_records.teams.teams import (
+    approve_team,
+    create_team,
+    find_team,
+    list_teams,
+    refuse_team,
+)
 from exceptiondrive_schemas.api.phase_settings import PhaseChange
 
 WHO = "token:o"
@@ -447,6 +453,34 @@ def test_a_message_reaches_inbox_and_addresses_once(world: World) -> None:
     assert last_action(world) == "message sent"
 
 
+@pytest.mark.parametrize(
+    ("meanwhile", "deed"),
+    [
+        (partial(merge_teams, slug="beta", into="alpha", **WHY), partial(merge_teams, into="beta")),
+        (partial(merge_teams, slug="beta", into="alpha", **WHY), forget_team),
+        (partial(approve_team, slug="gamma", actor=WHO), refuse_team),
+    ],
+    ids=["merge", "forget", "refuse"],
+)
+def test_a_deed_is_judged_by_what_another_did_to_the_team_meanwhile(
+    world: World, meanwhile: Any, deed: Any
+) -> None:
+    """Whoever waits for the lock of a team has looked at it before."""
+    if world.database.engine.dialect.name == "sqlite":
+        pytest.skip("one write transaction at a time")
+    with world.database.write() as session:
+        create_team(session, "beta", "Beta", actor=WHO)
+        create_team(session, "gamma", "Gamma", actor=WHO).pending_since = database_now(session)
+    slug = {forget_team: "beta", refuse_team: "gamma"}.get(deed, "alpha")
+    with world.database.write() as session:
+        looked_at = list_teams(session)
+        with world.database.write() as other:
+            meanwhile(other)
+        with pytest.raises(Conflict, match=r"is approved|part of"):
+            deed(session, slug=slug, **WHY)
+        assert len(looked_at) == 3
+
+
 def test_many_teams_are_made_or_none(world: World) -> None:
     table = "id;name;affiliation;email\nbeta;Beta;Lab B;b@example.com\ngamma;Gamma;;\n"
     with world.database.write() as session:
@@ -466,6 +500,10 @@ def test_many_teams_are_made_or_none(world: World) -> None:
     with pytest.raises(InvalidRecord) as refused, world.database.write() as session:
         import_teams(session, twice, actor=WHO)
     assert "Line 4, Line 5: It has the id or the name of line 2." in str(refused.value)
+    long = f"id,name\ndelta,Delta\nepsilon,Delta{chr(0x301) * 90_000}\n"
+    with pytest.raises(InvalidRecord) as refused, world.database.write() as session:
+        import_teams(session, long, actor=WHO)
+    assert "Line 3: The team name is longer" in str(refused.value), "it is not compared with others"
     cells = 'id,name,affiliation\ndelta,Delta,"Lab\nD"\n\nBAD,Bad,\n'
     with pytest.raises(InvalidRecord) as refused, world.database.write() as session:
         import_teams(session, cells, actor=WHO)

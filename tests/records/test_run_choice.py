@@ -64,6 +64,21 @@ def test_a_team_says_newest_best_or_one(world: World) -> None:
     assert set(standing(world)) == {last, other}
 
 
+def test_what_was_withdrawn_meanwhile_is_not_chosen(world: World) -> None:
+    """Whoever asks has looked at the submission before; what decides is read under its lock."""
+    if world.database.engine.dialect.name == "sqlite":
+        pytest.skip("one write transaction at a time")
+    allow(world)
+    run = scored_run(world, "one", 0.5)
+    with world.database.write() as session:
+        looked_at = find_submission(session, run)
+        with world.database.write() as other:
+            withdraw(other, run, actor="team:1")
+        with pytest.raises(Conflict, match="The submission is withdrawn"):
+            choose(session, run, actor="organizer:1")
+        assert looked_at.chosen_at is None
+
+
 def test_a_reference_keeps_all_its_methods_where_each_team_has_one_entry(world: World) -> None:
     first, second = scored(world, "one", "One"), scored(world, "two", "Two")
     with world.database.write() as session:

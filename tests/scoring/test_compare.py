@@ -10,7 +10,7 @@ from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.bootstrap import bootstrap, scene_sums
-from exceptiondrive_scoring.compare import compare
+from exceptiondrive_scoring.compare import Difference, compare
 from exceptiondrive_scoring.grade import SampleScores
 from exceptiondrive_scoring.rank import rank_intervals
 from exceptiondrive_scoring.strategy import grade_strategies
@@ -128,6 +128,31 @@ def test_samples_that_either_leaves_undefined_are_left_out(
     difference = compare(a, b, split, protocol, SIX_METRICS).overall["cts"]
     assert (difference.difference, difference.interval, difference.discordant) == (None, None, None)
     assert difference.verdict == "not separable on this split"
+
+
+def test_no_file_asks_another_for_its_value_in_a_few_samples(
+    split: SplitArrays, protocol: ProtocolDocument
+) -> None:
+    """One that defines a metric in one sample, of the split or of a family, would read it to the last digit."""
+    unsafe = np.random.default_rng(1).random(N) < 0.8
+    a, b = _scores(unsafe), _scores(unsafe)
+    a.values[:, 3] = np.random.default_rng(2).random(N)
+    own = np.flatnonzero(split.family_index == split.family_index[0])
+
+    def found(undefined: "np.ndarray[tuple[int, ...], np.dtype[np.intp]]") -> object:
+        asks = _scores(unsafe)
+        asks.values[undefined, 3] = np.nan
+        told = compare(a, asks, split, protocol, SIX_METRICS).overall
+        assert told["hcc"] == compare(a, b, split, protocol, SIX_METRICS).overall["hcc"]
+        return told["cts"]
+
+    half = len(own) // 2
+    for few in (np.arange(1, N), own[1:], own[: half + 1]):
+        assert found(few) == Difference(None, None, None, "not separable on this split")
+    told = found(own[:half])
+    assert isinstance(told, Difference)
+    assert told.difference is not None
+    assert told.interval is not None
 
 
 def test_the_reminder_effect_is_the_paired_difference_of_two_submissions(

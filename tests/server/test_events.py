@@ -89,6 +89,25 @@ def test_a_stream_ends_with_its_token_though_nothing_changes(
     assert "event:" not in "".join(more)
 
 
+def test_a_stream_ends_in_order_when_its_team_becomes_part_of_another(
+    make_api: Callable[..., "Api"], sqlite_url: str
+) -> None:
+    api = make_api(sqlite_url, events_longest_s=3600)
+    path = f"/api/v1/submissions/{api.submit('a').json()['id']}/events"
+    bearer = {"Authorization": f"Bearer {api.tokens['alpha']}"}
+    merged = {"into": "beta", "reason": "one group"}
+    with (
+        served(api.app) as address,
+        httpx.stream("GET", address + path, headers=bearer, timeout=60) as stream,
+    ):
+        parts = stream.iter_text()
+        told = next(parts)
+        done = api.post("/organizer/teams/alpha/merge", "organizer", json=merged)
+        assert done.status_code == 200, done.text
+        told += "".join(parts)
+    assert [event["status"] for event in events_of(told)] == ["received"]
+
+
 @pytest.mark.parametrize("longest_s", [0.05])
 def test_a_stream_ends_in_time_and_the_follower_connects_again(
     make_api: Callable[..., "Api"], sqlite_url: str, longest_s: float

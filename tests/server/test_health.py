@@ -1,5 +1,7 @@
 """GET /healthz, /readyz, /metrics."""
 
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +14,7 @@ from starlette.types import Scope
 from tests.later_release import become_later_release
 from tests.support.databases import read_only
 
+from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.roles import Role
 from exceptiondrive_records.migrations import migrate
 from exceptiondrive_records.submissions import file_store
@@ -134,6 +137,30 @@ def test_an_older_schema_is_not_ready_and_a_newer_one_is(
         migrate(api_on_both.database.engine.url.render_as_string(hide_password=False))
     response = api_on_both.get("/readyz")
     assert (response.status_code, response.json()["database"]) == (200, True)
+
+
+def test_records_in_a_closed_folder_take_no_writes(tmp_path: Path) -> None:
+    """A connection that is open still reads them; whether rows can be added is no error."""
+    closed = tmp_path / "closed"
+    closed.mkdir()
+    url = f"sqlite:///{closed / 'records.db'}"
+    Database(url).engine.connect().close()
+    closed.chmod(0)
+    done = subprocess.run(
+        [sys.executable, "-c", _AS_SOMEBODY_ELSE, url], capture_output=True, text=True, check=False
+    )
+    closed.chmod(0o700)
+    assert done.stdout == "False\n", done.stderr
+
+
+_AS_SOMEBODY_ELSE = """
+import os, sys
+from exceptiondrive_records.db.database import Database
+database = Database(sys.argv[1])
+if os.geteuid() == 0:
+    os.setgroups([]); os.setgid(10001); os.setuid(10001)
+print(database.takes_writes())
+"""
 
 
 def test_records_that_are_read_only_are_not_ready(api_on_both: "Api") -> None:

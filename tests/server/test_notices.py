@@ -342,7 +342,10 @@ def test_a_team_is_told_what_an_organizer_does_with_its_submission(
             "From the next board on the best run of it stands.",
         ),
         ("An organizer made of organizer private", off),
-        ("An organizer published of organizer", "It stands on the next board."),
+        (
+            "An organizer published of organizer",
+            "The next board counts it; a frozen one does when it is revealed.",
+        ),
         ("An organizer withdrew of organizer", f"{off} The quota it took stays used."),
         (
             "An organizer restored of organizer",

@@ -8,7 +8,7 @@ import numpy as np
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.protocol import ProtocolDocument, RankingSection
 from exceptiondrive_schemas.taxonomy import Family, Task, Taxonomy
-from exceptiondrive_scoring.aliases import FloatArray
+from exceptiondrive_scoring.aliases import BoolArray, FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.bootstrap import (
     Draws,
@@ -30,6 +30,9 @@ AS_MEAN = {"aggregation": "mean", "level": None}
 NOT_SEPARABLE = "not separable on this split"
 SAME_TO = 1e-9
 """Values that lie no further apart are the same, worked out another way: arithmetic moves last bits."""
+LEAST_DEFINED = 0.5
+"""Share of the samples of each family that both must define: a file that defines one sample alone would
+read from a difference what another team's has there."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,7 @@ class Difference:
     """A minus B in one metric, over the samples that both define.
 
     Attributes:
-        difference: Difference of the aggregates; None where nothing is defined.
+        difference: Difference of the aggregates; None where less than `LEAST_DEFINED` of a family is.
         interval: Its bootstrap interval over scenes; None with too few scenes.
         discordant: Share of the samples in which the two values differ by more than `SAME_TO`.
         verdict: Plain words.
@@ -120,6 +123,7 @@ def _paired(
     """
     taxonomy, ranking = protocol.taxonomy, protocol.ranking
     gaps = a.values - b.values
+    gaps[:, ~_are_compared(gaps, split)] = np.nan
     differs = np.where(np.isnan(gaps), np.nan, (np.abs(gaps) > SAME_TO).astype(np.float64))
     means = tuple(metric.model_copy(update=AS_MEAN) for metric in a.metrics)
     values = aggregate(SampleScores(means, gaps), split, taxonomy)
@@ -143,6 +147,16 @@ def _paired(
         n_scenes=scene_counts(sums),
         ranking=ranking,
     )
+
+
+def _are_compared(gaps: FloatArray, split: SplitArrays) -> BoolArray:
+    """Whether both define each metric in enough samples of each family; (M,)."""
+    defined = ~np.isnan(gaps)
+    if defined.all():
+        return np.ones(gaps.shape[1], np.bool_)
+    families = [defined[split.family_index == family] for family in np.unique(split.family_index)]
+    enough: BoolArray = np.all([each.mean(axis=0) >= LEAST_DEFINED for each in families], axis=0)
+    return enough
 
 
 def _replaced(values: Breakdown, a: Breakdown, b: Breakdown) -> Breakdown:

@@ -174,7 +174,7 @@ def be_sure(
         raise InvalidArgumentError(
             "not_confirmed", f"{sentence} {nothing}", f"Nobody can be asked here: add {option}."
         )
-    if not typer.confirm(f"{sentence} {question}".strip(), err=True):
+    if not typer.confirm(printable(f"{sentence} {question}".strip()), err=True):
         raise InvalidArgumentError("not_confirmed", nothing)
 
 

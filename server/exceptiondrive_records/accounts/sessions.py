@@ -65,19 +65,23 @@ def find_session(session: Session, secret: str) -> Principal | None:
 
 
 def require_unrevoked(session: Session, principal: Principal) -> None:
-    """Refuse who lost, since the request began, the token or the place in the team that it came with.
+    """Refuse who lost, since the request began, the rights that it came with.
 
     Raises:
-        NotAllowed: It is revoked or has ended, or the person was taken out of the team.
+        NotAllowed: The token is revoked or has ended, the person was taken out of the team, or has
+            another role among the organizers.
     """
-    if principal.person_id is not None:
-        team_id = principal.team_id
-        is_right = team_id is None or is_member(session, team_id, principal.person_id)
-    else:
+    if principal.person_id is None:
         token = session.get(Token, principal.token_id, populate_existing=True)
         is_right = token is not None and is_live(token, database_now(session))
+    elif principal.team_id is not None:
+        is_right = is_member(session, principal.team_id, principal.person_id)
+    else:
+        person = session.get_one(Person, principal.person_id, populate_existing=True)
+        now = _principal(person, None)
+        is_right = (now.scopes, now.phases) == (principal.scopes, principal.phases)
     if not is_right:
-        raise NotAllowed("The token, or your place in the team, ended meanwhile: sign in anew.")
+        raise NotAllowed("The token, your place in the team or your role ended: sign in anew.")
 
 
 def act_for(session: Session, secret: str, person_id: str, team_id: int | None) -> None:

@@ -392,6 +392,15 @@ def boards_by_protocol(
     ]
 
 
+def boards_of_flip(session: Session, flip_id: int) -> tuple[BoardRow, BoardRow]:
+    """Return the board that a phase showed before an update was applied or taken back, and the one after."""
+    phase_id = session.get_one(BoardFlip, flip_id).phase_id
+    earlier = select(func.max(BoardFlip.id)).where(
+        BoardFlip.phase_id == phase_id, BoardFlip.id < flip_id
+    )
+    return _board_of(session, session.scalars(earlier).one()), _board_of(session, flip_id)
+
+
 def _board_of(session: Session, flip_id: int) -> BoardRow:
     return session.get_one(BoardRow, session.get_one(BoardFlip, flip_id).board_id)
 

@@ -125,9 +125,13 @@ class Database:
             with self.read() as session:
                 return bool(session.scalar(text("SHOW transaction_read_only")) == "off")
         path = Path(self.engine.url.database or "")
-        if not path.is_file() or not path.stat().st_mode & stat.S_IWUSR:
-            return False  # root could write it all the same
-        return os.access(path, os.W_OK) and os.access(path.parent, os.W_OK)
+        if not os.access(path, os.W_OK) or not os.access(path.parent, os.W_OK):
+            return (
+                False  # asked first: in a folder that is closed to this user, the rest is an error
+            )
+        return path.is_file() and bool(
+            path.stat().st_mode & stat.S_IWUSR
+        )  # root writes all the same
 
     def dispose(self) -> None:
         """Close all connections."""

@@ -147,7 +147,9 @@ def _require_changes_left(session: Session, submission: Submission) -> None:
 
 
 def _scored(session: Session, submission_id: str) -> tuple[Submission, Phase]:
-    submission = session.get(Submission, submission_id, with_for_update=True)
+    submission = session.get(
+        Submission, submission_id, with_for_update=True, populate_existing=True
+    )
     if submission is None:
         raise NotFound("submission", submission_id)
     if submission.status is not SubmissionStatus.SCORED:

@@ -40,6 +40,7 @@ def notify_teams(
     *,
     run_id: str,
     what_changed: tuple[str, ...],
+    at: datetime | None = None,
 ) -> list[Notification]:
     """Notify each team whose published numbers change of the old and the new ones; no others.
 
@@ -55,7 +56,7 @@ def notify_teams(
             submission_id=submission.id, method=submission.method, old=entry.old, new=entry.new
         )
         by_team[team].append(told)
-    now = database_now(session)
+    now = at or database_now(session)
     return [
         tell_team(
             session,

@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
 from exceptiondrive_records.db.csv_table import Fault, csv_rows, faults_text
-from exceptiondrive_records.db.errors import InvalidRecord, RecordsError
+from exceptiondrive_records.db.errors import Conflict, InvalidRecord, RecordsError
 from exceptiondrive_records.db.identifiers import skeleton
 from exceptiondrive_records.notifications.contacts import add_contact
 from exceptiondrive_records.notifications.tables import Channel
@@ -40,20 +40,29 @@ def import_teams(session: Session, text: str, *, actor: str) -> list[ImportedTea
     Raises:
         InvalidRecord: The table cannot be read, or lines of it are refused: each is named.
     """
-    made, faults = dict[int, ImportedTeam](), []
+    made, faults = list[ImportedTeam](), []
+    lines: dict[str, int] = {}  # by ids, and by names as an eye reads them
     for number, values in _lines(text):
         try:
             with session.begin_nested():
-                made[number] = _make(session, values, actor)
-        except RecordsError as refusal:
-            why = str(refusal)
-            for earlier, team in made.items():
-                if team.slug == values["id"] or skeleton(team.name) == skeleton(values["name"]):
-                    why = f"It has the id or the name of line {earlier}."
+                team = _make(session, values, actor)
+        except Conflict as refusal:  # id and name can be used, so they are short
+            earlier = lines.get(values["id"]) or lines.get(_name_key(values["name"]))
+            why = f"It has the id or the name of line {earlier}." if earlier else str(refusal)
             faults.append(Fault(f"Line {number}", why))
+        except RecordsError as refusal:
+            faults.append(Fault(f"Line {number}", str(refusal)))
+        else:
+            made.append(team)
+            lines |= {team.slug: number, _name_key(team.name): number}
     if faults:
         raise InvalidRecord(f"No team was made. {faults_text(faults)}")
-    return list(made.values())
+    return made
+
+
+def _name_key(name: str) -> str:
+    """A name as an eye reads it, told apart from an id."""
+    return f"name {skeleton(name)}"
 
 
 def tokens_table(made: list[ImportedTeam]) -> str:

@@ -1,10 +1,12 @@
 """Apply and roll back: one transaction moves the pointer, and nothing when anything is missing."""
 
-from sqlalchemy import Select, exists, func, select, update
+from datetime import datetime, timedelta
+
+from sqlalchemy import Select, func, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.tables import AuditLine
-from exceptiondrive_records.boards.boards import flip_board
+from exceptiondrive_records.boards.boards import boards_of_flip, entries_on, flip_board
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
@@ -31,7 +33,12 @@ from exceptiondrive_records.rescoring.changes import (
     move_run,
     require_action,
 )
-from exceptiondrive_records.rescoring.comparison import Compared, compare_to_shown, what_changed
+from exceptiondrive_records.rescoring.comparison import (
+    Compared,
+    compare_rows,
+    compare_to_shown,
+    what_changed,
+)
 from exceptiondrive_records.rescoring.fan_out import cancel_jobs
 from exceptiondrive_records.rescoring.progress import count_sheets, failed_sheets, fresh_board
 from exceptiondrive_records.rescoring.reveal import reveal_blockers
@@ -195,7 +202,7 @@ def rollback_run(session: Session, run_id: str, *, reason: str, actor: str) -> R
 
 
 def change_phase(session: Session, phase_id: str, change: PhaseChange, *, actor: str) -> Phase:
-    """Change settings of a phase; where that shows it, tell its teams of what was applied behind it.
+    """Change settings of a phase; where that shows it, tell its teams of updates behind it.
 
     Raises:
         RecordsError: It is refused as by `update_phase`.
@@ -203,27 +210,48 @@ def change_phase(session: Session, phase_id: str, change: PhaseChange, *, actor:
     was_hidden = lock_phase(session, phase_id).visibility == "hidden"
     phase = update_phase(session, phase_id, change, actor=actor)
     if was_hidden and phase.visibility != "hidden":
-        _tell_of_hidden_updates(session, phase_id)
+        _tell_of_hidden_updates(session, phase)
     return phase
 
 
-def _tell_of_hidden_updates(session: Session, phase_id: str) -> None:
-    """Of those that a team was told of, while the phase was shown before, nobody is told again."""
-    runs = select(RescoringRun).where(
-        RescoringRun.phase_id == phase_id,
-        RescoringRun.state.in_((RunState.APPLIED, RunState.CLOSED)),
-        ~exists().where(Notification.run_id == RescoringRun.id),
+def _tell_of_hidden_updates(session: Session, phase: Phase) -> None:
+    """Tell what was applied, and what was taken back that teams were told of, in that order.
+
+    Of what a team was told, while the phase was shown before, nobody is told again; nor of an entry
+    that does not stand now.
+    """
+    runs = session.scalars(select(RescoringRun).where(RescoringRun.phase_id == phase.id)).all()
+    notices = select(Notification.run_id, Notification.kind).where(
+        Notification.run_id.in_([run.id for run in runs])
     )
-    for run in session.scalars(runs.order_by(RescoringRun.applied_at)):
-        if run.comparison is not None:
-            _notify(session, run, run.comparison, "protocol_applied")
+    told = {(run_id, kind) for run_id, kind in session.execute(notices.distinct())}
+    due: dict[int, tuple[RescoringRun, NotificationKind]] = {}
+    for run in runs:
+        is_taken_back = run.state is RunState.ROLLED_BACK
+        kind: NotificationKind = "protocol_rolled_back" if is_taken_back else "protocol_applied"
+        flip_id = run.rollback_flip_id if is_taken_back else run.apply_flip_id
+        is_known = (run.id, "protocol_applied") in told
+        if flip_id is not None and is_known is is_taken_back and (run.id, kind) not in told:
+            due[flip_id] = run, kind
+    stands = entries_on(session, phase.current_board_id)
+    at = database_now(session)
+    for flip_id, (run, kind) in sorted(due.items()):
+        old, new = boards_of_flip(session, flip_id)
+        comparison = compare_rows(old, new).comparison
+        own = tuple(each for each in comparison.entries if each.submission_id in stands)
+        at += timedelta(milliseconds=1)  # the newest is read first
+        _notify(session, run, comparison.model_copy(update={"entries": own}), kind, at)
 
 
 def _notify(
-    session: Session, run: RescoringRun, comparison: Comparison, kind: NotificationKind
+    session: Session,
+    run: RescoringRun,
+    comparison: Comparison,
+    kind: NotificationKind,
+    at: datetime | None = None,
 ) -> None:
     words = what_changed(session, run, is_taken_back=kind == "protocol_rolled_back")
-    notify_teams(session, comparison, kind, run_id=run.id, what_changed=words)
+    notify_teams(session, comparison, kind, run_id=run.id, what_changed=words, at=at)
 
 
 STALE = (

@@ -145,7 +145,12 @@ _SAME_BYTES = select(Submission).where(
     Submission.file_digest == bindparam("file"),
     ~is_one_of(Submission.status, _SAME_BYTES_AGAIN),
 )
-_LOCKED_TEAM = select(Team).where(Team.id == bindparam("team")).with_for_update()
+_LOCKED_TEAM = (
+    select(Team)
+    .where(Team.id == bindparam("team"))
+    .with_for_update()
+    .execution_options(populate_existing=True)
+)
 _LAST_FACTS = (
     select(Submission.facts)
     .where(_OF_TEAM, Submission.method == bindparam("method"))

@@ -104,7 +104,8 @@ def refuse_team(session: Session, slug: str, *, reason: str, actor: str) -> None
         InvalidRecord: The reason cannot be kept.
         Conflict: It was approved, has submitted, or was disqualified.
     """
-    team = session.get(Team, find_team(session, slug).id, with_for_update=True)
+    team_id = find_team(session, slug).id
+    team = session.get(Team, team_id, with_for_update=True, populate_existing=True)
     if team is None:  # refused meanwhile
         raise NotFound("team", slug)
     if team.pending_since is None:

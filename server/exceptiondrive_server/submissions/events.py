@@ -13,7 +13,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from exceptiondrive_records.accounts.sessions import require_unrevoked
 from exceptiondrive_records.accounts.tokens import Principal
-from exceptiondrive_records.db.errors import NotAllowed
+from exceptiondrive_records.db.errors import NotAllowed, NotFound
 from exceptiondrive_records.submissions.submissions import find_submission
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_schemas.api.problems import ProblemCode
@@ -72,8 +72,8 @@ async def _events(
                 if now == seen and time.monotonic() - sent_at < KEEP_ALIVE_S:
                     continue
                 await run_in_threadpool(_require_unrevoked, services, principal)
-            except (SQLAlchemyError, NotAllowed):
-                return  # the client connects again, and is told why: 503 as long as it lasts, or 401
+            except (SQLAlchemyError, NotAllowed, NotFound):
+                return  # the client connects again, and is told why: 503 as long as it lasts, 401, 404
             sent_at = time.monotonic()
             yield format_sse_event(comment="still here") if now == seen else _event(now)
 

@@ -352,7 +352,7 @@ def _decision(
         return "chose which run of {} stands", f"From the next board on {which}."
     if submission.published_at is None:
         return "made {} private", _OFF_THE_BOARD
-    return "published {}", "It stands on the next board."
+    return "published {}", "The next board counts it; a frozen one does when it is revealed."
 
 
 def told_to(principal: Principal, seen: SubmissionView) -> SubmissionView:

@@ -110,8 +110,10 @@ def require_right(request: Request, services: Services, principal: Principal) ->
         phase_id = _phase_of(session, request)
     if not principal.organizes(phase_id):
         confined = ", ".join(sorted(principal.phases))
-        what = "of the whole site" if phase_id is None else "of this phase or of the whole site"
-        detail = f"Your role is confined to {confined}; this is for organizers {what}."
+        detail = (  # the same words of what is not there
+            f"Your role is confined to {confined}; this is for organizers of the phase that it "
+            "belongs to, if any, or of the whole site."
+        )
         raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
 
 

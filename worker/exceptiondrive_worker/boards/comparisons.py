@@ -142,7 +142,7 @@ def _kept_or_made(
 ) -> PairedComparison:
     target = a[0]
     key = content_key(
-        "comparison/3",
+        "comparison/4",
         *(stages.scene_sums_key(each, record.measurement_key) for each, record in (a, b)),
         target.protocol.ranking_digest,
         target.protocol.grading.headline,

@@ -51,7 +51,7 @@ def _effect(
 ) -> ReminderEffect:
     other = replace(target, file_digest=linked.file_digest, read_under=linked.accepted_under)
     key = content_key(
-        "effect/2",
+        "effect/3",
         stages.scene_sums_key(target, record.measurement_key),
         stages.scene_sums_key(other, linked.measurement_key),
         target.protocol.ranking_digest,
