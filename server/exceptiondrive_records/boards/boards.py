@@ -209,6 +209,11 @@ def board_at(session: Session, phase_id: str, as_of: datetime) -> BoardRow | Non
     return _last_shown(session, phase_id, BoardFlip.at <= as_of)
 
 
+def board_before(session: Session, flip: BoardFlip) -> BoardRow | None:
+    """Return the board whose place another one took; None: that one was the first."""
+    return _last_shown(session, flip.phase_id, BoardFlip.id < flip.id)
+
+
 def latest_public_board(session: Session, phase_id: str, protocol_digest: str) -> BoardRow | None:
     """Return the board of a phase under a protocol that readers saw last, also after a rollback."""
     return _last_shown(session, phase_id, BoardRow.protocol_digest == protocol_digest)

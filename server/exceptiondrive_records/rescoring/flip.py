@@ -1,11 +1,11 @@
 """Apply and roll back: one transaction moves the pointer, and nothing when anything is missing."""
 
-from sqlalchemy import Select, exists, func, select, update
+from sqlalchemy import ColumnElement, Select, exists, func, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.tables import AuditLine
-from exceptiondrive_records.boards.boards import flip_board
-from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.boards.boards import board_before, flip_board
+from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import Conflict
@@ -31,7 +31,12 @@ from exceptiondrive_records.rescoring.changes import (
     move_run,
     require_action,
 )
-from exceptiondrive_records.rescoring.comparison import Compared, compare_to_shown, what_changed
+from exceptiondrive_records.rescoring.comparison import (
+    Compared,
+    compare_rows,
+    compare_to_shown,
+    what_changed,
+)
 from exceptiondrive_records.rescoring.fan_out import cancel_jobs
 from exceptiondrive_records.rescoring.progress import count_sheets, failed_sheets, fresh_board
 from exceptiondrive_records.rescoring.reveal import reveal_blockers
@@ -195,7 +200,7 @@ def rollback_run(session: Session, run_id: str, *, reason: str, actor: str) -> R
 
 
 def change_phase(session: Session, phase_id: str, change: PhaseChange, *, actor: str) -> Phase:
-    """Change settings of a phase; where that shows it, tell its teams of what was applied behind it.
+    """Change settings of a phase; where that shows it, tell its teams of what was done behind it.
 
     Raises:
         RecordsError: It is refused as by `update_phase`.
@@ -208,15 +213,29 @@ def change_phase(session: Session, phase_id: str, change: PhaseChange, *, actor:
 
 
 def _tell_of_hidden_updates(session: Session, phase_id: str) -> None:
-    """Of those that a team was told of, while the phase was shown before, nobody is told again."""
+    """Of updates that stand, and of those that were taken back after a team was told of them.
+
+    Of what a team was told of, while the phase was shown before, nobody is told again.
+    """
+    stands = RescoringRun.state.in_((RunState.APPLIED, RunState.CLOSED))
+    is_taken_back = RescoringRun.state == RunState.ROLLED_BACK
+    is_told, is_told_back = _is_told("protocol_applied"), _is_told("protocol_rolled_back")
     runs = select(RescoringRun).where(
         RescoringRun.phase_id == phase_id,
-        RescoringRun.state.in_((RunState.APPLIED, RunState.CLOSED)),
-        ~exists().where(Notification.run_id == RescoringRun.id),
+        (stands & ~is_told) | (is_taken_back & is_told & ~is_told_back),
     )
     for run in session.scalars(runs.order_by(RescoringRun.applied_at)):
-        if run.comparison is not None:
+        if run.rollback_flip_id is not None:
+            flip = session.get_one(BoardFlip, run.rollback_flip_id)
+            old, new = board_before(session, flip), session.get_one(BoardRow, flip.board_id)
+            assert old is not None, "the run was applied before"
+            _notify(session, run, compare_rows(old, new).comparison, "protocol_rolled_back")
+        elif run.comparison is not None:
             _notify(session, run, run.comparison, "protocol_applied")
+
+
+def _is_told(kind: NotificationKind) -> ColumnElement[bool]:
+    return exists().where(Notification.run_id == RescoringRun.id, Notification.kind == kind)
 
 
 def _notify(
