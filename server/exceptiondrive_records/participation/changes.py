@@ -108,7 +108,8 @@ def merge_teams(
     """Make one team of two: submissions, people, addresses and questions of the first become the other's.
 
     An address of both is told once. The first keeps its id, without a token and without people: what
-    was logged of it stays readable. Both quotas are counted together. This cannot be taken back.
+    was logged of it stays readable. Both quotas are counted together. A later deadline holds for what the first
+    sent; no allowance becomes the other's. This cannot be taken back.
 
     Returns:
         The team that is left, and how many submissions it was given.
