@@ -283,7 +283,7 @@ def accept(
     return Accepted(submission, is_duplicate=False, job_id=job.id)
 
 
-def confirm(session: Session, submission_id: str) -> Submission:
+def confirm(session: Session, submission_id: str, *, actor: str) -> Submission:
     """Let what a team was asked about count: a new submission of the same file and words.
 
     Confirming twice is once. The deadline is judged by the first byte of the file, for as long as
@@ -304,7 +304,7 @@ def confirm(session: Session, submission_id: str) -> Submission:
         raise Conflict("Nothing is asked of this submission; there is nothing to confirm.")
     if not asked.can_be_confirmed(database_now(session)):
         raise Conflict("The time to confirm has passed. Send the file again to submit it.")
-    return accept(
+    counted = accept(
         session,
         team_id=asked.team_id,
         phase_id=asked.phase_id,
@@ -317,6 +317,8 @@ def confirm(session: Session, submission_id: str) -> Submission:
         size_bytes=asked.size_bytes,
         arrived_at=asked.arrived_at,
     ).submission
+    audit(session, actor, "submission confirmed", counted.id, {"asked": submission_id})
+    return counted
 
 
 def _last_facts(
