@@ -25,7 +25,7 @@ from exceptiondrive_records.phases.quotas import quota_of, require_quota
 from exceptiondrive_records.phases.scoring_keys import ScoringKey, shadow_key_of_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.phases.terms import require_terms
-from exceptiondrive_records.submissions.tables import ReceiptKeyRow, ScoreSheetRow, Submission
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import require_approved
 from exceptiondrive_records.work.board_requests import want_board
@@ -591,21 +591,3 @@ def scored_under(session: Session, submission_id: str) -> list[ScoringKey]:
         ScoreSheetRow.submission_id == submission_id
     )
     return sorted(ScoringKey(*row) for row in session.execute(query))
-
-
-# The public keys of receipts: recorded when a key signs first, and kept for ever.
-
-
-def remember_receipt_key(session: Session, key_id: str, public_key: str) -> None:
-    """Record a public key, unless it is there; a new one leaves an audit line."""
-    if session.get(ReceiptKeyRow, key_id) is not None:
-        return
-    now = database_now(session)
-    session.add(ReceiptKeyRow(key_id=key_id, public_key=public_key, first_used_at=now))
-    audit(session, "server", "receipt key first used", key_id, {"public_key": public_key})
-
-
-def receipt_keys(session: Session) -> list[ReceiptKeyRow]:
-    """Return all public keys, oldest first."""
-    query = select(ReceiptKeyRow).order_by(ReceiptKeyRow.first_used_at, ReceiptKeyRow.key_id)
-    return list(session.scalars(query))
