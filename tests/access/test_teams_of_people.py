@@ -459,7 +459,7 @@ def test_a_person_registers_a_team_where_that_is_switched_on(
         assert "An organizer has not approved the team yet" in ada.get(page).text
     asked = ada.get("/my/team").text
     assert "add or confirm one" not in asked, "it would be refused"
-    assert "one is added once an organizer approved the team" in asked
+    assert "one can be added once an organizer has approved the team" in asked
     assert 'id="upload"' not in ada.get("/submit").text
     typed = {"phase": "dev", "method": "Planner"}
     refused = ada.browser.post("/submit", typed, page="/my", files={"file": ("a.json", b"a")})
