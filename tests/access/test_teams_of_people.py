@@ -217,7 +217,9 @@ def test_a_removed_member_is_out_at_once(
     assert keeper.post(path, {}, page="/my/team").status_code == 303
     for page in ("/my", "/my/tokens", "/submissions/x"):
         assert ada.get(page).headers["location"] == "/my/team"
-    assert "No team yet" in ada.get("/my/team").text
+    out = " ".join(ada.get("/my/team").text.split())
+    assert "You were taken out of Alpha on " in out
+    assert "for an invitation to come back" in out
     refused = ada.browser.send("/submit", {}, files={"file": ("planner.json", b"a")})
     assert refused.headers["location"] == "/my/team"
     assert "member removed" in actions(site)
@@ -329,6 +331,8 @@ def test_who_joined_by_a_link_is_told_so_by_it_and_everybody_else_that_it_is_use
     with small_site.database.read() as session:
         person_id = session.scalars(select(Membership.person_id)).one()
     ada.post(f"/my/team/members/{person_id}/remove", {}, page="/my/team")
+    assert "You left Alpha on " in ada.get("/my/team").text
+    assert "You left" not in eve.get("/my/team").text
     assert ada.get(link).status_code == 404
     assert ada.post(link, {}, page="/my/team").status_code == 404
 
@@ -453,6 +457,9 @@ def test_a_person_registers_a_team_where_that_is_switched_on(
     assert ada.post("/my/team/register", wanted, page="/my/team").status_code == 303
     for page in ("/my/team", "/my", "/submit"):
         assert "An organizer has not approved the team yet" in ada.get(page).text
+    asked = ada.get("/my/team").text
+    assert "add or confirm one" not in asked, "it would be refused"
+    assert "one can be added once an organizer has approved the team" in asked
     assert 'id="upload"' not in ada.get("/submit").text
     typed = {"phase": "dev", "method": "Planner"}
     refused = ada.browser.post("/submit", typed, page="/my", files={"file": ("a.json", b"a")})

@@ -436,6 +436,21 @@ def test_a_name_that_is_not_known_is_answered_by_what_lists_them(
     assert CliRunner().invoke(app, [*listed_by.split(), "--help"]).exit_code == 0
 
 
+def test_where_the_server_dies_after_the_draft_what_will_work_is_named(
+    canned_server: "CannedServer",
+) -> None:
+    """The same command again would be refused: a phase has one open run."""
+    canned_server.answer("POST /organizer/rescoring", 200, {"id": "R", "trial": None})
+    canned_server.problem("POST /organizer/rescoring/R/start", 503, "store_unavailable")
+    to = {"EXCEPTIONDRIVE_SERVER": canned_server.url, "EXCEPTIONDRIVE_TOKEN": "edk_x"}
+    words = ("organizer", "rescore", "start", "--phase", "dev", "--protocol", "1.1")
+    done = CliRunner().invoke(app, [*words, "--reason", "why"], env=to)
+    said = " ".join(done.stderr.split())
+    assert (done.exit_code, "The run R is drafted." in said) == (5, True), said
+    assert "organizer rescore begin R" in said
+    assert "the command again" not in said
+
+
 def test_a_preview_and_an_apply_say_whose_deadline_a_reveal_ends(
     canned_server: "CannedServer",
 ) -> None:

@@ -142,6 +142,17 @@ def test_a_board_is_frozen_and_revealed(working: "Running", planning_file: MakeF
     assert "frozen" not in run(working, *asked).stdout
 
 
+def test_a_reveal_of_hidden_scores_says_before_it_asks_that_later_deadlines_end(
+    running: "Running",
+) -> None:
+    make_phase(running, "--frozen-scores", "hidden", CLOSES)
+    named = f"{running.url}/organize/phases/test/reveal-board names them."
+    for what, is_said in (("board", True), ("names", False)):
+        asked = organize(running, "reveal", "test", "--what", what, *REASON)
+        assert asked.exit_code == 2
+        assert (named in asked.stderr) is is_said
+
+
 def test_names_are_revealed(working: "Running", planning_file: MakeFile) -> None:
     make_phase(working, "--anonymous")
     mine = scored(working, planning_file(), "Planner")

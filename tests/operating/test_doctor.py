@@ -146,6 +146,19 @@ def test_the_private_broker_of_a_data_folder_is_found(tmp_path: Path) -> None:
     assert "the broker answers and evicts nothing" in said
 
 
+def test_of_a_stopped_run_its_one_command_is_advised_not_the_single_processes(
+    tmp_path: Path,
+) -> None:
+    migrate(f"sqlite:///{tmp_path / 'records.sqlite3'}")
+    said = doctor_of(tmp_path)
+    for what in ("No worker is alive", "No reconciler leads"):
+        (after,) = said.split(what)[1:]
+        assert after.splitlines()[1].startswith(
+            f"          -> start its server: exceptiondrive-server run --data {tmp_path}"
+        ), said
+    assert "exceptiondrive-worker run" not in said
+
+
 def doctor_of(data: Path) -> str:
     """What the command says of a data folder, with no address of a broker in the environment."""
     words = [str(BIN / "exceptiondrive-server"), "doctor", "--data", str(data)]

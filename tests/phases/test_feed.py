@@ -25,7 +25,7 @@ def test_an_update_says_what_it_changed_and_keeps_its_reason(life: "Life") -> No
     assert "as announced" not in "".join([first, *others]), "reasons stay with the organizers"
 
 
-def test_an_update_that_was_applied_behind_a_hidden_phase_is_told_once_it_is_shown(
+def test_what_was_applied_or_taken_back_behind_a_hidden_phase_is_told_once_it_is_shown(
     life: "Life",
 ) -> None:
     life.make_phase(split="plain")
@@ -54,12 +54,25 @@ def test_an_update_that_was_applied_behind_a_hidden_phase_is_told_once_it_is_sho
     for visibility in ("hidden", "shown"):
         life.change({"visibility": visibility})
     assert len(told()) == 1, "once"
+    life.change({"visibility": "hidden"})
     life.work()
     life.done(f"/rescoring/{run}/rollback")
-    assert told() == [
-        "Trial stands again under protocol 1.0",
-        "Trial now stands under protocol 9.0",
-    ]
+    assert len(told()) == 1, "it is hidden"
+    for visibility in ("shown", "hidden", "shown"):
+        life.change({"visibility": visibility})
+        assert told() == [
+            "Trial stands again under protocol 1.0",
+            "Trial now stands under protocol 9.0",
+        ]
+    back, there = (notice["entries"][0] for notice in life.json("/api/v1/notifications", "alpha"))
+    assert (back["old"], back["new"]) == (there["new"], there["old"])
+    life.change({"visibility": "hidden"})
+    again = life.start_run(protocol="9.0")
+    life.apply(again)
+    life.work()
+    life.done(f"/rescoring/{again}/rollback")
+    life.change({"visibility": "shown"})
+    assert len(told()) == 2, "nobody was told of what was taken back"
 
 
 def test_what_is_told_as_a_phase_is_shown_is_true_by_then(life: "Life") -> None:

@@ -359,6 +359,25 @@ def test_two_teams_that_become_one_are_told_once_at_an_address_that_both_had(
         assert (reached.n_emails, reached.n_webhooks) == (1, 1)
 
 
+def test_an_allowance_of_a_merged_team_holds_for_what_it_sent_and_is_not_the_other_ones(
+    world: World,
+) -> None:
+    beta = another(world)
+    with world.database.write() as session:
+        closes_at = database_now(session) + timedelta(hours=1)
+        update_phase(session, "dev", PhaseChange(closes_at=closes_at), actor=WHO)
+    later = closes_at + timedelta(days=1)
+    with world.database.write() as session:
+        set_allowance(session, "beta", "dev", closes_at=later, quota_total=9, **WHY)
+    theirs = world.submit("two", "Theirs", beta).submission.id
+    with world.database.write() as session:
+        merge_teams(session, "beta", "alpha", **WHY)
+    with world.database.read() as session:
+        assert find_submission(session, theirs).granted_until == later
+        quota = quota_of(session, world.team_id, find_phase(session, "dev"))
+    assert (quota.closes_at, quota.total, quota.used_total) == (None, None, 1)
+
+
 def test_what_a_team_asked_is_answered_to_the_team_that_it_became_part_of(world: World) -> None:
     beta = another(world)
     with world.database.write() as session:

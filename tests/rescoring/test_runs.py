@@ -312,6 +312,24 @@ def test_the_rate_of_a_run_is_that_of_the_last_half_minute_since_scoring_went_on
     )
 
 
+def test_no_remaining_time_is_told_once_every_sheet_is_begun(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    """The last may wait for the lease of a worker that is lost, however fast the others came."""
+    stage.add_protocol(make_protocol("1.1", *D_SAFE))
+    run_id = stage.draft(protocol="1.1")
+    stage.step("start", run_id)
+    stage.work(most=1)
+    assert stage.view(run_id).progress.remaining_s is not None
+    with stage.owner.write() as session:
+        waiting = update(Job).where(Job.state == WorkState.QUEUED)
+        until = database_now(session) + timedelta(minutes=2)
+        session.execute(waiting.values(state=WorkState.LEASED, lease_until=until))
+    progress = stage.view(run_id).progress
+    assert (progress.done, progress.sheets_per_s is None) == (1, False)
+    assert progress.remaining_s is None
+
+
 def test_a_run_resumes_after_any_crash_without_losing_or_doubling_a_sheet(
     stage: Stage, make_protocol: Callable[..., str]
 ) -> None:

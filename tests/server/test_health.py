@@ -75,11 +75,17 @@ def test_without_broker_and_worker_uploads_are_still_taken(api: "Api") -> None:
     assert api.submit("a").status_code == 202
 
 
-def test_without_the_database_it_is_not_ready(api: "Api", tmp_path: Path) -> None:
+def test_without_the_database_it_is_not_ready_and_knows_of_no_worker(
+    make_api: MakeApi, sqlite_url: str, broker_url: str, tmp_path: Path
+) -> None:
+    api = make_api(sqlite_url, broker_url=broker_url)
     break_database(api, tmp_path)
     response = api.get("/readyz")
     assert response.status_code == 503
-    assert (response.json()["is_ready"], response.json()["database"]) == (False, False)
+    ready = response.json()
+    assert (ready["is_ready"], ready["database"], ready["live_workers"]) == (False, False, None)
+    assert "the records are away" in ready["note"]
+    assert "Scoring" not in ready["note"]
 
 
 def test_without_the_file_store_it_is_not_ready(
@@ -90,6 +96,7 @@ def test_without_the_file_store_it_is_not_ready(
     response = api.get("/readyz")
     assert response.status_code == 503
     assert (response.json()["database"], response.json()["file_store"]) == (True, False)
+    assert "the file store is away, full" in response.json()["note"]
 
 
 def test_a_store_without_room_is_not_ready(

@@ -25,6 +25,7 @@ from exceptiondrive_records.notifications.tables import (
     Delivery,
     Notification,
 )
+from exceptiondrive_records.operations.unlogged import unlogged_submissions
 from exceptiondrive_records.participation.allowances import set_allowance
 from exceptiondrive_records.participation.disqualification import disqualify_team, reinstate
 from exceptiondrive_records.participation.tables import Allowance
@@ -368,6 +369,11 @@ def test_a_team_is_told_that_an_organizer_confirmed_for_it_or_tried_again(api: "
     (notice,) = api.get("/notifications", "alpha").json()
     assert counted == [notice["comparison"].removeprefix("/submissions/")] * 2
     assert notice["title"] == "An organizer confirmed Planner"
+    (line,) = api.get("/organizer/audit?action=submission confirmed", "organizer").json()
+    assert line["actor"].startswith("token:")
+    assert (line["subject"], line["detail"]) == (counted[0], {"asked": asked})
+    with api.database.read() as session:
+        assert list(unlogged_submissions(session)) == []
     with api.database.write() as session:
         last = select(Job.id).where(Job.submission_id == counted[0])
         job = claim_this(session, str(session.scalar(last)), 120, 4)

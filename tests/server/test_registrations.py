@@ -53,6 +53,8 @@ def test_a_registered_team_submits_only_when_it_is_approved(
     assert api.submit("a", "gamma").status_code == 202
     lines = api.get("/organizer/audit", "organizer").json()
     assert [line["action"] for line in lines].count("team approved") == 1
+    (told,) = api.get("/notifications", "gamma").json()
+    assert told["title"] == "Your team Gamma is approved"
 
 
 def test_an_upload_of_a_team_that_waits_for_approval_is_refused_at_its_head(

@@ -55,7 +55,7 @@ def quota(world: World, submission_id: str) -> Quota:
 def confirmed(world: World, submission_id: str) -> str:
     """Say yes, and let a worker score it; return the id of what counts."""
     with world.database.write() as session:
-        counted_id = confirm(session, submission_id).id
+        counted_id = confirm(session, submission_id, actor="test").id
         (job,) = jobs_of(session, counted_id)
         lane = job.lane
     assert lane is not None
@@ -168,9 +168,9 @@ def test_confirming_twice_is_once_and_there_must_be_a_question(
     asked_id = on_both.score(planning_file(tiny, changes=GAPS), asks_first=True)
     counted_id = confirmed(on_both, asked_id)
     with on_both.database.write() as session:
-        assert confirm(session, asked_id).id == counted_id
+        assert confirm(session, asked_id, actor="test").id == counted_id
     with pytest.raises(Conflict, match="Nothing is asked"), on_both.database.write() as session:
-        confirm(session, counted_id)
+        confirm(session, counted_id, actor="test")
     assert quota(on_both, asked_id).used_today == 1
 
 
@@ -182,7 +182,7 @@ def test_a_confirmation_takes_quota_as_an_upload_does(
     with on_both.database.write() as session:
         session.get_one(Phase, "dev").quota_per_day = 1
     with pytest.raises(QuotaExceeded), on_both.database.write() as session:
-        confirm(session, asked_id)
+        confirm(session, asked_id, actor="test")
     assert seen(on_both, asked_id).is_asked, "what is refused changes nothing"
 
 
@@ -198,7 +198,7 @@ def test_what_was_not_confirmed_in_time_loses_its_file_and_can_be_sent_again(
     )
     lapse(on_both, asked_id, ago=timedelta(minutes=1))
     with pytest.raises(Conflict, match="time to confirm"), on_both.database.write() as session:
-        confirm(session, asked_id)
+        confirm(session, asked_id, actor="test")
     assert seen(on_both, asked_id).confirm_until is None
     assert not seen(on_both, asked_id).is_asked
     assert sweep(on_both) == 0, "a confirmation that began in time may be under way"
@@ -250,10 +250,10 @@ def test_a_confirmation_is_judged_by_the_first_byte_of_its_file(
         session.get_one(Phase, "dev").closes_at = now - timedelta(minutes=2)
     if is_late:
         with pytest.raises(PhaseClosed), on_both.database.write() as session:
-            confirm(session, asked_id)
+            confirm(session, asked_id, actor="test")
         return
     with on_both.database.write() as session:
-        counted = confirm(session, asked_id)
+        counted = confirm(session, asked_id, actor="test")
         closes_at = session.get_one(Phase, "dev").closes_at
         assert closes_at is not None
         assert counted.arrived_at is not None

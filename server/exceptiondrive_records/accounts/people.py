@@ -12,6 +12,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.accounts.roles import OrganizerRole, checked_phases
 from exceptiondrive_records.accounts.tables import Invitation, Membership, Person
 from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import insert_if_absent
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
@@ -192,6 +193,18 @@ def remove_member(session: Session, team_id: int, person_id: str, *, actor: str)
     slug = session.get_one(Team, team_id).slug
     audit(session, actor, "member removed", slug, {"person": person_id})
     withdraw_invitations_of(session, f"person:{person_id}", team_id, actor=actor)
+
+
+def removal_of(session: Session, person_id: str) -> tuple[AuditLine, Team] | None:
+    """Return the last time that a person left a team, or was taken out of it, and the team."""
+    lines = (
+        select(AuditLine, Team)
+        .join(Team, Team.slug == AuditLine.subject)
+        .where(AuditLine.action == "member removed")
+        .order_by(AuditLine.id.desc())
+    )
+    found = ((line, team) for line, team in session.execute(lines))
+    return next((one for one in found if one[0].detail["person"] == person_id), None)
 
 
 def open_invitations(session: Session, team_id: int) -> list[Invitation]:

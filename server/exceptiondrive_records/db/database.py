@@ -125,13 +125,9 @@ class Database:
             with self.read() as session:
                 return bool(session.scalar(text("SHOW transaction_read_only")) == "off")
         path = Path(self.engine.url.database or "")
-        if not os.access(path, os.W_OK) or not os.access(path.parent, os.W_OK):
-            return (
-                False  # asked first: in a folder that is closed to this user, the rest is an error
-            )
-        return path.is_file() and bool(
-            path.stat().st_mode & stat.S_IWUSR
-        )  # root writes all the same
+        if not (os.access(path, os.W_OK) and os.access(path.parent, os.W_OK)):
+            return False  # asked first: where the folder is closed to this user, the file cannot be looked at
+        return bool(path.stat().st_mode & stat.S_IWUSR)  # root could write it all the same
 
     def dispose(self) -> None:
         """Close all connections."""

@@ -1,4 +1,4 @@
-"""What organizers change of a team: its name and affiliation, or that two teams are one."""
+"""What organizers change of a team: that it may submit, its name and affiliation, or that two teams are one."""
 
 from itertools import product
 
@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.accounts.tables import Invitation, Membership, Token
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.errors import Conflict
+from exceptiondrive_records.db.errors import Conflict, NotFound
 from exceptiondrive_records.db.identifiers import (
     checked_reason,
     checked_team,
@@ -31,6 +31,25 @@ from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.printable import counted
 
 MAX_AFFILIATION = 200
+
+
+def approve_team(session: Session, slug: str, *, actor: str) -> Team:
+    """Let a team that registered itself submit, and tell it; approving twice does nothing.
+
+    Raises:
+        NotFound: There is no such team.
+    """
+    team = session.get(
+        Team, find_team(session, slug).id, with_for_update=True, populate_existing=True
+    )
+    if team is None:  # refused meanwhile
+        raise NotFound("team", slug)
+    if team.pending_since is not None:
+        team.pending_since = None
+        audit(session, actor, "team approved", slug)
+        told = ("From now on it may submit, and be told at addresses, too.",)
+        tell_team(session, team, "team_changed", f"Your team {team.name} is approved", told)
+    return team
 
 
 def change_team(
@@ -89,7 +108,8 @@ def merge_teams(
     """Make one team of two: submissions, people, addresses and questions of the first become the other's.
 
     An address of both is told once. The first keeps its id, without a token and without people: what
-    was logged of it stays readable. Both quotas are counted together. This cannot be taken back.
+    was logged of it stays readable. Both quotas are counted together. A later deadline holds for what the first
+    sent; no allowance becomes the other's. This cannot be taken back.
 
     Returns:
         The team that is left, and how many submissions it was given.

@@ -1,6 +1,6 @@
 """Which sheets a run still lacks, which failed, and how fast it goes."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
@@ -18,7 +18,7 @@ from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.board_requests import is_board_wanted, want_board
-from exceptiondrive_records.work.tables import OPEN_STATES, Job
+from exceptiondrive_records.work.tables import OPEN_STATES, Job, WorkState
 from exceptiondrive_schemas.api.rescoring import Progress, RunState
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.challenges import CHALLENGES
@@ -80,30 +80,36 @@ def failed_sheets(phase_id: str, key: ScoringKey) -> Select[Submission]:
     return _scored(phase_id).where(not_(_has_sheet(key)), ended)
 
 
-def open_jobs(session: Session, phase_id: str, key: ScoringKey) -> int:
+def open_jobs(
+    session: Session, phase_id: str, key: ScoringKey, states: Sequence[WorkState] = OPEN_STATES
+) -> int:
     """Return how many jobs of this key wait or run."""
     query = (
         select(func.count())
         .select_from(Job)
         .join(Submission, Submission.id == Job.submission_id)
-        .where(Submission.phase_id == phase_id, is_of_key(Job, key), Job.state.in_(OPEN_STATES))
+        .where(Submission.phase_id == phase_id, is_of_key(Job, key), Job.state.in_(states))
     )
     return session.scalar(query) or 0
 
 
 def progress_of(session: Session, run: RescoringRun, key: ScoringKey) -> Progress:
-    """Return done, total and failed, and while scoring the measured rate and remaining time."""
+    """Return done, total and failed, and while scoring the measured rate and remaining time.
+
+    No time is told once every sheet is begun: the last may wait for the lease of a worker that is lost.
+    """
     if run.ended_with is not None:
         return run.ended_with
     counts = count_sheets(session, run.phase_id, key)
     rate = _rate(session, run, key) if run.state is RunState.SCORING else None
     waiting = counts.missing - counts.failed
+    begun = open_jobs(session, run.phase_id, key, [WorkState.LEASED]) if rate else 0
     return Progress(
         done=counts.done,
         total=counts.total,
         failed=counts.failed,
         sheets_per_s=None if rate is None else round(rate, 2),
-        remaining_s=round(waiting / rate, 1) if rate and waiting else None,
+        remaining_s=round(waiting / rate, 1) if rate and waiting > begun else None,
     )
 
 

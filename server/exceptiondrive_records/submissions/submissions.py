@@ -25,7 +25,7 @@ from exceptiondrive_records.phases.quotas import quota_of, require_quota
 from exceptiondrive_records.phases.scoring_keys import ScoringKey, shadow_key_of_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.phases.terms import require_terms
-from exceptiondrive_records.submissions.tables import ReceiptKeyRow, ScoreSheetRow, Submission
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import require_approved
 from exceptiondrive_records.work.board_requests import want_board
@@ -288,7 +288,7 @@ def accept(
     return Accepted(submission, is_duplicate=False, job_id=job.id)
 
 
-def confirm(session: Session, submission_id: str) -> Submission:
+def confirm(session: Session, submission_id: str, *, actor: str) -> Submission:
     """Let what a team was asked about count: a new submission of the same file and words.
 
     Confirming twice is once. The deadline is judged by the first byte of the file, for as long as
@@ -309,7 +309,7 @@ def confirm(session: Session, submission_id: str) -> Submission:
         raise Conflict("Nothing is asked of this submission; there is nothing to confirm.")
     if not asked.can_be_confirmed(database_now(session)):
         raise Conflict("The time to confirm has passed. Send the file again to submit it.")
-    return accept(
+    counted = accept(
         session,
         team_id=asked.team_id,
         phase_id=asked.phase_id,
@@ -322,6 +322,8 @@ def confirm(session: Session, submission_id: str) -> Submission:
         size_bytes=asked.size_bytes,
         arrived_at=asked.arrived_at,
     ).submission
+    audit(session, actor, "submission confirmed", counted.id, {"asked": submission_id})
+    return counted
 
 
 def _last_facts(
@@ -594,21 +596,3 @@ def scored_under(session: Session, submission_id: str) -> list[ScoringKey]:
         ScoreSheetRow.submission_id == submission_id
     )
     return sorted(ScoringKey(*row) for row in session.execute(query))
-
-
-# The public keys of receipts: recorded when a key signs first, and kept for ever.
-
-
-def remember_receipt_key(session: Session, key_id: str, public_key: str) -> None:
-    """Record a public key, unless it is there; a new one leaves an audit line."""
-    if session.get(ReceiptKeyRow, key_id) is not None:
-        return
-    now = database_now(session)
-    session.add(ReceiptKeyRow(key_id=key_id, public_key=public_key, first_used_at=now))
-    audit(session, "server", "receipt key first used", key_id, {"public_key": public_key})
-
-
-def receipt_keys(session: Session) -> list[ReceiptKeyRow]:
-    """Return all public keys, oldest first."""
-    query = select(ReceiptKeyRow).order_by(ReceiptKeyRow.first_used_at, ReceiptKeyRow.key_id)
-    return list(session.scalars(query))

@@ -202,19 +202,6 @@ def _network_digest(address: str) -> str | None:
     return hashlib.sha256(f"network {network}".encode()).hexdigest()
 
 
-def approve_team(session: Session, slug: str, *, actor: str) -> Team:
-    """Let a team that registered itself submit; approving twice does nothing.
-
-    Raises:
-        NotFound: There is no such team.
-    """
-    team = find_team(session, slug)
-    if team.pending_since is not None:
-        team.pending_since = None
-        audit(session, actor, "team approved", slug)
-    return team
-
-
 NOT_APPROVED = "Your team is not approved yet; an organizer has to look at it first."
 
 

@@ -66,15 +66,18 @@ class Finding:
     do: str = ""
 
 
-def examine(settings: ServerSettings, withheld: tuple[Path, ...] = ()) -> list[Finding]:
+def examine(
+    settings: ServerSettings, withheld: tuple[Path, ...] = (), data: Path | None = None
+) -> list[Finding]:
     """Return all findings.
 
-    `withheld` are folders that the user of the server must not be able to enter.
+    `withheld` are folders that the user of the server must not be able to enter; `data` is that of an
+    `exceptiondrive-server run`, which starts every process of it.
     """
     return [
         *_versions(),
         *_wide_settings(settings),
-        *_database(settings),
+        *_database(settings, data),
         *_broker(settings.broker_url),
         *_store(settings.file_store_url),
         *_receipt_key(settings.receipt_key_file),
@@ -101,7 +104,7 @@ def _wide_settings(settings: RecordsSettings) -> Iterator[Finding]:
         yield Finding(Severity.OK, "the settings are valid and fit each other")
 
 
-def _database(settings: RecordsSettings) -> Iterator[Finding]:
+def _database(settings: RecordsSettings, data: Path | None) -> Iterator[Finding]:
     url = make_url(settings.database_url)
     if url.get_backend_name() == "sqlite":
         path = Path(url.database or "")
@@ -141,7 +144,7 @@ def _database(settings: RecordsSettings) -> Iterator[Finding]:
                 "server's user, with the right to write",
             )
         yield from _clock(database)
-        yield from _queue(database, settings)
+        yield from _queue(database, data)
         yield from _append_only(database)
         yield from _names(database)
         yield from _mount(database, settings.file_store_url)
@@ -175,7 +178,7 @@ def _clock(database: Database) -> Iterator[Finding]:
         yield Finding(Severity.OK, "the clocks of this machine and of the database agree")
 
 
-def _queue(database: Database, settings: RecordsSettings) -> Iterator[Finding]:
+def _queue(database: Database, data: Path | None) -> Iterator[Finding]:
     with database.read() as session:
         now = database_now(session)
         oldest = session.scalar(
@@ -184,8 +187,10 @@ def _queue(database: Database, settings: RecordsSettings) -> Iterator[Finding]:
         found = troubles(session)
         scorers = scorers_at_work(session)
         has_phases = session.scalar(select(Phase.id).limit(1)) is not None
+    start = f"start its server: exceptiondrive-server run --data {data}, or make run DATA={data}"
     for trouble in found:
-        yield Finding(Severity.WARNING, trouble.what, trouble.do)
+        is_of_run = data is not None and trouble.code in ("lane_without_worker", "no_reconciler")
+        yield Finding(Severity.WARNING, trouble.what, start if is_of_run else trouble.do)
     if len(scorers) > 1:
         older = ", ".join(scorers[:-1])
         yield Finding(

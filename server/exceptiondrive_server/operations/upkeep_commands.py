@@ -113,7 +113,7 @@ def doctor(
     if data is not None and "EXCEPTIONDRIVE_BROKER_URL" not in os.environ:
         private = broker_url(data.resolve() / "broker")
         settings = settings.model_copy(update={"broker_url": private})
-    findings = examine(settings, tuple(withheld or ()))
+    findings = examine(settings, tuple(withheld or ()), data)
     for finding in findings:
         typer.echo(f"{finding.severity:8}{finding.what}")
         if finding.do:

@@ -19,7 +19,7 @@ from cryptography.hazmat.primitives.serialization import (
 
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import StoreError
-from exceptiondrive_records.submissions.submissions import receipt_keys, remember_receipt_key
+from exceptiondrive_records.submissions.receipt_keys import receipt_keys, remember_receipt_key
 from exceptiondrive_schemas.receipt import (
     Receipt,
     ReceiptKey,

@@ -297,7 +297,7 @@ def confirmed_upload(
         require_unrevoked(session, principal)
         asked = find_submission(session, submission_id, team_id=own_team(principal))
         was_confirmed = asked.confirmed_as is not None
-        counted = confirm(session, submission_id)
+        counted = confirm(session, submission_id, actor=principal.actor)
         if own_team(principal) is None and not was_confirmed:
             told = "It was asked about, counts from now on, and took its quota."
             tell_about(session, counted, f"An organizer confirmed {counted.method}", (told,))

@@ -13,10 +13,10 @@ from exceptiondrive_records.accounts.tokens import (
     list_tokens,
     revoke_token,
 )
-from exceptiondrive_records.participation.changes import MAX_AFFILIATION
+from exceptiondrive_records.participation.changes import MAX_AFFILIATION, approve_team
 from exceptiondrive_records.participation.importing import make_team
 from exceptiondrive_records.teams.tables import Team
-from exceptiondrive_records.teams.teams import approve_team, find_team, list_teams, refuse_team
+from exceptiondrive_records.teams.teams import find_team, list_teams, refuse_team
 from exceptiondrive_schemas.datetimes import Time
 from exceptiondrive_server.accounts.queries import (
     IssuedToken,

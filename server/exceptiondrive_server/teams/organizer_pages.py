@@ -20,12 +20,12 @@ from exceptiondrive_records.accounts.tokens import (
 )
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import RecordsError
-from exceptiondrive_records.participation.changes import MAX_AFFILIATION
+from exceptiondrive_records.participation.changes import MAX_AFFILIATION, approve_team
 from exceptiondrive_records.participation.importing import make_team
 from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.submissions.submissions import counts_by_team
 from exceptiondrive_records.teams.tables import Team
-from exceptiondrive_records.teams.teams import approve_team, find_team, list_teams, refuse_team
+from exceptiondrive_records.teams.teams import find_team, list_teams, refuse_team
 from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_server.accounts.queries import left_behind, token_views
 from exceptiondrive_server.audit.queries import history
@@ -210,7 +210,7 @@ def approval(services: ServicesOf, team_id: TeamId) -> Step:
     return _registration(
         team,
         title=f"Approve {team.name}",
-        meaning="The team may submit from now on.",
+        meaning="The team may submit from now on; its inbox says so.",
         button="Approve",
         command=f"exceptiondrive organizer teams approve {team.slug}",
         take=partial(approve_team, slug=team_id),

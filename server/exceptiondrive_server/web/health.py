@@ -36,7 +36,8 @@ class Readiness(BaseModel):
     database: bool
     file_store: bool
     broker: bool
-    live_workers: int
+    live_workers: int | None
+    """None: records that are away or read only do not tell."""
     note: str
 
 
@@ -55,14 +56,18 @@ def readyz(services: ServicesOf) -> Response:
     workers = _workers(services)
     database, store = workers is not None, _takes_files(services)
     broker = _broker_answers(services.settings.broker_url)
-    note = "" if broker and workers else "Scoring is delayed: no broker or no worker is alive."
+    notes = {
+        "Uploads are refused: the records are away, read-only or of an older release.": not database,
+        "Uploads are refused: the file store is away, full or read-only.": not store,
+        "Scoring is delayed: no broker or no worker is alive.": not broker or workers == 0,
+    }
     readiness = Readiness(
         is_ready=database and store,
         database=database,
         file_store=store,
         broker=broker,
-        live_workers=workers or 0,
-        note=note,
+        live_workers=workers,
+        note=" ".join(note for note, is_so in notes.items() if is_so),
     )
     return JSONResponse(readiness.model_dump(), status_code=200 if readiness.is_ready else 503)
 

@@ -481,4 +481,7 @@ async def test_page_and_api_say_how_intervals_are_found(
 ) -> None:
     about = read((await lively_site.get("/")).text).one("section", id="about").text
     assert f"95 %, 1,000 draws: {lively_board.interval_method}" in about
-    assert '"interval_method":"expanded percentile bootstrap over scenes' in lively_board.model_dump_json()
+    assert (
+        '"interval_method":"expanded percentile bootstrap over scenes'
+        in lively_board.model_dump_json()
+    )

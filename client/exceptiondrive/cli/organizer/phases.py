@@ -14,7 +14,7 @@ import typer
 from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.options import argument, option
-from exceptiondrive.cli.output import Answer, be_sure, saved
+from exceptiondrive.cli.output import Answer, be_sure, saved, say
 from exceptiondrive.cli.session import with_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.errors import InvalidArgumentError, utc_text
@@ -193,6 +193,11 @@ def reveal(
     """
     if what not in WHAT:
         raise InvalidArgumentError("wrong_what", f"--what is {', '.join(WHAT)}, not {what!r}.")
+    if what == "board" and organizer.phase(phase_id)["policy"]["frozen_scores"] == "hidden":
+        say(
+            "Once the deadline of the phase has passed, later ones of single teams end with this "
+            f"reveal: {organizer.server}/organize/phases/{phase_id}/reveal-board names them."
+        )
     be_sure(f"Reveal the {what} of {phase_id} for good?", yes)
     phase = organizer.reveal_phase(phase_id, what, reason)
     return phase, REVEALED[what].format(phase_id)

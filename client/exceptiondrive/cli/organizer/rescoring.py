@@ -21,7 +21,12 @@ from exceptiondrive.cli.fitted_table import Column, FittedTable
 from exceptiondrive.cli.options import argument, flag, option
 from exceptiondrive.cli.output import Answer, console, has_terminal, replacing, say, show_result
 from exceptiondrive.cli.session import command_of, open_organizer
-from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, utc_text
+from exceptiondrive.errors import (
+    ExceptionDriveError,
+    InvalidArgumentError,
+    NetworkError,
+    utc_text,
+)
 from exceptiondrive.organizer import Rescoring
 from exceptiondrive.transport import Record
 from exceptiondrive_schemas.challenges import Metric
@@ -70,15 +75,28 @@ def start(
     """
     run = rescoring.draft(phase, protocol, split_revision, reason)
     if not draft:
-        run = _tried(rescoring, run)
-        if (run.get("trial") or {}).get("state") == "held":
-            raise InvalidArgumentError(
-                "split_floor",
-                f"It stays a draft. {run['blockers'][0]}",
-                f"organizer rescore cancel {run['id']}",
-            )
-        run = rescoring.step(run["id"], "start", reason)
+        try:
+            run = _begun(rescoring, run, reason)
+        except NetworkError as error:
+            raise NetworkError(
+                error.code,
+                f"{error.sentence} The run {run['id']} is drafted.",
+                "Once the server answers, begin it, or read that it has begun: "
+                f'organizer rescore begin {run["id"]} --reason "…"',
+            ) from None
     return run, *run_lines(run)
+
+
+def _begun(rescoring: Rescoring, run: Record, reason: str) -> Record:
+    """Begin a drafted run once a worker has tried its split."""
+    run = _tried(rescoring, run)
+    if (run.get("trial") or {}).get("state") == "held":
+        raise InvalidArgumentError(
+            "split_floor",
+            f"It stays a draft. {run['blockers'][0]}",
+            f"organizer rescore cancel {run['id']}",
+        )
+    return rescoring.step(run["id"], "start", reason)
 
 
 def status(
