@@ -29,7 +29,7 @@ from exceptiondrive_records.notifications.contacts import add_contact, list_cont
 from exceptiondrive_records.notifications.inbox import list_notifications
 from exceptiondrive_records.notifications.tables import Channel, Delivery
 from exceptiondrive_records.participation.allowances import set_allowance
-from exceptiondrive_records.participation.changes import change_team, merge_teams
+from exceptiondrive_records.participation.changes import approve_team, change_team, merge_teams
 from exceptiondrive_records.participation.disqualification import (
     disqualify_submission,
     disqualify_team,
@@ -48,7 +48,6 @@ from exceptiondrive_records.phases.terms import accept_terms, terms_version
 from exceptiondrive_records.submissions.submissions import find_submission, withdraw
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.teams.teams import (
-    approve_team,
     create_team,
     find_team,
     list_teams,
