@@ -471,6 +471,8 @@ def test_a_message_reaches_inbox_and_addresses_once(world: World) -> None:
     assert last_action(world) == "message sent"
 
 
+@pytest.mark.postgres
+@pytest.mark.parametrize("database_url", ["postgres"], indirect=True)
 @pytest.mark.parametrize(
     ("meanwhile", "deed"),
     [
@@ -483,9 +485,7 @@ def test_a_message_reaches_inbox_and_addresses_once(world: World) -> None:
 def test_a_deed_is_judged_by_what_another_did_to_the_team_meanwhile(
     world: World, meanwhile: Any, deed: Any
 ) -> None:
-    """Whoever waits for the lock of a team has looked at it before."""
-    if world.database.engine.dialect.name == "sqlite":
-        pytest.skip("one write transaction at a time")
+    """Whoever waits for the lock of a team has looked at it before; SQLite takes one writer at a time."""
     with world.database.write() as session:
         create_team(session, "beta", "Beta", actor=WHO)
         create_team(session, "gamma", "Gamma", actor=WHO).pending_since = database_now(session)
