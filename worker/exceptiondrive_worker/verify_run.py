@@ -59,12 +59,8 @@ def _verify(context: WorkerContext, item: Recheck) -> None:
         except RejectedUpload:
             _record(context, item, VerifyState.DIFFERS, None, "the file is rejected now")
             return
-    publication, has_drives = protocol.publication, split.manifest.recorded is not None
     withheld, public = (  # a split may have become public since
-        Rounding(challenge, publication, is_public=each).sheet(
-            scored.sheet, has_public_drives=has_drives
-        )
-        for each in (False, True)
+        Rounding.of(target, is_public=each).sheet(scored.sheet) for each in (False, True)
     )
     published = public if public == expected else withheld
     note = _difference(item.expected_digest, expected, scored.digest, published)
