@@ -17,7 +17,6 @@ from exceptiondrive_worker.sample.agents import AGENTS, Agent, agent_predictions
 from exceptiondrive_worker.sample.planners import PLANNERS, Planner, predictions
 from exceptiondrive_worker.sample.scenes import SEED, SPLIT_NAME, sample_scenes, sample_split
 from exceptiondrive_worker.splits.floors import FLOORS_FILE
-from exceptiondrive_worker.splits.store import family_counts
 from exceptiondrive_worker.splits.warnings import split_warnings
 
 OPEN_FLOORS = """\
@@ -57,8 +56,9 @@ def sample_datasheet(split: Split) -> Datasheet:
     """Say how the sample is made, and count it; nobody chose or reviewed anything of it."""
     protocol = packaged_protocol()
     families, tasks = protocol.taxonomy.families, protocol.taxonomy.tasks
+    family_of = {task.id: task.family for task in tasks}
     of_task = Counter(sample.task for sample in split.counted)
-    of_family = Counter(family_counts(split, protocol))
+    of_family = Counter(family_of[sample.task] for sample in split.counted)
 
     def cell(member: Family | Task, n: int) -> Cell:
         return Cell(id=member.id, title=member.title, candidates=n, suitable=n, accepted=n, n=n)
