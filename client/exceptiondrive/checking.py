@@ -21,7 +21,7 @@ from exceptiondrive.inputs import (
 )
 from exceptiondrive_schemas.base import faults_in
 from exceptiondrive_schemas.challenges import ChallengeId
-from exceptiondrive_schemas.check import MAX_UPLOAD_BYTES, check_bytes
+from exceptiondrive_schemas.check import MAX_UPLOAD_BYTES, check
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.printable import spreadsheet_text
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -58,13 +58,13 @@ def check_file(
     if isinstance(manifest, Split):
         manifest = manifest_of(manifest, rules)
     known = None if manifest is None else given_manifest(manifest)
-    return check_bytes(
+    return check(
         given_submission(file, None if known is None else known.name).data,
         manifest=known,
         protocol=rules,
         challenge=challenge,
         max_upload_bytes=max_upload_bytes,
-    )
+    ).report
 
 
 def manifest_of(split: Split, protocol: ProtocolDocument) -> Manifest:

@@ -9,8 +9,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 from uuid import uuid4
 
-from pydantic import TypeAdapter
-
 from exceptiondrive.checking import check_file
 from exceptiondrive.errors import (
     IT_IS_SAFE,
@@ -70,8 +68,6 @@ MAX_OUTAGES = 5
 
 OnChange = Callable[[SubmissionView], None]
 AnyDocument = TypeVar("AnyDocument", bound=Document)
-PHASES = TypeAdapter(tuple[PhaseView, ...])
-EDITS = TypeAdapter(tuple[SubmissionEditView, ...])
 PAGE_SIZE = 100
 MAX_NAMES = 12
 """So many names are told where one was not found."""
@@ -276,8 +272,7 @@ class Client(Connection):
 
     def phases(self) -> tuple[PhaseView, ...]:
         """Return all phases, with the team's own quota when a token was given."""
-        answer = self._transport.get("/phases")
-        return read_answer(lambda data: PHASES.validate_json(data, extra="allow"), answer)
+        return read_answer(PhaseView.read_all, self._transport.get("/phases"))
 
     def phase(self, phase: str) -> PhaseView:
         """Return one phase.
@@ -426,7 +421,7 @@ class Client(Connection):
         rule = RUN_RULES.get(said, phase.policy.run_rule)
         if phase.policy.run_choice == "team":
             rule += " To say otherwise: exceptiondrive choose."
-        is_late = not phase.is_open and phase.now is not None and phase.now.takes_late_entries
+        is_late = not phase.is_open and phase.takes_late_entries
         if is_late:
             rule = "What comes after the deadline takes no place on the board, and nothing is chosen any more."
         is_closed = not (phase.is_open or is_late)
@@ -620,7 +615,7 @@ class Client(Connection):
     def edits(self, submission_id: str) -> tuple[SubmissionEditView, ...]:
         """Return what was changed of a submission, newest first: who, when, before and after."""
         answer = self._transport.get(f"{self._path_of(submission_id)}/edits")
-        return read_answer(lambda data: EDITS.validate_json(data, extra="allow"), answer)
+        return read_answer(SubmissionEditView.read_all, answer)
 
     def download(self, submission_id: str) -> bytes:
         """Return the team's own upload, bit by bit.
@@ -658,8 +653,7 @@ class Client(Connection):
 
         query: dict[str, str | int | None] = {"unread": str(unread).lower(), "limit": limit}
         answer = self._transport.get("/notifications", query)
-        notices = TypeAdapter(tuple[NotificationView, ...])
-        return read_answer(lambda data: notices.validate_json(data, extra="allow"), answer)
+        return read_answer(NotificationView.read_all, answer)
 
     def mark_read(self, notice_id: str) -> "NotificationView":
         """Mark a message as read."""

@@ -8,7 +8,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.errors import InvalidArgumentError, extra_missing
 from exceptiondrive.settings import config_folder
 from exceptiondrive_schemas.api.confirmation import Confirmation, confirmed_bytes
 from exceptiondrive_schemas.split import SplitRef
@@ -71,7 +71,7 @@ def _new_key() -> bytes:
         from cryptography.hazmat.primitives import serialization
         from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
     except ImportError:
-        raise _missing() from None
+        raise extra_missing("Signing needs cryptography.", "receipts") from None
     return Ed25519PrivateKey.generate().private_bytes(
         serialization.Encoding.PEM,
         serialization.PrivateFormat.PKCS8,
@@ -84,7 +84,7 @@ def _read_key(path: Path) -> "Ed25519PrivateKey":
         from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
         from cryptography.hazmat.primitives.serialization import load_pem_private_key
     except ImportError:
-        raise _missing() from None
+        raise extra_missing("Signing needs cryptography.", "receipts") from None
     try:
         key = load_pem_private_key(path.read_bytes(), password=None)
     except (OSError, ValueError, TypeError):
@@ -96,11 +96,3 @@ def _read_key(path: Path) -> "Ed25519PrivateKey":
             "Make one: exceptiondrive organizer protocols key",
         )
     return key
-
-
-def _missing() -> InvalidArgumentError:
-    return InvalidArgumentError(
-        "receipts_missing",
-        "Signing needs the package cryptography.",
-        "Install it: pip install 'exceptiondrive[receipts]'",
-    )

@@ -35,8 +35,6 @@ Waypoints = tuple[tuple[float, ...], ...]
 FollowedPoint = Literal["sensor", "rear-axle"]
 Angles = Literal["radians", "degrees"]
 
-QUARTER_TURN_DEG = 90
-CAMERA_WIDTH = 3
 MAX_WIDTH = 8
 """Columns of a waypoint: x and y, and what is left out."""
 
@@ -194,7 +192,7 @@ def convert(pairs: tuple[RawPair, ...], plan: ConversionPlan) -> Conversion:
         ),
         (
             plan.rotate_deg != 0,
-            lambda points: rotated(points, plan.rotate_deg // QUARTER_TURN_DEG),
+            lambda points: rotated(points, plan.rotate_deg // 90),
             f"turned by {plan.rotate_deg} degrees: {_ROTATION_WORDS.get(plan.rotate_deg, '')}",
         ),
         (plan.mirror, mirrored, "mirrored: (x, y) -> (x, -y)"),
@@ -287,7 +285,7 @@ def _bounds_fault(points: Waypoints, geometry: GeometrySection) -> str | None:
 
 def _from_camera(work: _Work) -> None:
     work.refuse(
-        lambda points: "has no third column" if points and len(points[0]) < CAMERA_WIDTH else None,
+        lambda points: "has no third column" if points and len(points[0]) < 3 else None,
         "wrong_waypoint_shape",
         "Camera coordinates are x right, y down, z ahead; --rotate -90 turns x right / z ahead.",
     )

@@ -126,18 +126,13 @@ def read_bytes(path: Path) -> bytes:
     return data
 
 
-def read_text(path: Path, data: bytes | None = None) -> str:
-    """Return a text file, inflated if it is gzip, without a byte order mark.
-
-    Args:
-        path: The file.
-        data: What `read_bytes` gave of it, where it was read before.
+def read_text(path: Path, data: bytes) -> str:
+    """Return the text of a file, of what `read_bytes` gave of it; without a byte order mark.
 
     Raises:
-        InvalidArgumentError: It cannot be read, is no UTF-8 text, or begins with a comment.
+        InvalidArgumentError: It is no UTF-8 text, or begins with a comment.
     """
     try:
-        data = read_bytes(path) if data is None else data
         text = data.decode(wide_encoding(data) or "utf-8-sig").removeprefix("\ufeff")
     except UnicodeDecodeError:
         raise fault(path, "is not UTF-8 text.") from None

@@ -85,15 +85,13 @@ def _run(
     return run
 
 
-def _document(path: Path) -> Any:
+def _object(path: Path, data: bytes | None = None) -> dict[str, Any]:
+    """Return the object in a file, of what was read of it where that is at hand."""
+    text = read_text(path, read_bytes(path) if data is None else data)
     try:
-        return json.loads(read_text(path), object_pairs_hook=with_unique_keys(path))
+        document = json.loads(text, object_pairs_hook=with_unique_keys(path))
     except (ValueError, RecursionError) as error:
         raise fault(path, f"is not JSON: {reason_of(error)}.") from None
-
-
-def _object(path: Path) -> dict[str, Any]:
-    document = _document(path)
     if not isinstance(document, dict):
         raise fault(path, "must be a JSON object by token.")
     return document
@@ -124,7 +122,7 @@ def read_trajectories(path: Path, mode: int | None, on_form: OnForm) -> Tokens:
         for token, points in zip(tokens, trajectories, strict=True):
             yield str(token), points_of(path, str(token), points, mode, on_form)
         return
-    for token, points in _object(path).items():
+    for token, points in _object(path, data).items():
         yield token, points_of(path, token, points, mode, on_form)
 
 

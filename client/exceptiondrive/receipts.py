@@ -13,7 +13,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from exceptiondrive.credentials import credentials_path
-from exceptiondrive.errors import InvalidArgumentError
+from exceptiondrive.errors import InvalidArgumentError, extra_missing
 from exceptiondrive.inputs import given_bytes
 from exceptiondrive.settings import write_settings_file
 from exceptiondrive_schemas.receipt import (
@@ -190,11 +190,7 @@ def _is_signed(receipt: Receipt, key: ReceiptKey) -> bool:
         from cryptography.exceptions import InvalidSignature
         from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
     except ImportError:
-        raise InvalidArgumentError(
-            "receipts_missing",
-            "Checking a signature needs the package cryptography.",
-            "Install it: pip install 'exceptiondrive[receipts]'",
-        ) from None
+        raise extra_missing("Checking a signature needs cryptography.", "receipts") from None
     try:
         public_key = Ed25519PublicKey.from_public_bytes(base64.b64decode(key.public_key))
         signature = base64.b64decode(receipt.signature, validate=True)

@@ -546,13 +546,9 @@ class Transport:
 
 
 def _is_not_now(response: httpx.Response) -> bool:
-    return response.status_code in RETRIED_STATUSES or _is_too_fast(response)
-
-
-def _is_too_fast(response: httpx.Response) -> bool:
-    """Whether the server wants fewer requests a second; a spent quota is another 429."""
+    """Whether the server wants to be asked again later; a spent quota is another 429."""
     if response.status_code != 429:
-        return False
+        return response.status_code in RETRIED_STATUSES
     try:
         return Problem.read(response.content).code is ProblemCode.TOO_MANY_REQUESTS
     except ValidationError:

@@ -15,7 +15,7 @@ import typer
 
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import say, show_json
-from exceptiondrive.errors import NetworkError
+from exceptiondrive.errors import NetworkError, extra_missing
 from exceptiondrive_agent.errors import AgentError
 from exceptiondrive_schemas.printable import counted
 
@@ -97,8 +97,7 @@ def _command(ask: "Callable[..., RunReport]") -> Callable[..., None]:
         try:
             importlib.import_module("openai")
         except ImportError:
-            advice = 'Install it: pip install "exceptiondrive[agent]"'
-            raise AgentError("remind and decide need the extra `agent`.", advice) from None
+            raise extra_missing("remind and decide need openai.", "agent") from None
         try:
             report = ask(**given)
         except KeyboardInterrupt:

@@ -9,7 +9,7 @@ Evaluation): the reminder is one more text part.
 
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
@@ -166,7 +166,7 @@ class Question:
         )
 
 
-def remind_question(taxonomy: Taxonomy, views: tuple[str, ...] = ()) -> Question:
+def remind_question(taxonomy: Taxonomy, views: tuple[str, ...]) -> Question:
     """Images and the public taxonomy in, a reminder record out."""
     return Question(
         name="remind",
@@ -178,7 +178,7 @@ def remind_question(taxonomy: Taxonomy, views: tuple[str, ...] = ()) -> Question
 
 
 def decide_question(
-    reminders: Mapping[str, ReminderRecord], taxonomy: Taxonomy, views: tuple[str, ...] = ()
+    reminders: Mapping[str, ReminderRecord], taxonomy: Taxonomy, views: tuple[str, ...]
 ) -> Question:
     """Images, with or without a reminder, in, a strategy out."""
     return Question(
@@ -228,17 +228,14 @@ def read_reminder(text: str, taxonomy: Taxonomy) -> ReminderRecord:
         record = ReminderRecord.model_validate_json(json.dumps(answer))
     except ValidationError as error:
         raise NoAnswerError(Reason.WRONG_SCHEMA, sentence_of(error), text) from None
-    if any(has_unkeepable(value, LINE_BREAKS) for value in _texts(record)):
+    texts = (value for _, value in record if isinstance(value, str))
+    if any(has_unkeepable(value, LINE_BREAKS) for value in texts):
         raise NoAnswerError(Reason.WRONG_SCHEMA, "a text holds control characters", text)
     known = {task.id for task in taxonomy.tasks}
     if record.hazard_type is not None and record.hazard_type not in known:
         detail = f"{record.hazard_type!r} is no task id of the taxonomy"
         raise NoAnswerError(Reason.UNKNOWN_HAZARD_TYPE, detail, text)
     return record
-
-
-def _texts(record: ReminderRecord) -> Iterator[str]:
-    return (value for _, value in record if isinstance(value, str))
 
 
 def read_strategy(text: str) -> Strategy:

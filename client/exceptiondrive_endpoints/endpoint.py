@@ -293,11 +293,9 @@ class Endpoint:
         )
 
     async def __aenter__(self) -> Self:
-        """Return the endpoint."""
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        """Close all connections."""
         await self._client.close()
 
     async def _before_request(self, request: Any) -> None:

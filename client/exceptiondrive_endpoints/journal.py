@@ -132,10 +132,8 @@ class Journal(Generic[Header, Line]):
             raise JournalError(f"{self._path}: {error.strerror}", advice) from None
 
     def __enter__(self) -> Self:
-        """Return the journal."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the file and give the lock up."""
         self._file.close()
         self._lock.close()

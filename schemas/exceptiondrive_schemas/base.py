@@ -12,6 +12,7 @@ from typing import Any
 from pydantic import (
     BaseModel,
     ConfigDict,
+    TypeAdapter,
     ValidationError,
     ValidatorFunctionWrapHandler,
     WrapValidator,
@@ -65,6 +66,12 @@ class Document(BaseModel):
             ValidationError: What is known here is missing, or of another type.
         """
         return cls.model_validate_json(answer, extra="allow", context=FORGIVING)
+
+    @classmethod
+    def read_all(cls, answer: str | bytes) -> tuple[Self, ...]:
+        """Read a list of them, as `read` does one."""
+        many: TypeAdapter[tuple[Self, ...]] = TypeAdapter(tuple[cls, ...])  # type: ignore[valid-type]
+        return many.validate_json(answer, extra="allow", context=FORGIVING)
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """Return a copy; what was derived from the fields once is derived anew from the copy's."""

@@ -19,8 +19,6 @@ MethodType = Literal[
     "end_to_end", "modular", "vla", "vlm_zero_shot", "vlm_tuned", "world_model", "rule", "other"
 ]
 Sensor = Literal["front_camera", "surround_cameras", "lidar", "radar", "gnss_imu", "ego_state"]
-MapUse = Literal["none", "sd", "hd"]
-ExtraData = Literal["none", "public", "private"]
 YesNo = Literal["yes", "no"]
 
 LABELS: Mapping[str, Mapping[str, str]] = MappingProxyType(
@@ -91,13 +89,13 @@ class MethodFacts(Document):
         description="What it looks at.",
         json_schema_extra=_titled("sensors"),
     )
-    map: MapUse | None = Field(
+    map: Literal["none", "sd", "hd"] | None = Field(
         default=None,
         title="Map",
         description="Which map it uses.",
         json_schema_extra=_titled("map"),
     )
-    extra_data: ExtraData | None = Field(
+    extra_data: Literal["none", "public", "private"] | None = Field(
         default=None,
         title="Extra data",
         description="Driving data beyond what the benchmark gives, in training or prompts.",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from tests.agent.bench import Bench, shade_of
 
 from exceptiondrive.inputs import given_manifest
-from exceptiondrive_schemas.check import check_bytes
+from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.protocol import packaged_protocol
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def faults_of(bench: Bench) -> list[str]:
     """What the server's own checker finds wrong with the submission."""
     manifest = given_manifest(bench.manifest)
-    report = check_bytes(bench.out.read_bytes(), protocol=packaged_protocol(), manifest=manifest)
+    report = check(bench.out.read_bytes(), protocol=packaged_protocol(), manifest=manifest).report
     assert report.challenge == "strategy"
     return [group.message for group in report.faults]
 

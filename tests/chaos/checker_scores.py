@@ -71,9 +71,8 @@ class Rescorer:
         exact = score(checked.document, self.split, self._protocol)
         challenge = CHALLENGES[exact.challenge]
         drives = self._manifest.recorded is not None
-        return Rounding(challenge, self._protocol.publication).sheet(
-            exact, has_public_drives=drives
-        )
+        publication = self._protocol.publication
+        return Rounding(challenge, publication, has_public_drives=drives).sheet(exact)
 
 
 def differences(published: ScoreSheet, due: ScoreSheet) -> list[str]:

@@ -103,8 +103,11 @@ def test_a_phase_is_made_with_settings_shown_and_changed(running: "Running") -> 
         (("update", "test", "--quota-per-day", "many"), "from 1 to 10,000, not 'many'"),
         (("update", "test", "--quota-total", "0"), "from 1 to 1,000,000, not '0'"),
         (("update", "test"), "`--help` lists the settings"),
-        (("reveal", "test", "--what", "all", *REASON), "board, names, split, not 'all'"),
-        (("reveal", "test", "--what", "split", "--yes", *REASON), "has no parts"),
+        (
+            ("reveal", "test", "--what", "all", *REASON),
+            "--what is board, names or split, not 'all'",
+        ),
+        (("reveal", "test", "--what", "split", *REASON), "has no parts"),
         (("show", "none"), "none"),
     ],
 )

@@ -1,5 +1,6 @@
 """A trajectory known by hand comes out the same from the files of every planner."""
 
+import io
 import itertools
 import json
 import math
@@ -272,6 +273,15 @@ def test_a_file_that_is_nested_too_deeply_is_no_json(tmp_path: Path) -> None:
 def test_an_unknown_planner_is_told_which_are_known() -> None:
     with pytest.raises(InvalidArgumentError, match="one of trajectories, uniad"):
         planner_form("unidad")
+
+
+def test_a_run_may_come_from_stdin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = json.dumps({TOKEN: known()})
+    (run := tmp_path / "run.json").write_text(text, encoding="utf-8")
+    stdin = SimpleNamespace(buffer=io.BytesIO(text.encode()))
+    monkeypatch.setattr("exceptiondrive.pair_files.sys.stdin", stdin)
+    (pair,) = read_runs(planner_form("trajectories"), [Path("-")], [run], None)
+    assert pair.source == pair.edited == tuple(map(tuple, known()))
 
 
 def test_a_token_that_stands_twice_in_a_run_is_refused(tmp_path: Path) -> None:

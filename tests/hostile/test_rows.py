@@ -11,6 +11,7 @@ import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as Xml
 
 import numpy as np
 import pytest
@@ -243,10 +244,13 @@ def test_i12_names_are_inert_on_the_page_and_in_the_feed(named: Site, path: str)
     response = named.client.get(path)
     assert response.status_code == 200
     assert "<script>alert" not in response.text
-    assert "\" onmouseover='x'" not in response.text
     if path.startswith("/?"):
+        assert "\" onmouseover='x'" not in response.text
         assert "&lt;script&gt;alert(1)" in response.text
         assert "{{ 7*7 }}" in response.text
+    else:  # a quote may stand in the text of XML, where it opens no attribute
+        written = Xml.fromstring(response.text).iter()
+        assert {name for element in written for name in element.attrib} == {"href", "rel"}
     assert "default-src" in response.headers["content-security-policy"]
 
 

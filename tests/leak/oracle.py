@@ -31,9 +31,9 @@ class Oracle:
         """Publish the score of edited trajectories (N, T, 2); NaN is a missing one."""
         self.n_asked += 1
         exact = self.exact(edited)
-        rounding = Rounding(PLANNING, self.protocol.publication)
         drives = self.split.manifest.recorded is not None
-        return rounding.sheet(exact, has_public_drives=drives) if self.is_rounded else exact
+        rounding = Rounding(PLANNING, self.protocol.publication, has_public_drives=drives)
+        return rounding.sheet(exact) if self.is_rounded else exact
 
     def exact(self, edited: FloatArray) -> ScoreSheet:
         """Score as the worker does; nothing is rounded."""

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from exceptiondrive_schemas.challenges import PLANNING, ChallengeId
-from exceptiondrive_schemas.check import PlanningDocument, StrategyDocument, check, check_bytes
+from exceptiondrive_schemas.check import PlanningDocument, StrategyDocument, check
 from exceptiondrive_schemas.faults import FaultCode, FaultGroup
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
@@ -30,7 +30,7 @@ def encoded() -> Callable[[Any], bytes]:
 def faults(protocol: ProtocolDocument, manifest: Manifest, encoded: Encode) -> Callable[[Any], Any]:
     def check_object(document: Any) -> dict[FaultCode, FaultGroup]:
         data = document if isinstance(document, bytes) else encoded(document)
-        report = check_bytes(data, protocol=protocol, manifest=manifest)
+        report = check(data, protocol=protocol, manifest=manifest).report
         return {group.code: group for group in report.faults}
 
     return check_object
@@ -76,7 +76,7 @@ def test_a_file_that_reacts_to_no_hazard_is_told_its_flag(
         prediction["edited"] = [[x / 2, y] for x, y in prediction["edited"]]
     ranking = protocol.ranking.model_copy(update={"unranked_flags": unranked})
     protocol = protocol.model_copy(update={"ranking": ranking})
-    report = check_bytes(encoded(planning), protocol=protocol, manifest=manifest)
+    report = check(encoded(planning), protocol=protocol, manifest=manifest).report
     why = "source and edited are alike in 100% of the pairs: it reacts to no hazard"
     assert report.notes == ((f"it will be flagged Blind to the edit: {why}",) if noted else ())
     wanted = f"flagged Blind to the edit: {why}" if refused else None
@@ -112,7 +112,7 @@ def test_gzip_is_recognised_by_its_first_bytes(
     planning: dict[str, Any], protocol: ProtocolDocument, manifest: Manifest, encoded: Encode
 ) -> None:
     data = gzip.compress(encoded(planning))
-    report = check_bytes(data, protocol=protocol, manifest=manifest)
+    report = check(data, protocol=protocol, manifest=manifest).report
     assert report.is_valid
     assert report.size_bytes == len(data)
 
@@ -137,7 +137,7 @@ def test_the_schema_may_follow_the_predictions_of_a_strategy_file(
 def test_a_file_of_the_other_challenge_is_refused(
     strategy: dict[str, Any], protocol: ProtocolDocument, encoded: Encode
 ) -> None:
-    report = check_bytes(encoded(strategy), protocol=protocol, challenge=PLANNING.id)
+    report = check(encoded(strategy), protocol=protocol, challenge=PLANNING.id).report
     assert [group.code for group in report.faults] == [FaultCode.WRONG_SCHEMA]
     assert report.faults[0].examples[0].hint == (
         "this is a strategy file, and a planning file is wanted"
@@ -151,9 +151,9 @@ def test_the_manifest_of_a_phase_says_which_challenge_its_files_are_for(
     """Without a server, and whatever else the caller would take."""
     data = json.dumps(request.getfixturevalue(given)).encode()
     of_phase = manifest.model_copy(update={"challenge": wanted})
-    assert check_bytes(data, protocol=protocol, manifest=manifest).is_valid
+    assert check(data, protocol=protocol, manifest=manifest).report.is_valid
     for asked in (None, ChallengeId(given)):
-        report = check_bytes(data, protocol=protocol, manifest=of_phase, challenge=asked)
+        report = check(data, protocol=protocol, manifest=of_phase, challenge=asked).report
         hints = [each.hint for group in report.faults for each in group.examples]
         assert hints == [f"this is a {given} file, and a {wanted} file is wanted"]
 

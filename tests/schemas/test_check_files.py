@@ -16,7 +16,6 @@ import pytest
 from exceptiondrive_schemas.check import (
     UnreadableFileError,
     check,
-    check_bytes,
     fault_list,
     inflate,
     json_stream,
@@ -31,7 +30,7 @@ Check = Callable[[bytes], CheckReport]
 
 @pytest.fixture
 def checked(protocol: ProtocolDocument, manifest: Manifest) -> Check:
-    return lambda data: check_bytes(data, protocol=protocol, manifest=manifest)
+    return lambda data: check(data, protocol=protocol, manifest=manifest).report
 
 
 @pytest.fixture
@@ -192,7 +191,7 @@ def test_a_report_shows_texts_escaped_and_can_be_sent(
     text: str, planning: dict[str, Any], protocol: ProtocolDocument
 ) -> None:
     data = json.dumps(planning).replace('"example"', f'"{text}"').encode()
-    report = check_bytes(data, protocol=protocol)
+    report = check(data, protocol=protocol).report
     assert codes(report) == [FaultCode.WRONG_SPLIT]
     shown = report.faults[0].examples[0].got
     assert shown.isprintable()
@@ -204,7 +203,7 @@ def test_an_id_that_cannot_be_kept_is_refused_without_a_manifest(
     text: str, planning: dict[str, Any], protocol: ProtocolDocument
 ) -> None:
     data = json.dumps(planning).replace('"s-001"', f'"{text}"').encode()
-    found = codes(check_bytes(data, protocol=protocol))
+    found = codes(check(data, protocol=protocol).report)
     assert found in ([FaultCode.INVALID_TEXT], [FaultCode.TEXT_TOO_LONG])
 
 
@@ -246,12 +245,12 @@ def test_a_report_stays_small_whatever_is_in_the_file(name: str, checked: Check)
 
 MEMORY_PROBE = """
 import resource, sys
-from exceptiondrive_schemas.check import check_bytes
+from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.protocol import packaged_protocol
 protocol = packaged_protocol()
 data = eval(sys.argv[1])
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-report = check_bytes(data, protocol=protocol, max_upload_bytes=1 << 26)
+report = check(data, protocol=protocol, max_upload_bytes=1 << 26).report
 assert not report.is_valid
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
 """

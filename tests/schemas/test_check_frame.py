@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import pytest
 
-from exceptiondrive_schemas.check import check_bytes
+from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.faults import Fault, FaultCode
 from exceptiondrive_schemas.protocol import ProtocolDocument
 
@@ -28,7 +28,7 @@ def frame_fault(protocol: ProtocolDocument) -> Callable[[Ends], Fault | None]:
             "split": "example",
             "predictions": predictions,
         }
-        report = check_bytes(json.dumps(document).encode(), protocol=protocol)
+        report = check(json.dumps(document).encode(), protocol=protocol).report
         if report.is_valid:
             return None
         (group,) = report.faults

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from exceptiondrive_schemas.check import check_bytes
+from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.check.fault_list import json_path, shown
 from exceptiondrive_schemas.check.sample_ids import SHARDS, NearestId
 from exceptiondrive_schemas.faults import MAX_EXAMPLES, CheckReport, Fault, FaultCode
@@ -18,8 +18,8 @@ Check = Callable[[Any], CheckReport]
 
 @pytest.fixture
 def checked(protocol: ProtocolDocument, manifest: Manifest) -> Check:
-    return lambda document: check_bytes(
-        json.dumps(document).encode(), protocol=protocol, manifest=manifest
+    return lambda document: (
+        check(json.dumps(document).encode(), protocol=protocol, manifest=manifest).report
     )
 
 
@@ -137,7 +137,7 @@ def test_a_duplicate_key_is_found_wherever_it_stands(
     planning["note"] = [{"deep": 0}]
     text = json.dumps(planning).replace('{"deep": 0}', '{"a": 0, "\\u0061": 1}')
     text = text.replace('"split"', '"split": "example", "split"', 1)
-    report = check_bytes(text.encode(), protocol=protocol)
+    report = check(text.encode(), protocol=protocol).report
     groups = {group.code: group for group in report.faults}
     paths = [example.path for example in groups[FaultCode.DUPLICATE_KEY].examples]
     assert paths == ["$", "$.note[0]"]

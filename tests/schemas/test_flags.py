@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.check import check_bytes
+from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.flags import FLAGS, bars_leading
 from exceptiondrive_schemas.protocol import (
     NEWEST,
@@ -93,11 +93,11 @@ def test_a_check_tells_a_flag_before_an_upload(code: str, manifest: Manifest) ->
             for key, (source, edited) in pairs.items()
         ],
     }
-    report = check_bytes(
+    report = check(
         json.dumps(document).encode(),
         protocol=protocol.model_copy(update={"ranking": ranking}),
         manifest=manifest.model_copy(update={"recorded": drives, "sample_ids": tuple(drives)}),
-    )
+    ).report
     assert report.faults == ()
     assert f"flagged {FLAGS[code].label}: " in (report.unranked_because or "")
 

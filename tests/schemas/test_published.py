@@ -9,7 +9,7 @@ import jsonschema
 import pytest
 
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.check import MAX_INFLATED_BYTES, MAX_UPLOAD_BYTES, check, check_bytes
+from exceptiondrive_schemas.check import MAX_INFLATED_BYTES, MAX_UPLOAD_BYTES, check
 from exceptiondrive_schemas.check.json_stream import MAX_VALUE_CHARACTERS
 from exceptiondrive_schemas.faults import CheckReport, FaultCode
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -61,7 +61,7 @@ def test_the_examples_are_about_one_split(protocol: ProtocolDocument) -> None:
     assert manifest.sample_ids == tuple(sample.sample_id for sample in split.samples)
     for name in ("planning", "strategy"):
         data = example_text(name).encode()
-        assert check_bytes(data, protocol=protocol, manifest=manifest).is_valid
+        assert check(data, protocol=protocol, manifest=manifest).report.is_valid
 
 
 @pytest.mark.parametrize("entry", [0, 1])

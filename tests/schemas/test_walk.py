@@ -23,7 +23,7 @@ import pytest
 from tests.support.extract import Path6, make_extract
 
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.check import check_bytes
+from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.check.checker import FROM_YAML
 from exceptiondrive_schemas.check.transformations import (
     at_times,
@@ -1017,7 +1017,7 @@ ALL_FILES = WALK | MORE | SECOND_WALK | THIRD_WALK | OWN
 @cache
 def report_of(name: str) -> CheckReport:
     """Return the report of a file, which is checked once in a process."""
-    return check_bytes(ALL_FILES[name].make(), protocol=packaged_protocol(), manifest=MANIFEST)
+    return check(ALL_FILES[name].make(), protocol=packaged_protocol(), manifest=MANIFEST).report
 
 
 def test_there_are_45_files() -> None:
@@ -1025,7 +1025,7 @@ def test_there_are_45_files() -> None:
 
 
 def test_the_file_that_they_come_from_is_sound() -> None:
-    report = check_bytes(as_bytes(sound()), protocol=packaged_protocol(), manifest=MANIFEST)
+    report = check(as_bytes(sound()), protocol=packaged_protocol(), manifest=MANIFEST).report
     assert report.is_valid
     assert report.profile is not None
     assert report.profile.warnings == ()

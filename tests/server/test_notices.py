@@ -36,7 +36,7 @@ from exceptiondrive_records.work.lease import claim, try_later
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.api.phase_settings import PhasePolicy
 from exceptiondrive_schemas.api.rescoring import NotificationView
-from exceptiondrive_schemas.check import check_bytes
+from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.protocol import packaged_protocol
 
 if TYPE_CHECKING:
@@ -245,7 +245,7 @@ def test_what_failed_or_was_refused_is_told_once_to_who_wishes_that(
     confirmed(api, browse, "scored", who="beta")
     failed, wrong = api.submit("a").json()["id"], api.submit("b").json()["id"]
     other = api.submit("c", "beta").json()["id"]
-    report = check_bytes(b"[]", protocol=packaged_protocol())
+    report = check(b"[]", protocol=packaged_protocol()).report
     for one in (failed, wrong, other):
         with api.database.write() as session:
             job = claim_this(
@@ -273,7 +273,7 @@ def test_what_failed_or_was_refused_is_told_once_to_who_wishes_that(
 def test_what_waits_for_a_word_says_a_deadline_that_comes_first(api: "Api", browse: Browse) -> None:
     confirmed(api, browse, "failed")
     asked = api.submit("a", asks_first="true").json()["id"]
-    report = check_bytes(b"[]", protocol=packaged_protocol())
+    report = check(b"[]", protocol=packaged_protocol()).report
     report = report.model_copy(update={"faults": (), "to_confirm": ("It replaces another.",)})
     with api.database.write() as session:
         job = claim_this(session, session.query(Job).one().id, 120, 4)
@@ -359,7 +359,7 @@ def test_a_team_is_told_what_an_organizer_does_with_its_submission(
 
 def test_a_team_is_told_that_an_organizer_confirmed_for_it_or_tried_again(api: "Api") -> None:
     asked = api.submit("a", asks_first="true").json()["id"]
-    report = check_bytes(b"[]", protocol=packaged_protocol())
+    report = check(b"[]", protocol=packaged_protocol()).report
     report = report.model_copy(update={"faults": (), "to_confirm": ("It replaces another.",)})
     with api.database.write() as session:
         job = claim_this(session, session.query(Job).one().id, 120, 4)

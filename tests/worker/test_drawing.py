@@ -341,7 +341,7 @@ def test_what_is_left_over_is_drawn_with_the_next_board(
     protocol: ProtocolDocument,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("exceptiondrive_worker.boards.run.DRAWN_AT_ONCE", 1)
+    monkeypatch.setattr("exceptiondrive_worker.drawing.DRAWN_AT_ONCE", 1)
     world.add_phase(tiny)
     publish(world, protocol)
     for speed in (1.0, 2.0, 3.0):

@@ -148,7 +148,7 @@ def alikeness(
 
 
 def may_be_alike(
-    a: NDArray[np.floating], others: NDArray[np.floating], rule: AlikeRule, slack: float = 0.0
+    a: NDArray[np.floating], others: NDArray[np.floating], rule: AlikeRule, slack: float
 ) -> BoolArray:
     """Whether a first look leaves it open that a submission is like each of K others, (K,).
 

@@ -54,14 +54,9 @@ class StrategyAnswers:
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
-def caution_ranks(grading: GradingSection) -> IntArray:
-    """Caution of the strategies A..E, (5,)."""
-    return np.array([grading.caution[strategy.value] for strategy in STRATEGIES])
-
-
 def under_warning_sets(acceptable: BoolArray, grading: GradingSection) -> BoolArray:
     """Which answers A..E warn too little: not acceptable, below the least cautious acceptable; (N, 5)."""
-    caution = caution_ranks(grading)
+    caution = np.array([grading.caution[strategy.value] for strategy in STRATEGIES])  # (5,)
     least = np.where(acceptable, caution, caution.max() + 1).min(axis=1)
     under: BoolArray = ~acceptable & (caution < least[:, None])
     return under

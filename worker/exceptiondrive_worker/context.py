@@ -7,6 +7,7 @@ from functools import partial
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.work.dispatch import Dispatcher
+from exceptiondrive_records.work.lease import Item, claim_oldest
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.splits.private_store import PrivateStore
@@ -28,6 +29,11 @@ class WorkerContext:
     stages: Stages
     lanes: frozenset[Lane] = frozenset(Lane)
     """Those that this process serves."""
+
+    def claim_oldest(self, kind: type[Item]) -> Item | None:
+        """Lease the item of a kind that was asked for first; None where nothing is to be done."""
+        with self.database.claim() as session:
+            return claim_oldest(session, kind, self.settings.lease_s, self.settings.max_attempts)
 
     def close(self) -> None:
         """Close all connections."""

@@ -37,39 +37,38 @@ class WithheldSplitError(Exception):
     """Somebody asked for a drawing of a split that is not public."""
 
 
-def draw_entries(
-    context: WorkerContext, entries: Sequence[Drawable], *, most: int | None = None
-) -> int:
-    """Draw the entries that have no drawings yet, if their split is public; return how many.
+def draw_entries(context: WorkerContext, entries: Sequence[Drawable]) -> None:
+    """Draw the entries that have no drawings yet, if their split is public.
 
-    All are of one phase under one protocol and split revision. Beyond `most` they wait for the next time.
+    All are of one phase under one protocol and split revision. Those beyond `DRAWN_AT_ONCE` wait for
+    the next time.
     """
     if not entries:
-        return 0
+        return
     target = entries[0][0]
     ref, digest = target.split.manifest.ref, target.protocol.digest
     with context.database.read() as session:
         split = find_public_split(session, ref)
         drawn = drawn_submissions(session, digest, ref.revision)
     if split is None:
-        return 0
+        return
     missing = [(t, submission_id) for t, submission_id in entries if submission_id not in drawn]
-    return sum(_draw_entry(context, split, t, name) for t, name in missing[:most])
+    for target, submission_id in missing[:DRAWN_AT_ONCE]:
+        _draw_entry(context, split, target, submission_id)
 
 
 def _draw_entry(
     context: WorkerContext, split: PublicSplit, target: Target, submission_id: str
-) -> bool:
+) -> None:
     try:
         drawings = drawings_of(context.stages, split, target)
     except RejectedUpload:
         _log.warning("not drawn: the upload cannot be read any more", submission=submission_id)
-        return False
+        return
     if drawings is None:
-        return False
+        return
     with context.database.write() as session:
         keep_entry_drawings(session, submission_id, target.protocol.digest, split, drawings)
-    return True
 
 
 def drawings_of(stages: Stages, split: PublicSplit, target: Target) -> EntryDrawings | None:

@@ -16,7 +16,7 @@ from exceptiondrive_records.phases.scoring_keys import accepted_under
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.work.lease import claim_oldest, try_later
+from exceptiondrive_records.work.lease import try_later
 from exceptiondrive_records.work.profiles import finish_profile
 from exceptiondrive_records.work.tables import Profile
 from exceptiondrive_schemas.challenges import CHALLENGES
@@ -36,9 +36,7 @@ _log = structlog.get_logger("exceptiondrive.worker")
 
 def describe_next(context: WorkerContext) -> bool:
     """Describe the scored file that waits longest; whether there was one, and may be more."""
-    with context.database.claim() as session:
-        settings = context.settings
-        item = claim_oldest(session, Profile, settings.lease_s, settings.max_attempts)
+    item = context.claim_oldest(Profile)
     if item is None:
         return False
     with job_boundary(

@@ -156,9 +156,7 @@ def _score(context: WorkerContext, job: Job) -> None:
                 outcome = finish_rejected(session, job, rejected.report)
             _log.info("rejected", **_ids(job), outcome=outcome.value)
             return
-        published = Rounding(challenge, protocol.publication, is_public=is_public).sheet(
-            scored.sheet, has_public_drives=split.manifest.recorded is not None
-        )
+        published = Rounding.of(target, is_public=is_public).sheet(scored.sheet)
         with context.database.write() as session:
             if not is_public:
                 hold_floors_alone(session, floors, ref, protocol, newcomer)

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.challenges import Challenge, ChallengeId
-from exceptiondrive_schemas.check import check_bytes
+from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.faults import CheckReport, Fault, FaultCode, FaultGroup
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
@@ -112,7 +112,7 @@ class Stages:
         read_answers: ReadAnswers,
         scoring: Mapping[ChallengeId, ChallengeScoring] = SCORING,
     ) -> None:
-        self._private = private
+        self.private = private
         self._load_upload = load_upload
         self._read_answers = read_answers
         self._scoring = scoring
@@ -138,7 +138,7 @@ class Stages:
         measurement_key = _measurement_key(target)
         split, scoring = target.split, self._scoring_of(target)
         is_kept, key = scoring.regrading is not None, _settled_key(measurement_key, target)
-        kept = self._private.read_columns(Shelf.SETTLED, key) if is_kept else None
+        kept = self.private.read_columns(Shelf.SETTLED, key) if is_kept else None
         if kept is not None:
             with suppress(ValidationError):  # written by another version
                 return Settled.from_columns(kept)
@@ -150,7 +150,7 @@ class Stages:
         measured, ref = self._measured(target, measurement_key), split.manifest.ref
         settled = settle(scoring, measured, split.arrays, ref, target.protocol, of_controls)
         if is_kept:
-            self._private.write_columns(Shelf.SETTLED, key, settled.columns())
+            self.private.write_columns(Shelf.SETTLED, key, settled.columns())
         return settled
 
     def measurements(self, target: Target) -> Columns:
@@ -162,23 +162,23 @@ class Stages:
         return self._measured(target, _measurement_key(target))
 
     def _measured(self, target: Target, key: str) -> Columns:
-        kept = self._private.read_columns(Shelf.MEASUREMENTS, key)
+        kept = self.private.read_columns(Shelf.MEASUREMENTS, key)
         if kept is not None:
             return kept
         measured = self._scoring_of(target).measure(
             self.counted_answers(target), target.split.arrays, target.protocol.geometry
         )
-        self._private.write_columns(Shelf.MEASUREMENTS, key, measured)
+        self.private.write_columns(Shelf.MEASUREMENTS, key, measured)
         return measured
 
     def report(self, target: Target) -> CheckReport:
         """Return what the precise checker says of an upload: for its team, word for word as `check`."""
-        return check_bytes(
+        return check(
             self._load_upload(target.file_digest),
             protocol=target.read_under or target.protocol,
             manifest=target.split.manifest,
             challenge=target.challenge.id,
-        )
+        ).report
 
     def answers(self, target: Target) -> Columns:
         """Return what an upload holds, in the split's order.
@@ -189,11 +189,11 @@ class Stages:
         if target.made is not None:
             return target.made
         key = content_key("answers", *_read_as(target))
-        kept = self._private.read_columns(Shelf.ANSWERS, key)
+        kept = self.private.read_columns(Shelf.ANSWERS, key)
         if kept is not None:
             return kept
         answers = self._read(target)
-        self._private.write_columns(Shelf.ANSWERS, key, answers)
+        self.private.write_columns(Shelf.ANSWERS, key, answers)
         return answers
 
     def counted_answers(self, target: Target) -> Columns:
@@ -232,7 +232,7 @@ class Stages:
         Raises:
             RejectedUpload: The measurements are not kept any more, and the upload now has faults.
         """
-        kept = self._private.read_columns(Shelf.MEASUREMENTS, measurement_key)
+        kept = self.private.read_columns(Shelf.MEASUREMENTS, measurement_key)
         measured = kept or self.measurements(target)
         return self._scoring_of(target).grade(measured, target.split.arrays, target.protocol)
 

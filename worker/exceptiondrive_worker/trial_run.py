@@ -10,7 +10,6 @@ from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.runs import find_run
 from exceptiondrive_records.rescoring.trials import count_trial, finish_trial
 from exceptiondrive_records.splits.drawings import find_public_split
-from exceptiondrive_records.work.lease import claim_oldest
 from exceptiondrive_records.work.tables import Trial
 from exceptiondrive_schemas.api.rescoring import SplitTrial, TrialFinding
 from exceptiondrive_schemas.split import SplitRef
@@ -23,9 +22,7 @@ from exceptiondrive_worker.splits.floors_held import held_floors_are_told, hold_
 
 def try_next_split(context: WorkerContext) -> bool:
     """Try the split that comes next; whether there was one."""
-    settings = context.settings
-    with context.database.write() as session:
-        item = claim_oldest(session, Trial, settings.lease_s, settings.max_attempts)
+    item = context.claim_oldest(Trial)
     if item is None:
         return False
 

@@ -14,7 +14,7 @@ from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.runs import find_run
 from exceptiondrive_records.rescoring.verification import finish_recheck
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
-from exceptiondrive_records.work.lease import claim_oldest, try_later
+from exceptiondrive_records.work.lease import try_later
 from exceptiondrive_records.work.tables import Recheck
 from exceptiondrive_schemas.api.rescoring import VerifyState
 from exceptiondrive_schemas.challenges import CHALLENGES
@@ -30,9 +30,7 @@ _log = structlog.get_logger("exceptiondrive.worker")
 
 def verify_next(context: WorkerContext) -> bool:
     """Recompute the sheet that comes next; whether there was one, and may be more."""
-    settings = context.settings
-    with context.database.write() as session:
-        item = claim_oldest(session, Recheck, settings.lease_s, settings.max_attempts)
+    item = context.claim_oldest(Recheck)
     if item is None:
         return False
     with job_boundary(item.id, lambda failure: _record_failure(context, item, failure)) as ending:
@@ -59,12 +57,8 @@ def _verify(context: WorkerContext, item: Recheck) -> None:
         except RejectedUpload:
             _record(context, item, VerifyState.DIFFERS, None, "the file is rejected now")
             return
-    publication, has_drives = protocol.publication, split.manifest.recorded is not None
     withheld, public = (  # a split may have become public since
-        Rounding(challenge, publication, is_public=each).sheet(
-            scored.sheet, has_public_drives=has_drives
-        )
-        for each in (False, True)
+        Rounding.of(target, is_public=each).sheet(scored.sheet) for each in (False, True)
     )
     published = public if public == expected else withheld
     note = _difference(item.expected_digest, expected, scored.digest, published)

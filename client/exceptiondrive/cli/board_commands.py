@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from datetime import datetime
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
@@ -16,6 +16,7 @@ from exceptiondrive.cli.session import open_client, with_client
 from exceptiondrive.cli.tables import board_view, left_words
 from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive.settings import default_phase, find_setting
+from exceptiondrive_schemas.api.phase_settings import BoardView
 from exceptiondrive_schemas.api.submission import PhaseView
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.printable import counted, printable
@@ -59,7 +60,7 @@ def leaderboard(
             "--view",
             "main|late",
             "late: with what came after the deadline.",
-            offer=choices("main", "late"),
+            offer=choices(*get_args(BoardView)),
         ),
     ] = None,
     csv: Annotated[bool, flag("--csv", "The server's CSV on stdout.")] = False,
@@ -69,8 +70,7 @@ def leaderboard(
     """Show a ranked board."""
     if csv and json:
         raise InvalidArgumentError("too_many_choices", "Give only one of --csv and --json.")
-    if view not in (None, "main", "late"):
-        raise InvalidArgumentError("wrong_option", f"--view is main or late, not {view!r}.")
+    options.require_one_of("--view", view, get_args(BoardView))
     if challenge is None:
         phase = find_setting("phase", phase).value
     asked: dict[str, Any] = {
@@ -189,15 +189,11 @@ def phases_table(views: tuple[PhaseView, ...], now: datetime) -> FittedTable:
 def _left(view: PhaseView, window: str) -> str:
     if view.disqualified_at is not None:
         return f"nothing: disqualified since {view.disqualified_at:%Y-%m-%d}"
-    if window.startswith(("archived", "closed")) and not _takes_late_entries(view):
+    if window.startswith(("archived", "closed")) and not view.takes_late_entries:
         return "nothing"
     if window.startswith("opens"):
         return f"then {view.quota.per_day if view.quota else view.quota_per_day} a day"
     return f"{view.quota_per_day} a day" if view.quota is None else left_words(view.quota)
-
-
-def _takes_late_entries(view: PhaseView) -> bool:
-    return view.now is not None and view.now.takes_late_entries
 
 
 def _window(view: PhaseView, now: datetime) -> str:

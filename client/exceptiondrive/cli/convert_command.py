@@ -7,7 +7,7 @@ from exceptiondrive.checking import write_file
 from exceptiondrive.cli import options
 from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.file_tables import report_view
-from exceptiondrive.cli.options import argument, flag, option
+from exceptiondrive.cli.options import argument, flag, option, require_one_of
 from exceptiondrive.cli.output import replacing, say, show_result
 from exceptiondrive.conversion import (
     Angles,
@@ -23,7 +23,7 @@ from exceptiondrive.inputs import given_manifest, given_protocol
 from exceptiondrive.pair_files import OnForm, read_pairs
 from exceptiondrive.planner_runs import FORMS, planner_form, read_runs
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.check import check_bytes
+from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.check.transformations import UNITS
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -137,14 +137,10 @@ def convert(
     checked: what is not valid is not written.
     """
     rules = given_protocol(protocol)
-    if rotate not in (None, *ROTATIONS_DEG):
-        raise InvalidArgumentError("wrong_option", "--rotate must be 90, -90 or 180.")
-    if follows not in get_args(FollowedPoint):
-        raise InvalidArgumentError("wrong_option", "--follows must be sensor or rear-axle.")
-    if polar not in (None, *ANGLES):
-        raise InvalidArgumentError("wrong_option", f"--polar must be {' or '.join(ANGLES)}.")
-    if unit not in (None, *UNITS):
-        raise InvalidArgumentError("wrong_option", f"--unit must be one of {', '.join(UNITS)}.")
+    require_one_of("--rotate", rotate, ROTATIONS_DEG)
+    require_one_of("--follows", follows, get_args(FollowedPoint))
+    require_one_of("--polar", polar, ANGLES)
+    require_one_of("--unit", unit, UNITS)
     if not abs(origin_offset_m) <= MAX_OFFSET_M:
         raise InvalidArgumentError(
             "wrong_option", f"--origin-offset-m must be within {MAX_OFFSET_M:g} m."
@@ -210,7 +206,7 @@ def convert(
     )
     done = (*(f"read {form_read}" for form_read in forms), *outcome.done)
     text = submission_text(split, outcome.pairs)
-    report = check_bytes(text.encode(), protocol=rules, manifest=known, challenge=PLANNING.id)
+    report = check(text.encode(), protocol=rules, manifest=known, challenge=PLANNING.id).report
     if not report.is_valid:
         for sentence in done:
             say(f"- {sentence}")
@@ -237,7 +233,7 @@ def _read_files(
     except InvalidArgumentError as error:
         if error.code != "unreadable_file" or len(files) > 1 or not files[0].is_file():
             raise
-        report = check_bytes(files[0].read_bytes(), protocol=rules, challenge=PLANNING.id)
+        report = check(files[0].read_bytes(), protocol=rules, challenge=PLANNING.id).report
         if not report.n_predictions or report.is_valid:
             raise
         raise InvalidFileError(

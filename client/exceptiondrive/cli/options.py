@@ -65,6 +65,19 @@ def phase(words: str, metavar: str = "PHASE") -> Any:
     return option("--phase", metavar, words, offer=completion.phases)
 
 
+def require_one_of(name: str, said: object, values: Iterable[object]) -> None:
+    """Refuse what an option does not take; None: it was not given.
+
+    Raises:
+        InvalidArgumentError: It is none of the values; the sentence names them.
+    """
+    *first, last = known = [*map(str, values)]
+    if said is not None and str(said) not in known:
+        raise InvalidArgumentError(
+            "wrong_option", f"{name} is {', '.join(first)} or {last}, not {said!r}."
+        )
+
+
 def taking(command: Callable[..., None], parameters: Iterable[Parameter]) -> Callable[..., None]:
     """Return a command that takes these parameters, whatever it takes by itself."""
     taken = Signature([*parameters])

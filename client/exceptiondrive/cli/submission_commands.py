@@ -181,7 +181,8 @@ def submissions(
     limit: Annotated[int, option("--limit", "N", "At most so many.", min=1)] = 100,
 ) -> Answer:
     """List the team's submissions, newest first."""
-    views = client.submissions(phase=phase, status=_status(only), limit=limit)
+    options.require_one_of("--status", only, SubmissionStatus)
+    views = client.submissions(phase=phase, status=only, limit=limit)
     return views, submissions_view(views) if views else "no submissions"
 
 
@@ -299,14 +300,3 @@ def publish(
     """Put an entry on the board of a phase that keeps entries private."""
     view = client.unpublish(submission_id) if undo else client.publish(submission_id)
     return view, f"{view.id} is {'public' if view.is_published else 'private'}"
-
-
-def _status(name: str | None) -> SubmissionStatus | None:
-    if name is None:
-        return None
-    try:
-        return SubmissionStatus(name)
-    except ValueError:
-        raise InvalidArgumentError(
-            "wrong_option", f"--status must be one of {', '.join(SubmissionStatus)}."
-        ) from None

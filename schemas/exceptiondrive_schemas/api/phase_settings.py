@@ -18,11 +18,6 @@ from exceptiondrive_schemas.datetimes import Time
 
 SplitPart = Literal["public", "private"]
 LivePart = Literal["public", "whole"]
-RevealedPart = Literal["private", "whole"]
-LateEntries = Literal["refused", "own_view"]
-FrozenScores = Literal["shown", "hidden"]
-EntriesShown = Literal["all", "chosen"]
-RunChoice = Literal["newest", "team"]
 RunRule = Literal["newest", "best", "this"]
 """What a team says of the runs of a method: which one of them stands."""
 BoardView = Literal["main", "late"]
@@ -84,12 +79,12 @@ class PhasePolicy(Document):
         description="Of a split with parts: which samples the board counts until the reveal. A "
         "split without parts is always whole. Fixed once there are submissions.",
     )
-    revealed_part: RevealedPart = Field(
+    revealed_part: Literal["private", "whole"] = Field(
         default="private",
         title="Revealed board on",
         description="Of a split with parts: which samples count after the reveal.",
     )
-    late_entries: LateEntries = Field(
+    late_entries: Literal["refused", "own_view"] = Field(
         default="refused",
         title="Late entries",
         description="After the deadline: refused, or scored and ranked on a view of their own "
@@ -100,7 +95,7 @@ class PhasePolicy(Document):
         title="Board freezes at",
         description="From then the public board stays as it is until it is revealed.",
     )
-    frozen_scores: FrozenScores = Field(
+    frozen_scores: Literal["shown", "hidden"] = Field(
         default="shown",
         title="Own scores while frozen",
         description="Whether a team sees the scores of what it submits after the freeze.",
@@ -110,12 +105,12 @@ class PhasePolicy(Document):
         title="Families shown from",
         description="Until then no family or task is shown anywhere; without it they are shown.",
     )
-    entries_shown: EntriesShown = Field(
+    entries_shown: Literal["all", "chosen"] = Field(
         default="all",
         title="Entries on the board",
         description="All methods, or one entry of each team: its choice, else its latest.",
     )
-    run_choice: RunChoice = Field(
+    run_choice: Literal["newest", "team"] = Field(
         default="newest",
         title="Run of a method",
         description="Which run of a method stands where all methods are shown: always its newest, or "

@@ -7,8 +7,6 @@ from pydantic import Field
 
 from exceptiondrive_schemas.base import Document
 
-ScoringState = Literal["up", "delayed"]
-
 
 class SiteLinks(Document):
     """Links of every page's header and footer; what is empty is not shown."""
@@ -60,7 +58,7 @@ class ScoringDay(Document):
 class ServiceStatus(Document):
     """Whether submissions are scored now, and how it went of late; the same for everybody."""
 
-    state: ScoringState
+    state: Literal["up", "delayed"]
     sentence: str
     live_workers: int
     slots: int

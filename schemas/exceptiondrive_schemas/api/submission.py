@@ -206,10 +206,14 @@ class PhaseView(PhaseSettings):
     """Since when the asking team is disqualified here: its uploads are refused."""
 
     @property
+    def takes_late_entries(self) -> bool:
+        """Whether it is closed, and what comes now stands on the late view."""
+        return self.now is not None and self.now.takes_late_entries
+
+    @property
     def takes_files(self) -> bool:
         """Whether what the asking team sends now is taken, for the board or for the late view."""
-        takes_late = self.now is not None and self.now.takes_late_entries
-        return self.disqualified_at is None and (self.is_open or takes_late)
+        return self.disqualified_at is None and (self.is_open or self.takes_late_entries)
 
 
 class Me(Document):

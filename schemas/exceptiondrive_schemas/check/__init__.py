@@ -1,7 +1,7 @@
 """Check of submission files: one validator for client and worker, in pure Python.
 
-`check` reads a file once and finds all faults, or gives its content; `check_bytes` gives only the
-report. Every fault code, with its sentence and a real report, stands in docs/errors.md.
+`check` reads a file once and finds all faults, or gives its content. Every fault code, with its
+sentence and a real report, stands in docs/errors.md.
 """
 
 from exceptiondrive_schemas.check.answers import (
@@ -11,7 +11,7 @@ from exceptiondrive_schemas.check.answers import (
     StrategyDocument,
     TrajectoryPair,
 )
-from exceptiondrive_schemas.check.checker import Checked, check, check_bytes
+from exceptiondrive_schemas.check.checker import Checked, check
 from exceptiondrive_schemas.check.inflate import (
     MAX_INFLATED_BYTES,
     MAX_UPLOAD_BYTES,
@@ -32,7 +32,6 @@ __all__ = [
     "TrajectoryPair",
     "UnreadableFileError",
     "check",
-    "check_bytes",
     "inflate",
     "register",
 ]

@@ -647,26 +647,6 @@ def check(
     return Checked(_report(data, faults, reader), document)
 
 
-def check_bytes(
-    data: bytes,
-    *,
-    protocol: ProtocolDocument,
-    manifest: Manifest | None = None,
-    challenge: ChallengeId | None = None,
-    max_upload_bytes: int = MAX_UPLOAD_BYTES,
-    max_inflated_bytes: int = MAX_INFLATED_BYTES,
-) -> CheckReport:
-    """Return the report of `check` alone."""
-    return check(
-        data,
-        protocol=protocol,
-        manifest=manifest,
-        challenge=challenge,
-        max_upload_bytes=max_upload_bytes,
-        max_inflated_bytes=max_inflated_bytes,
-    ).report
-
-
 def _without_byte_order_mark(text: bytes, faults: FaultList) -> bytes:
     if not text.startswith(UTF8_BYTE_ORDER_MARK):
         return text

@@ -13,7 +13,6 @@ import msgspec
 from exceptiondrive_schemas.check.json_stream import MAX_VALUE_CHARACTERS
 from exceptiondrive_schemas.split import Manifest
 
-QUOTES_PER_TEXT = 2
 ROOT_TEXTS = 5
 """Keys `schema`, `split`, `predictions`, and the values of the first two."""
 
@@ -67,7 +66,7 @@ def decode(text: bytes, decoder: msgspec.json.Decoder[Any], file_schema: str) ->
 
 def n_texts(text: bytes) -> float:
     """Number of JSON texts, keys included, of a document without a backslash."""
-    return text.count(b'"') / QUOTES_PER_TEXT
+    return text.count(b'"') / 2
 
 
 def rows_of(sample_ids: Sequence[str], manifest: Manifest) -> Sequence[int] | None:

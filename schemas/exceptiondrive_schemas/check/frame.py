@@ -17,7 +17,6 @@ from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.file_profile import CONVERT, FileProfile
 from exceptiondrive_schemas.protocol import ProtocolDocument
 
-QUARTER_TURN_RAD = math.pi / 2
 DEGREES_EXTENT = 0.01
 """A drive of 3 s spans less than this in degrees, and more in metres unless the car stands."""
 FAR_M = 100.0
@@ -171,7 +170,7 @@ def frame_verdict(angles_rad: Sequence[float], limit_rad: float) -> str:
     """
     scatter_rad = [
         statistics.median(
-            abs(math.remainder(angle - turns * QUARTER_TURN_RAD, math.tau)) for angle in angles_rad
+            abs(math.remainder(angle - turns * math.pi / 2, math.tau)) for angle in angles_rad
         )
         for turns in range(len(FRAME_VERDICTS))
     ]

@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import Any
 
 from exceptiondrive_schemas.base import Document
-from exceptiondrive_schemas.check import check_bytes
+from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.faults import MAX_EXAMPLES, MESSAGES, CheckReport, FaultCode, FaultGroup
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.publish.example_split import (
@@ -113,9 +113,9 @@ def report_of(code: FaultCode) -> CheckReport:
         if is_small
         else {}
     )
-    return check_bytes(
+    return check(
         BROKEN_FILES[code](), protocol=packaged_protocol(), manifest=manifest, **limits
-    )
+    ).report
 
 
 HEAD = f"""# What can be wrong with a submission file

@@ -9,7 +9,7 @@ from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionVi
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.board import Board, BoardEntry, FamilyCell, FamilyHead
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.check import check_bytes
+from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.method_facts import Links
 from exceptiondrive_schemas.protocol import packaged_protocol
@@ -158,7 +158,7 @@ FILES = frozenset({"planning", "strategy", "split"})
 def example_submission() -> SubmissionView:
     """The example planning file, uploaded and scored."""
     planning = file_bytes(example_planning())
-    report = check_bytes(planning, protocol=packaged_protocol(), manifest=example_manifest())
+    report = check(planning, protocol=packaged_protocol(), manifest=example_manifest()).report
     return SubmissionView(
         id=SUBMISSION_ID,
         phase=PHASE,

@@ -37,7 +37,6 @@ def best_ranked(entries: Sequence[BoardEntry], protocol: ProtocolDocument) -> li
 
 
 def comparisons(
-    private: PrivateStore,
     stages: Stages,
     best: Sequence[Standing],
     protocol: ProtocolDocument,
@@ -50,7 +49,7 @@ def comparisons(
     """
     return tuple(
         published_comparison(
-            _kept_or_made(private, stages, a, b),
+            _kept_or_made(stages, a, b),
             a[0].challenge,
             protocol,
             (a[1].sheet, b[1].sheet),
@@ -137,9 +136,7 @@ def _is_shown(
     return all(row is not None and (row.n or 0) >= least for row in rows)
 
 
-def _kept_or_made(
-    private: PrivateStore, stages: Stages, a: Standing, b: Standing
-) -> PairedComparison:
+def _kept_or_made(stages: Stages, a: Standing, b: Standing) -> PairedComparison:
     target = a[0]
     key = content_key(
         "comparison/4",
@@ -148,13 +145,13 @@ def _kept_or_made(
         target.protocol.grading.headline,
         *(text for _, record in (a, b) for text in (record.submission_id, record.method)),
     )
-    kept = private.read_document(Shelf.COMPARISONS, key, PairedComparison)
+    kept = stages.private.read_document(Shelf.COMPARISONS, key, PairedComparison)
     if kept is not None:
         return kept
     of_a, of_b = (stages.sample_scores(each, record.measurement_key) for each, record in (a, b))
     found = compare(of_a, of_b, target.split.arrays, target.protocol, target.challenge)
     made = exact_comparison(found, a[1], b[1], target.challenge.metrics[0].key)
-    private.write(Shelf.COMPARISONS, key, canonical_json(made))
+    stages.private.write(Shelf.COMPARISONS, key, canonical_json(made))
     return made
 
 
@@ -227,12 +224,10 @@ def published_verdict(exact: PairedDifference, interval: tuple[float, float] | N
 _FIELDS = fields(Uncertainty)
 
 
-def entry_uncertainties(
-    private: PrivateStore, stages: Stages, entries: Sequence[tuple[Target, str]]
-) -> list[Uncertainty]:
+def entry_uncertainties(stages: Stages, entries: Sequence[tuple[Target, str]]) -> list[Uncertainty]:
     """Return the intervals of the entries of one board, told by target and key of measurements, in order."""
     keys = [_key(stages, target, measurement_key) for target, measurement_key in entries]
-    kept = {key: _kept_uncertainty(private, key) for key in keys}
+    kept = {key: _kept_uncertainty(stages.private, key) for key in keys}
     found = {key: uncertainty for key, uncertainty in kept.items() if uncertainty is not None}
     missing = {key: entry for key, entry in zip(keys, entries, strict=True) if kept[key] is None}
     if missing:
@@ -241,7 +236,7 @@ def entry_uncertainties(
         computed = bootstrap(sums, challenge, protocol.ranking, protocol.grading.headline)
         # each is kept at once: a build that is ended in its middle goes on from there
         for key, uncertainty in zip(missing, computed, strict=True):
-            private.write_columns(Shelf.INTERVALS, key, _columns(uncertainty))
+            stages.private.write_columns(Shelf.INTERVALS, key, _columns(uncertainty))
             found[key] = uncertainty
     return [found[key] for key in keys]
 

@@ -13,9 +13,13 @@ from exceptiondrive_schemas.board import ReminderEffect
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.score_sheet import MetricRow
 from exceptiondrive_scoring.compare import Comparison, compare
-from exceptiondrive_worker.boards.comparisons import paired_difference, rounded_difference
+from exceptiondrive_worker.boards.comparisons import (
+    Standing,
+    paired_difference,
+    rounded_difference,
+)
 from exceptiondrive_worker.boards.rounding import Rounding
-from exceptiondrive_worker.splits.private_store import PrivateStore, Shelf, content_key
+from exceptiondrive_worker.splits.private_store import Shelf, content_key
 from exceptiondrive_worker.stages import Stages, Target
 
 _VERDICTS = {
@@ -27,22 +31,16 @@ _VERDICTS = {
 
 
 def reminder_effects(
-    private: PrivateStore,
-    stages: Stages,
-    entries: Sequence[tuple[Target, EntryRecord]],
-    rounding: Rounding,
+    stages: Stages, entries: Sequence[Standing], rounding: Rounding
 ) -> list[ReminderEffect | None]:
     """Return the published effect of each entry of one board, in order; None where nothing is linked."""
     return [
-        None
-        if record.linked is None
-        else _effect(private, stages, target, record, record.linked, rounding)
+        None if record.linked is None else _effect(stages, target, record, record.linked, rounding)
         for target, record in entries
     ]
 
 
 def _effect(
-    private: PrivateStore,
     stages: Stages,
     target: Target,
     record: EntryRecord,
@@ -59,13 +57,13 @@ def _effect(
         linked.submission_id,
         linked.method,
     )
-    effect = private.read_document(Shelf.EFFECTS, key, ReminderEffect)
+    effect = stages.private.read_document(Shelf.EFFECTS, key, ReminderEffect)
     if effect is None:
         with_it = stages.sample_scores(target, record.measurement_key)
         without = stages.sample_scores(other, linked.measurement_key)
         compared = compare(with_it, without, target.split.arrays, target.protocol, target.challenge)
         effect = exact_effect(compared, linked)
-        private.write(Shelf.EFFECTS, key, canonical_json(effect))
+        stages.private.write(Shelf.EFFECTS, key, canonical_json(effect))
     headline = target.protocol.grading.headline
     rows = [sheet.average(headline) for sheet in (record.sheet, linked.sheet)]
     return published_effect(effect, target.challenge, rounding, rows)

@@ -6,6 +6,7 @@ is shown, ranked or sorted is made from the rounded one.
 
 import math
 from collections.abc import Collection
+from typing import Self
 
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.protocol import PublicationSection
@@ -16,6 +17,7 @@ from exceptiondrive_schemas.score_sheet import (
     MetricRow,
     ScoreSheet,
 )
+from exceptiondrive_worker.stages import Target
 
 
 class Rounding:
@@ -27,15 +29,28 @@ class Rounding:
     """
 
     def __init__(
-        self, challenge: Challenge, publication: PublicationSection, *, is_public: bool = False
+        self,
+        challenge: Challenge,
+        publication: PublicationSection,
+        *,
+        is_public: bool = False,
+        has_public_drives: bool = False,
     ) -> None:
         self.is_public = is_public
+        self._has_public_drives = has_public_drives
         self._publication = publication
         self._fraction_decimals = publication.percent_decimals + 2
         self._metre_decimals = publication.metre_decimals
         self._least_samples = publication.min_samples_per_cell
         self._metrics: dict[str, Metric] = {metric.key: metric for metric in challenge.metrics}
         self._in_metres = {metric.key for metric in challenge.metrics if metric.unit == "metre"}
+
+    @classmethod
+    def of(cls, target: Target, *, is_public: bool) -> Self:
+        """Return what rounds the sheet of a target, whose split is public or withheld."""
+        has_drives = target.split.manifest.recorded is not None
+        publication = target.protocol.publication
+        return cls(target.challenge, publication, is_public=is_public, has_public_drives=has_drives)
 
     def fraction(self, value: float | None) -> float | None:
         """Round a share; None stays None, and there is no negative zero."""
@@ -86,12 +101,12 @@ class Rounding:
         hidden = {key for key, metric in self._metrics.items() if metric.cells not in told}
         return row.model_copy(update=self.row(metrics) | dict.fromkeys(metrics.keys() & hidden))
 
-    def sheet(self, sheet: ScoreSheet, *, has_public_drives: bool = False) -> ScoreSheet:
+    def sheet(self, sheet: ScoreSheet) -> ScoreSheet:
         """Return what may be published of an exact sheet."""
         publication, told, is_public = self._publication, {"always"}, self.is_public
         if publication.shows_outcome_cells(is_public_split=is_public):
             told.add("of public regions")
-        if is_public or has_public_drives:
+        if is_public or self._has_public_drives:
             told.add("of public drives")
         with_curve = publication.shows_curve(is_public_split=is_public)
         coverage, plausibility = sheet.coverage, sheet.plausibility

@@ -35,13 +35,13 @@ from exceptiondrive_worker.boards.references import scored_references
 from exceptiondrive_worker.boards.reminder_effects import reminder_effects
 from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.context import WorkerContext
-from exceptiondrive_worker.drawing import DRAWN_AT_ONCE, Drawable, draw_entries, draw_protocol
+from exceptiondrive_worker.drawing import Drawable, draw_entries, draw_protocol
 from exceptiondrive_worker.failures import job_boundary
 from exceptiondrive_worker.similarity_run import compare_submissions
 from exceptiondrive_worker.splits.floors import FloorHeldError
 from exceptiondrive_worker.splits.floors_held import held_floors_are_told, hold_floors
 from exceptiondrive_worker.splits.store import SplitUnavailableError
-from exceptiondrive_worker.stages import Target
+from exceptiondrive_worker.stages import Stages, Target
 
 _log = structlog.get_logger("exceptiondrive.worker")
 
@@ -76,7 +76,7 @@ def build_board(context: WorkerContext, claimed: BoardRequest) -> None:
         row = publish_board(session, claimed, board, late)
     _log.info("board built", phase=phase_id, number=None if row is None else row.number)
     draw_protocol(context, claimed.protocol_digest)
-    draw_entries(context, drawable, most=DRAWN_AT_ONCE)
+    draw_entries(context, drawable)
     compare_submissions(context, phase_id, like)
 
 
@@ -140,10 +140,10 @@ def _board(
     with context.database.read() as session:
         phase = find_phase(session, claimed.phase_id)
         protocol = find_protocol(session, claimed.protocol_digest)
-        key = (phase.id, protocol.digest, claimed.split_revision)
-        records = entries_for_board(session, *key, view)
+        key = ScoringKey(protocol.digest, claimed.split_revision)
+        records = entries_for_board(session, phase.id, *key, view)
         part = find_split(session, phase.split_name, claimed.split_revision).part
-        rows = (latest_board(session, *key, view), current_board(session, phase.id))
+        rows = (latest_board(session, phase.id, *key, view), current_board(session, phase.id))
         texts = {row.id: row.body for row in rows if row is not None}
         ref = SplitRef(name=phase.split_name, revision=claimed.split_revision)
         is_public = find_public_split(session, ref) is not None
@@ -163,12 +163,12 @@ def _board(
         for record in records
     ]
     standings = list(zip(targets, records, strict=True))
-    rounding = Rounding(challenge, protocol.publication, is_public=is_public)
-    references = scored_references(context, challenge, split, protocol, rounding)
-    scored = _scored(context, standings, rounding)
+    rounding = Rounding.of(like, is_public=is_public)
+    references = scored_references(context.stages, like, rounding)
+    scored = _scored(context.stages, standings, rounding)
     entries = board_entries(scored, references, challenge, protocol, rounding)
-    best = _best(context, standings, best_ranked(entries, protocol), claimed.split_revision)
-    compared = comparisons(context.private, context.stages, best, protocol, rounding)
+    best = _best(context, standings, best_ranked(entries, protocol), key)
+    compared = comparisons(context.stages, best, protocol, rounding)
     if phase.shows_reported:
         entries += reported_entries(challenge.id, protocol.grading.headline)
     entries = with_previous_ranks(entries, latest, current)
@@ -195,24 +195,21 @@ def _board(
 
 
 def _best(
-    context: WorkerContext, standings: Sequence[Standing], names: Sequence[str], split_revision: str
+    context: WorkerContext, standings: Sequence[Standing], names: Sequence[str], key: ScoringKey
 ) -> list[Standing]:
     """The standings of these submissions, in their order, with their whole sheets."""
     found = {record.submission_id: (target, record) for target, record in standings}
     best = [found[name] for name in names]
     if not best:
         return []
-    key = ScoringKey(best[0][0].protocol.digest, split_revision)
     with context.database.read() as session:
         whole = dict(whole_sheets(session, names, key))
     return [(target, replace(one, sheet=whole[one.submission_id])) for target, one in best]
 
 
-def _scored(
-    context: WorkerContext, standings: list[Standing], rounding: Rounding
-) -> list[ScoredEntry]:
+def _scored(stages: Stages, standings: list[Standing], rounding: Rounding) -> list[ScoredEntry]:
     measured = [(target, record.measurement_key) for target, record in standings]
-    uncertainties = entry_uncertainties(context.private, context.stages, measured)
-    effects = reminder_effects(context.private, context.stages, standings, rounding)
+    uncertainties = entry_uncertainties(stages, measured)
+    effects = reminder_effects(stages, standings, rounding)
     records = (record for _, record in standings)
     return [ScoredEntry(*parts) for parts in zip(records, uncertainties, effects, strict=True)]

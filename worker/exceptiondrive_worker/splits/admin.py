@@ -102,7 +102,7 @@ def add_split_file(
     splits: SplitStore,
     source: Path,
     protocol: ProtocolDocument,
-    words: str = "",
+    words: str,
 ) -> RegisteredSplit:
     """Copy a split file, and the datasheet beside it, to where workers look for it; register it.
 

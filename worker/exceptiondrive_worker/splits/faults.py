@@ -99,24 +99,22 @@ def _region_faults(samples: Sequence[SplitSample], geometry: GeometrySection) ->
     sound = np.asarray(np.isfinite(regions_m).all(axis=(1, 2)), dtype=np.bool_)
     faults = [("hazard regions with a corner that is not finite", ids[~sound].tolist())]
 
-    def ask(what: str, question: Callable[[FloatArray], BoolArray]) -> BoolArray:
+    def ask(what: str, question: Callable[[FloatArray], BoolArray]) -> None:
         has_it = np.zeros(len(ids), dtype=np.bool_)
         has_it[sound] = question(regions_m[sound])
         faults.append((what, ids[has_it].tolist()))
-        return has_it
+        sound[has_it] = False
 
     limit_m, least_m2 = geometry.max_region_distance_m, geometry.min_region_area_m2
-    far = ask(
+    ask(
         f"hazard regions with a corner more than {limit_m:g} m away",
         lambda regions: is_far(regions, geometry),
     )
-    sound[far] = False
-    sound[ask("hazard regions that cross or touch themselves", _crosses_itself)] = False
-    small = ask(
+    ask("hazard regions that cross or touch themselves", _crosses_itself)
+    ask(
         f"hazard regions smaller than {least_m2:g} m2",
         lambda regions: is_small(regions, geometry),
     )
-    sound[small] = False
     ask(
         "hazard regions that touch the footprint at t = 0",
         lambda regions: touches_start(prepare_regions(regions), geometry),

@@ -32,7 +32,9 @@ _CHECKSUM_BYTES = 4
 _ALIGNED_BYTES = 16
 """No array wants more, and what is read from a file begins at a multiple of it."""
 STALE_AFTER_S = 3600
-_USED_TO_S = 86_400
+VERIFY_PREFIX = "verify-"
+_DAY_S = 86_400.0
+_log = structlog.get_logger("exceptiondrive.worker")
 
 
 class Shelf(StrEnum):
@@ -161,13 +163,8 @@ def _as_owner(path: str, flags: int) -> int:
 
 def _note_use(file: int) -> None:
     """Let the open file's time tell, to a day, when it was last used: pruning begins with the oldest."""
-    if time.time() - os.fstat(file).st_mtime > _USED_TO_S:
+    if time.time() - os.fstat(file).st_mtime > _DAY_S:
         os.utime(file)
-
-
-VERIFY_PREFIX = "verify-"
-_DAY_S = 86_400.0
-_log = structlog.get_logger("exceptiondrive.worker")
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,6 @@ REVEALED = {
     "and apply. The board changes when you apply.",
 }
 """What `reveal` may show, and what it says then."""
-WHAT = tuple(REVEALED)
 
 
 @with_organizer
@@ -182,23 +181,24 @@ def reveal(
     organizer: Organizer,
     phase_id: PhaseArgument,
     what: Annotated[
-        str, option("--what", "|".join(WHAT), "What readers are to see.", offer=choices(*WHAT))
+        str,
+        option("--what", "|".join(REVEALED), "What readers are to see.", offer=choices(*REVEALED)),
     ],
     reason: options.Reason,
     yes: options.Yes = False,
 ) -> Answer:
     """Show the board behind a freeze, the names, or begin to score the other part of the split.
 
-    What was shown cannot be taken back: needs --yes where it cannot ask.
+    A board or names that were shown cannot be taken back: these need --yes where it cannot ask.
     """
-    if what not in WHAT:
-        raise InvalidArgumentError("wrong_what", f"--what is {', '.join(WHAT)}, not {what!r}.")
+    options.require_one_of("--what", what, REVEALED)
     if what == "board" and organizer.phase(phase_id)["policy"]["frozen_scores"] == "hidden":
         say(
             "Once the deadline of the phase has passed, later ones of single teams end with this "
             f"reveal: {organizer.server}/organize/phases/{phase_id}/reveal-board names them."
         )
-    be_sure(f"Reveal the {what} of {phase_id} for good?", yes)
+    if what != "split":  # which a run shows, and can take back
+        be_sure(f"Reveal the {what} of {phase_id} for good?", yes)
     phase = organizer.reveal_phase(phase_id, what, reason)
     return phase, REVEALED[what].format(phase_id)
 
@@ -271,11 +271,8 @@ def _value(field: FormField, given: Any) -> Any:
                 f"not {given!r}.",
             )
         return int(given)
-    choices = [value for value, _ in field.options]
-    if choices and given not in choices:
-        raise InvalidArgumentError(
-            "wrong_value", f"{field.name} is {' or '.join(choices)}, not {given!r}."
-        )
+    if field.options:
+        options.require_one_of(field.name, given, (value for value, _ in field.options))
     return given
 
 
