@@ -270,15 +270,21 @@ def test_what_failed_or_was_refused_is_told_once_to_who_wishes_that(
     assert {who for who, notice in mails(api) if notice.kind == "failed"} == {"alpha@example.org"}
 
 
-def test_what_waits_for_a_word_says_a_deadline_that_comes_first(api: "Api", browse: Browse) -> None:
-    confirmed(api, browse, "failed")
-    asked = api.submit("a", asks_first="true").json()["id"]
+def asked_about(api: "Api") -> str:
+    """Submit what its team is asked about; return its id."""
+    asked: str = api.submit("a", asks_first="true").json()["id"]
     report = check(b"[]", protocol=packaged_protocol()).report
     report = report.model_copy(update={"faults": (), "to_confirm": ("It replaces another.",)})
     with api.database.write() as session:
         job = claim_this(session, session.query(Job).one().id, 120, 4)
         assert job is not None
         finish_rejected(session, job, report)
+    return asked
+
+
+def test_what_waits_for_a_word_says_a_deadline_that_comes_first(api: "Api", browse: Browse) -> None:
+    confirmed(api, browse, "failed")
+    asked = asked_about(api)
     (plain,) = api.get(f"/submissions/{asked}", "alpha").json()["report"]["to_confirm"]
     closes_in(api, timedelta(hours=3))
     assert tell_teams(api.database) == 1
@@ -358,13 +364,7 @@ def test_a_team_is_told_what_an_organizer_does_with_its_submission(
 
 
 def test_a_team_is_told_that_an_organizer_confirmed_for_it_or_tried_again(api: "Api") -> None:
-    asked = api.submit("a", asks_first="true").json()["id"]
-    report = check(b"[]", protocol=packaged_protocol()).report
-    report = report.model_copy(update={"faults": (), "to_confirm": ("It replaces another.",)})
-    with api.database.write() as session:
-        job = claim_this(session, session.query(Job).one().id, 120, 4)
-        assert job is not None
-        finish_rejected(session, job, report)
+    asked = asked_about(api)
     counted = [api.post(f"/submissions/{asked}/confirm", "organizer").json()["id"] for _ in "12"]
     (notice,) = api.get("/notifications", "alpha").json()
     assert counted == [notice["comparison"].removeprefix("/submissions/")] * 2
