@@ -27,11 +27,10 @@ from exceptiondrive_schemas.api.phase_settings import RunRule
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.api.submission import SubmissionPage, SubmissionStatus, SubmissionView
 from exceptiondrive_schemas.method_facts import SubmissionChange, SubmissionEditView
+from exceptiondrive_server.submissions.decisions import confirmed_upload, decide
 from exceptiondrive_server.submissions.download import own_upload
 from exceptiondrive_server.submissions.profile import asked_for_profile
 from exceptiondrive_server.submissions.upload import (
-    confirmed_upload,
-    decide,
     received_upload,
     take_upload,
     told_to,

@@ -14,9 +14,9 @@ from exceptiondrive_records.submissions.submissions import find_submission
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_schemas.method_facts import LABELS, MethodFacts, SubmissionChange, Told
+from exceptiondrive_server.submissions.decisions import decide
 from exceptiondrive_server.submissions.download import own_upload
 from exceptiondrive_server.submissions.facts_form import FACT_FIELDS, facts_of_form, texts_of_facts
-from exceptiondrive_server.submissions.upload import decide
 from exceptiondrive_server.web.auth import ServicesOf, own_team
 from exceptiondrive_server.web.browser_session import Browser, PostedForm, SignedIn, require_scope
 from exceptiondrive_server.web.forms import filled, read, typed

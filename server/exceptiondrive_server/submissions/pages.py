@@ -36,6 +36,7 @@ from exceptiondrive_schemas.published import DOCUMENT_NAMES, example_text
 from exceptiondrive_server.boards.page import PhaseLink
 from exceptiondrive_server.boards.queries import featured_protocol, phase_link
 from exceptiondrive_server.guide.client_files import client_wheel
+from exceptiondrive_server.submissions.decisions import confirmed_upload, decide
 from exceptiondrive_server.submissions.download import attachment
 from exceptiondrive_server.submissions.events import follow_submission
 from exceptiondrive_server.submissions.facts_form import FACT_FIELDS
@@ -45,8 +46,6 @@ from exceptiondrive_server.submissions.quick_start import quick_start
 from exceptiondrive_server.submissions.receipts_api import get_receipt
 from exceptiondrive_server.submissions.runs import run_lines
 from exceptiondrive_server.submissions.upload import (
-    confirmed_upload,
-    decide,
     received_upload,
     take_upload,
 )

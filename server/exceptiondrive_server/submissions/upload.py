@@ -1,12 +1,10 @@
 """Take an upload, for the API and the form of the page: read, stored, accepted, a worker called.
 
-And what the team then decides about it: confirm, edit, withdraw, choose, publish.
-
 The form is read only once its sender is known; its file is kept on disk and never parsed here.
 """
 
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -23,20 +21,15 @@ from exceptiondrive_records.accounts.sessions import require_unrevoked
 from exceptiondrive_records.accounts.tokens import Principal, Scope
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotAllowed, RecordsError, StoreError, UploadEmpty
-from exceptiondrive_records.notifications.inbox import tell_about
 from exceptiondrive_records.operations.garbage import remove_orphan
 from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_records.phases.quotas import quota_of
-from exceptiondrive_records.submissions.edits import edits_of
 from exceptiondrive_records.submissions.file_store import FileStore, is_kept, seems_unmounted
 from exceptiondrive_records.submissions.submissions import (
     Accepted,
     accept,
-    confirm,
-    find_submission,
     require_acceptable,
 )
-from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import NOT_APPROVED
@@ -46,7 +39,7 @@ from exceptiondrive_schemas.base import faults_in, pieces_digest
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.method_facts import Links, MethodFacts
 from exceptiondrive_server.submissions.facts_form import PREFIX, facts_of_form
-from exceptiondrive_server.web.auth import own_team, team_of
+from exceptiondrive_server.web.auth import team_of
 from exceptiondrive_server.web.browser_session import FORM_TOKEN
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.problems import problem_of
@@ -66,10 +59,6 @@ _NO_RESULTS: dict[str, Any] = {
     "unranked_because": None,
     "replaced_by": None,
 }
-_OFF_THE_BOARD = (
-    "The next boards leave it out; earlier ones keep what they showed, and a frozen board goes on "
-    "showing it until it is revealed."
-)
 _ASKED_OF_READERS = ("What is asked may name scores: a token with the scope read:own is told it.",)
 
 
@@ -283,76 +272,6 @@ def _require_store(session: Session, files: FileStore) -> None:
         raise StoreError("The server has no room for the file now; try again later.")
     if seems_unmounted(session, files):
         raise StoreError("The file store does not answer; try again later.")
-
-
-def confirmed_upload(
-    services: Services, principal: Principal, submission_id: str
-) -> SubmissionView:
-    """Let a submission of a team count that it was asked about, and call a worker.
-
-    Raises:
-        RecordsError: It is refused; what was asked stays as it is.
-    """
-    with services.database.write() as session:
-        require_unrevoked(session, principal)
-        asked = find_submission(session, submission_id, team_id=own_team(principal))
-        was_confirmed = asked.confirmed_as is not None
-        counted = confirm(session, submission_id, actor=principal.actor)
-        if own_team(principal) is None and not was_confirmed:
-            told = "It was asked about, counts from now on, and took its quota."
-            tell_about(session, counted, f"An organizer confirmed {counted.method}", (told,))
-        counted_id = counted.id
-    wake(services)
-    with services.database.read() as session:
-        return told_to(principal, view(session, find_submission(session, counted_id)))
-
-
-def decide(
-    services: Services, principal: Principal, submission_id: str, what: Callable[..., object]
-) -> None:
-    """Let a team do something with a submission of its own, in one transaction.
-
-    An organizer may do it with any, and its team is told. `what` is called with a session, the id, and
-    `actor`.
-
-    Raises:
-        NotAllowed: The token, or the place in the team, ended since the request began.
-        NotFound: The team has no such submission.
-    """
-    with services.database.write() as session:
-        require_unrevoked(session, principal)
-        submission = find_submission(session, submission_id, team_id=own_team(principal))
-        method, before = submission.method, _decided(submission)
-        what(session, submission_id, actor=principal.actor)
-        if own_team(principal) is None and _decided(submission) != before:
-            done, means = _decision(session, submission, before)
-            tell_about(session, submission, f"An organizer {done.format(method)}", (means,))
-
-
-def _decided(submission: Submission) -> tuple[datetime | None, ...]:
-    one = submission
-    return one.edited_at, one.withdrawn_at, one.chosen_at, one.published_at
-
-
-def _decision(
-    session: Session, submission: Submission, before: tuple[datetime | None, ...]
-) -> tuple[str, str]:
-    """Say what was done, and what it means."""
-    edited_at, withdrawn_at, chosen_at, _ = before
-    if submission.edited_at != edited_at:
-        changed = edits_of(session, submission.id)[0].changed
-        names = ", ".join(name.removeprefix("facts.").replace("_", " ") for name in changed)
-        name = f"It is called {submission.method} now. " if "method" in changed else ""
-        return "edited {}", f"{name}Changed: {names}. Its page says what stood there before."
-    if submission.withdrawn_at != withdrawn_at:
-        return "withdrew {}", f"{_OFF_THE_BOARD} The quota it took stays used."
-    if submission.chosen_at != chosen_at:
-        rule = submission.chosen_rule
-        which = "this very run stands" if rule == "this" else f"the {rule} run of it stands"
-        return "chose which run of {} stands", f"From the next board on {which}."
-    if submission.published_at is None:
-        return "made {} private", _OFF_THE_BOARD
-    return "published {}", "The next board counts it; a frozen one does when it is revealed."
 
 
 def told_to(principal: Principal, seen: SubmissionView) -> SubmissionView:

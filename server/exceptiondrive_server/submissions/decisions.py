@@ -1,0 +1,100 @@
+"""What is decided about a submission that was taken: confirm, edit, withdraw, choose, publish.
+
+A team decides about its own, an organizer about any, of which its team is told.
+"""
+
+from collections.abc import Callable
+from datetime import datetime
+
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.accounts.sessions import require_unrevoked
+from exceptiondrive_records.accounts.tokens import Principal
+from exceptiondrive_records.notifications.inbox import tell_about
+from exceptiondrive_records.submissions.edits import edits_of
+from exceptiondrive_records.submissions.submissions import confirm, find_submission
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.submissions.views import view
+from exceptiondrive_schemas.api.submission import SubmissionView
+from exceptiondrive_server.submissions.upload import told_to, wake
+from exceptiondrive_server.web.auth import own_team
+from exceptiondrive_server.web.services import Services
+
+_OFF_THE_BOARD = (
+    "The next boards leave it out; earlier ones keep what they showed, and a frozen board goes on "
+    "showing it until it is revealed."
+)
+
+
+def confirmed_upload(
+    services: Services, principal: Principal, submission_id: str
+) -> SubmissionView:
+    """Let a submission of a team count that it was asked about, and call a worker.
+
+    Raises:
+        RecordsError: It is refused; what was asked stays as it is.
+    """
+    with services.database.write() as session:
+        require_unrevoked(session, principal)
+        asked = find_submission(session, submission_id, team_id=own_team(principal))
+        was_confirmed = asked.confirmed_as is not None
+        counted = confirm(session, submission_id, actor=principal.actor)
+        if own_team(principal) is None and not was_confirmed:
+            told = "It was asked about, counts from now on, and took its quota."
+            tell_about(session, counted, f"An organizer confirmed {counted.method}", (told,))
+        counted_id = counted.id
+    wake(services)
+    with services.database.read() as session:
+        return told_to(principal, view(session, find_submission(session, counted_id)))
+
+
+def decide(
+    services: Services, principal: Principal, submission_id: str, what: Callable[..., object]
+) -> None:
+    """Let a team do something with a submission of its own, in one transaction.
+
+    An organizer may do it with any, and its team is told. `what` is called with a session, the id, and
+    `actor`.
+
+    Raises:
+        NotAllowed: The token, or the place in the team, ended since the request began.
+        NotFound: The team has no such submission.
+    """
+    with services.database.write() as session:
+        require_unrevoked(session, principal)
+        submission = find_submission(session, submission_id, team_id=own_team(principal))
+        method, before = submission.method, _decided(submission)
+        what(session, submission_id, actor=principal.actor)
+        if own_team(principal) is None and _decided(submission) != before:
+            done, means = _decision(session, submission, before)
+            tell_about(session, submission, f"An organizer {done.format(method)}", (means,))
+
+
+def _decided(submission: Submission) -> tuple[datetime | None, ...]:
+    return (
+        submission.edited_at,
+        submission.withdrawn_at,
+        submission.chosen_at,
+        submission.published_at,
+    )
+
+
+def _decision(
+    session: Session, submission: Submission, before: tuple[datetime | None, ...]
+) -> tuple[str, str]:
+    """Say what was done, and what it means."""
+    edited_at, withdrawn_at, chosen_at, _ = before
+    if submission.edited_at != edited_at:
+        changed = edits_of(session, submission.id)[0].changed
+        names = ", ".join(name.removeprefix("facts.").replace("_", " ") for name in changed)
+        name = f"It is called {submission.method} now. " if "method" in changed else ""
+        return "edited {}", f"{name}Changed: {names}. Its page says what stood there before."
+    if submission.withdrawn_at != withdrawn_at:
+        return "withdrew {}", f"{_OFF_THE_BOARD} The quota it took stays used."
+    if submission.chosen_at != chosen_at:
+        rule = submission.chosen_rule
+        which = "this very run stands" if rule == "this" else f"the {rule} run of it stands"
+        return "chose which run of {} stands", f"From the next board on {which}."
+    if submission.published_at is None:
+        return "made {} private", _OFF_THE_BOARD
+    return "published {}", "The next board counts it; a frozen one does when it is revealed."
