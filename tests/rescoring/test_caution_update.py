@@ -81,7 +81,7 @@ def counted(stage: Stage) -> Counter[str]:
     measured = dict(old._scoring)
     for key, scoring in measured.items():
         measured[key] = _CountingMeasure(scoring, done)
-    stages = Counting(old._private, old._load_upload, old._read_answers, measured)
+    stages = Counting(old.private, old._load_upload, old._read_answers, measured)
     stage.context = replace(stage.context, stages=stages)
     return done
 

@@ -81,7 +81,9 @@ def require_unrevoked(session: Session, principal: Principal) -> None:
         now = _principal(person, None)
         is_right = (now.scopes, now.phases) == (principal.scopes, principal.phases)
     if not is_right:
-        raise NotAllowed("The token, your place in the team or your role ended: sign in anew.")
+        raise NotAllowed(
+            "The token, your place in the team or your role ended meanwhile: sign in anew."
+        )
 
 
 def act_for(session: Session, secret: str, person_id: str, team_id: int | None) -> None:
