@@ -196,15 +196,18 @@ def remove_member(session: Session, team_id: int, person_id: str, *, actor: str)
 
 
 def removal_of(session: Session, person_id: str) -> tuple[AuditLine, Team] | None:
-    """Return the last time that a person left a team, or was taken out of it, and the team."""
-    lines = (
-        select(AuditLine, Team)
-        .join(Team, Team.slug == AuditLine.subject)
-        .where(AuditLine.action == "member removed")
-        .order_by(AuditLine.id.desc())
+    """Return the last time that a person left a team, or was taken out of it, and the team.
+
+    Only lines about teams are looked at, by their index: those of submissions are many.
+    """
+    lines = select(AuditLine).where(
+        AuditLine.action == "member removed", AuditLine.subject.in_(select(Team.slug))
     )
-    found = ((line, team) for line, team in session.execute(lines))
-    return next((one for one in found if one[0].detail["person"] == person_id), None)
+    own = [line for line in session.scalars(lines) if line.detail["person"] == person_id]
+    if not own:
+        return None
+    last = max(own, key=lambda line: line.id)
+    return last, session.scalars(select(Team).where(Team.slug == last.subject)).one()
 
 
 def open_invitations(session: Session, team_id: int) -> list[Invitation]:
