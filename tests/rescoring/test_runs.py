@@ -50,6 +50,15 @@ def sheets(stage: Stage) -> int:
         return session.scalar(select(func.count()).select_from(ScoreSheetRow)) or 0
 
 
+def begun(stage: Stage, make_protocol: Callable[..., str]) -> str:
+    """Begin a run of a new d_safe, of which one sheet is made; return its id."""
+    stage.add_protocol(make_protocol("1.1", *D_SAFE))
+    run_id: str = stage.draft(protocol="1.1")
+    stage.step("start", run_id)
+    stage.work(most=1)
+    return run_id
+
+
 def test_a_draft_scores_in_the_background_while_the_board_keeps_every_byte(
     stage: Stage, make_protocol: Callable[..., str]
 ) -> None:
@@ -231,10 +240,7 @@ def test_a_closed_run_scores_only_the_new_protocol_and_cannot_go_back(
 def test_a_paused_run_scores_nothing_until_it_is_resumed(
     stage: Stage, make_protocol: Callable[..., str]
 ) -> None:
-    stage.add_protocol(make_protocol("1.1", *D_SAFE))
-    run_id = stage.draft(protocol="1.1")
-    stage.step("start", run_id)
-    stage.work(most=1)
+    run_id = begun(stage, make_protocol)
     stage.step("pause", run_id)
     assert stage.work() == 0
     assert stage.view(run_id).progress.done == 1
@@ -316,10 +322,7 @@ def test_no_remaining_time_is_told_once_every_sheet_is_begun(
     stage: Stage, make_protocol: Callable[..., str]
 ) -> None:
     """The last may wait for the lease of a worker that is lost, however fast the others came."""
-    stage.add_protocol(make_protocol("1.1", *D_SAFE))
-    run_id = stage.draft(protocol="1.1")
-    stage.step("start", run_id)
-    stage.work(most=1)
+    run_id = begun(stage, make_protocol)
     assert stage.view(run_id).progress.remaining_s is not None
     with stage.owner.write() as session:
         waiting = update(Job).where(Job.state == WorkState.QUEUED)
@@ -348,10 +351,7 @@ def test_a_cancelled_run_leaves_the_board_and_no_waiting_job(
     stage: Stage, make_protocol: Callable[..., str]
 ) -> None:
     before = stage.board()
-    stage.add_protocol(make_protocol("1.1", *D_SAFE))
-    run_id = stage.draft(protocol="1.1")
-    stage.step("start", run_id)
-    stage.work(most=1)
+    run_id = begun(stage, make_protocol)
     stage.step("cancel", run_id)
     assert stage.work() == 0
     assert stage.board() == before

@@ -1,20 +1,18 @@
 """Apply and roll back: one transaction moves the pointer, and nothing when anything is missing."""
 
-from datetime import datetime, timedelta
+from datetime import datetime
 
 from sqlalchemy import Select, func, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.tables import AuditLine
-from exceptiondrive_records.boards.boards import boards_of_flip, entries_on, flip_board
+from exceptiondrive_records.boards.boards import flip_board
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.notifications.inbox import notify_teams
-from exceptiondrive_records.notifications.tables import Notification
 from exceptiondrive_records.phases.allowances import end_own_deadlines
-from exceptiondrive_records.phases.changes import update_phase
 from exceptiondrive_records.phases.phases import lock_phase
 from exceptiondrive_records.phases.policy import frozen_since
 from exceptiondrive_records.phases.quotas import WAITING
@@ -35,7 +33,6 @@ from exceptiondrive_records.rescoring.changes import (
 )
 from exceptiondrive_records.rescoring.comparison import (
     Compared,
-    compare_rows,
     compare_to_shown,
     what_changed,
 )
@@ -48,7 +45,6 @@ from exceptiondrive_records.rescoring.trials import trial_of
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.tables import WAITING_STATES, Job
-from exceptiondrive_schemas.api.phase_settings import PhaseChange
 from exceptiondrive_schemas.api.rescoring import Comparison, NotificationKind, RunAction, RunState
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.printable import counted
@@ -181,7 +177,7 @@ def apply_run(
     if frozen_since(phase, run.state_at) is not None:  # only a reveal comes here
         phase.unfrozen_at = run.state_at
     run.apply_flip_id = _flip(session, phase, row, new_key(run))
-    _notify(session, run, compared.comparison, "protocol_applied")
+    notify_of_run(session, run, compared.comparison, "protocol_applied")
     return run
 
 
@@ -197,59 +193,18 @@ def rollback_run(session: Session, run_id: str, *, reason: str, actor: str) -> R
     run = move_run(session, run_id, RunAction.ROLLBACK, reason, actor, no_longer_ranked=lost)
     run.rollback_flip_id = _flip(session, phase, row, old_key(run))
     cancel_jobs(session, run, new_key(run))
-    _notify(session, run, compared.comparison, "protocol_rolled_back")
+    notify_of_run(session, run, compared.comparison, "protocol_rolled_back")
     return run
 
 
-def change_phase(session: Session, phase_id: str, change: PhaseChange, *, actor: str) -> Phase:
-    """Change settings of a phase; where that shows it, tell its teams of updates behind it.
-
-    Raises:
-        RecordsError: It is refused as by `update_phase`.
-    """
-    was_hidden = lock_phase(session, phase_id).visibility == "hidden"
-    phase = update_phase(session, phase_id, change, actor=actor)
-    if was_hidden and phase.visibility != "hidden":
-        _tell_of_hidden_updates(session, phase)
-    return phase
-
-
-def _tell_of_hidden_updates(session: Session, phase: Phase) -> None:
-    """Tell what was applied, and what was taken back that teams were told of, in that order.
-
-    Of what a team was told, while the phase was shown before, nobody is told again; nor of an entry
-    that does not stand now.
-    """
-    runs = session.scalars(select(RescoringRun).where(RescoringRun.phase_id == phase.id)).all()
-    notices = select(Notification.run_id, Notification.kind).where(
-        Notification.run_id.in_([run.id for run in runs])
-    )
-    told = {(run_id, kind) for run_id, kind in session.execute(notices.distinct())}
-    due: dict[int, tuple[RescoringRun, NotificationKind]] = {}
-    for run in runs:
-        is_taken_back = run.state is RunState.ROLLED_BACK
-        kind: NotificationKind = "protocol_rolled_back" if is_taken_back else "protocol_applied"
-        flip_id = run.rollback_flip_id if is_taken_back else run.apply_flip_id
-        is_known = (run.id, "protocol_applied") in told
-        if flip_id is not None and is_known is is_taken_back and (run.id, kind) not in told:
-            due[flip_id] = run, kind
-    stands = entries_on(session, phase.current_board_id)
-    at = database_now(session)
-    for flip_id, (run, kind) in sorted(due.items()):
-        old, new = boards_of_flip(session, flip_id)
-        comparison = compare_rows(old, new).comparison
-        own = tuple(each for each in comparison.entries if each.submission_id in stands)
-        at += timedelta(milliseconds=1)  # the newest is read first
-        _notify(session, run, comparison.model_copy(update={"entries": own}), kind, at)
-
-
-def _notify(
+def notify_of_run(
     session: Session,
     run: RescoringRun,
     comparison: Comparison,
     kind: NotificationKind,
     at: datetime | None = None,
 ) -> None:
+    """Tell the teams whose numbers change by an update, or by what took it back; `at`: by default now."""
     words = what_changed(session, run, is_taken_back=kind == "protocol_rolled_back")
     notify_teams(session, comparison, kind, run_id=run.id, what_changed=words, at=at)
 

@@ -1,0 +1,61 @@
+"""A hidden phase is shown: its teams are told of the updates that were applied or taken back behind it."""
+
+from datetime import timedelta
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from exceptiondrive_records.boards.boards import boards_of_flip, entries_on
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.notifications.tables import Notification
+from exceptiondrive_records.phases.changes import update_phase
+from exceptiondrive_records.phases.phases import lock_phase
+from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.rescoring.comparison import compare_rows
+from exceptiondrive_records.rescoring.flip import notify_of_run
+from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_schemas.api.phase_settings import PhaseChange
+from exceptiondrive_schemas.api.rescoring import NotificationKind, RunState
+
+
+def change_phase(session: Session, phase_id: str, change: PhaseChange, *, actor: str) -> Phase:
+    """Change settings of a phase; where that shows it, tell its teams of updates behind it.
+
+    Raises:
+        RecordsError: It is refused as by `update_phase`.
+    """
+    was_hidden = lock_phase(session, phase_id).visibility == "hidden"
+    phase = update_phase(session, phase_id, change, actor=actor)
+    if was_hidden and phase.visibility != "hidden":
+        _tell_of_hidden_updates(session, phase)
+    return phase
+
+
+def _tell_of_hidden_updates(session: Session, phase: Phase) -> None:
+    """Tell what was applied, and what was taken back that teams were told of, in that order.
+
+    Of what a team was told, while the phase was shown before, nobody is told again; nor of an entry
+    that does not stand now.
+    """
+    runs = session.scalars(select(RescoringRun).where(RescoringRun.phase_id == phase.id)).all()
+    notices = select(Notification.run_id, Notification.kind).where(
+        Notification.run_id.in_([run.id for run in runs])
+    )
+    told = {(run_id, kind) for run_id, kind in session.execute(notices.distinct())}
+    due: dict[int, tuple[RescoringRun, NotificationKind]] = {}
+    for run in runs:
+        kind: NotificationKind = "protocol_applied"
+        flip_id, is_news = run.apply_flip_id, True
+        if run.state is RunState.ROLLED_BACK:
+            is_news = (run.id, kind) in told
+            flip_id, kind = run.rollback_flip_id, "protocol_rolled_back"
+        if flip_id is not None and is_news and (run.id, kind) not in told:
+            due[flip_id] = run, kind
+    stands = entries_on(session, phase.current_board_id)
+    at = database_now(session)
+    for flip_id, (run, kind) in sorted(due.items()):
+        old, new = boards_of_flip(session, flip_id)
+        comparison = compare_rows(old, new).comparison
+        own = tuple(each for each in comparison.entries if each.submission_id in stands)
+        at += timedelta(milliseconds=1)  # the newest is read first
+        notify_of_run(session, run, comparison.model_copy(update={"entries": own}), kind, at)
