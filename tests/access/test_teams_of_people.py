@@ -455,17 +455,19 @@ def test_a_person_registers_a_team_where_that_is_switched_on(
     for words in ("There is a team with the id", 'value="alpha"', "Gamma group</textarea>"):
         assert words in taken.text, "what was typed stays in the form"
     assert ada.post("/my/team/register", wanted, page="/my/team").status_code == 303
-    for page in ("/my/team", "/my", "/submit"):
+    for page in ("/my/team", "/my", "/my/notices", "/submit"):
         assert "An organizer has not approved the team yet" in ada.get(page).text
     asked = ada.get("/my/team").text
     assert "add or confirm one" not in asked, "it would be refused"
     assert "one can be added once an organizer has approved the team" in asked
+    assert "/my/notices/add" not in ada.get("/my/notices").text
     assert 'id="upload"' not in ada.get("/submit").text
     typed = {"phase": "dev", "method": "Planner"}
     refused = ada.browser.post("/submit", typed, page="/my", files={"file": ("a.json", b"a")})
     assert refused.status_code == 403
     small_site.post("/organizer/teams/gamma/approve", "organizer")
     assert ada.browser.submit("a").status_code == 303
+    assert "/my/notices/add" in ada.get("/my/notices").text
 
 
 def test_a_token_of_a_team_does_nothing_in_the_name_of_a_person(
