@@ -46,7 +46,7 @@ from exceptiondrive_records.participation.disqualification import (
 )
 from exceptiondrive_records.participation.forgetting import forget_team
 from exceptiondrive_records.participation.importing import import_teams
-from exceptiondrive_records.participation.messages import recipients, send_message
+from exceptiondrive_records.participation.messages import recipients, send_message, write_about
 from exceptiondrive_records.phases.allowances import is_open_to
 from exceptiondrive_records.phases.changes import update_phase
 from exceptiondrive_records.phases.disqualified import disqualification_notes
@@ -555,6 +555,7 @@ def test_nobody_is_let_in_for_a_team_that_has_gone_meanwhile(world: World, deed:
         for letting_in in (
             partial(issue_token, session, world.team_id, "laptop", actor=WHO),
             partial(invite, session, world.team_id, WHO, actor=WHO),
+            partial(ask_question, session, world.team_id, "dev", "May we?", actor=WHO),
         ):
             with pytest.raises(Conflict, match="nobody acts for it any more"):
                 letting_in()
@@ -562,6 +563,31 @@ def test_nobody_is_let_in_for_a_team_that_has_gone_meanwhile(world: World, deed:
             accept_invitation(session, link, person, actor=WHO)
         assert team in looked_at
         assert members_of(session, world.team_id) == []
+
+
+def test_what_is_written_to_a_team_that_has_gone_meanwhile_is_not_sent(world: World) -> None:
+    if world.database.engine.dialect.name == "sqlite":
+        pytest.skip("one write transaction at a time")
+    another(world)
+    entry = scored(world, "one")
+    with world.database.write() as session:
+        looked_at = find_submission(session, entry), list_teams(session)
+        with world.database.write() as other:
+            merge_teams(other, "alpha", "beta", **WHY)
+        with pytest.raises(Conflict, match="alpha is part of beta: write to that one"):
+            write_about(session, entry, words="We look into it.", actor=WHO)
+        assert looked_at
+    assert told(world) == []
+    with world.database.write() as session:
+        write_about(session, entry, words="We look into it.", actor=WHO)
+    another(world, "gamma")
+    with world.database.write() as session:
+        found = list_teams(session)
+        with world.database.write() as other:
+            merge_teams(other, "gamma", "beta", **WHY)
+        with pytest.raises(Conflict, match="gamma is part of beta: write to that one"):
+            send_message(session, "Hello", "All.", teams=["gamma"], actor=WHO)
+        assert found
 
 
 def test_many_teams_are_made_or_none(world: World) -> None:
