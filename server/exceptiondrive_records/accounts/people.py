@@ -77,13 +77,13 @@ def list_people(session: Session) -> list[Person]:
     return list(session.scalars(select(Person).order_by(Person.name, Person.id)))
 
 
-def find_person(session: Session, person_id: str) -> Person:
+def find_person(session: Session, person_id: str, *, lock: bool = False) -> Person:
     """Return a person.
 
     Raises:
         NotFound: There is none with this id.
     """
-    person = session.get(Person, person_id)
+    person = session.get(Person, person_id, with_for_update=lock, populate_existing=lock)
     if person is None:
         raise NotFound("person", person_id)
     return person
