@@ -1,6 +1,8 @@
 """Every deed of organizers: by page, by command and by API, audited, and safe under two at once."""
 
+import re
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pytest
@@ -201,6 +203,17 @@ def test_every_deed_has_its_page_and_its_command() -> None:
 def test_what_takes_a_deed_back_is_a_deed() -> None:
     known = {path for _, path in DEEDS}
     assert [deed for deed in DEEDS.values() if deed.undone_by not in (None, *known)] == []
+
+
+def test_what_the_document_advises_after_a_mistake_are_commands() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "organizing.md").read_text()
+    _, _, after = text.partition("## When something went wrong\n")
+    table = after.partition("\n## ")[0]
+    advised = {tuple(words[:2]) for quoted in re.findall(r"`([a-z][^`]*)`", table)
+               if (words := quoted.split())[0] in GROUPS and len(words) > 1}  # fmt: skip
+    assert len(advised) > 10
+    known = {(group, name) for group, (_, named) in GROUPS.items() for name in named}
+    assert advised - known == set()
 
 
 def fresh(api: "Api") -> dict[str, str]:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from tests.server.test_organizer_team_pages import settings
 from typer.testing import CliRunner
 
 from exceptiondrive_records.accounts.people import Identity, set_organizer, welcome_person
@@ -549,6 +550,29 @@ def test_organizers_give_and_take_roles_by_page(
     assert (person["role"], person["phases"]) == (None, [])
     actions = [line["action"] for line in site.get("/organizer/audit", "owner").json()]
     assert actions.index("organizer ended") < actions.index("organizer granted")
+
+
+def test_a_role_that_another_ended_is_not_given_back_by_a_page_that_shows_it_still(
+    site: "Api", browse: Callable[..., "TeamBrowser"]
+) -> None:
+    with site.database.write() as session:
+        person = welcome_person(session, Identity("https://issuer.example", "s", "Ada")).id
+        set_organizer(session, person, OrganizerRole.HELPER, ["dev"], actor="test")
+    first, second = browse(site), browse(site)
+    first.sign_in("owner")
+    second.sign_in("owner")
+    page = f"/organize/people/{person}"
+    shown = settings(second, page)
+    assert (shown["role"], shown["phases"]) == ("helper", "dev")
+    done = first.post(page, {"role": "", "phases": ""}, page=page)
+    assert done.headers["location"] == "/organize/people?done=role_set"
+    left_alone = second.send(page, shown)
+    assert left_alone.headers["location"] == "/organize/people?done=nothing_changed"
+    changed = second.send(page, {**shown, "phases": "dev other"})
+    assert changed.status_code == 409
+    assert "Changed since this page was shown: Phases, which is empty now." in changed.text
+    (now,) = site.get("/organizer/people", "owner").json()
+    assert (now["role"], now["phases"]) == (None, [])
 
 
 def test_operators_give_roles_by_command(

@@ -4,7 +4,7 @@ import threading
 import time
 
 import pytest
-from sqlalchemy import text, update
+from sqlalchemy import select, text, update
 from sqlalchemy.exc import OperationalError
 from tests.records.test_boards import board, take
 from tests.records.world import World
@@ -12,9 +12,11 @@ from tests.records.world import World
 from exceptiondrive_records.boards.boards import publish_board
 from exceptiondrive_records.boards.renewal import renew_boards
 from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.participation.changes import merge_teams
 from exceptiondrive_records.phases.phases import create_phase, lock_phase
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.board_requests import claim_board, want_board
 from exceptiondrive_records.work.jobs import Finish
@@ -25,25 +27,32 @@ from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.jobs import Lane
 
 
-def test_a_withdrawal_waits_for_the_scoring_run_that_ends(world: World) -> None:
+@pytest.mark.parametrize("deed", ["withdrawal", "merge"])
+def test_who_changes_a_submission_waits_for_the_scoring_run_that_ends(
+    world: World, deed: str
+) -> None:
     accepted = world.submit("file")
+    with world.database.write() as session:
+        create_team(session, "beta", "Beta", actor="test")
     claim = world.claim(accepted.job_id)
     errors: list[OperationalError] = []
 
-    def withdraw_it() -> None:
+    def change_it() -> None:
         try:
             with world.database.write() as session:
-                withdraw(session, accepted.submission.id, actor="test")
+                if deed == "withdrawal":
+                    withdraw(session, accepted.submission.id, actor="test")
+                else:
+                    merge_teams(session, "alpha", "beta", reason="one lab", actor="test")
         except OperationalError as error:
             errors.append(error)
 
     with world.database.write() as session:
-        session.execute(
-            update(Job).where(Job.id == accepted.job_id).values(attempts=Job.attempts)
-        )  # the job's row is held, as in the middle of `finish_scored`
-        withdrawal = threading.Thread(target=withdraw_it)
-        withdrawal.start()
-        _wait_until_it_waits(world.database, withdrawal)
+        held = select(Job.id).where(Job.id == accepted.job_id).with_for_update()
+        session.execute(held)  # as in the middle of `finish_scored`
+        change = threading.Thread(target=change_it)
+        change.start()
+        _wait_until_it_waits(world.database, change)
         finish = jobs.finish_scored(
             session,
             claim,
@@ -52,14 +61,14 @@ def test_a_withdrawal_waits_for_the_scoring_run_that_ends(world: World) -> None:
             measurement_key="m",
             scorer_version="1",
         )
-    withdrawal.join()
+    change.join()
 
     assert errors == []
     assert finish is Finish.RECORDED
+    ends = {"withdrawal": SubmissionStatus.WITHDRAWN, "merge": SubmissionStatus.SCORED}
     with world.database.read() as session:
         assert session.get_one(Job, accepted.job_id).state is WorkState.DONE
-        status = session.get_one(Submission, accepted.submission.id).status
-        assert status is SubmissionStatus.WITHDRAWN
+        assert session.get_one(Submission, accepted.submission.id).status is ends[deed]
 
 
 def test_a_change_of_the_phase_waits_for_no_board_that_waits_for_it(world: World) -> None:

@@ -11,7 +11,14 @@ from sqlalchemy import select
 from tests.records.test_edits import close, standing
 from tests.records.world import World
 
-from exceptiondrive_records.accounts.people import invite
+from exceptiondrive_records.accounts.people import (
+    Identity,
+    accept_invitation,
+    find_invitation,
+    invite,
+    members_of,
+    welcome_person,
+)
 from exceptiondrive_records.accounts.tables import Token
 from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
 from exceptiondrive_records.audit.tables import AuditLine
@@ -21,6 +28,7 @@ from exceptiondrive_records.db.errors import (
     Conflict,
     InvalidRecord,
     NotAllowed,
+    NotFound,
     PhaseClosed,
     QuotaExceeded,
 )
@@ -33,11 +41,12 @@ from exceptiondrive_records.participation.changes import approve_team, change_te
 from exceptiondrive_records.participation.disqualification import (
     disqualify_submission,
     disqualify_team,
+    find_disqualification,
     reinstate,
 )
 from exceptiondrive_records.participation.forgetting import forget_team
 from exceptiondrive_records.participation.importing import import_teams
-from exceptiondrive_records.participation.messages import recipients, send_message
+from exceptiondrive_records.participation.messages import recipients, send_message, write_about
 from exceptiondrive_records.phases.allowances import is_open_to
 from exceptiondrive_records.phases.changes import update_phase
 from exceptiondrive_records.phases.disqualified import disqualification_notes
@@ -497,6 +506,88 @@ def test_a_deed_is_judged_by_what_another_did_to_the_team_meanwhile(
         with pytest.raises(Conflict, match=r"is approved|part of"):
             deed(session, slug=slug, **WHY)
         assert len(looked_at) == 3
+
+
+def test_an_entry_that_is_of_another_team_by_now_is_neither_disqualified_nor_reinstated_for_the_old_one(
+    world: World,
+) -> None:
+    """It would be said to be done: the line would name a team that the entry is not of."""
+    if world.database.engine.dialect.name == "sqlite":
+        pytest.skip("one write transaction at a time")
+    another(world), another(world, "gamma")
+    entry = scored(world, "one")
+    with world.database.write() as session:
+        looked_at = find_submission(session, entry)
+        with world.database.write() as other:
+            merge_teams(other, "alpha", "beta", **WHY)
+        with pytest.raises(Conflict, match="became part of another one meanwhile"):
+            disqualify_submission(session, entry, **WHY)
+        assert looked_at.id == entry
+    with world.database.write() as session:
+        number = disqualify_submission(session, entry, **WHY).id
+    assert standing(world) == {}
+    with world.database.write() as session:
+        row = find_disqualification(session, number)
+        with world.database.write() as other:
+            merge_teams(other, "beta", "gamma", **WHY)
+        with pytest.raises(Conflict, match="became part of another one meanwhile"):
+            reinstate(session, number, **WHY)
+        assert row.reinstated_at is None
+    with world.database.write() as session:
+        reinstate(session, number, **WHY)
+    assert list(standing(world)) == [entry]
+
+
+@pytest.mark.parametrize(
+    "deed", [partial(merge_teams, slug="alpha", into="beta"), partial(forget_team, slug="alpha")]
+)
+def test_nobody_is_let_in_for_a_team_that_has_gone_meanwhile(world: World, deed: Any) -> None:
+    if world.database.engine.dialect.name == "sqlite":
+        pytest.skip("one write transaction at a time")
+    another(world)
+    with world.database.write() as session:
+        person = welcome_person(session, Identity("https://login.example.org", "1")).id
+        link, _ = invite(session, world.team_id, WHO, actor=WHO)
+    with world.database.write() as session:
+        looked_at, (_, team) = list_teams(session), find_invitation(session, link, person)
+        with world.database.write() as other:
+            deed(other, **WHY)
+        for letting_in in (
+            partial(issue_token, session, world.team_id, "laptop", actor=WHO),
+            partial(invite, session, world.team_id, WHO, actor=WHO),
+            partial(ask_question, session, world.team_id, "dev", "May we?", actor=WHO),
+        ):
+            with pytest.raises(Conflict, match="nobody acts for it any more"):
+                letting_in()
+        with pytest.raises(NotFound):
+            accept_invitation(session, link, person, actor=WHO)
+        assert team in looked_at
+        assert members_of(session, world.team_id) == []
+
+
+def test_what_is_written_to_a_team_that_has_gone_meanwhile_is_not_sent(world: World) -> None:
+    if world.database.engine.dialect.name == "sqlite":
+        pytest.skip("one write transaction at a time")
+    another(world)
+    entry = scored(world, "one")
+    with world.database.write() as session:
+        looked_at = find_submission(session, entry), list_teams(session)
+        with world.database.write() as other:
+            merge_teams(other, "alpha", "beta", **WHY)
+        with pytest.raises(Conflict, match="alpha is part of beta: write to that one"):
+            write_about(session, entry, words="We look into it.", actor=WHO)
+        assert looked_at
+    assert told(world) == []
+    with world.database.write() as session:
+        write_about(session, entry, words="We look into it.", actor=WHO)
+    another(world, "gamma")
+    with world.database.write() as session:
+        found = list_teams(session)
+        with world.database.write() as other:
+            merge_teams(other, "gamma", "beta", **WHY)
+        with pytest.raises(Conflict, match="gamma is part of beta: write to that one"):
+            send_message(session, "Hello", "All.", teams=["gamma"], actor=WHO)
+        assert found
 
 
 def test_many_teams_are_made_or_none(world: World) -> None:

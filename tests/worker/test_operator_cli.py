@@ -450,6 +450,10 @@ def test_an_earlier_revision_that_is_held_is_nothing_new(
     code, out, err = operate("add-split", str(first))
     assert (code, err) == (0, "")
     assert read_split(later).revision in out, "the current one is told"
+    assert f"an earlier revision, {read_split(first).revision}: it is held already" in out
+    assert "nothing is changed" in out
+    assert "--split-revision" in out
+    assert "it lies at" not in out
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 

@@ -187,7 +187,16 @@ def add_split(
         typer.echo(json.dumps(_told(registered)))
         return
     _tell_registered([registered])
-    typer.echo(f"  it lies at {registered.path}")
+    given = read_split(file).revision
+    if given == registered.manifest.revision:
+        typer.echo(f"  it lies at {registered.path}")
+    else:
+        typer.echo(
+            f"  {file} is an earlier revision, {given}: it is held already, nothing is changed,"
+        )
+        typer.echo(
+            "  and the later one above stays current. A phase, or a run, names it: --split-revision"
+        )
 
 
 @app.command("add-drives")

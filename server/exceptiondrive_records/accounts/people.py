@@ -77,13 +77,13 @@ def list_people(session: Session) -> list[Person]:
     return list(session.scalars(select(Person).order_by(Person.name, Person.id)))
 
 
-def find_person(session: Session, person_id: str) -> Person:
+def find_person(session: Session, person_id: str, *, lock: bool = False) -> Person:
     """Return a person.
 
     Raises:
         NotFound: There is none with this id.
     """
-    person = session.get(Person, person_id)
+    person = session.get(Person, person_id, with_for_update=lock, populate_existing=lock)
     if person is None:
         raise NotFound("person", person_id)
     return person
@@ -133,6 +133,12 @@ MAX_OPEN_INVITATIONS = 20
 MAX_INVITATIONS_A_DAY = 100
 """Each leaves a row and audit lines for ever, however soon it is withdrawn."""
 _NO_INVITATION = secret_digest("no such invitation")
+
+
+def held_team(session: Session, team_id: int) -> Team:
+    """Return a team as it is now, and let nobody merge, forget or refuse it until this transaction ends."""
+    weak = {"key_share": True}
+    return session.get_one(Team, team_id, with_for_update=weak, populate_existing=True)
 
 
 def members_of(session: Session, team_id: int) -> list[tuple[Person, Membership]]:
@@ -229,7 +235,7 @@ def invite(
         Conflict: The team has enough open invitations, or made enough of them today; or it was
             forgotten, or became part of another one.
     """
-    team = session.get_one(Team, team_id)
+    team = held_team(session, team_id)
     team.require_there()
     if len(open_invitations(session, team_id)) >= MAX_OPEN_INVITATIONS:
         raise Conflict(f"{MAX_OPEN_INVITATIONS} invitations are open; withdraw one first.")
@@ -287,6 +293,7 @@ def accept_invitation(session: Session, text: str, person_id: str, *, actor: str
     invitation, team = find_invitation(session, text, person_id)
     if is_member(session, team.id, person_id):
         return team
+    held_team(session, team.id)
     used = session.scalars(
         update(Invitation)
         .where(Invitation.id == invitation.id, *_usable(session))

@@ -5,6 +5,7 @@ import re
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.accounts.people import held_team
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, NotFound
@@ -38,11 +39,13 @@ def ask_question(
     Raises:
         NotFound: No such phase, or it is hidden.
         InvalidRecord: The text cannot be used.
-        Conflict: Enough of the team's questions wait, or it asked this already.
+        Conflict: Enough of the team's questions wait, or it asked this already; or it was forgotten, or
+            became part of another one.
     """
     phase = shown_phase(session, phase_id)
     text = checked_text("question", text, max_length=MAX_QUESTION, may_have_lines=True)
-    team = session.get_one(Team, team_id, with_for_update={"key_share": True})
+    team = held_team(session, team_id)
+    team.require_there()
     own = select(Question).where(Question.team_id == team_id, Question.answered_at.is_(None))
     waiting = session.scalars(own).all()
     if any(one.text == text and one.phase_id == phase.id for one in waiting):

@@ -187,7 +187,9 @@ def _require_mergeable(session: Session, team: Team, target: Team) -> None:
 
 
 def _move(session: Session, team: Team, target: Team) -> int:
-    n_moved = 0
+    to_target = {"team_id": target.id}
+    session.execute(update(Job).where(Job.team_id == team.id).values(to_target))
+    n_moved = 0  # jobs before their submissions, as whoever ends a job takes them
     for submission in session.scalars(select(Submission).where(Submission.team_id == team.id)):
         submission.team_id = target.id
         n_moved += 1
@@ -197,8 +199,8 @@ def _move(session: Session, team: Team, target: Team) -> int:
             unheard = other if other.confirmed_at is None else mine
             unheard.removed_at = now
     session.flush()
-    for table in (Job, Disqualification, ContactPoint, Question):
-        session.execute(update(table).where(table.team_id == team.id).values(team_id=target.id))
+    for table in (Disqualification, ContactPoint, Question):
+        session.execute(update(table).where(table.team_id == team.id).values(to_target))
     members = select(Membership.person_id).where(Membership.team_id == target.id)
     there = set(session.scalars(members))
     for person_id in session.scalars(

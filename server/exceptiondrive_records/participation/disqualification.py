@@ -66,10 +66,10 @@ def disqualify_submission(
     Raises:
         NotFound: No such submission.
         InvalidRecord: A text cannot be kept.
-        Conflict: It is disqualified already.
+        Conflict: It is disqualified already, or its team became part of another one meanwhile.
     """
-    team = lock_team(session, find_submission(session, submission_id).team_id)
     submission = find_submission(session, submission_id)
+    team = _locked_team_of(session, submission)
     row = Disqualification(
         team_id=team.id, phase_id=submission.phase_id, submission_id=submission.id
     )
@@ -118,11 +118,10 @@ def reinstate(
     Raises:
         NotFound: There is none.
         InvalidRecord: The reason cannot be kept.
-        Conflict: It has ended already.
+        Conflict: It has ended already, or its team became part of another one meanwhile.
     """
     row = find_disqualification(session, disqualification_id)
-    team = lock_team(session, row.team_id)
-    session.refresh(row, with_for_update=True)
+    team = _locked_team_of(session, row)
     if row.reinstated_at is not None:
         raise Conflict(f"It was reinstated at {row.reinstated_at:%Y-%m-%d %H:%M} UTC.")
     row.reinstated_at = database_now(session)
@@ -130,6 +129,17 @@ def reinstate(
     words = ["What was scored stands on the next board."]
     _publish(session, team, row, "reinstated", detail, words, actor)
     return row
+
+
+def _locked_team_of(session: Session, row: Submission | Disqualification) -> Team:
+    """Lock the team of a row, then the row, and return the team: no other may have got it meanwhile."""
+    team = lock_team(session, row.team_id)
+    session.refresh(row, with_for_update={"key_share": True})
+    if row.team_id != team.id:
+        raise Conflict(
+            f"The team {team.slug} became part of another one meanwhile: do it once more."
+        )
+    return team
 
 
 def _publish(

@@ -110,7 +110,8 @@ def write_about(session: Session, submission_id: str, *, words: str, actor: str)
     Raises:
         NotFound: No such submission.
         InvalidRecord: The words cannot be used.
-        Conflict: The team has this very message about it.
+        Conflict: The team has this very message about it, was forgotten, or became part of another one
+            meanwhile.
     """
     submission = find_submission(session, submission_id)
     title, paragraphs = checked_message(f"The organizers wrote about {submission.method}", words)
@@ -125,11 +126,15 @@ def write_about(session: Session, submission_id: str, *, words: str, actor: str)
 def _digest_of_new(
     session: Session, teams: Sequence[Team], words: Sequence[str], refusal: str
 ) -> str:
-    """Return what stands for a message, and hold the teams; one that any of them has is refused."""
+    """Return what stands for a message, and hold the teams; one that any of them has is refused.
+
+    So it is where nobody reads for one of them any more.
+    """
     digest = bytes_digest("\n\n".join(words).encode())
     ids = [team.id for team in teams]
-    weak = select(Team.id).where(Team.id.in_(ids)).order_by(Team.id)
-    session.execute(weak.with_for_update(key_share=True))
+    weak = select(Team).where(Team.id.in_(ids)).order_by(Team.id).with_for_update(key_share=True)
+    for team in session.scalars(weak.execution_options(populate_existing=True)):
+        _readable(session, team)
     have = select(Notification.id).where(
         Notification.kind == "message",
         Notification.subject == digest,

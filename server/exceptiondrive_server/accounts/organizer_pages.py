@@ -8,6 +8,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.people import find_person, list_people, set_organizer
 from exceptiondrive_records.accounts.roles import OrganizerRole
+from exceptiondrive_records.accounts.tables import Person
 from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.organizer_frame import (
@@ -38,6 +39,9 @@ def role_of(services: ServicesOf, person_id: PersonId) -> Step:
     with services.database.read() as session:
         person = find_person(session, person_id)
 
+    def kept(session: Session) -> dict[str, str]:
+        return _role_texts(find_person(session, person_id, lock=True))
+
     def take(session: Session, role: str | None, phases: str | None, actor: str) -> None:
         wanted = None if role is None else OrganizerRole(role)
         set_organizer(session, person_id, wanted, (phases or "").split(), actor=actor)
@@ -62,7 +66,12 @@ def role_of(services: ServicesOf, person_id: PersonId) -> Step:
             ),
             FormField("phases", "Phases", hint="Ids, apart by blanks; empty: of the whole site."),
         ),
-        texts={"role": person.organizer_role or "", "phases": " ".join(person.organizer_phases)},
+        texts=_role_texts(person),
+        kept=kept,
         facts=(("Name", person.name), ("Email", person.email or "none"), ("Id", person.id)),
         command=f"exceptiondrive organizer people set {person_id} --role helper --phase ID",
     )
+
+
+def _role_texts(person: Person) -> dict[str, str]:
+    return {"role": person.organizer_role or "", "phases": " ".join(person.organizer_phases)}
