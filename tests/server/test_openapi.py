@@ -108,6 +108,25 @@ def test_every_operation_says_what_it_does_and_belongs_somewhere(api: "Api") -> 
         assert set(operation["tags"]) <= tags, f"describe the tag of {path} in openapi.TAGS"
 
 
+def test_what_the_code_says_under_a_field_stands_in_the_document(api: "Api") -> None:
+    schemas = api.app.openapi()["components"]["schemas"]
+
+    def words(name: str, field: str) -> str:
+        return str(schemas[name]["properties"][field].get("description", ""))
+
+    assert words("SubmissionView", "is_duplicate").startswith("The same bytes were there before")
+    assert words("Problem", "resets_at") == "When a spent quota begins anew."
+    assert words("RevokedToken", "made_by") == words("TokenView", "made_by") != ""
+    assert words("PhaseView", "visibility").startswith("Shown to everybody")
+    of_fields = [
+        property_.get("description", "")
+        for schema in schemas.values()
+        for property_ in schema.get("properties", {}).values()
+    ]
+    assert sum(map(bool, of_fields)) > 200
+    assert not [words for words in of_fields if "None" in words or "\n" in words]
+
+
 def test_the_examples_of_the_documents_are_valid(api: "Api") -> None:
     document = api.app.openapi()
     shown = {

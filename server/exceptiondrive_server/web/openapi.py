@@ -7,6 +7,7 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
 from exceptiondrive_schemas.api.problems import PROBLEM_MEDIA_TYPE, Problem
+from exceptiondrive_schemas.field_words import add_field_words
 from exceptiondrive_schemas.published import example_text
 
 TAGS = {
@@ -40,6 +41,7 @@ def describe(app: FastAPI) -> dict[str, Any]:
             tags=[{"name": name, "description": text} for name, text in TAGS.items()],
         )
         _add_problem(document)
+        add_field_words(document["components"]["schemas"])
         for operations in document["paths"].values():
             for operation in operations.values():
                 _complete(operation["responses"])
