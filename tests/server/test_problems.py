@@ -25,6 +25,24 @@ def test_every_code_has_a_status_and_a_title() -> None:
     assert set(PROBLEMS) == set(ProblemCode)
 
 
+@pytest.mark.parametrize(
+    ("body", "fields"),
+    [
+        ("null", {"body": "must be a JSON object"}),
+        (
+            '{"channel": "webhook", "address": "https://x.test/", "wishes": 1}',
+            {"wishes": "must be a list"},
+        ),
+    ],
+)
+def test_a_wrong_body_is_told_in_words_of_json(
+    api: "Api", body: str, fields: dict[str, str]
+) -> None:
+    headers = {**api.headers("alpha"), "Content-Type": "application/json"}
+    answer = api.client.post("/api/v1/contacts", headers=headers, content=body)
+    assert (answer.status_code, answer.json()["fields"]) == (400, fields)
+
+
 def test_an_unknown_address_is_404(api: "Api", as_problem: Problem) -> None:
     problem = as_problem(api.get("/nothing/here"), 404, "not_found")
     assert ProblemDocument.model_validate_json(json.dumps(problem)).code == "not_found"

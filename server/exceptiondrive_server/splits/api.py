@@ -44,7 +44,10 @@ def get_datasheet(
     operation_id="downloadSplit",
     response_class=Response,
     responses={
-        200: {"model": Split, "description": "The split file."},
+        200: {
+            "model": Split,
+            "description": "The split file; `Content-Encoding: gzip` also where nobody asked for it.",
+        },
         304: {"description": "The asker's copy is the current one."},
         **problem_responses(ProblemCode.NOT_FOUND),
     },
