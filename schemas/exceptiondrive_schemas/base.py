@@ -95,10 +95,11 @@ def fault_words(said: str) -> str:
     return _OUR_WORDS.get(said, said)
 
 
+NO_OBJECT = "must be a JSON object"
 _OUR_WORDS = {
     "String should have at least 1 character": "must not be empty",
-    "Input should be a valid dictionary or object to extract fields from": "must be a JSON object",
-    "Input should be a valid dictionary": "must be a JSON object",
+    "Input should be a valid dictionary or object to extract fields from": NO_OBJECT,
+    "Input should be a valid dictionary": NO_OBJECT,
     "Input should be a valid tuple": "must be a list",
 }
 """For what speaks of Python to people who send JSON, and what is met often."""
