@@ -207,6 +207,8 @@ class PhaseView(PhaseSettings):
     split_revision: str
     split_is_public: bool
     n_samples: int
+    """Samples of the split that count, of which the board counts `now.n_counted`; the manifest also names controls
+    and what was withdrawn."""
     protocol: str
     protocol_digest: str
     is_open: bool

@@ -67,7 +67,7 @@ def download_split(
         lambda: services.files.read(digest, limit_bytes=MAX_SPLIT_BYTES),
         "application/json",
         etag=digest,
-        headers={"Cache-Control": "public, max-age=3600"},
+        headers={"Cache-Control": "public, max-age=3600", "Vary": "Accept-Encoding"},
     )
     if bytes(answer.body[:2]) == GZIP_MAGIC:
         answer.headers["Content-Encoding"] = "gzip"
