@@ -200,9 +200,8 @@ class PhaseView(PhaseSettings):
 
     id: str
     challenge: ChallengeId
-    title: str
+    title: str  # texts of any length: bounds are for those who write
     description: str = ""
-    """Texts of any length: bounds are for those who write."""
     split: str
     split_revision: str
     split_is_public: bool
