@@ -92,7 +92,17 @@ def faults_in(error: ValidationError) -> list[str]:
 def fault_words(said: str) -> str:
     """Return what pydantic says of a value, in our words where people meet it often."""
     said = said.removeprefix("Value error, ")
-    return "must not be empty" if said == "String should have at least 1 character" else said
+    return _OUR_WORDS.get(said, said)
+
+
+NO_OBJECT = "must be a JSON object"
+_OUR_WORDS = {
+    "String should have at least 1 character": "must not be empty",
+    "Input should be a valid dictionary or object to extract fields from": NO_OBJECT,
+    "Input should be a valid dictionary": NO_OBJECT,
+    "Input should be a valid tuple": "must be a list",
+}
+"""For what speaks of Python to people who send JSON, and what is met often."""
 
 
 def in_words(words: str) -> WrapValidator:

@@ -39,6 +39,7 @@ class PairedDifference(Document):
 
     difference: float | None
     interval: Interval | None
+    """Of the difference, at the confidence of the board; None: it has none."""
     discordant: float | None
     verdict: str
 
@@ -66,7 +67,9 @@ class PairedComparison(Document):
     """
 
     a: str
+    """Submission id of the better ranked one."""
     b: str
+    """Submission id of the other."""
     overall: dict[str, PairedDifference]
     families: dict[str, PairedDifference]
     tasks: dict[str, PairedDifference] = Field(default={}, exclude_if=lambda it: not it)
@@ -77,26 +80,39 @@ class BoardEntry(Document):
 
     source: EntrySource
     rank: int | None
+    """None: it does not rank; `unranked_because` says why."""
     rank_interval: tuple[int, int] | None
+    """Best and worst rank that sampling of scenes leaves open."""
     previous_rank: int | None = None
+    """On the board that was shown before, where it ranked there."""
     unranked_because: str | None = None
     unranked_flags: tuple[str, ...] = Field(default=(), exclude_if=lambda it: not it)
     """Codes of the flags for which it takes no rank. It stands below the ranked entries, in the
     order that it would have; left out where there are none."""
     submission_id: str | None
+    """Its page is `/entries/ID`; None of rows that nobody submitted."""
     method: str
     team: str
+    """Name of the team, or its pseudonym in an anonymous phase."""
     description: str = ""
     links: Links = Links()
     submitted_at: datetime | None
     metrics: MetricRow
+    """The average that ranks here (`headline`): metric key to value. Shares from 0 to 1; those of
+    distances, as `cts` and `source_l2_m`, in metres; None where undefined."""
     micro: MetricRow
+    """Mean over all samples."""
     macro_family: MetricRow
+    """Mean over the families, each counting the same."""
     intervals: dict[str, Interval | None]
+    """Metric key to lower and upper end, of `metrics`."""
     families: dict[str, FamilyCell]
+    """Family id to its number of samples and metrics."""
     coverage: dict[str, float | None] = {}
+    """Share of the samples that are answered, from 0 to 1."""
     flags: tuple[Flag, ...] = ()
     cite: str | None = None
+    """Where a reported row is found."""
     reminder_effect: ReminderEffect | None = Field(default=None, exclude_if=lambda it: it is None)
     """Left out where there is none: such an entry reads as it did before there were links."""
     is_late: bool = Field(default=False, exclude_if=lambda it: not it)
@@ -170,16 +186,22 @@ class Board(Document):
     split: SplitRef
     protocol: ProtocolRef
     headline: Average
+    """Which average ranks; `metrics` of an entry tells it."""
     board: int
+    """Number of the board within its phase: its permanent address is
+    `/api/v1/boards/PHASE/NUMBER`."""
     published_at: datetime
     n_samples: int
+    """Samples that count."""
     confidence: float
+    """Of all intervals, such as 0.95."""
     interval_method: str = (
         "expanded percentile bootstrap over scenes, the same draws for every entry"
     )
     """How `intervals` and rank intervals are found; draws and seed stand in the protocol."""
     families: tuple[FamilyHead, ...]
     entries: tuple[BoardEntry, ...]
+    """Ranked entries first, best first, unless the request sorts them otherwise."""
     comparisons: tuple[PairedComparison, ...] = Field(default=(), exclude_if=lambda it: not it)
     """Every two of the best ranked entries, the better ranked first; submission ids."""
     view: BoardView = Field(default="main", exclude_if=lambda it: it == "main")

@@ -29,6 +29,7 @@ class ReceiptStatement(Document):
 
     submission_id: str
     file_digest: str
+    """`sha256:` and the hex digest of the bytes that were sent."""
     size_bytes: int
     phase: str
     challenge: ChallengeId
@@ -38,6 +39,7 @@ class ReceiptStatement(Document):
     split: SplitRef
     scorer_version: str
     n: int
+    """Samples that count."""
     micro: MetricRow
     macro_family: MetricRow
     families: dict[str, BreakdownRow]
@@ -55,17 +57,21 @@ class Receipt(Document):
     )
     statement: ReceiptStatement
     digests: dict[str, str]
-    """Field of the statement to the content digest of its value."""
+    """Field of the statement to the digest of its value: `sha256:` and the hex digest of its canonical JSON (keys
+    sorted, no blanks, UTF-8 unescaped, numbers as they stand here: `0.0` is not `0`)."""
     algorithm: Literal["ed25519"] = ALGORITHM
     key_id: str
+    """Which of `/api/v1/receipt-keys` signed."""
     signature: str
-    """Base64 of the Ed25519 signature of `signed_bytes`."""
+    """Base64 of the Ed25519 signature of the canonical JSON of `{"schema": ..., "key_id": ..., "digests": ...}`, as these
+    stand here."""
 
 
 class ReceiptKey(Document):
     """The public half of a key that signs receipts, or has signed some."""
 
     key_id: str
+    """The first 16 hex digits of the SHA-256 of the public key."""
     algorithm: Literal["ed25519"] = ALGORITHM
     public_key: str
     """Base64 of the 32 bytes."""

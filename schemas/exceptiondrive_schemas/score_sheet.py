@@ -45,6 +45,7 @@ class Coverage(Document):
     """
 
     edited: float
+    """From 0 to 1."""
     source: float | None = None
     n_edited: int | None = Field(default=None, exclude_if=lambda it: it is None)
     n_source: int | None = Field(default=None, exclude_if=lambda it: it is None)
@@ -70,6 +71,7 @@ class Plausibility(Document):
     """Shares published beside the score, never folded into it (docs/protocol.md section 5)."""
 
     shares: dict[str, float | None]
+    """From 0 to 1; None where undefined."""
     flags: tuple[Flag, ...] = ()
 
 
@@ -116,11 +118,17 @@ class ScoreSheet(Document):
     split: SplitRef
     scorer_version: str
     n: int
+    """Samples that count."""
     coverage: Coverage
     micro: MetricRow
+    """Mean over all samples: metric key to value. Shares from 0 to 1; those of distances, as `cts`
+    and `source_l2_m`, in metres; None where undefined."""
     macro_family: MetricRow
+    """The same, as the mean over the families, each counting the same."""
     families: dict[str, BreakdownRow]
+    """By id of the family."""
     tasks: dict[str, BreakdownRow]
+    """By id of the task."""
     plausibility: Plausibility
     extra: dict[str, MetricRow] = {}
     """Further named rows: sensitivity to d_safe, confusion, reminder scores."""

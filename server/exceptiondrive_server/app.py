@@ -8,7 +8,7 @@ from fastapi import FastAPI
 
 from exceptiondrive_records.db.settings import load_settings
 from exceptiondrive_server.boards.reader import BoardReader
-from exceptiondrive_server.routes import ROUTES
+from exceptiondrive_server.routes import ROUTES, WEBHOOKS
 from exceptiondrive_server.web.browser_session import lead_to_sign_in
 from exceptiondrive_server.web.compression import PublicCompression
 from exceptiondrive_server.web.limits.body_limit import RequestLimits
@@ -32,11 +32,12 @@ def create_app(settings: ServerSettings) -> FastAPI:
         title="ExceptionDrive leaderboard",
         version=API_VERSION,
         description="Submit trajectory files, follow their scoring, read the boards. "
-        "Errors are RFC 9457 problems.",
+        "Errors are RFC 9457 problems. Times are in UTC. Answers may gain fields: ignore those that you do not know.",
         openapi_url="/api/v1/openapi.json",
         docs_url=None,
         redoc_url=None,
         lifespan=_lifespan,
+        webhooks=WEBHOOKS,
         redirect_slashes=False,  # such a redirect repeats the Host header
     )
     services = Services.open(settings)

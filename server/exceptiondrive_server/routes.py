@@ -161,6 +161,7 @@ _ORGANIZER_PAGES = (
     organizer_audit_pages.router,
 )
 
+WEBHOOKS = notifications.webhooks
 ROUTES = APIRouter()
 """All routes, the one that is asked for most first. FastAPI works out what a route takes and gives when one is asked for first: with one
 router that is once per process, not once per application. Where a router that holds others is included without a prefix, FastAPI

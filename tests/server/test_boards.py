@@ -81,6 +81,22 @@ def test_a_compressed_board_has_the_same_tag_as_a_weak_one(lively: "Api") -> Non
         assert again.headers["etag"] == packed.headers["etag"]
 
 
+def test_a_wrong_filter_is_called_as_the_address_calls_it(lively: "Api") -> None:
+    problem = lively.get("/leaderboard?phase=dev&fact=colour:red").json()
+    assert list(problem["fields"]) == ["fact"]
+    assert problem["detail"].endswith(": fact.")
+
+
+@pytest.mark.parametrize("encoding", ["identity", "gzip"])
+@pytest.mark.parametrize("address", ["/leaderboard?phase=dev", "/leaderboard.csv?phase=dev"])
+def test_a_304_says_by_what_the_answer_varies(lively: "Api", encoding: str, address: str) -> None:
+    asks = {"Accept-Encoding": encoding}
+    whole = lively.get(address, headers=asks)
+    again = lively.get(address, headers={**asks, "If-None-Match": whole.headers["etag"]})
+    assert again.status_code == 304
+    assert again.headers["vary"] == whole.headers["vary"] == "Accept-Encoding"
+
+
 def test_a_changed_board_is_sent_whole(lively: "Api", make_entry: MakeEntry) -> None:
     before = lively.get("/leaderboard?phase=dev").headers["etag"]
     lively.publish(make_entry("new"))
@@ -286,7 +302,9 @@ def test_a_page_of_a_board_that_was_read_reads_none_of_its_text(lively: "Api") -
 def test_what_is_no_place_in_a_board_is_refused(
     lively: "Api", after: str, as_problem: Problem
 ) -> None:
-    as_problem(lively.get(f"/leaderboard?phase=dev&after={after}"), 400, "bad_request")
+    answer = lively.get(f"/leaderboard?phase=dev&after={after}")
+    problem = as_problem(answer, 400, "bad_request")
+    assert problem["fields"] == {"after": "must be taken from the `Link` of the page before"}
 
 
 def test_a_page_of_a_board_that_is_not_there_is_not_found(

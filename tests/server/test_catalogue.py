@@ -95,6 +95,7 @@ def test_a_development_split_is_downloaded_whole(api: "Api", split_document: byt
     response = api.get("/splits/sample")
     assert response.content == split_document
     again = api.get("/splits/sample", headers={"If-None-Match": response.headers["etag"]})
+    assert again.headers["vary"] == response.headers["vary"] == "Accept-Encoding"
     assert again.status_code == 304
     assert api.get("/phases/dev").json()["split_is_public"] is True
 

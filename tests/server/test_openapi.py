@@ -27,11 +27,13 @@ from exceptiondrive_records.accounts.tokens import (
     TEAM_SCOPES,
     issue_token,
 )
+from exceptiondrive_records.notifications.channels import SIGNATURE_HEADER, TIMESTAMP_HEADER
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_server.guide.operations import METHODS
 from exceptiondrive_server.guide.operations import operations as by_tag
+from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 
 if TYPE_CHECKING:
     from tests.support.application import Api
@@ -93,6 +95,13 @@ def test_the_api_page_says_what_each_operation_takes_and_answers(api: "Api") -> 
     assert '"rank_interval"' in html.unescape(text)
     upload = next(one for one in told if (one.method, one.path) == ("POST", "/api/v1/submissions"))
     assert upload.takes_token
+    assert upload.needs_token
+    assert upload.status == "200 or 202"
+    phases = next(one for one in told if (one.method, one.path) == ("GET", "/api/v1/phases"))
+    assert (phases.takes_token, phases.needs_token) == (True, False)
+    assert (board.takes_token, board.needs_token) == (False, False)
+    quota = next(each for each in phases.answers if each.name == "quota_per_day")
+    assert quota.type_words == "integer, at least 1, at most 10000, else 3"
     assert ("file", "body", True) in {(it.name, it.where, it.is_required) for it in upload.asks}
     assert "quota_exceeded" in upload.problems
     assert all(set(one.problems) <= set(ProblemCode) for one in told)
@@ -108,6 +117,63 @@ def test_every_operation_says_what_it_does_and_belongs_somewhere(api: "Api") -> 
         assert set(operation["tags"]) <= tags, f"describe the tag of {path} in openapi.TAGS"
 
 
+def test_what_the_code_says_under_a_field_stands_in_the_document(api: "Api") -> None:
+    schemas = api.app.openapi()["components"]["schemas"]
+
+    def words(name: str, field: str) -> str:
+        return str(schemas[name]["properties"][field].get("description", ""))
+
+    assert words("SubmissionView", "is_duplicate").startswith("The same bytes were there before")
+    assert words("Problem", "resets_at") == "When a spent quota begins anew."
+    assert words("RevokedToken", "made_by") == words("TokenView", "made_by") != ""
+    assert words("PhaseView", "visibility").startswith("Shown to everybody")
+    of_fields = [
+        property_.get("description", "")
+        for schema in schemas.values()
+        for property_ in schema.get("properties", {}).values()
+    ]
+    assert sum(map(bool, of_fields)) > 200
+    assert not [words for words in of_fields if "None" in words or "\n" in words]
+
+
+def test_every_parameter_of_a_query_says_what_it_does(api: "Api") -> None:
+    for path, method, operation in operations(api.app.openapi()):
+        for asked in operation.get("parameters", ()):
+            assert asked["in"] == "path" or asked.get("description"), (method, path, asked["name"])
+
+
+def test_the_headers_that_clients_go_by_stand_in_the_document(api: "Api") -> None:
+    document = api.app.openapi()
+
+    def headers(path: str, method: str, status: str) -> set[str]:
+        response = document["paths"][path][method]["responses"][status]
+        return set(response.get("headers", {}))
+
+    assert "Location" in headers("/api/v1/submissions", "post", "202")
+    assert headers("/api/v1/leaderboard", "get", "200") == {"ETag", "Link"}
+    for path, method, operation in operations(document):
+        for status in operation["responses"]:
+            told = headers(path, method, status)
+            if status in ("200", "304") and "304" in operation["responses"]:
+                assert "ETag" in told, (method, path, status)
+            if status in ("429", "503") and path != "/readyz":
+                assert "Retry-After" in told, (method, path, status)
+            if status == "401":
+                assert "WWW-Authenticate" in told, (method, path)
+
+
+def test_the_document_tells_what_webhooks_are_sent_by_the_names_that_are_sent(api: "Api") -> None:
+    document = api.app.openapi()
+    told = document["webhooks"]["notification"]["post"]
+    assert {it["name"] for it in told["parameters"]} == {TIMESTAMP_HEADER, SIGNATURE_HEADER}
+    assert "422" not in told["responses"]
+    body = told["requestBody"]["content"]["application/json"]["schema"]
+    assert body["$ref"].rpartition("/")[2] in document["components"]["schemas"]
+    adding = document["paths"]["/api/v1/contacts"]["post"]["description"]
+    assert TIMESTAMP_HEADER in adding
+    assert SIGNATURE_HEADER in adding
+
+
 def test_the_examples_of_the_documents_are_valid(api: "Api") -> None:
     document = api.app.openapi()
     shown = {
@@ -120,6 +186,8 @@ def test_the_examples_of_the_documents_are_valid(api: "Api") -> None:
         whole = {"$ref": f"#/components/schemas/{name}", "components": document["components"]}
         for example in examples:
             Draft202012Validator(whole).validate(example)
+    (problem,) = shown["Problem"]
+    assert problem["title"] == PROBLEMS[ProblemCode(problem["code"])].title
 
 
 def test_no_answer_on_a_hidden_split_has_a_field_for_what_is_withheld(api: "Api") -> None:

@@ -25,6 +25,40 @@ def test_every_code_has_a_status_and_a_title() -> None:
     assert set(PROBLEMS) == set(ProblemCode)
 
 
+@pytest.mark.parametrize(
+    ("body", "fields"),
+    [
+        ("null", {"body": "must be a JSON object"}),
+        (
+            '{"channel": "webhook", "address": "https://x.test/", "wishes": 1}',
+            {"wishes": "must be a list"},
+        ),
+    ],
+)
+def test_a_wrong_body_is_told_in_words_of_json(
+    api: "Api", body: str, fields: dict[str, str]
+) -> None:
+    headers = {**api.headers("alpha"), "Content-Type": "application/json"}
+    answer = api.client.post("/api/v1/contacts", headers=headers, content=body)
+    assert (answer.status_code, answer.json()["fields"]) == (400, fields)
+
+
+def test_json_that_is_not_called_json_is_told_so(api: "Api") -> None:
+    headers = {**api.headers("alpha"), "Content-Type": "application/x-www-form-urlencoded"}
+    answer = api.client.post("/api/v1/contacts", headers=headers, content="{}")
+    words = {"body": "must be a JSON object, and its Content-Type application/json"}
+    assert (answer.status_code, answer.json()["fields"]) == (400, words)
+
+
+def test_a_body_of_another_form_than_its_headers_say_is_told_so(
+    api: "Api", as_problem: Problem
+) -> None:
+    headers = {**api.headers("alpha"), "Content-Type": "application/json"}
+    answer = api.client.post("/api/v1/contacts", headers=headers, content=b"\xff{}")
+    problem = as_problem(answer, 400, "bad_request")
+    assert problem["detail"].startswith("The body cannot be read")
+
+
 def test_an_unknown_address_is_404(api: "Api", as_problem: Problem) -> None:
     problem = as_problem(api.get("/nothing/here"), 404, "not_found")
     assert ProblemDocument.model_validate_json(json.dumps(problem)).code == "not_found"

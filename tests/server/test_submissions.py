@@ -285,9 +285,9 @@ def test_two_at_once_with_one_key_are_one(api_on_both: "Api") -> None:
 
 @pytest.mark.parametrize("key", ["", "two words", "k" * 256, "\x7f"])
 def test_a_key_is_short_and_printable(api: "Api", as_problem: Problem, key: str) -> None:
-    assert (
-        "idempotency-key" in as_problem(send(api, "a", key), 400, "bad_request")["detail"].lower()
-    )
+    assert list(as_problem(send(api, "a", key), 400, "bad_request")["fields"]) == [
+        "idempotency-key"
+    ]
 
 
 def send(api: "Api", content: str, key: str, who: str = "alpha", phase: str = "dev") -> Any:
@@ -319,7 +319,7 @@ def test_what_may_still_be_submitted_stands_in_the_headers_of_every_answer_of_a_
     paths = api.app.openapi()["paths"]
     for path, method, status in taken:
         declared = paths[f"/api/v1{path}"][method]["responses"][status]["headers"]
-        assert {name.lower() for name in declared} == {*told, "ratelimit-reset"}, path
+        assert {name.lower() for name in declared} >= {*told, "ratelimit-reset"}, path
     assert "ratelimit-limit" not in api.get("/phases/dev").headers
     assert "ratelimit-limit" not in api.get("/submissions?phase=nowhere", "alpha").headers
 

@@ -34,13 +34,21 @@ class Problem(Document):
     """An RFC 9457 problem document."""
 
     type: str
+    """Address of the help page, below that of the server."""
     title: str
+    """The same for every problem of this code."""
     status: int
     code: ProblemCode
+    """To branch on."""
     detail: str
+    """What is wrong, in a sentence for people."""
     instance: str | None = None
+    """Path of the request."""
     request_id: str | None = None
+    """To report it by; the header `X-Request-ID` says the same."""
     retry_after_s: int | None = None
+    """Seconds to wait before another try, as `Retry-After`; left out where waiting does not
+    help."""
     resets_at: datetime | None = None
     """When a spent quota begins anew."""
     report: CheckReport | None = None

@@ -410,18 +410,24 @@ class NotificationView(Document):
     """A message to a team."""
 
     id: str
+    """A message that comes twice has the same one."""
     kind: NotificationKind
     team: str
+    """Name of the team."""
     phase: str
     challenge: ChallengeId | None = None
     """Of protocol updates alone."""
     created_at: datetime
     read_at: datetime | None = None
+    """None: not read yet."""
     title: str
     from_protocol: ProtocolRef | None = None
+    """Of protocol updates alone."""
     to_protocol: ProtocolRef | None = None
     """Of protocol updates alone."""
     what_changed: tuple[str, ...]
+    """Sentences."""
     entries: tuple[ChangedEntry, ...] = ()
+    """The team's own, each with old and new numbers: of protocol updates alone."""
     comparison: str
     """Where there is more, below the server's own address: of an update the public comparison."""

@@ -64,7 +64,9 @@ class ServiceStatus(Document):
     slots: int
     """How many submissions they score at once."""
     waiting: int
+    """Submissions that no worker scores yet."""
     running: int
+    """Submissions that are being scored."""
     oldest_wait_s: float | None
     """Of what waits now."""
     usual_scoring_s: float | None

@@ -45,8 +45,10 @@ class QueuePlace(Document):
     """How long until a worker is free, as an estimate."""
 
     position: int
+    """How many are scored before it."""
     expected_wait_s: float | None
     attempts: int
+    """How often a worker has begun to score it."""
     workers_alive: int
     lease_until: datetime | None = None
     """A worker is scoring it: if that worker is lost, another may begin again then."""
@@ -66,6 +68,7 @@ class SubmissionView(Document):
     phase: str
     challenge: ChallengeId
     team: str
+    """Name of the team."""
     method: str
     description: str
     links: Links
@@ -73,17 +76,28 @@ class SubmissionView(Document):
     edited_at: datetime | None = None
     """When the team last changed name, words, links or facts."""
     linked_to: str | None = None
+    """The team's submission of the same agent without the reminder."""
     file_digest: str
+    """`sha256:` and the hex digest of the bytes that were sent."""
     size_bytes: int
+    """Of the bytes that were sent."""
     status: SubmissionStatus
     received_at: datetime
     status_at: datetime
+    """Since when it has this status."""
     queue: QueuePlace | None = None
+    """While it waits or is scored."""
     report: CheckReport | None = None
+    """Once a worker has read the file: what is wrong with a rejected one, what was noticed of
+    others."""
     failure: Failure | None = None
+    """Of a failed one."""
     sheet: ScoreSheet | None = None
+    """Its published score."""
     rank: int | None = None
+    """On the current board."""
     rank_interval: tuple[int, int] | None = None
+    """Best and worst rank that sampling of scenes leaves open."""
     intervals: dict[str, Interval | None] = {}
     """Of the metrics, as the board shows them."""
     unranked_because: str | None = None
@@ -130,6 +144,7 @@ class SubmissionPage(Document):
 
     submissions: tuple[SubmissionView, ...]
     next: str | None = None
+    """`after` of the next page; None: this is the last one."""
 
 
 class Quota(Document):
@@ -137,10 +152,13 @@ class Quota(Document):
 
     per_day: int
     used_today: int
+    """Of the UTC day."""
     remaining_today: int
     total: int | None
+    """Of the whole phase; None: no limit."""
     used_total: int
     resets_at: datetime
+    """When the counts of today begin anew: 00:00 UTC."""
     rejected_per_day: int
     rejected_today: int
     concurrent: int | None = None
@@ -182,13 +200,14 @@ class PhaseView(PhaseSettings):
 
     id: str
     challenge: ChallengeId
-    title: str
+    title: str  # texts of any length: bounds are for those who write
     description: str = ""
-    """Texts of any length: bounds are for those who write."""
     split: str
     split_revision: str
     split_is_public: bool
     n_samples: int
+    """Samples of the split that count, of which the board counts `now.n_counted`; the manifest also names controls
+    and what was withdrawn."""
     protocol: str
     protocol_digest: str
     is_open: bool
@@ -220,9 +239,12 @@ class Me(Document):
     """Who the token speaks for."""
 
     team: str | None
+    """Name of the team; None of an organizer."""
     token_name: str
     scopes: tuple[str, ...]
+    """What the token may do: `read:own`, `submit`, `tokens`, and those of organizers."""
     expires_at: datetime | None
+    """None: it does not expire."""
     role: str | None = None
     """As what it organizes: `owner`, `helper` or `read-only`; None: not at all."""
     phases: tuple[str, ...] = ()

@@ -181,7 +181,7 @@ def example_problem() -> Problem:
     """The answer to one upload too many."""
     return Problem(
         type=f"/problems/{ProblemCode.QUOTA_EXCEEDED}",
-        title="Quota exceeded",
+        title="The quota is used up",
         status=429,
         code=ProblemCode.QUOTA_EXCEEDED,
         detail="Your team has used its 5 submissions of today in this phase. "

@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 from exceptiondrive_schemas.api.form_fields import FormField, fields_of
 from exceptiondrive_schemas.api.phase_settings import PhaseSettings
+from exceptiondrive_schemas.field_words import add_field_words
 from exceptiondrive_schemas.publish.broken_files import errors_page
 from exceptiondrive_schemas.publish.examples import EXAMPLES, example_json
 
@@ -17,10 +18,10 @@ def json_schema(name: str) -> dict[str, Any]:
     mode: Literal["serialization", "validation"] = (
         "serialization" if name in WRITTEN_BY_SERVER else "validation"
     )
-    return {
-        "$schema": DIALECT,
-        **type(EXAMPLES[name]()).model_json_schema(by_alias=True, mode=mode),
-    }
+    model = type(EXAMPLES[name]())
+    schema = model.model_json_schema(by_alias=True, mode=mode)
+    add_field_words({model.__name__: schema, **schema.get("$defs", {})})
+    return {"$schema": DIALECT, **schema}
 
 
 HEAD = """# The settings of a phase

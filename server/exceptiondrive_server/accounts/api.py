@@ -41,7 +41,7 @@ class NewTeamToken(Form):
 
     name: Annotated[str, Field(min_length=1, max_length=80)]
     scopes: Annotated[tuple[Scope, ...], Field(min_length=1)] = PARTICIPANT_SCOPES
-    """None that the asker's token does not have."""
+    """Only such as the asker's own token has."""
     expires_at: Time | None = None
 
 

@@ -33,8 +33,10 @@ class AuditVerdictView(BaseModel):
 @router.get("/audit", operation_id="readAudit")
 def get_audit(
     services: ServicesOf,
-    before: Annotated[int | None, Query(ge=1, lt=2**31)] = None,
-    limit: Annotated[int, Query(ge=1, le=500)] = 100,
+    before: Annotated[
+        int | None, Query(ge=1, lt=2**31, description="only lines with a lower `id`")
+    ] = None,
+    limit: Annotated[int, Query(ge=1, le=500, description="how many at most")] = 100,
     actor: Annotated[str | None, Query(max_length=200, description="only by this one")] = None,
     subject: Annotated[str | None, Query(max_length=200, description="only about this")] = None,
     by_people: Annotated[bool, Query(description="without what worker and server write")] = False,

@@ -5,6 +5,7 @@ from urllib.parse import urlencode
 
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
+from pydantic import Field
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.boards import (
@@ -18,6 +19,7 @@ from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import shown_phase
 from exceptiondrive_records.submissions.edits import edits_of_phase
 from exceptiondrive_schemas.api.problems import ProblemCode
+from exceptiondrive_schemas.base import in_words
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.method_facts import PhaseFacts
 from exceptiondrive_server.boards.exports import EXPORTS
@@ -40,12 +42,18 @@ router = APIRouter(tags=["boards"])
 _UNCHANGED: dict[str, Any] = {"description": "The asker's copy is the current one."}
 Limit = Annotated[int | None, Query(ge=1, le=1000, description="entries at a time")]
 After = Annotated[
-    str | None,
-    Query(
-        pattern=r"^[1-9][0-9]{0,8}\.[0-9]{1,9}$",
-        description="where a page begins: taken from the `Link` of the page before",
-    ),
+    Annotated[
+        str,
+        Field(pattern=r"^[1-9][0-9]{0,8}\.[0-9]{1,9}$"),
+        in_words("must be taken from the `Link` of the page before"),
+    ]
+    | None,
+    Query(description="where a page begins: taken from the `Link` of the page before"),
 ]
+_LINK = {
+    "description": 'With `limit`, if more entries follow: `<ADDRESS>; rel="next"`.',
+    "schema": {"type": "string"},
+}
 _RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {"model": Board, "description": "The board; its strong ETag is the digest of its bytes."},
     304: _UNCHANGED,
@@ -57,7 +65,7 @@ _RESPONSES: dict[int | str, dict[str, Any]] = {
     "/leaderboard",
     operation_id="showBoard",
     response_class=Response,
-    responses=_RESPONSES,
+    responses={**_RESPONSES, 200: {**_RESPONSES[200], "headers": {"Link": _LINK}}},
     openapi_extra=documented(),
 )
 def get_board(
@@ -146,7 +154,7 @@ def _as_kept(request: Request, row: BoardRow, max_age_s: int | None) -> Response
     openapi_extra=documented(),
 )
 def get_board_csv(request: Request, services: ServicesOf, query: BoardQueryOf) -> Response:
-    """Give a board as CSV; cells that a spreadsheet would run as formulas are quoted."""
+    """Give a board as CSV, without rows that papers report; cells that a spreadsheet would run as formulas are quoted."""
     with services.database.read() as session:
         board, protocol, facts = asked_entries(session, query)
     csv = EXPORTS["csv"]

@@ -41,6 +41,7 @@ from exceptiondrive_server.web.browser_session import (
     holder_of,
     principal_of_browser,
 )
+from exceptiondrive_server.web.etag import conditional
 from exceptiondrive_server.web.numbers import Digits
 from exceptiondrive_server.web.path_ids import PhaseId
 from exceptiondrive_server.web.responses import (
@@ -199,4 +200,4 @@ def feed(request: Request, services: ServicesOf, query: BoardQueryOf) -> Respons
     with services.database.read() as session:
         history = read_history(session, query)
     text = atom_feed(history, origin_of(request))
-    return Response(text, media_type="application/atom+xml", headers=SECURITY_HEADERS)
+    return conditional(request, text.encode(), "application/atom+xml", headers=SECURITY_HEADERS)

@@ -276,7 +276,8 @@ def _refused(error: ValidationError) -> RecordsError:
         if found["loc"] == ("sort",):
             words = sort_words(str(found["input"]), _METRICS)
         if found["loc"]:
-            fields.setdefault(str(found["loc"][0]), words)
+            name = str(found["loc"][0])
+            fields.setdefault(_ASKED_AS.get(name, name), words)
         else:
             whole.append(words)
     if whole:

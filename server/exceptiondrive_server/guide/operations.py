@@ -27,6 +27,7 @@ class Operation(NamedTuple):
     path: str
     paragraphs: tuple[str, ...]
     takes_token: bool
+    needs_token: bool
     asks: tuple[Field, ...]
     status: str
     schema: str
@@ -57,8 +58,8 @@ def operations(description: Node) -> dict[str, list[Operation]]:
 
 def _operation(method: str, path: str, told: Node, schemas: Node) -> Operation:
     responses = told.get("responses", {})
-    status = next((code for code in sorted(responses) if code < "300"), "")
-    name, answer = _resolved(_content(responses.get(status, {})), schemas)
+    taken = [code for code in sorted(responses) if code < "300"]
+    name, answer = _resolved(_content(responses.get(taken[0], {}) if taken else {}), schemas)
     body = _resolved(_content(told.get("requestBody", {})), schemas)[1]
     codes = [_codes(each) for code, each in responses.items() if "400" <= code < "500"]
     return Operation(
@@ -68,8 +69,9 @@ def _operation(method: str, path: str, told: Node, schemas: Node) -> Operation:
             [" ".join(part.split()) for part in told.get("description", "").split("\n\n")]
         ),
         takes_token="security" in told,
+        needs_token={} not in told.get("security", [{}]),
         asks=(*map(_parameter, told.get("parameters", ())), *_fields(body, "body")),
-        status=status,
+        status=" or ".join(taken),
         schema=name,
         answers=tuple(_fields(answer, "answer")),
         problems=tuple([code for each in codes for code in each]),
@@ -124,8 +126,15 @@ def type_words(node: Node) -> str:
     if node.get("type") == "array":
         return f"list of {type_words(node.get('items', {}))}"
     ends = [("minimum", "at least"), ("maximum", "at most"), ("default", "else")]
-    told = [f"{words} {node[key]}" for key, words in ends if node.get(key) not in (None, "")]
+    told = [
+        f"{words} {_plain(node[key])}" for key, words in ends if node.get(key) not in (None, "")
+    ]
     return ", ".join([str(node.get("format") or node.get("type") or "any value"), *told])
+
+
+def _plain(value: Any) -> Any:
+    """A whole number without its `.0`."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def _codes(answer: Node) -> list[str]:

@@ -33,12 +33,16 @@ router = APIRouter(
     ),
 )
 
+webhooks = APIRouter(tags=["notifications"])
+"""What we send ourselves: described, and served nowhere."""
+
 
 class NewContact(Form):
     """An address to be told at."""
 
     channel: Channel
     address: Annotated[str, Field(min_length=3, max_length=500)]
+    """An e-mail address, or the https address of a webhook."""
     wishes: tuple[Wish, ...] = ("updates",)
     """What it is told of."""
 
@@ -69,7 +73,9 @@ class ContactView(BaseModel):
     is_confirmed: bool
     """Whether whoever reads there said yes; an e-mail address is told nothing before."""
     secret: str | None = None
+    """Signs what a webhook is sent; told once, in the answer to its making."""
     last_message: LastMessage | None = None
+    """None: it was sent none yet."""
 
 
 @router.get("/notifications", operation_id="listNotifications")
@@ -77,7 +83,7 @@ def get_notifications(
     services: ServicesOf,
     reader: Reader,
     unread: Annotated[bool, Query(description="only what was not read yet")] = False,
-    limit: Annotated[int, Query(ge=1, le=500)] = 100,
+    limit: Annotated[int, Query(ge=1, le=500, description="how many at most")] = 100,
 ) -> list[NotificationView]:
     """Read the inbox of the team, newest first; of a protocol update with old and new numbers."""
     with services.database.read() as session:
@@ -107,8 +113,14 @@ def post_contact(
 ) -> ContactView:
     """Be told at a webhook or e-mail address; a webhook's secret is shown this once.
 
-    It needs both scopes, since scores and ranks are told there. An e-mail address gets one message
-    that asks for a yes, and nothing more until it is given.
+    It needs both scopes, `submit` and `read:own`, since scores and ranks are told there. An e-mail address gets one
+    message that asks for a yes, and nothing more until it is given.
+
+    A webhook is sent a NotificationView as JSON by POST, with the headers `ExceptionDrive-Timestamp`, the
+    Unix time in seconds, and `ExceptionDrive-Signature`: `sha256=` and the hex HMAC-SHA256 of timestamp, full
+    stop and body under the secret, whole with its `edw_`. Refuse what is older than some minutes, and what is
+    signed otherwise; know a message by its `id`, since it may come twice. Any status from 200 to 299 takes it;
+    redirects are not followed, and what fails is tried again for about an hour.
     """
     with services.database.write() as session:
         contact = add_contact(
@@ -166,3 +178,37 @@ def _view(contact: ContactPoint) -> ContactView:
         wishes=tuple(wish for wish in WISHES if wish in contact.wishes.split()),
         is_confirmed=contact.confirmed_at is not None,
     )
+
+
+def _header(name: str, schema: dict[str, str], words: str) -> dict[str, object]:
+    return {"name": name, "in": "header", "required": True, "description": words, "schema": schema}
+
+
+@webhooks.post(
+    "notification",
+    operation_id="notification",
+    status_code=204,
+    responses={204: {"description": "Taken, as by any status from 200 to 299."}},
+    openapi_extra={
+        "parameters": [
+            _header(
+                "ExceptionDrive-Timestamp",
+                {"type": "integer"},
+                "Unix time of the sending, in seconds",
+            ),
+            _header(
+                "ExceptionDrive-Signature",
+                {"type": "string", "pattern": "^sha256=[0-9a-f]{64}$"},
+                "HMAC-SHA256 of timestamp, full stop and body under the secret of `addContact`",
+            ),
+        ],
+        "requestBody": {
+            "required": True,
+            "content": {
+                "application/json": {"schema": {"$ref": "#/components/schemas/NotificationView"}}
+            },
+        },
+    },
+)
+def notification() -> None:
+    """Be told: sent to each webhook of the team, as `addContact` describes."""

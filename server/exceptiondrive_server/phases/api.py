@@ -1,6 +1,8 @@
 """Phases and the manifests of their splits."""
 
-from fastapi import APIRouter, Response
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Response
 
 from exceptiondrive_records.phases.phases import list_phases, phase_view, shown_phase
 from exceptiondrive_records.splits.splits import manifest_of
@@ -29,7 +31,9 @@ router = APIRouter(prefix="/phases", tags=["phases"])
     responses=problem_responses(ProblemCode.NOT_SIGNED_IN),
 )
 def get_phases(
-    services: ServicesOf, principal: MaybePrincipal, challenge: KnownChallenge | None = None
+    services: ServicesOf,
+    principal: MaybePrincipal,
+    challenge: Annotated[KnownChallenge | None, Query(description="only of this challenge")] = None,
 ) -> list[PhaseView]:
     """List all phases; with a token, each with the team's own quota.
 

@@ -51,6 +51,8 @@ IdempotencyKey = Annotated[
         description="what you name this upload, such as a UUID: sent again it is the same one",
     ),
 ]
+_LOCATION = {"description": "Where the submission is shown.", "schema": {"type": "string"}}
+_TAKEN = {"headers": {"Location": _LOCATION, **QUOTA_HEADERS["headers"]}}
 _SIGNED_IN = (ProblemCode.NOT_SIGNED_IN, ProblemCode.NOT_ALLOWED)
 
 
@@ -60,9 +62,12 @@ _SIGNED_IN = (ProblemCode.NOT_SIGNED_IN, ProblemCode.NOT_ALLOWED)
     status_code=202,
     openapi_extra=upload_body(),
     responses={
-        200: {"model": SubmissionView, "description": "The same bytes were there before."}
-        | QUOTA_HEADERS,
-        202: QUOTA_HEADERS,
+        200: {
+            "model": SubmissionView,
+            "description": "The same bytes were there before.",
+            **_TAKEN,
+        },
+        202: {"description": "The file is kept, and waits to be scored.", **_TAKEN},
         **problem_responses(
             *_SIGNED_IN,
             ProblemCode.PHASE_CLOSED,
@@ -118,9 +123,9 @@ def get_submissions(
     response: Response,
     services: ServicesOf,
     principal: Reader,
-    phase: Annotated[str | None, Query(max_length=64)] = None,
-    status: SubmissionStatus | None = None,
-    limit: Annotated[int, Query(ge=1, le=200)] = 50,
+    phase: Annotated[str | None, Query(max_length=64, description="id: only of this phase")] = None,
+    status: Annotated[SubmissionStatus | None, Query(description="only with this status")] = None,
+    limit: Annotated[int, Query(ge=1, le=200, description="submissions at a time")] = 50,
     after: Annotated[str | None, Query(max_length=64, description="`next` of a page")] = None,
 ) -> SubmissionPage:
     """List the team's submissions, newest first; organizers see every team's, those of single phases with `phase`.

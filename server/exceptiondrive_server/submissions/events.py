@@ -45,7 +45,13 @@ RETRY_MS = 2000
 async def follow_submission(
     services: ServicesOf, principal: Reader, submission_id: SubmissionId
 ) -> StreamingResponse:
-    """Send the submission now and at each change, until it has ended."""
+    """Send the submission now and at each change, until it has ended.
+
+    Whoever connects again gets it as it is then; what was missed is not sent again. A stream ends with
+    `scored`, `rejected`, `failed` or `withdrawn`: do not connect again after these. It may end before:
+    then do, after the milliseconds of `retry`. Where nothing changes, a comment comes about
+    every 15 seconds.
+    """
     first = await run_in_threadpool(_look, services, principal, submission_id)
     events = _events(services, principal, first)
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}

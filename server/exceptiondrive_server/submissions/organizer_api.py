@@ -45,7 +45,7 @@ def get_archive(
     organizer: Organizer,
     team: Annotated[str | None, Query(max_length=64, description="only of this team")] = None,
     phase: Annotated[str | None, Query(max_length=64, description="only of this phase")] = None,
-    status: SubmissionStatus | None = None,
+    status: Annotated[SubmissionStatus | None, Query(description="only with this status")] = None,
 ) -> Response:
     """Download uploads as a tar, newest first; its last member, `manifest.json`, says what each is."""
     return archive(services, organizer, team=team, phase=phase, status=status)

@@ -28,8 +28,11 @@ class Registration(BaseModel):
     """A registered team with its first token, which is shown here and never again."""
 
     team: str
+    """Id of the team."""
     token: str
+    """To send as `Authorization: Bearer ...`."""
     is_approved: bool
+    """False: an organizer has to look at it before the team may submit."""
 
 
 @router.post(

@@ -44,7 +44,10 @@ class PublicCompression:
         async def send_as_public(message: Message) -> None:
             nonlocal is_private
             if message["type"] == "http.response.start":
-                is_private = _is_for_one_reader(Headers(raw=message["headers"]))
+                headers = MutableHeaders(raw=message["headers"])
+                is_private = _is_for_one_reader(headers)
+                if message["status"] == 304 and not is_private:
+                    _say_that_it_varies(headers)
             await (send if is_private else responder.send_with_compression)(message)
 
         responder.send = _weakening(send) if packs else send
@@ -54,6 +57,12 @@ class PublicCompression:
 def _is_for_one_reader(headers: Headers) -> bool:
     said = headers.get("cache-control", "")
     return "private" in said or "no-store" in said
+
+
+def _say_that_it_varies(headers: MutableHeaders) -> None:
+    """A 304 says of its 200 what caches go by (RFC 9110 15.4.5); it has no body that would tell."""
+    if "accept-encoding" not in headers.get("vary", "").lower():
+        headers.add_vary_header("Accept-Encoding")
 
 
 def _weakening(send: Send) -> Send:

@@ -47,7 +47,12 @@ async def healthz() -> Health:
     return Health()
 
 
-@router.get("/readyz", operation_id="readiness", response_model=Readiness)
+@router.get(
+    "/readyz",
+    operation_id="readiness",
+    response_model=Readiness,
+    responses={503: {"model": Readiness, "description": "Uploads cannot be accepted."}},
+)
 def readyz(services: ServicesOf) -> Response:
     """Tell whether uploads can be accepted; 503 if not.
 
@@ -72,7 +77,12 @@ def readyz(services: ServicesOf) -> Response:
     return JSONResponse(readiness.model_dump(), status_code=200 if readiness.is_ready else 503)
 
 
-@router.get("/metrics", operation_id="metrics", response_class=Response)
+@router.get(
+    "/metrics",
+    operation_id="metrics",
+    response_class=Response,
+    responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
+)
 def metrics(services: ServicesOf) -> Response:
     """Metrics for Prometheus; a reverse proxy keeps them inside."""
     return Response(

@@ -1,12 +1,14 @@
 """The OpenAPI document: every answer a route may give, errors always as the one problem document."""
 
 import json
+from collections.abc import Mapping
 from typing import Any
 
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
 from exceptiondrive_schemas.api.problems import PROBLEM_MEDIA_TYPE, Problem
+from exceptiondrive_schemas.field_words import add_field_words
 from exceptiondrive_schemas.published import example_text
 
 TAGS = {
@@ -37,9 +39,11 @@ def describe(app: FastAPI) -> dict[str, Any]:
             version=app.version,
             description=app.description,
             routes=app.routes,
+            webhooks=app.webhooks.routes,
             tags=[{"name": name, "description": text} for name, text in TAGS.items()],
         )
         _add_problem(document)
+        add_field_words(document["components"]["schemas"])
         for operations in document["paths"].values():
             for operation in operations.values():
                 _complete(operation["responses"])
@@ -60,8 +64,33 @@ def _add_problem(document: dict[str, Any]) -> None:
             schemas[name]["examples"] = [json.loads(example_text(example))]
 
 
+_WAIT = {
+    "Retry-After": {
+        "description": "Seconds to wait; left out where waiting does not help.",
+        "schema": {"type": "integer", "minimum": 1},
+    }
+}
+_OF_PROBLEM: Mapping[str, dict[str, Any]] = {
+    "401": {"WWW-Authenticate": {"description": "`Bearer`", "schema": {"type": "string"}}},
+    "429": _WAIT,
+    "503": _WAIT,
+}
+_OF_UNCHANGED = {
+    "ETag": {
+        "description": "To send in `If-None-Match`: a 304 without a body says that nothing changed.",
+        "schema": {"type": "string"},
+    }
+}
+
+
 def _complete(responses: dict[str, Any]) -> None:
-    """Say that any other error is a problem too; FastAPI's 422 is never given."""
+    """Say that any other error is a problem too, and which headers come; FastAPI's 422 is never given."""
     responses.pop("422", None)
+    for status, response in responses.items():
+        headers = _OF_UNCHANGED if status in ("200", "304") and "304" in responses else {}
+        if PROBLEM_MEDIA_TYPE in response.get("content", {}):
+            headers = _OF_PROBLEM.get(status, {})
+        if headers:
+            response["headers"] = {**response.get("headers", {}), **headers}
     content = {PROBLEM_MEDIA_TYPE: {"schema": {"$ref": _SCHEMA + "Problem"}}}
     responses["default"] = {"description": "Any other error, as a problem.", "content": content}

@@ -28,7 +28,7 @@ from exceptiondrive_records.db.errors import (
 )
 from exceptiondrive_schemas.api.problems import PROBLEM_MEDIA_TYPE, Problem, ProblemCode
 from exceptiondrive_schemas.api.submission import Quota
-from exceptiondrive_schemas.base import fault_words
+from exceptiondrive_schemas.base import NO_OBJECT, fault_words
 from exceptiondrive_server.web.middleware import HEADERS, is_stream
 from exceptiondrive_server.web.problem_vocabulary import CODE_OF_STATUS, PROBLEMS, ApiProblem
 from exceptiondrive_server.web.responses import problem_page
@@ -127,7 +127,11 @@ async def _api_problem(request: Request, error: Exception) -> Response:
 
 async def _refusal(request: Request, error: Exception) -> Response:
     assert isinstance(error, RecordsError | RequestValidationError)
-    return problem_response(request, problem_of(error))
+    problem = problem_of(error)
+    is_called_json = "json" in request.headers.get("content-type", "json")
+    if problem.fields.get("body") == NO_OBJECT and not is_called_json:  # as curl's -d alone does
+        problem.fields["body"] = f"{NO_OBJECT}, and its Content-Type application/json"
+    return problem_response(request, problem)
 
 
 def problem_of(error: RecordsError | RequestValidationError) -> ApiProblem:
@@ -178,9 +182,12 @@ def _of_fields(error: RequestValidationError) -> ApiProblem:
     return ApiProblem(ProblemCode.BAD_REQUEST, detail, fields=fields)
 
 
+_PLACES = ("body", "query", "path", "header")
+
+
 def _field(item: Mapping[str, Any]) -> tuple[str, str]:
     """Return name and fault of a field; of one that we do not know only a plain name is repeated."""
-    place = [str(part) for part in item["loc"] if part not in ("body", "query", "path")]
+    place = [str(part) for part in item["loc"] if part not in _PLACES]
     if item["type"] == "extra_forbidden":
         name = place[-1] if place and _PLAIN_NAME.fullmatch(place[-1]) else "(unknown field)"
         return ".".join([*place[:-1], name]), "There is no such field; leave it out."
@@ -197,7 +204,10 @@ async def _http_exception(request: Request, error: Exception) -> Response:
         ProblemCode.METHOD_NOT_ALLOWED: "This address does not take that method.",
         ProblemCode.UPLOAD_TOO_LARGE: TOO_LARGE,
     }
-    detail = details.get(code, "The request cannot be read.")
+    detail = details.get(
+        code,
+        "The body cannot be read: it is not of the form that its headers say, or has more parts than are taken.",
+    )
     headers = {"Allow": ", ".join(_methods_at(request))} if error.status_code == 405 else {}
     return problem_response(request, ApiProblem(code, detail, headers=headers))
 

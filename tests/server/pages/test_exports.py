@@ -201,6 +201,15 @@ async def test_the_feed_lists_boards_newest_first(lively_site: Any, empty_board:
     assert feed.findtext("a:id", "", name) == "http://site.test/feed.atom?phase=sample"
 
 
+async def test_a_feed_that_has_not_changed_is_not_sent_again(
+    lively_site: Any, empty_board: Board
+) -> None:
+    asks = {"If-None-Match": (await lively_site.get("/feed.atom?phase=sample")).headers["etag"]}
+    assert (await lively_site.get("/feed.atom?phase=sample", **asks)).status_code == 304
+    lively_site.publish(empty_board)
+    assert (await lively_site.get("/feed.atom?phase=sample", **asks)).status_code == 200
+
+
 def test_facts_are_columns_and_no_formula(lively_board: Board, protocol: ProtocolDocument) -> None:
     first = lively_board.entries[0]
     assert first.submission_id is not None

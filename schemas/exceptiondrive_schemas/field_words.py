@@ -1,0 +1,69 @@
+"""The sentence that stands under a field in the code, as the description of it in JSON Schemas."""
+
+import ast
+import sys
+from collections.abc import Iterator, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+
+def add_field_words(schemas: Mapping[str, dict[str, Any]]) -> None:
+    """Describe the properties of schemas, by name, where nothing describes them yet.
+
+    Pydantic's `use_attribute_docstrings` reads the source of each class as it is made: at every start of
+    every program. This reads it where descriptions are made.
+    """
+    for model in _models(BaseModel):
+        fields = {
+            field.serialization_alias or field.alias or name: name
+            for name, field in model.model_fields.items()
+        }
+        long_name = f"{model.__module__}.{model.__qualname__}".replace(".", "__")
+        for name in (model.__name__, long_name):
+            properties = schemas.get(name, {}).get("properties", {})
+            if properties.keys() == fields.keys():
+                for key, field_name in fields.items():
+                    words = _words(model, field_name)
+                    if words:
+                        properties[key].setdefault("description", words)
+
+
+def _models(base: type[BaseModel]) -> Iterator[type[BaseModel]]:
+    """Every document of this project that is loaded."""
+    for model in base.__subclasses__():
+        if model.__module__.startswith("exceptiondrive"):
+            yield model
+        yield from _models(model)
+
+
+def _words(model: type[BaseModel], name: str) -> str:
+    """What is said of a field by the class that names it last; of JSON, which knows no `None`."""
+    for each in model.__mro__:
+        words = _sentences(each.__module__).get((each.__qualname__, name))
+        if words is not None:
+            return " ".join(words.split()).replace("None", "null")
+    return ""
+
+
+@cache
+def _sentences(module: str) -> dict[tuple[str, str], str]:
+    """Class and field to the text below the field."""
+    path = getattr(sys.modules[module], "__file__", None)
+    if not module.startswith("exceptiondrive") or path is None:
+        return {}
+    found = {}
+    for node in ast.parse(Path(path).read_text("utf-8")).body:
+        if isinstance(node, ast.ClassDef):
+            for field, below in zip(node.body, node.body[1:]):  # noqa: B905 - the last has none
+                if (
+                    isinstance(field, ast.AnnAssign)
+                    and isinstance(field.target, ast.Name)
+                    and isinstance(below, ast.Expr)
+                    and isinstance(below.value, ast.Constant)
+                    and isinstance(below.value.value, str)
+                ):
+                    found[node.name, field.target.id] = below.value.value
+    return found
