@@ -10,7 +10,7 @@ import pytest
 from sqlalchemy import delete, select, update
 from starlette.testclient import TestClient
 
-from exceptiondrive_records.accounts.sign_in import PER_TOKEN_ID
+from exceptiondrive_records.accounts.attempts import PER_TOKEN_ID
 from exceptiondrive_records.accounts.tables import BrowserSession
 from exceptiondrive_records.audit.tables import AuditLine
 
