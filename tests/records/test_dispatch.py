@@ -108,7 +108,7 @@ def test_a_lane_is_woken_for_what_waits_in_it_and_at_most_once_a_slot(
 def test_where_nothing_is_to_be_done_nobody_is_woken(
     world: World, broker: Broker, dispatcher: Dispatcher
 ) -> None:
-    board_is_built(world)
+    world.publish(world.board())
     assert wake_lanes(world.database, dispatcher, SETTINGS) == 0
     accepted = world.submit("file")
     world.claim(accepted.job_id)
@@ -125,7 +125,7 @@ def test_a_worker_is_told_which_kinds_of_work_are_due_in_its_lane(world: World) 
         with world.database.read() as session:
             return set(kinds_due(session, lane, SETTINGS.max_attempts))
 
-    board_is_built(world)
+    world.publish(world.board())
     assert due() == set()
     accepted = world.submit("file")
     assert due() == {Job}
@@ -140,17 +140,6 @@ def test_a_worker_is_told_which_kinds_of_work_are_due_in_its_lane(world: World) 
         session.scalars(select(Profile)).one().attempts = SETTINGS.max_attempts
     assert due() == {BoardRequest}, "it had all its attempts"
     assert due(Lane.RESCORE) == set()
-
-
-def board_is_built(world: World) -> None:
-    from tests.support.work import claim_board_of
-
-    from exceptiondrive_records.work.board_requests import finish_board
-
-    with world.database.write() as session:
-        request = claim_board_of(session, "dev", world.protocol_digest)
-        assert request is not None
-        assert finish_board(session, request)
 
 
 def test_a_submission_shows_as_queued_once_a_worker_was_woken_for_it(world: World) -> None:

@@ -8,7 +8,7 @@ import pytest
 from sqlalchemy import update
 from sqlalchemy.exc import OperationalError
 from structlog.testing import capture_logs
-from tests.records.test_dispatch import board_is_built, waiting
+from tests.records.test_dispatch import waiting
 from tests.support.work import let_time_pass
 
 from exceptiondrive_records.audit.log import count_audit_lines
@@ -35,7 +35,7 @@ def hours_pass(world: World) -> None:
 
 
 def test_a_new_submission_wakes_a_worker_and_shows_as_queued(world: World, broker: Broker) -> None:
-    board_is_built(world)
+    world.publish(world.board())
     accepted = world.submit("file")
     dispatcher = Dispatcher(broker.url)
     assert reconcile_once(world.database, dispatcher, SETTINGS) == Pass(woken_for=1)
@@ -47,7 +47,7 @@ def test_a_new_submission_wakes_a_worker_and_shows_as_queued(world: World, broke
 def test_what_was_accepted_while_the_broker_was_down_wakes_a_worker_later(
     world: World, broker: Broker
 ) -> None:
-    board_is_built(world)
+    world.publish(world.board())
     dispatcher = Dispatcher(broker.url)
     broker.kill()
     accepted = world.submit("file")
@@ -83,7 +83,7 @@ def test_however_often_it_passes_no_more_messages_wait_than_there_are_slots(
 
 
 def test_an_expired_lease_wakes_a_worker(world: World, broker: Broker) -> None:
-    board_is_built(world)
+    world.publish(world.board())
     world.claim(world.submit("file").job_id)
     dispatcher = Dispatcher(broker.url)
     assert reconcile_once(world.database, dispatcher, SETTINGS).woken_for == 0
@@ -94,7 +94,7 @@ def test_an_expired_lease_wakes_a_worker(world: World, broker: Broker) -> None:
 def test_a_job_without_attempts_left_is_given_up_and_the_team_is_told(
     world: World, broker: Broker
 ) -> None:
-    board_is_built(world)
+    world.publish(world.board())
     accepted = world.submit("poison")
     dispatcher = Dispatcher(broker.url)
     for _ in range(SETTINGS.max_attempts):
@@ -114,7 +114,7 @@ def test_a_job_without_attempts_left_is_given_up_and_the_team_is_told(
 def test_a_file_that_ends_whoever_looks_at_it_is_looked_at_no_more(
     world: World, broker: Broker
 ) -> None:
-    board_is_built(world)
+    world.publish(world.board())
     accepted = world.submit("poison")
     world.score(accepted.job_id)
     key = accepted.submission.id
@@ -136,10 +136,10 @@ def test_a_file_that_ends_whoever_looks_at_it_is_looked_at_no_more(
 def test_a_wanted_board_wakes_a_worker_until_it_is_built(world: World, broker: Broker) -> None:
     dispatcher = Dispatcher(broker.url)
     assert reconcile_once(world.database, dispatcher, SETTINGS) == Pass(woken_for=1)
-    world.score(world.submit("file").job_id)
+    world.scored("file")
     assert reconcile_once(world.database, dispatcher, SETTINGS) == Pass(woken_for=1)
     assert waiting(broker) == 1, "who comes builds for both"
-    board_is_built(world)
+    world.publish(world.board())
     assert reconcile_once(world.database, dispatcher, SETTINGS) == Pass()
 
 
