@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from tests.client.test_with_server import MakeFile, run, submit
+from tests.client.servers import run
+from tests.client.test_with_server import MakeFile, submit
 
 from exceptiondrive import Client, InvalidArgumentError, NotFoundError
 from exceptiondrive.facts import facts_of, facts_of_pairs
