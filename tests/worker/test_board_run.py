@@ -19,7 +19,7 @@ MakeFile = Callable[..., bytes]
 
 def build(world: World) -> Board:
     """Want a board, build it, and return the current one, without the references made for it."""
-    board = world.build_board()
+    board: Board = world.build_board()
     rows = tuple(row for row in board.entries if row.submission_id or row.source == "reported")
     return board.model_copy(update={"entries": rows})
 

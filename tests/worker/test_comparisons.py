@@ -40,7 +40,8 @@ def by_method(board: Board) -> dict[tuple[str, str], PairedComparison]:
 def board(phase: World, tiny: Split, planning_file: MakeFile) -> Board:
     for method, speed in SPEEDS.items():
         phase.score(planning_file(tiny, edited_mps=speed), method=method, team=method)
-    return phase.build_board()
+    built: Board = phase.build_board()
+    return built
 
 
 def test_a_build_that_is_ended_in_its_middle_keeps_the_intervals_that_it_has(
