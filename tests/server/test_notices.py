@@ -595,8 +595,7 @@ def test_all_messages_are_marked_as_read_however_many_there_are(api: "Api", brow
         for slug, count in (("alpha", 120), ("beta", 1)):
             for number in range(count):
                 tell_team(session, find_team(session, slug), "message", f"Note {number}", ())
-    browser = browse(api)
-    browser.sign_in("alpha")
+    browser = browse(api, who="alpha")
     assert browser.post("/my/notices/read", {}, page="/my/notices").status_code == 303
     assert api.get("/notifications?unread=true", "alpha").json() == []
     assert "Mark all as read" not in browser.get("/my/notices").text
@@ -604,8 +603,7 @@ def test_all_messages_are_marked_as_read_however_many_there_are(api: "Api", brow
 
 
 def test_the_page_shows_inbox_and_addresses(api: "Api", browse: Browse) -> None:
-    browser = browse(api)
-    browser.sign_in("alpha")
+    browser = browse(api, who="alpha")
     page = "/my/notices"
     assert "Nothing yet" in browser.get(page).text
     sent = browser.post(

@@ -32,9 +32,7 @@ Open = Callable[..., "TeamBrowser"]
 @pytest.fixture
 def organizer(api: "Api", browse: Open) -> "TeamBrowser":
     """A browser in which an organizer signed in."""
-    browser = browse(api)
-    browser.sign_in("organizer")
-    return browser
+    return browse(api, who="organizer")
 
 
 def fail(api: "Api", submission_id: str) -> None:

@@ -28,17 +28,13 @@ PHASES = "/organize/phases"
 @pytest.fixture
 def organizer(api_on_both: "Api", browse: Open) -> "TeamBrowser":
     """A browser in which an organizer signed in."""
-    browser = browse(api_on_both)
-    browser.sign_in("organizer")
-    return browser
+    return browse(api_on_both, who="organizer")
 
 
 @pytest.fixture
 def one(api: "Api", browse: Open) -> "TeamBrowser":
     """The same, on SQLite alone."""
-    browser = browse(api)
-    browser.sign_in("organizer")
-    return browser
+    return browse(api, who="organizer")
 
 
 def last_line(api: "Api") -> AuditLine:

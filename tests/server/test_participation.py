@@ -53,9 +53,7 @@ DEEDS: list[tuple[str, str, Any]] = [
 
 @pytest.fixture
 def organizer(api_on_both: "Api", browse: Open) -> "TeamBrowser":
-    browser = browse(api_on_both)
-    browser.sign_in("organizer")
-    return browser
+    return browse(api_on_both, who="organizer")
 
 
 @pytest.mark.parametrize(("method", "path", "body"), DEEDS)
@@ -81,8 +79,7 @@ def test_an_entry_is_disqualified_and_reinstated_by_api(
     assert last_line(api).detail["reason"] == WHY["reason"]
     as_problem(api.post(path, "organizer", json=note), 409, "conflict")
     as_problem(api.submit("a"), 403, "not_allowed")
-    alpha = browse(api)
-    alpha.sign_in("alpha")
+    alpha = browse(api, who="alpha")
     assert "<b>Disqualified</b>" in alpha.get("/my").text
     assert api.get(f"/submissions/{own}", "alpha").json()["disqualified_at"] is not None
     told = api.get("/notifications", "alpha").json()[0]

@@ -28,9 +28,7 @@ Open = Callable[..., "TeamBrowser"]
 @pytest.fixture
 def alpha(api: "Api", browse: Open) -> "TeamBrowser":
     """A browser in which team Alpha signed in."""
-    browser = browse(api)
-    browser.sign_in("alpha")
-    return browser
+    return browse(api, who="alpha")
 
 
 def reject(api: "Api", submission_id: str, report: CheckReport) -> None:
@@ -73,8 +71,7 @@ def test_the_form_is_for_teams_alone(api: "Api", browse: Open, alpha: "TeamBrows
     assert "data-upload" not in stranger
     assert "/sign-in?back=/submit" in stranger
     assert "data-upload" in alpha.get("/submit").text
-    organizer = browse(api)
-    organizer.sign_in("organizer")
+    organizer = browse(api, who="organizer")
     assert "data-upload" not in organizer.get("/submit").text
 
 
@@ -91,8 +88,7 @@ def test_the_form_shows_what_is_left_and_when_it_begins_anew(alpha: "TeamBrowser
 def test_an_upload_leads_to_its_page_and_is_the_one_that_the_api_shows(
     api_on_both: "Api", browse: Open
 ) -> None:
-    browser = browse(api_on_both)
-    browser.sign_in("alpha")
+    browser = browse(api_on_both, who="alpha")
     answer = browser.submit("content", description="D", code_url="https://code.test/x")
     assert answer.status_code == 303
     submission_id = answer.headers["location"].removeprefix("/submissions/")
@@ -234,8 +230,7 @@ def test_a_token_that_may_only_read_sees_all_and_changes_nothing(api: "Api", bro
     made = api.post("/tokens", "alpha", json={"name": "reader", "scopes": ["read:own"]})
     api.tokens["reader"] = made.json()["token"]
     submission_id = api.submit("a").json()["id"]
-    reader = browse(api)
-    reader.sign_in("reader")
+    reader = browse(api, who="reader")
     assert "data-upload" not in reader.get("/submit").text
     page = reader.get(f"/submissions/{submission_id}")
     assert page.status_code == 200
@@ -304,8 +299,7 @@ def test_my_goes_on_to_older_submissions(
 
 def test_organizers_see_every_teams_submissions(api: "Api", browse: Open) -> None:
     ids = [api.submit("a").json()["id"], api.submit("b", "beta").json()["id"]]
-    organizer = browse(api)
-    organizer.sign_in("organizer")
+    organizer = browse(api, who="organizer")
     page = organizer.get("/my").text
     assert all(one in page for one in ids)
     assert organizer.get(f"/submissions/{ids[1]}").status_code == 200
@@ -364,8 +358,7 @@ def test_what_is_asked_first_waits_for_the_word_of_its_team(
     listed = alpha.get("/my").text
     assert "Nothing is counted yet. It will be scored but not ranked" in listed
     assert "The file is wrong" not in page + listed
-    beta = browse(api)
-    beta.sign_in("beta")
+    beta = browse(api, who="beta")
     assert beta.post(f"{address}/confirm", {}, page="/submit").status_code == 404
     assert api.post(f"{address}/confirm", "beta").status_code == 404
 

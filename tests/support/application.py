@@ -299,10 +299,21 @@ def api_on_both(make_api: Callable[..., Api], database_url: str) -> Api:
 
 @pytest.fixture
 def browse() -> Callable[..., TeamBrowser]:
-    """Opens a browser before the pages of an application."""
-    return lambda api, base_url="https://server.test", origin=None: TeamBrowser.open(
-        api, base_url, origin
-    )
+    """Opens a browser before the pages of an application, in which `who` has signed in."""
+
+    def opened(
+        api: Api,
+        base_url: str = "https://server.test",
+        origin: str | None = None,
+        *,
+        who: str | None = None,
+    ) -> TeamBrowser:
+        browser = TeamBrowser.open(api, base_url, origin)
+        if who is not None:
+            assert browser.sign_in(who).status_code == 303
+        return browser
+
+    return opened
 
 
 @pytest.fixture
