@@ -12,7 +12,6 @@ from starlette.testclient import TestClient
 
 from exceptiondrive_records.accounts.attempts import PER_TOKEN_ID
 from exceptiondrive_records.accounts.tables import BrowserSession
-from exceptiondrive_records.audit.tables import AuditLine
 
 if TYPE_CHECKING:
     from tests.support.application import Api, TeamBrowser
@@ -235,7 +234,5 @@ def test_a_token_in_a_header_or_a_cookie_opens_no_page(api: "Api") -> None:
 
 def test_signing_in_leaves_an_audit_line(api: "Api", browse: Open) -> None:
     browse(api).sign_in("alpha")
-    with api.database.read() as session:
-        line = session.scalars(select(AuditLine).order_by(AuditLine.id.desc())).first()
-    assert line is not None
+    line = api.last_line()
     assert (line.action, line.subject) == ("signed in", api.tokens["alpha"].split("_")[2])
