@@ -8,7 +8,6 @@ import pytest
 from sqlalchemy import update
 from sqlalchemy.exc import OperationalError
 from structlog.testing import capture_logs
-from tests.records.test_dispatch import waiting
 from tests.support.work import let_time_pass
 
 from exceptiondrive_records.audit.log import count_audit_lines
@@ -39,7 +38,7 @@ def test_a_new_submission_wakes_a_worker_and_shows_as_queued(world: World, broke
     accepted = world.submit("file")
     dispatcher = Dispatcher(broker.url)
     assert reconcile_once(world.database, dispatcher, SETTINGS) == Pass(woken_for=1)
-    assert waiting(broker) == 1
+    assert broker.waiting() == 1
     with world.database.read() as session:
         assert session.get(Submission, accepted.submission.id).status is SubmissionStatus.QUEUED
 
@@ -56,7 +55,7 @@ def test_what_was_accepted_while_the_broker_was_down_wakes_a_worker_later(
         assert session.get(Submission, accepted.submission.id).status is SubmissionStatus.RECEIVED
     broker.start()
     assert reconcile_once(world.database, Dispatcher(broker.url), SETTINGS).woken_for == 1
-    assert waiting(broker) == 1
+    assert broker.waiting() == 1
 
 
 def test_lost_messages_are_sent_again_in_the_next_pass(world: World, broker: Broker) -> None:
@@ -66,7 +65,7 @@ def test_lost_messages_are_sent_again_in_the_next_pass(world: World, broker: Bro
     with broker.client() as client:
         client.flushall()
     reconcile_once(world.database, dispatcher, SETTINGS)
-    assert waiting(broker) == 1
+    assert broker.waiting() == 1
 
 
 def test_however_often_it_passes_no_more_messages_wait_than_there_are_slots(
@@ -79,7 +78,7 @@ def test_however_often_it_passes_no_more_messages_wait_than_there_are_slots(
     dispatcher = Dispatcher(broker.url)
     for _ in range(5):
         reconcile_once(world.database, dispatcher, SETTINGS)
-    assert waiting(broker) == 3
+    assert broker.waiting() == 3
 
 
 def test_an_expired_lease_wakes_a_worker(world: World, broker: Broker) -> None:
@@ -138,7 +137,7 @@ def test_a_wanted_board_wakes_a_worker_until_it_is_built(world: World, broker: B
     assert reconcile_once(world.database, dispatcher, SETTINGS) == Pass(woken_for=1)
     world.scored("file")
     assert reconcile_once(world.database, dispatcher, SETTINGS) == Pass(woken_for=1)
-    assert waiting(broker) == 1, "who comes builds for both"
+    assert broker.waiting() == 1, "who comes builds for both"
     world.publish(world.board())
     assert reconcile_once(world.database, dispatcher, SETTINGS) == Pass()
 
@@ -194,13 +193,13 @@ def test_two_reconcilers_wake_no_more_than_one(world: World, broker: Broker) -> 
         thread.start()
     waiter = threading.Event()
     for _ in range(500):
-        if waiting(broker) >= 3:
+        if broker.waiting() >= 3:
             break
         waiter.wait(0.02)
     waiter.wait(0.2)  # some more passes
     stop.set()
     for thread in threads:
         thread.join()
-    assert waiting(broker) == 3
+    assert broker.waiting() == 3
     with world.database.read() as session:
         assert session.query(Leader).count() == 0  # both gave up in good order
