@@ -3,6 +3,7 @@
 import json
 import threading
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from typer.testing import CliRunner
@@ -90,6 +91,11 @@ def run(
         input=typed,
         env={"EXCEPTIONDRIVE_SERVER": server.url, "EXCEPTIONDRIVE_TOKEN": token or server.token},
     )
+
+
+def submit(server: Running, file: Path, *more: object, method: str = "Planner") -> Any:
+    """Submit a file to the planning phase by the command."""
+    return run(server, "submit", file, "--phase", "dev", "--method", method, *more)
 
 
 def fill_records(context: "WorkerContext") -> tuple[str, str]:

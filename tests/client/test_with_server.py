@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import httpx
 import pytest
-from tests.client.servers import run
+from tests.client.servers import run, submit
 from typer.testing import CliRunner
 
 from exceptiondrive import (
@@ -42,10 +42,6 @@ if TYPE_CHECKING:
 MakeFile = Callable[..., Path]
 QUOTA = 2
 WITHDRAWN = "{} withdrawn: no other run takes its place on the board\n"
-
-
-def submit(server: "Running", file: Path, *more: object, method: str = "Planner") -> Any:
-    return run(server, "submit", file, "--phase", "dev", "--method", method, *more)
 
 
 def test_from_file_to_rank(working: "Running", planning_file: MakeFile, split_file: Path) -> None:
