@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pytest
 from tests.access.test_roles import organizer_routes
-from tests.server.test_organizer_pages import fail
 
 from exceptiondrive.cli.organizer.commands import GROUPS
 from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
@@ -247,7 +246,7 @@ def prepared(api: "Api", method: str, path: str) -> dict[str, str]:
             ids["disqualification_id"] = str(made["id"])
         case "retry":
             ids["submission_id"] = api.submit("b").json()["id"]
-            fail(api, ids["submission_id"])
+            api.fail(ids["submission_id"])
         case "restore":
             api.post(f"/submissions/{ids['submission_id']}/withdraw", "alpha")
         case "withdraw" if "news" in path:

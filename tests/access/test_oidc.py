@@ -11,7 +11,7 @@ from sqlalchemy import select
 from tests.access.people import query_of, with_provider
 from tests.support.processes import free_port
 
-from exceptiondrive_records.accounts import sign_in
+from exceptiondrive_records.accounts import attempts
 from exceptiondrive_records.accounts.tables import BrowserSession, Person
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_server.web.settings import ServerSettings
@@ -333,7 +333,7 @@ def test_beginning_over_and_over_is_slowed_down_and_locks_nobody_out(
     small_site: "Api", person: Open, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A picture on any page can make browsers of one network begin."""
-    monkeypatch.setattr(sign_in, "STARTS_PER_ADDRESS", 40)
+    monkeypatch.setattr(attempts, "STARTS_PER_ADDRESS", 40)
     ada = person(small_site)
     back = ada.provider.visit(ada.begin())
     codes = [person(small_site).browser.get("/sign-in/provider").status_code for _ in range(40)]

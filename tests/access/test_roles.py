@@ -194,8 +194,7 @@ def test_a_helper_has_the_same_deeds_on_pages(
     site: "Api", browse: Callable[..., "TeamBrowser"]
 ) -> None:
     submission = site.submit("a").json()["id"]
-    browser = browse(site)
-    browser.sign_in("helper")
+    browser = browse(site, who="helper")
     form = browser.form(f"/organize/submissions/{submission}/note")
     status = {
         deed: browser.send(f"/organize/{deed}", form).status_code
@@ -232,8 +231,7 @@ def test_a_page_of_a_phase_offers_what_the_role_may_do(
     site: "Api", browse: Callable[..., "TeamBrowser"], who: str
 ) -> None:
     site.submit("a")
-    browser = browse(site)
-    browser.sign_in(who)
+    browser = browse(site, who=who)
     page = browser.get(
         "/organize/phases/other" if who == "owner of other" else "/organize/phases/dev"
     )
@@ -289,8 +287,7 @@ def test_links_of_a_page_lead_to_no_refusal(
     site: "Api", browse: Callable[..., "TeamBrowser"], who: str
 ) -> None:
     submission = site.submit("a").json()["id"]
-    browser = browse(site)
-    browser.sign_in(who)
+    browser = browse(site, who=who)
     for page in ("/organize/phases/dev", f"/organize/submissions/{submission}"):
         text = browser.get(page).text
         links = set(re.findall(r'href="(/organize[^"#]*)', text))
@@ -305,8 +302,7 @@ def test_no_page_offers_what_the_role_may_not_do(
 ) -> None:
     """All pages are walked; where a link leads to a deed, the deed may be done."""
     fill_with_deeds(site)
-    browser = browse(site)
-    browser.sign_in(who)
+    browser = browse(site, who=who)
     todo, seen = ["/organize"], set[str]()
     while todo:
         path = todo.pop()
@@ -351,8 +347,7 @@ def fill_with_deeds(site: "Api") -> None:
 def test_a_form_says_before_it_is_filled_in_that_the_role_may_not_send_it(
     site: "Api", browse: Callable[..., "TeamBrowser"]
 ) -> None:
-    browser = browse(site)
-    browser.sign_in("reader")
+    browser = browse(site, who="reader")
     words = "This needs an organizer with the role owner; yours is read-only."
     for path in (
         "/organize/teams",

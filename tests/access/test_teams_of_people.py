@@ -48,8 +48,7 @@ def invitation_from(page: Any) -> str:
 
 
 def invited_by_token(site: "Api", browse: Browse) -> str:
-    browser = browse(site)
-    browser.sign_in("alpha")
+    browser = browse(site, who="alpha")
     return invitation_from(browser.post("/my/team/invitations", {}, page="/my/team"))
 
 
@@ -96,8 +95,7 @@ def test_no_token_invites_into_more_rights_than_its_own(
 ) -> None:
     made = small_site.post("/tokens", "alpha", json={"name": "less", **rights})
     small_site.tokens["less"] = made.json()["token"]
-    browser = browse(small_site)
-    browser.sign_in("less")
+    browser = browse(small_site, who="less")
     page = browser.get("/my/team").text
     assert "Invite somebody</button>" not in page
     refused = browser.post("/my/team/invitations", {}, page="/my/tokens")
@@ -178,11 +176,9 @@ def test_an_invitation_is_kept_as_a_digest(small_site: "Api", browse: Browse) ->
 
 def test_a_withdrawn_invitation_is_useless(small_site: "Api", person: Open, browse: Browse) -> None:
     link = invited_by_token(small_site, browse)
-    keeper = browse(small_site)
-    keeper.sign_in("alpha")
+    keeper = browse(small_site, who="alpha")
     name = link.removeprefix("/join/").partition(".")[0]
-    stranger = browse(small_site)
-    stranger.sign_in("beta")
+    stranger = browse(small_site, who="beta")
     path = f"/my/team/invitations/{name}/withdraw"
     assert stranger.post(path, {}, page="/my/team").status_code == 404
     assert keeper.post(path, {}, page="/my/team").status_code == 303
@@ -201,13 +197,11 @@ def test_a_removed_member_is_out_at_once(
     with site.database.read() as session:
         person_id = session.scalars(select(Person.id)).one()
     path = f"/my/team/members/{person_id}/remove"
-    stranger = browse(site)
-    stranger.sign_in("beta")
+    stranger = browse(site, who="beta")
     assert stranger.post(path, {}, page="/my/team").status_code == 404
     assert ada.get("/my").status_code == 200
     assert "You are out of Alpha at once" in ada.get("/my/team").text
-    keeper = browse(site)
-    keeper.sign_in("alpha")
+    keeper = browse(site, who="alpha")
     ada.post("/my/tokens", {"name": "kept", "scope": "submit", "days": ""}, page="/my/tokens")
     asked = keeper.get("/my/team").text.split('<details class="danger">')[1]
     assert '<a href="/my/notices">addresses</a> are told as before' in " ".join(asked.split())
@@ -237,8 +231,7 @@ def test_no_invitation_that_a_removed_member_made_leads_back_in(
     others = invited_by_token(site, browse)
     with site.database.read() as session:
         person_id = session.scalars(select(Person.id)).one()
-    keeper = browse(site)
-    keeper.sign_in("alpha")
+    keeper = browse(site, who="alpha")
     keeper.post(f"/my/team/members/{person_id}/remove", {}, page="/my/team")
     assert ada.get(own).status_code == 404
     assert ada.post(own, {}, page="/my/team").status_code == 404
@@ -283,8 +276,7 @@ def test_invitations_of_a_token_end_with_it(
     small_site: "Api", browse: Browse, deed: tuple[str, dict[str, str]], is_ended: bool
 ) -> None:
     link = invited_by_token(small_site, browse)
-    keeper = browse(small_site)
-    keeper.sign_in("alpha")
+    keeper = browse(small_site, who="alpha")
     token_id = small_site.tokens["alpha"].split("_")[2]
     done = keeper.post(f"/my/tokens/{token_id}/{deed[0]}", deed[1], page="/my/tokens")
     assert done.status_code in (200, 303), done.text
@@ -473,8 +465,7 @@ def test_a_person_registers_a_team_where_that_is_switched_on(
 def test_a_token_of_a_team_does_nothing_in_the_name_of_a_person(
     small_site: "Api", browse: Browse
 ) -> None:
-    browser = browse(small_site)
-    browser.sign_in("alpha")
+    browser = browse(small_site, who="alpha")
     for path in ("/my/team/act-for", "/my/team/register", "/join/x"):
         assert browser.post(path, {}, page="/my/team").status_code == 403
 

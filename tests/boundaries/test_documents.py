@@ -35,6 +35,9 @@ OF_READERS = {
     "my_planner.py",
     "secrets/broker.conf",
 }
+NAME = re.compile(r"`([a-z_]\w*_\w*(?:\.\w+)*)`", re.IGNORECASE)
+OF_OTHERS = {"final_traj", "lidar2ego", "map_pointcloud_to_image", "pid_metadata", "view_points"}
+"""Names of other people's code that ours reads or is compared with."""
 LINK = re.compile(r"\]\(([^)\s#:]*)(?:#([\w-]+))?\)")
 FENCED, SPAN = re.compile(r"```(\w*)\n(.*?)```", re.DOTALL), re.compile(r"`([^`]+)`")
 CALL = re.compile(
@@ -103,6 +106,16 @@ def test_every_file_that_a_document_names_is_there(texts: dict[str, str]) -> Non
         if file not in OF_READERS and not any(f"/{known}".endswith(f"/{file}") for known in texts)
     }
     assert missing == set()
+
+
+def test_every_name_that_a_module_speaks_of_is_there(texts: dict[str, str]) -> None:
+    """What is renamed is renamed in sentences, too: names with an underline, which no word has."""
+    modules = {name: text for name, text in texts.items() if name.endswith(".py")}
+    code = " ".join(NAME.sub("", text) for name, text in texts.items() if name[-3:] != ".md")
+    known = OF_OTHERS.union(re.findall(r"\w+", code), (Path(name).stem for name in texts))
+    named = {(name, each) for name, text in modules.items() for each in NAME.findall(text)}
+    assert len(named) > 200
+    assert {(name, each) for name, each in named if not known.issuperset(each.split("."))} == set()
 
 
 def test_links_between_documents_lead_somewhere(texts: dict[str, str]) -> None:

@@ -3,9 +3,13 @@
 import json
 import threading
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from typer.testing import CliRunner
+
 from exceptiondrive import Client
+from exceptiondrive.cli import app
 
 if TYPE_CHECKING:
     from exceptiondrive_worker.context import WorkerContext
@@ -75,6 +79,23 @@ class Running:
 
     def client(self) -> Client:
         return Client(self.url, self.token)
+
+
+def run(
+    server: Running, *arguments: object, token: str | None = None, typed: str | None = None
+) -> Any:
+    """Run a command of the client against the server, without a terminal; for the team unless told."""
+    return CliRunner().invoke(
+        app,
+        [str(argument) for argument in arguments],
+        input=typed,
+        env={"EXCEPTIONDRIVE_SERVER": server.url, "EXCEPTIONDRIVE_TOKEN": token or server.token},
+    )
+
+
+def submit(server: Running, file: Path, *more: object, method: str = "Planner") -> Any:
+    """Submit a file to the planning phase by the command."""
+    return run(server, "submit", file, "--phase", "dev", "--method", method, *more)
 
 
 def fill_records(context: "WorkerContext") -> tuple[str, str]:

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 import httpx
 import pytest
 from pydantic import ValidationError
-from typer.testing import CliRunner
+from tests.client.servers import run
 
-from exceptiondrive.cli import app
 from exceptiondrive.data import download_file, read_data_manifest
 from exceptiondrive.errors import InvalidArgumentError, NetworkError
 from exceptiondrive.transport import is_here, require_private_link
@@ -242,11 +241,6 @@ def test_a_list_of_elsewhere_reaches_no_service_of_this_machine(url: str) -> Non
         require_private_link(httpx.Request("GET", url), may_be_here=False)
 
 
-def run(running: "Running", *words: object) -> Any:
-    env = {"EXCEPTIONDRIVE_SERVER": running.url, "EXCEPTIONDRIVE_TOKEN": running.token}
-    return CliRunner().invoke(app, ["data", *map(str, words)], env=env)
-
-
 def name_data(running: "Running", **page: str) -> None:
     """Name data that lie on this machine, without https, as no organizer may."""
     from exceptiondrive_records.phases.phases import find_phase
@@ -260,14 +254,14 @@ def test_the_command_shows_the_licence_first_and_sends_no_token(
     running: "Running", server: DataServer, tmp_path: Path
 ) -> None:
     name_data(running, data_manifest_url=server.offer("a.bin", "sub/b.bin"))
-    listed = run(running, "dev", "--list")
+    listed = run(running, "data", "dev", "--list")
     assert listed.exit_code == 0
     assert listed.stdout.startswith("licence: CC0")
-    refused = run(running, "dev", "-o", tmp_path / "data")
+    refused = run(running, "data", "dev", "-o", tmp_path / "data")
     assert refused.exit_code == 2
     assert "--accept-licence" in refused.stderr
     assert not (tmp_path / "data").exists()
-    done = run(running, "dev", "-o", tmp_path / "data", "--accept-licence")
+    done = run(running, "data", "dev", "-o", tmp_path / "data", "--accept-licence")
     assert done.exit_code == 0, done.stderr
     assert done.stderr.index("licence: CC0") == 0
     assert (tmp_path / "data/sub/b.bin").read_bytes() == CONTENT
@@ -278,9 +272,9 @@ def test_the_command_shows_the_licence_first_and_sends_no_token(
 
 
 def test_a_phase_with_a_page_alone_shows_it(running: "Running") -> None:
-    assert run(running, "dev").exit_code == 2
+    assert run(running, "data", "dev").exit_code == 2
     name_data(running, data_url="https://data.example.org/", data_licence="CC BY 4.0")
-    shown = run(running, "dev")
+    shown = run(running, "data", "dev")
     assert shown.exit_code == 0
     assert "licence: CC BY 4.0" in shown.stdout
     assert "https://data.example.org/" in shown.stdout

@@ -2,11 +2,12 @@
 
 import json
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from tests.client.test_with_server import MakeFile, run, submit
+from tests.client.servers import run, submit
 
 from exceptiondrive import Client, InvalidArgumentError, NotFoundError
 from exceptiondrive.facts import facts_of, facts_of_pairs
@@ -14,6 +15,8 @@ from exceptiondrive_schemas.method_facts import MethodFacts
 
 if TYPE_CHECKING:
     from tests.client.servers import Running
+
+MakeFile = Callable[..., Path]
 
 
 def ok(done: Any) -> str:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from sqlalchemy import text
+from tests.client.servers import run
 from tests.support.records import add_sample_split
 from typer.testing import CliRunner
 
@@ -22,12 +23,7 @@ if TYPE_CHECKING:
 
 def organize(server: "Running", *arguments: object, token: str | None = None) -> Any:
     """Run an organizer's command."""
-    environment = {
-        "EXCEPTIONDRIVE_SERVER": server.url,
-        "EXCEPTIONDRIVE_TOKEN": token or server.organizer_token,
-    }
-    words = ["organizer", *(str(argument) for argument in arguments)]
-    return CliRunner().invoke(app, words, env=environment)
+    return run(server, "organizer", *arguments, token=token or server.organizer_token)
 
 
 def standings(server: "Running") -> dict[str, str]:
@@ -249,16 +245,14 @@ def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path:
     shown = organize(running, "teams", "show", "gimel").stdout
     assert shown.startswith("Gimel, Lab\n")
     assert "gimel@example.org" in shown
-    terms = {"EXCEPTIONDRIVE_SERVER": running.url, "EXCEPTIONDRIVE_TOKEN": running.token}
-    none = CliRunner().invoke(app, ["terms", "--phase", "dev"], env=terms)
+    none = run(running, "terms", "--phase", "dev")
     assert (none.exit_code, "no terms to accept" in none.stderr) == (2, True)
     asked = ("--terms", "Be fair.", "--terms-required")
     assert organize(running, "phases", "update", "dev", *asked).exit_code == 0
-    shown = CliRunner().invoke(app, ["terms", "--phase", "dev"], env=terms).stdout
+    shown = run(running, "terms", "--phase", "dev").stdout
     version = shown.split("version ")[1].split(";")[0]
-    words = ["terms", "--phase", "dev", "--accept", version]
-    assert CliRunner().invoke(app, words, env=terms).exit_code == 0
-    assert "accepted 2" in CliRunner().invoke(app, ["terms", "--phase", "dev"], env=terms).stdout
+    assert run(running, "terms", "--phase", "dev", "--accept", version).exit_code == 0
+    assert "accepted 2" in run(running, "terms", "--phase", "dev").stdout
 
 
 def test_a_table_in_an_encoding_of_old_makes_no_team(running: "Running", tmp_path: Path) -> None:
@@ -400,10 +394,9 @@ def test_a_list_of_several_teams_submissions_says_whose_each_is(
 ) -> None:
     with running.client() as client:
         client.submit(planning_file(), phase="dev", method="Planner")
-    listed = {"EXCEPTIONDRIVE_SERVER": running.url, "EXCEPTIONDRIVE_TOKEN": running.organizer_token}
 
     def shown() -> str:
-        return CliRunner().invoke(app, ["submissions"], env=listed).stdout
+        return str(run(running, "submissions", token=running.organizer_token).stdout)
 
     assert "team" not in shown(), "of one team"
     token = organize(running, "teams", "create", "beta", "Team Beta", "--with-token").stdout.strip()

@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from tests.client.servers import run
 from tests.support.records import add_sample_split
-from typer.testing import CliRunner
 
 from exceptiondrive import Client, NotAllowedError, NotFoundError
-from exceptiondrive.cli import app
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.splits.splits import manifest_of
@@ -27,11 +26,6 @@ MakeFile = Callable[..., Path]
 PAUSE_S = 0.05
 CLOSES = "--closes-at=2031-01-01T00:00:00Z"
 REASON = ("--reason", "as announced")
-
-
-def run(server: "Running", *arguments: object, token: str | None = None) -> Any:
-    env = {"EXCEPTIONDRIVE_SERVER": server.url, "EXCEPTIONDRIVE_TOKEN": token or server.token}
-    return CliRunner().invoke(app, [str(argument) for argument in arguments], env=env)
 
 
 def organize(server: "Running", *arguments: object) -> Any:

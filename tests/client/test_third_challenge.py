@@ -12,11 +12,10 @@ import httpx
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from typer.testing import CliRunner
+from tests.client.servers import run
 
 from exceptiondrive import ServerError
 from exceptiondrive.challenges import challenge_of
-from exceptiondrive.cli import app
 from exceptiondrive_schemas import check
 from exceptiondrive_schemas.challenges import (
     CHALLENGES,
@@ -214,16 +213,15 @@ def gap_file(folder: Path, *gaps_m: float) -> Path:
     return path
 
 
-def run(server: "Running", *words: object) -> Any:
-    environment = {"EXCEPTIONDRIVE_SERVER": server.url, "EXCEPTIONDRIVE_TOKEN": server.token}
-    done = CliRunner().invoke(app, [str(word) for word in words], env=environment)
+def ok(server: "Running", *words: object) -> Any:
+    done = run(server, *words)
     assert done.exit_code == 0, (words, done.stderr, done.exception)
     return done
 
 
 def submit(server: "Running", path: Path, method: str) -> Any:
     words = ("submit", path, "--phase", "gaps-dev", "--method", method, "--wait", "--json")
-    return json.loads(run(server, *words).stdout)
+    return json.loads(ok(server, *words).stdout)
 
 
 def test_from_upload_to_board_to_page_to_export(phase: "Running", tmp_path: Path) -> None:
@@ -248,8 +246,8 @@ def test_from_upload_to_board_to_page_to_export(phase: "Running", tmp_path: Path
         csv = client.leaderboard_csv(phase="gaps-dev")
     assert "least_gap" in csv.splitlines()[0]
     assert len(csv.splitlines()) == 3
-    assert "Least gap" in run(phase, "leaderboard", "--phase", "gaps-dev").stdout
-    assert run(phase, "status", far["id"]).exit_code == 0
+    assert "Least gap" in ok(phase, "leaderboard", "--phase", "gaps-dev").stdout
+    ok(phase, "status", far["id"])
 
     pages = pages_of(phase, far["id"], near["id"])
     for words in (("Far", "Near", "Least gap"), ("Far", "Least gap"), ("Far", "Near"), ("Gaps",)):
@@ -285,7 +283,7 @@ def test_what_was_stored_before_a_metric_is_shown_after_it(
     assert "Gap 2.0" in next(pages_of(phase, *ids))
     assert len(list(pages_of(phase, *ids))) == 5
     for words in (("leaderboard", "--phase", "gaps-dev"), ("status", ids[0])):
-        run(phase, *words)
+        ok(phase, *words)
     with phase.client() as client:
         assert len(client.leaderboard_csv(phase="gaps-dev").splitlines()) == 3
 
@@ -293,8 +291,7 @@ def test_what_was_stored_before_a_metric_is_shown_after_it(
 def test_a_fault_of_its_own_is_told(phase: "Running", tmp_path: Path) -> None:
     path = gap_file(tmp_path, -1.0, 1.0, 1.0, 1.0)
     words = ("submit", path, "--phase", "gaps-dev", "--method", "Wrong")
-    environment = {"EXCEPTIONDRIVE_SERVER": phase.url, "EXCEPTIONDRIVE_TOKEN": phase.token}
-    done = CliRunner().invoke(app, [str(word) for word in words], env=environment)
+    done = run(phase, *words)
     assert done.exit_code == 2
     assert "gap_m" in done.stderr + done.stdout
 

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import httpx
 import pytest
+from tests.client.servers import run, submit
 from typer.testing import CliRunner
 
 from exceptiondrive import (
@@ -41,22 +42,6 @@ if TYPE_CHECKING:
 MakeFile = Callable[..., Path]
 QUOTA = 2
 WITHDRAWN = "{} withdrawn: no other run takes its place on the board\n"
-
-
-def run(
-    server: "Running", *arguments: object, token: str | None = None, typed: str | None = None
-) -> Any:
-    """Run a command against the server, without a terminal."""
-    return CliRunner().invoke(
-        app,
-        [str(argument) for argument in arguments],
-        input=typed,
-        env={"EXCEPTIONDRIVE_SERVER": server.url, "EXCEPTIONDRIVE_TOKEN": token or server.token},
-    )
-
-
-def submit(server: "Running", file: Path, *more: object, method: str = "Planner") -> Any:
-    return run(server, "submit", file, "--phase", "dev", "--method", method, *more)
 
 
 def test_from_file_to_rank(working: "Running", planning_file: MakeFile, split_file: Path) -> None:

@@ -19,6 +19,7 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.rescoring.fan_out import tend_runs
+from exceptiondrive_records.splits.splits import list_splits
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_server.web.settings import ServerSettings
 from exceptiondrive_worker.context import WorkerContext
@@ -34,6 +35,10 @@ SAMPLES = {
     "e": ("LB1", 9.0, "private"),
 }
 """The parts alternate: whoever takes the first or the last rows of a part takes wrong ones."""
+CAREFUL = dict.fromkeys(SAMPLES, 1.0)
+PUBLIC_ONLY = CAREFUL | {"a": 9.0, "c": 9.0, "e": 9.0}
+"""Good on the public part, a collision on every private sample."""
+PRIVATE_ONLY = CAREFUL | {"b": 9.0, "d": 9.0}
 Step = dict[str, Any]
 REASON: Step = {"reason": "as announced"}
 
@@ -177,6 +182,19 @@ class Life:
         self.work()
         assert self.json(f"/api/v1/organizer/rescoring/{run}", "organizer")["state"] == "ready"
         return str(run)
+
+    def reveal(self) -> str:
+        """Ask for the private part of the split and score it; return the run that is to be applied."""
+        self.done("/phases/test/reveal", {"what": "split", "reason": "the end"})
+        self.work()
+        run: str = self.json("/api/v1/organizer/rescoring?phase=test", "organizer")[0]["id"]
+        return run
+
+    def revisions(self) -> dict[str | None, str]:
+        """Revisions of the split by its parts; None is the whole."""
+        with self.database.read() as session:
+            rows = [row for row in list_splits(session) if row.name == "parted"]
+        return {row.part: row.revision for row in rows}
 
     def apply(self, run: str) -> Any:
         preview = self.json(f"/api/v1/organizer/rescoring/{run}/preview", "organizer")

@@ -13,7 +13,7 @@ import pytest
 import tests.support
 from tests.canary.values import CANARY_M
 from tests.phases.browsing import visitor
-from tests.phases.test_parts import CAREFUL, PRIVATE_ONLY, PUBLIC_ONLY, reveal, revisions
+from tests.phases.life import CAREFUL, PRIVATE_ONLY, PUBLIC_ONLY
 
 from exceptiondrive_server.submissions.download import PIECE_BYTES, written_down
 
@@ -42,7 +42,7 @@ def ended(life: "Life") -> "Life":
     life.submit("gamma", CAREFUL)
     life.work()
     life.move(closes_at=life.now())
-    life.apply(reveal(life))
+    life.apply(life.reveal())
     return life
 
 
@@ -91,13 +91,13 @@ def test_nothing_of_regions_and_no_unshown_part_is_in_it(life: "Life") -> None:
     life.make_phase(closes_at=life.ahead(60))
     life.submit("alpha", PUBLIC_ONLY)
     life.work()
-    reveal(life)  # scored, and not applied: readers see nothing of it
+    life.reveal()  # scored, and not applied: readers see nothing of it
     files = files_of(life)
     assert "report.json" not in files
     everything = b"\n".join(files.values())
     board = life.board()
     assert board["split"]["revision"].encode() in everything
-    for secret in (revisions(life)["private"], str(CANARY_M), "scene-"):
+    for secret in (life.revisions()["private"], str(CANARY_M), "scene-"):
         assert secret.encode() not in everything, secret
     for who in (None, "alpha"):
         assert life.get(EXPORT, who).status_code in (401, 403)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from tests.phases.browsing import visitor
+from tests.phases.life import CAREFUL, PRIVATE_ONLY, PUBLIC_ONLY, SAMPLES, split_of
 from tests.support.documents import strategy_file
 from tests.support.worker import add_split
 
@@ -26,10 +27,6 @@ from exceptiondrive_worker.splits.store import load_split
 if TYPE_CHECKING:
     from tests.phases.life import Life
 
-CAREFUL = dict.fromkeys("abcde", 1.0)
-PUBLIC_ONLY = CAREFUL | {"a": 9.0, "c": 9.0, "e": 9.0}
-"""Good on the public part, a collision on every private sample."""
-PRIVATE_ONLY = CAREFUL | {"b": 9.0, "d": 9.0}
 PLACES = (
     "/?phase=test",
     "/export/board.csv?phase=test",
@@ -65,14 +62,8 @@ def everything(life: "Life", who: str, submission_id: str) -> str:
     return re.sub(r'"request_id": ?"[^"]*"', "", "\n".join(texts))
 
 
-def revisions(life: "Life") -> dict[str | None, str]:
-    with life.database.read() as session:
-        rows = [row for row in list_splits(session) if row.name == "parted"]
-    return {row.part: row.revision for row in rows}
-
-
 def test_a_split_with_parts_is_three_revisions_and_the_whole_is_the_default(life: "Life") -> None:
-    found = revisions(life)
+    found = life.revisions()
     assert set(found) == {None, "public", "private"}
     assert len(set(found.values())) == 3
     with life.database.read() as session:
@@ -88,7 +79,7 @@ def test_a_split_with_parts_is_three_revisions_and_the_whole_is_the_default(life
 
 def test_what_a_part_holds_is_in_no_column_of_the_server(life: "Life") -> None:
     """Manifest and row of a part name all samples alike: nobody can tell which ones count."""
-    found = revisions(life)
+    found = life.revisions()
     with life.database.read() as session:
         rows = {row.part: row for row in list_splits(session) if row.name == "parted"}
         documents = {
@@ -101,9 +92,7 @@ def test_what_a_part_holds_is_in_no_column_of_the_server(life: "Life") -> None:
 @pytest.mark.parametrize("told_by", ["words", "datasheet"])
 def test_a_later_revision_tells_of_each_part_what_changes_in_it(life: "Life", told_by: str) -> None:
     """A count over both parts would be untrue of the board, which counts one of them."""
-    from tests.phases.life import SAMPLES, split_of
-
-    before, words = revisions(life), "b goes, a comes nearer."
+    before, words = life.revisions(), "b goes, a comes nearer."
     life.make_phase()
     nearer = split_of(SAMPLES | {"a": ("SE1", 9.0, "private")}, "parted")
     samples = (
@@ -160,8 +149,6 @@ def test_the_live_board_counts_the_public_part_of_files_that_answer_everything(
 
 def test_a_part_scores_as_a_split_of_its_samples_alone(life: "Life") -> None:
     """The sheet under a part equals that of a split which holds nothing else."""
-    from tests.phases.life import SAMPLES, split_of
-
     alone = {key: value for key, value in SAMPLES.items() if value[2] == "private"}
     life.add_split(split_of({k: (t, m, None) for k, (t, m, _) in alone.items()}, "alone"))
     life.make_phase("lone", split="alone")
@@ -172,7 +159,7 @@ def test_a_part_scores_as_a_split_of_its_samples_alone(life: "Life") -> None:
     life.submit("alpha", lone, "Planner", "alone", "lone")
     life.work()
     life.move(closes_at=life.now())
-    life.apply(reveal(life))
+    life.apply(life.reveal())
     shown, expected = life.board()["entries"][0], life.board(phase="lone")["entries"][0]
     for key in ("metrics", "micro", "families", "intervals", "coverage", "flags"):
         assert shown[key] == expected[key], key
@@ -187,23 +174,16 @@ def test_every_sample_must_be_answered_whatever_counts(life: "Life") -> None:
     assert '"c"' in str(view["report"]).replace("'", '"')
 
 
-def reveal(life: "Life") -> str:
-    life.done("/phases/test/reveal", {"what": "split", "reason": "the end"})
-    life.work()
-    run: str = life.json("/api/v1/organizer/rescoring?phase=test", "organizer")[0]["id"]
-    return run
-
-
 def test_nothing_of_the_private_part_is_readable_before_it_is_revealed(life: "Life") -> None:
     life.make_phase()
     mine = life.submit("alpha", PUBLIC_ONLY)
     life.submit("beta", PRIVATE_ONLY)
     life.work()
     before = everything(life, "alpha", mine)
-    run = reveal(life)
+    run = life.reveal()
     preview = life.json(f"/api/v1/organizer/rescoring/{run}/preview", "organizer")
     assert [entry["new"]["metrics"]["ur"] for entry in preview["comparison"]["entries"]] == [1, 0]
-    private = revisions(life)["private"]
+    private = life.revisions()["private"]
     seen = everything(life, "alpha", mine)
     assert private not in seen
     assert seen == before  # draft sheets and the draft board changed nothing that can be read
@@ -233,7 +213,7 @@ def test_an_upload_in_the_air_answers_nothing_that_was_revealed(
     life.make_phase(closes_at=life.ahead(60), policy={"live_part": "public", **policy})
     life.submit("alpha", PUBLIC_ONLY)
     life.work()
-    run, before = reveal(life), life.now() - timedelta(seconds=1)
+    run, before = life.reveal(), life.now() - timedelta(seconds=1)
     life.move(closes_at=life.now())
     slow = accepted_with_its_first_byte(life, before, "sha256:slow")
     assert slow.arrived_at == before, "a slow upload is in time until then"
@@ -255,7 +235,7 @@ def test_a_later_deadline_of_a_team_ends_with_the_reveal(life: "Life", what: str
     split = "parted" if what == "split" else "plain"
     own = [life.submit("beta", way, "M", split) for way in (PUBLIC_ONLY, PRIVATE_ONLY)]
     life.work()
-    run = reveal(life) if what == "split" else life.done("/phases/test/freeze") and ""
+    run = life.reveal() if what == "split" else life.done("/phases/test/freeze") and ""
     life.move(closes_at=life.now())
     grant = {"closes_at": life.ahead(60), "reason": "ill"}
     life.done("/teams/beta/allowances/test", grant, "PUT")
@@ -369,7 +349,7 @@ def test_the_reveal_waits_for_the_deadline_then_flips_the_board_once(life: "Life
     life.submit("alpha", PUBLIC_ONLY)
     life.submit("beta", PRIVATE_ONLY)
     life.work()
-    run = reveal(life)
+    run = life.reveal()
     preview = life.json(f"/api/v1/organizer/rescoring/{run}/preview", "organizer")
     body = {"preview": preview["digest"], "reason": "too early"}
     assert "open until" in life.refused(f"/rescoring/{run}/apply", body, 409)
@@ -400,7 +380,7 @@ def test_a_reveal_that_is_rolled_back_stays_known(life: "Life") -> None:
     life.make_phase(closes_at=life.ahead(60), policy={"entries_shown": "chosen"})
     own = life.submit("beta", PUBLIC_ONLY)
     life.work()
-    run, before = reveal(life), life.now() - timedelta(seconds=1)
+    run, before = life.reveal(), life.now() - timedelta(seconds=1)
     life.move(closes_at=life.now())
     life.apply(run)
     life.done(f"/rescoring/{run}/rollback", {"reason": "a mistake"})
@@ -420,7 +400,7 @@ def test_after_a_rollback_pages_say_what_stands(life: "Life") -> None:
     life.submit("beta", PRIVATE_ONLY)
     life.work()
     life.move(closes_at=life.now())
-    run = reveal(life)
+    run = life.reveal()
     life.apply(run)
     entry, report = f"/entries/{own}?phase=test", "/phases/test/report"
     public, private = (board["board"] for board in life.json("/api/v1/boards?phase=test")[::-1])
@@ -444,7 +424,7 @@ def test_a_team_is_told_of_a_reveal_by_its_own_names(life: "Life") -> None:
     own = life.submit("alpha", PUBLIC_ONLY)
     life.work()
     life.move(closes_at=life.now())
-    run = reveal(life)
+    run = life.reveal()
     life.apply(run)
     life.done(f"/rescoring/{run}/rollback", {"reason": "a mistake"})
     method = life.json(f"/api/v1/submissions/{own}", "alpha")["method"]
@@ -464,7 +444,7 @@ def test_after_a_rollback_the_late_view_is_there_again_and_takes_no_more(life: "
     life.work()
     path = "/api/v1/leaderboard?phase=test&view=late"
     before = life.json(path)
-    run = reveal(life)
+    run = life.reveal()
     life.apply(run)
     assert life.get(path).status_code == 404
     life.done(f"/rescoring/{run}/rollback", {"reason": "a mistake"})
@@ -494,7 +474,7 @@ def test_nobody_picks_after_the_reveal(life: "Life") -> None:
     assert life.json(f"/api/v1/submissions/{late}", "gamma")["sheet"]["n"] == 2
     beta, pages = visitor(life, "beta"), ("/my", f"/submissions/{secret}")
     assert all("Publish it" in beta.get(page).text for page in pages)
-    life.apply(reveal(life))
+    life.apply(life.reveal())
     assert not any("Publish it" in beta.get(page).text for page in pages)
     why = life.json(f"/api/v1/submissions/{secret}", "beta")["unranked_because"]
     assert why == "it was private when hidden scores were revealed, and stays so"
@@ -545,7 +525,7 @@ def test_after_the_reveal_an_effect_is_told_where_both_files_are_entries(life: "
 
     assert without() == {replaced, entry}
     life.move(closes_at=life.now())
-    run = reveal(life)
+    run = life.reveal()
     life.apply(run)
     assert without() == {entry}
     life.done(f"/rescoring/{run}/rollback")
@@ -562,7 +542,7 @@ def test_the_whole_may_be_revealed_instead_and_a_split_without_parts_has_nothing
     life.work()
     words = life.refused("/phases/plain/reveal", {"what": "split", "reason": "end"}, 409)
     assert "has no parts" in words
-    run = reveal(life)
+    run = life.reveal()
     life.move(closes_at=life.now())
     life.apply(run)
     assert life.board()["n_samples"] == 5

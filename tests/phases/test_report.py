@@ -2,8 +2,8 @@
 
 from typing import TYPE_CHECKING, Any
 
+from tests.phases.life import CAREFUL, PRIVATE_ONLY, PUBLIC_ONLY
 from tests.phases.test_page import text_of
-from tests.phases.test_parts import CAREFUL, PRIVATE_ONLY, PUBLIC_ONLY, reveal
 
 if TYPE_CHECKING:
     from tests.phases.life import Life
@@ -33,7 +33,7 @@ def test_a_report_comes_with_the_end_and_tells_what_the_boards_tell(life: "Life"
     assert life.json(REPORT)["shake_up"] is None
     assert "Only the public part of the split counts." in life.get(PAGE).text
     last_public = life.json(REPORT)["board"]
-    life.apply(reveal(life))
+    life.apply(life.reveal())
 
     report, boards = life.json(REPORT), boards_of(life)
     final = boards[-1]

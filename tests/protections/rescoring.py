@@ -159,7 +159,7 @@ RESCORING = (
     ),
     Protection(
         "readable",
-        f"{RUNS}.progress:require_readable",
+        f"{RUNS}.changes:require_readable",
         nothing,
         f"{HERE}/test_drafts.py::test_what_accepted_files_cannot_be_scored_under_is_refused",
     ),

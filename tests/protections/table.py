@@ -263,7 +263,7 @@ PROTECTIONS = (
     ),
     Protection(
         "throttling",
-        f"{RECORDS}.accounts.sign_in:count_attempt",
+        f"{RECORDS}.accounts.attempts:count_attempt",
         _nothing,
         "tests/server/test_sign_in.py::test_guessing_is_slowed_down_with_a_time_to_wait",
     ),

@@ -8,13 +8,13 @@ from typing import Any
 import pytest
 from sqlalchemy import select, update
 
-from exceptiondrive_records.accounts.sessions import end_session, find_session, open_token_session
-from exceptiondrive_records.accounts.sign_in import (
+from exceptiondrive_records.accounts.attempts import (
     PER_TOKEN_ID,
     count_attempt,
     give_attempt_back,
     keys_of,
 )
+from exceptiondrive_records.accounts.sessions import end_session, find_session, open_token_session
 from exceptiondrive_records.accounts.tables import BrowserSession, SignInAttempts, Token
 from exceptiondrive_records.accounts.tokens import (
     ORGANIZER_SCOPES,

@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 from sqlalchemy import func, select
-from tests.support.work import claim_board_of
 
 import exceptiondrive_server
 from exceptiondrive_records.boards import boards
@@ -20,11 +19,7 @@ from exceptiondrive_records.work.board_requests import (
     pause_after,
 )
 from exceptiondrive_records.work.tables import BoardRequest, Job
-from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.jobs import Lane
-from exceptiondrive_schemas.score_sheet import ProtocolRef
-from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_server.boards.reader import INTERVAL_S
 
 World = Any
@@ -36,32 +31,6 @@ def n_due(world: World) -> int:
     with world.database.read() as session:
         due = is_due(Lane.LIVE, database_now(session))
         return session.scalar(select(func.count(BoardRequest.id)).where(due)) or 0
-
-
-def built(world: World) -> None:
-    """A worker comes and builds the board."""
-    with world.database.write() as session:
-        claim = claim_board_of(session, "dev", world.protocol_digest)
-    assert claim is not None
-    with world.database.write() as session:
-        assert boards.publish_board(session, claim, board_of(world)) is not None
-
-
-def board_of(world: World) -> Board:
-    sheet = world.sheet()
-    return Board(
-        challenge=PLANNING.id,
-        phase="dev",
-        split=SplitRef(name="sample", revision=sheet.split.revision),
-        protocol=ProtocolRef(version="1.0", digest=world.protocol_digest),
-        headline="macro_family",
-        board=0,
-        published_at=NOON,
-        n_samples=3,
-        confidence=0.95,
-        families=(),
-        entries=(),
-    )
 
 
 def request_of(world: World) -> BoardRequest:
@@ -94,13 +63,12 @@ def test_boards_come_as_often_as_pages_look_for_them() -> None:
 
 
 def test_the_pause_begins_when_a_build_ends(world: World) -> None:
-    with world.database.write() as session:
-        claim = claim_board_of(session, "dev", world.protocol_digest)
+    claim = world.claim_board()
     assert claim is not None
     assert claim.leased_at is not None
     claim.leased_at -= timedelta(seconds=2)
     with world.database.write() as session:
-        assert boards.publish_board(session, claim, board_of(world)) is not None
+        assert boards.publish_board(session, claim, world.board()) is not None
     with world.database.read() as session:
         row = session.query(BoardRequest).one()
     assert row.took_s == pytest.approx(2, abs=1)
@@ -115,14 +83,14 @@ def test_what_was_never_built_waits_for_nothing(world: World) -> None:
 
 
 def test_an_idle_system_builds_after_every_score_at_once(world: World) -> None:
-    built(world)
+    world.publish(world.board())
     set_pace(world, build_s=100, ended_s_ago=0)
-    world.score(world.submit("file").job_id)
+    world.scored("file")
     assert n_due(world) == 1
 
 
 def test_while_live_jobs_wait_or_are_scored_the_next_build_pauses(world: World) -> None:
-    built(world)
+    world.publish(world.board())
     set_pace(world, build_s=2, ended_s_ago=1)
     done, waiting = world.submit("done"), world.submit("waiting")
     world.score(done.job_id)
@@ -140,8 +108,8 @@ def test_while_live_jobs_wait_or_are_scored_the_next_build_pauses(world: World) 
 def test_a_job_whose_worker_died_keeps_no_board_back_once_its_lease_has_run_out(
     world: World,
 ) -> None:
-    built(world)
-    world.score(world.submit("done").job_id)
+    world.publish(world.board())
+    world.scored("done")
     lost = world.submit("lost")
     set_pace(world, build_s=100, ended_s_ago=0)
     world.claim(lost.job_id)
@@ -153,8 +121,8 @@ def test_a_job_whose_worker_died_keeps_no_board_back_once_its_lease_has_run_out(
 
 
 def test_no_board_lags_behind_for_long(world: World) -> None:
-    built(world)
-    world.score(world.submit("done").job_id)
+    world.publish(world.board())
+    world.scored("done")
     set_pace(world, build_s=3600, ended_s_ago=LONGEST_PAUSE_S)
     world.submit("waiting")
     assert n_due(world) == 1
@@ -163,7 +131,7 @@ def test_no_board_lags_behind_for_long(world: World) -> None:
 def test_the_first_score_of_a_rush_waits_as_readers_do_and_the_next_put_nothing_off(
     world: World,
 ) -> None:
-    built(world)
+    world.publish(world.board())
     set_pace(world, build_s=2, ended_s_ago=3600)
     first, second, third = (world.submit(name) for name in ("first", "second", "third"))
     world.score(first.job_id)
@@ -180,28 +148,27 @@ def test_the_first_score_of_a_rush_waits_as_readers_do_and_the_next_put_nothing_
 
 def test_a_board_is_asked_for_once_however_many_scores_want_it(world: World) -> None:
     for i in range(3):
-        world.score(world.submit(f"file {i}").job_id)
+        world.scored(f"file {i}")
     assert n_due(world) == 1
-    built(world)
+    world.publish(world.board())
     assert n_due(world) == 0, "one build shows all of them"
 
 
 def test_a_build_under_way_is_followed_by_one_for_what_came_meanwhile(world: World) -> None:
-    with world.database.write() as session:
-        claim = claim_board_of(session, "dev", world.protocol_digest)
+    claim = world.claim_board()
     assert claim is not None
-    world.score(world.submit("file").job_id)
+    world.scored("file")
     assert n_due(world) == 0, "one build at a time"
     with world.database.write() as session:
-        boards.publish_board(session, claim, board_of(world))
+        boards.publish_board(session, claim, world.board())
     assert n_due(world) == 1
 
 
 def test_a_build_that_lost_its_lease_publishes_nothing(world: World) -> None:
+    frozen = world.claim_board()
     with world.database.write() as session:
-        frozen = claim_board_of(session, "dev", world.protocol_digest)
         session.query(BoardRequest).one().lease_until = NOON - timedelta(days=1000)
-    built(world)
+    world.publish(world.board())
     with world.database.write() as session:
         assert frozen is not None
-        assert boards.publish_board(session, frozen, board_of(world)) is None
+        assert boards.publish_board(session, frozen, world.board()) is None

@@ -31,11 +31,6 @@ def dispatcher(broker: Broker) -> Iterator[Dispatcher]:
     made.close()
 
 
-def waiting(broker: Broker, lane: str = "live") -> int:
-    with broker.client() as client:
-        return int(client.llen(f"ed:{lane}"))
-
-
 def test_a_message_names_its_lane_and_nothing_else(broker: Broker, dispatcher: Dispatcher) -> None:
     assert dispatcher.wake(Lane.LIVE)
     with broker.client() as client:
@@ -48,15 +43,15 @@ def test_a_message_names_its_lane_and_nothing_else(broker: Broker, dispatcher: D
 def test_lanes_do_not_hear_each_other(broker: Broker, dispatcher: Dispatcher) -> None:
     assert dispatcher.wake(Lane.RESCORE, at_most=2)
     assert dispatcher.wake(Lane.LIVE)
-    assert (waiting(broker, "live"), waiting(broker, "rescore")) == (1, 2)
+    assert (broker.waiting("live"), broker.waiting("rescore")) == (1, 2)
 
 
 def test_no_more_messages_wait_than_were_asked_for(broker: Broker, dispatcher: Dispatcher) -> None:
     for _ in range(5):
         assert dispatcher.wake(Lane.LIVE, at_most=3)
-    assert waiting(broker) == 3
+    assert broker.waiting() == 3
     assert dispatcher.wake(Lane.LIVE, at_most=2)
-    assert waiting(broker) == 3
+    assert broker.waiting() == 3
 
 
 def test_a_broker_that_lost_everything_is_told_again_at_once(
@@ -66,7 +61,7 @@ def test_a_broker_that_lost_everything_is_told_again_at_once(
     with broker.client() as client:
         client.flushall()
     assert dispatcher.wake(Lane.LIVE)
-    assert waiting(broker) == 1
+    assert broker.waiting() == 1
 
 
 def test_a_dead_broker_makes_no_error_and_is_left_alone_for_a_moment(
@@ -76,7 +71,7 @@ def test_a_dead_broker_makes_no_error_and_is_left_alone_for_a_moment(
     assert dispatcher.wake(Lane.LIVE) is False
     broker.start()
     assert dispatcher.wake(Lane.LIVE) is False  # still quiet: uploads do not wait for it
-    assert waiting(broker) == 0
+    assert broker.waiting() == 0
 
 
 def test_a_frozen_broker_is_given_up_soon(
@@ -96,19 +91,19 @@ def test_a_lane_is_woken_for_what_waits_in_it_and_at_most_once_a_slot(
     for i in range(30):
         world.submit(f"file {i}")
     assert wake_lanes(world.database, dispatcher, SETTINGS) == 31, "with the board of the phase"
-    assert (waiting(broker), waiting(broker, "rescore")) == (1, 0), "no worker is alive yet"
+    assert (broker.waiting(), broker.waiting("rescore")) == (1, 0), "no worker is alive yet"
     with world.database.write() as session:
         beat(session, "worker-1", (Lane.LIVE,), slots=5)
     wake_lanes(world.database, dispatcher, SETTINGS)
-    assert waiting(broker) == 5
+    assert broker.waiting() == 5
     wake_lanes(world.database, dispatcher, SETTINGS)
-    assert waiting(broker) == 5
+    assert broker.waiting() == 5
 
 
 def test_where_nothing_is_to_be_done_nobody_is_woken(
     world: World, broker: Broker, dispatcher: Dispatcher
 ) -> None:
-    board_is_built(world)
+    world.publish(world.board())
     assert wake_lanes(world.database, dispatcher, SETTINGS) == 0
     accepted = world.submit("file")
     world.claim(accepted.job_id)
@@ -117,7 +112,7 @@ def test_where_nothing_is_to_be_done_nobody_is_woken(
         job = session.get_one(Job, accepted.job_id)
         job.state, job.lease_until = WorkState.HELD, None
     assert wake_lanes(world.database, dispatcher, SETTINGS) == 0, "it waits for its run"
-    assert waiting(broker) == 0
+    assert broker.waiting() == 0
 
 
 def test_a_worker_is_told_which_kinds_of_work_are_due_in_its_lane(world: World) -> None:
@@ -125,7 +120,7 @@ def test_a_worker_is_told_which_kinds_of_work_are_due_in_its_lane(world: World) 
         with world.database.read() as session:
             return set(kinds_due(session, lane, SETTINGS.max_attempts))
 
-    board_is_built(world)
+    world.publish(world.board())
     assert due() == set()
     accepted = world.submit("file")
     assert due() == {Job}
@@ -140,17 +135,6 @@ def test_a_worker_is_told_which_kinds_of_work_are_due_in_its_lane(world: World) 
         session.scalars(select(Profile)).one().attempts = SETTINGS.max_attempts
     assert due() == {BoardRequest}, "it had all its attempts"
     assert due(Lane.RESCORE) == set()
-
-
-def board_is_built(world: World) -> None:
-    from tests.support.work import claim_board_of
-
-    from exceptiondrive_records.work.board_requests import finish_board
-
-    with world.database.write() as session:
-        request = claim_board_of(session, "dev", world.protocol_digest)
-        assert request is not None
-        assert finish_board(session, request)
 
 
 def test_a_submission_shows_as_queued_once_a_worker_was_woken_for_it(world: World) -> None:

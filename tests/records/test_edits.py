@@ -8,8 +8,6 @@ from sqlalchemy.exc import DatabaseError
 from tests.records.world import World
 
 from exceptiondrive_records.audit.tables import AuditLine
-from exceptiondrive_records.boards.standings import entries_for_board
-from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions import edits
@@ -33,26 +31,8 @@ def edit(world: World, submission_id: str, **change: object) -> None:
         )
 
 
-def scored(world: World, content: str, method: str) -> str:
-    accepted = world.submit(content, method)
-    world.score(accepted.job_id)
-    return accepted.submission.id
-
-
-def standing(world: World) -> dict[str, str]:
-    with world.database.read() as session:
-        entries = entries_for_board(session, world.phase_id, world.protocol_digest)
-        return {entry.submission_id: entry.method for entry in entries}
-
-
-def close(world: World) -> None:
-    with world.database.write() as session:
-        phase = session.get_one(Phase, world.phase_id)
-        phase.closes_at = database_now(session)
-
-
 def test_an_edit_changes_what_it_names_and_keeps_before_and_after(world: World) -> None:
-    one = scored(world, "a", "Planer")
+    one = world.scored("a", "Planer")
     edit(world, one, method="Planner", paper_url="https://example.org/paper", facts=VLA)
     with world.database.read() as session:
         now = find_submission(session, one)
@@ -75,7 +55,7 @@ def test_an_edit_changes_what_it_names_and_keeps_before_and_after(world: World) 
 
 
 def test_of_the_facts_only_those_that_were_sent_change(world: World) -> None:
-    one = scored(world, "a", "Planner")
+    one = world.scored("a", "Planner")
     edit(world, one, facts=VLA)
     edit(world, one, facts={"map": "hd", "parameters_millions": None})
     with world.database.read() as session:
@@ -84,7 +64,7 @@ def test_of_the_facts_only_those_that_were_sent_change(world: World) -> None:
 
 
 def test_what_changes_nothing_leaves_no_trace(world: World) -> None:
-    one = scored(world, "a", "Planner")
+    one = world.scored("a", "Planner")
     edit(world, one, method="Planner", description="", facts=MethodFacts())
     with world.database.read() as session:
         assert edits_of(session, one) == ()
@@ -93,7 +73,7 @@ def test_what_changes_nothing_leaves_no_trace(world: World) -> None:
 
 
 def test_an_edit_that_began_before_another_and_came_after_it_is_seen(world: World) -> None:
-    one, two = scored(world, "a", "Planner"), scored(world, "b", "Other")
+    one, two = world.scored("a", "Planner"), world.scored("b", "Other")
     edit(world, one, facts=VLA)
     with world.database.read() as session:
         before = edits_of_phase(session, world.phase_id)
@@ -114,38 +94,38 @@ def test_an_edit_that_began_before_another_and_came_after_it_is_seen(world: Worl
 
 
 def test_a_name_is_the_methods_so_that_what_stands_stays(world: World) -> None:
-    first, second = scored(world, "a", "Planer"), scored(world, "b", "Planer")
-    assert standing(world) == {second: "Planer"}
+    first, second = world.scored("a", "Planer"), world.scored("b", "Planer")
+    assert world.standing() == {second: "Planer"}
     edit(world, second, method="Planner")
-    assert standing(world) == {second: "Planner"}
+    assert world.standing() == {second: "Planner"}
     with world.database.read() as session:
         assert find_submission(session, first).method == "Planner"
         assert edits_of(session, first)[0].changed == {"method": ("Planer", "Planner")}
 
 
 def test_two_methods_become_one_until_the_deadline_and_never_after(world: World) -> None:
-    first, second = scored(world, "a", "Planner"), scored(world, "b", "Planer")
-    third = scored(world, "c", "Other")
+    first, second = world.scored("a", "Planner"), world.scored("b", "Planer")
+    third = world.scored("c", "Other")
     edit(world, second, method="Planner")
-    assert standing(world) == {second: "Planner", third: "Other"}
-    close(world)
+    assert world.standing() == {second: "Planner", third: "Other"}
+    world.close()
     with pytest.raises(Conflict, match="After the deadline two methods cannot become one"):
         edit(world, third, method="Planner")
     edit(world, third, method="Another", description="The name alone may still be mended.")
-    assert standing(world) == {second: "Planner", third: "Another"}
-    assert first not in standing(world)
+    assert world.standing() == {second: "Planner", third: "Another"}
+    assert first not in world.standing()
 
 
 @pytest.mark.parametrize("name", ["FREEZE", "\u200b", "Ref\u0435rence", "=\u0301\u0301\u0301"])
 def test_a_new_name_keeps_the_rules_of_names(world: World, name: str) -> None:
-    one = scored(world, "a", "Planner")
+    one = world.scored("a", "Planner")
     with pytest.raises(InvalidRecord):
         edit(world, one, method=name)
-    assert standing(world) == {one: "Planner"}
+    assert world.standing() == {one: "Planner"}
 
 
 def test_links_are_https_and_texts_can_be_shown(world: World) -> None:
-    one = scored(world, "a", "Planner")
+    one = world.scored("a", "Planner")
     for change in (
         {"paper_url": "http://example.org"},
         {"code_url": "javascript:alert(1)"},
@@ -159,7 +139,7 @@ def test_links_are_https_and_texts_can_be_shown(world: World) -> None:
 
 def test_a_day_has_a_limit_of_edits(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(edits, "MAX_EDITS_A_DAY", 2)
-    one = scored(world, "a", "Planner")
+    one = world.scored("a", "Planner")
     edit(world, one, description="one")
     edit(world, one, description="two")
     with pytest.raises(Conflict, match="2 edits in 24 hours"):
@@ -169,7 +149,7 @@ def test_a_day_has_a_limit_of_edits(world: World, monkeypatch: pytest.MonkeyPatc
 
 def test_a_new_name_of_many_runs_is_one_edit(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(edits, "MAX_EDITS_A_DAY", 2)
-    one, _, _ = [scored(world, name, "Planer") for name in "abc"]
+    one, _, _ = [world.scored(name, "Planer") for name in "abc"]
     edit(world, one, method="Planner")
     edit(world, one, description="one")
     with pytest.raises(Conflict, match="2 edits in 24 hours"):
@@ -177,7 +157,7 @@ def test_a_new_name_of_many_runs_is_one_edit(world: World, monkeypatch: pytest.M
 
 
 def test_the_history_cannot_be_altered(world: World) -> None:
-    one = scored(world, "a", "Planner")
+    one = world.scored("a", "Planner")
     edit(world, one, description="one")
     with pytest.raises(DatabaseError), world.database.write() as session:
         session.execute(text("UPDATE submission_edits SET actor = 'nobody'"))
@@ -194,7 +174,7 @@ def test_the_same_bytes_with_other_words_are_refused_plainly(world: World) -> No
 
 
 def test_the_next_run_of_a_method_has_its_facts(world: World) -> None:
-    one = scored(world, "a", "Planner")
+    one = world.scored("a", "Planner")
     edit(world, one, facts=VLA)
     assert world.submit("b", "Planner").submission.facts == VLA
     assert world.submit("c", "Other").submission.facts is None
@@ -212,7 +192,7 @@ def test_the_next_run_of_a_method_has_its_facts(world: World) -> None:
 
 
 def test_facts_of_an_anonymous_phase_wait_for_its_names(world: World) -> None:
-    one, other = scored(world, "a", "Planner"), scored(world, "b", "Other")
+    one, other = world.scored("a", "Planner"), world.scored("b", "Other")
     edit(world, one, facts=VLA)
     with world.database.read() as session:
         assert facts_of_entries(session, world.phase_id, [one, other, None])[one].facts == VLA

@@ -6,7 +6,6 @@ import time
 import pytest
 from sqlalchemy import select, text, update
 from sqlalchemy.exc import OperationalError
-from tests.records.test_boards import board, take
 from tests.records.world import World
 
 from exceptiondrive_records.boards.boards import publish_board
@@ -72,14 +71,14 @@ def test_who_changes_a_submission_waits_for_the_scoring_run_that_ends(
 
 
 def test_a_change_of_the_phase_waits_for_no_board_that_waits_for_it(world: World) -> None:
-    claim = take(world)
+    claim = world.claim_board()
     assert claim is not None
     errors: list[OperationalError] = []
 
     def publish_it() -> None:
         try:
             with world.database.write() as session:
-                publish_board(session, claim, board(world))
+                publish_board(session, claim, world.board())
         except OperationalError as error:
             errors.append(error)
 

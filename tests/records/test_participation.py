@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 from sqlalchemy import select
-from tests.records.test_edits import close, standing
 from tests.records.world import World
 
 from exceptiondrive_records.accounts.people import (
@@ -68,12 +67,6 @@ WHO = "token:o"
 WHY: Any = {"reason": "two accounts of one lab", "actor": WHO}
 
 
-def scored(world: World, content: str) -> str:
-    accepted = world.submit(content, "Planner")
-    world.score(accepted.job_id)
-    return accepted.submission.id
-
-
 def names(world: World) -> set[str]:
     """The teams on the next board."""
     with world.database.read() as session:
@@ -97,11 +90,11 @@ def another(world: World, slug: str = "beta") -> int:
 
 
 def test_a_disqualified_entry_leaves_its_place_empty_and_comes_back(world: World) -> None:
-    first, second = scored(world, "one"), scored(world, "two")
+    first, second = world.scored("one", "Planner"), world.scored("two", "Planner")
     with world.database.write() as session:
         row = disqualify_submission(session, second, public_note="Not by a planner.", **WHY)
         number = row.id
-    assert standing(world) == {}, "what it displaced does not come up"
+    assert world.standing() == {}, "what it displaced does not come up"
     with world.database.read() as session:
         assert view(session, find_submission(session, second)).disqualified_at is not None
         notes = disqualification_notes(session, find_phase(session, "dev"))
@@ -112,7 +105,7 @@ def test_a_disqualified_entry_leaves_its_place_empty_and_comes_back(world: World
         world.submit("two")
     with world.database.write() as session:
         withdraw(session, second, actor="team:1")
-    assert list(standing(world)) == [first]
+    assert list(world.standing()) == [first]
     with pytest.raises(NotAllowed, match="These bytes were disqualified"):
         world.submit("two")
     with world.database.write() as session:
@@ -123,10 +116,10 @@ def test_a_disqualified_entry_leaves_its_place_empty_and_comes_back(world: World
 
 
 def test_a_disqualified_team_stands_nowhere_and_submits_nothing(world: World) -> None:
-    kept = scored(world, "one")
+    kept = world.scored("one", "Planner")
     with world.database.write() as session:
         number = disqualify_team(session, "alpha", phase_id="dev", **WHY).id
-    assert standing(world) == {}
+    assert world.standing() == {}
     with pytest.raises(NotAllowed, match="Your team is disqualified in this phase"):
         world.submit("another file")
     with pytest.raises(Conflict), world.database.write() as session:
@@ -135,7 +128,7 @@ def test_a_disqualified_team_stands_nowhere_and_submits_nothing(world: World) ->
         assert disqualification_notes(session, find_phase(session, "dev")) == ()
     with world.database.write() as session:
         reinstate(session, number, **WHY)
-    assert list(standing(world)) == [kept]
+    assert list(world.standing()) == [kept]
     assert told(world)[0] == "Your team Alpha is reinstated in Development"
     with world.database.write() as session:
         disqualify_team(session, "alpha", **WHY)
@@ -143,7 +136,7 @@ def test_a_disqualified_team_stands_nowhere_and_submits_nothing(world: World) ->
 
 
 def test_notes_of_an_anonymous_phase_join_with_no_other_by_phase_or_time(world: World) -> None:
-    scored(world, "one")
+    world.scored("one", "Planner")
     with world.database.write() as session:
         disqualify_team(session, "alpha", public_note="Everywhere.", **WHY)
         disqualify_team(session, "alpha", phase_id="dev", public_note="Here.", **WHY)
@@ -174,16 +167,16 @@ def test_of_two_organizers_at_once_one_disqualifies(world: World) -> None:
 
 
 def test_a_later_deadline_holds_for_one_team_and_for_what_came_before_it(world: World) -> None:
-    in_time = scored(world, "one")
-    close(world)
+    in_time = world.scored("one", "Planner")
+    world.close()
     beta = another(world)
     with pytest.raises(PhaseClosed):
         world.submit("of nobody")
     with world.database.write() as session:
         now = database_now(session)
         set_allowance(session, "alpha", "dev", closes_at=now + timedelta(hours=1), **WHY)
-    later = scored(world, "late")
-    assert list(standing(world)) == [later], "it is no late entry: it displaces the run before it"
+    later = world.scored("late", "Planner")
+    assert list(world.standing()) == [later], "it is no late entry: it displaces the run before it"
     with world.database.read() as session:
         phase = find_phase(session, "dev")
         assert quota_of(session, world.team_id, phase).closes_at is not None
@@ -197,7 +190,7 @@ def test_a_later_deadline_holds_for_one_team_and_for_what_came_before_it(world: 
         world.submit("of others", team_id=beta)
     with world.database.write() as session:
         set_allowance(session, "alpha", "dev", **WHY)
-    assert list(standing(world)) == [in_time], "taken back, the upload is late again"
+    assert list(world.standing()) == [in_time], "taken back, the upload is late again"
     with world.database.read() as session:
         phase = session.get_one(Phase, "dev")
         assert phase.closes_at is not None
@@ -209,7 +202,7 @@ def test_a_later_deadline_holds_for_one_team_and_for_what_came_before_it(world: 
 def test_nothing_tells_a_team_of_a_hidden_phase_to_which_it_sent_nothing(world: World) -> None:
     with world.database.write() as session:
         beta = create_team(session, "beta", "Beta Labs", actor=WHO).id
-    scored(world, "a")
+    world.scored("a", "Planner")
     with world.database.write() as session:
         find_phase(session, "dev").visibility = "hidden"
     deeds: tuple[Any, ...] = (
@@ -251,8 +244,8 @@ def test_a_later_deadline_opens_no_phase_that_has_not_begun_or_is_not_shown(
 
 
 def test_a_deadline_that_is_moved_by_seconds_holds_for_what_came_before_it(world: World) -> None:
-    submission_id = scored(world, "one")
-    close(world)
+    submission_id = world.scored("one", "Planner")
+    world.close()
     with world.database.write() as session:
         minute = (database_now(session) + timedelta(hours=1)).replace(second=0, microsecond=0)
     for seconds in (10, 50, 50):
@@ -284,7 +277,7 @@ def test_a_team_has_its_own_quota(world: World) -> None:
 
 def test_a_team_is_renamed_and_no_two_look_alike(world: World) -> None:
     another(world)
-    scored(world, "one")
+    world.scored("one", "Planner")
     with world.database.write() as session:
         change_team(session, "alpha", name="Gamma", affiliation="Somewhere", **WHY)
     assert names(world) == {"Gamma"}
@@ -300,7 +293,7 @@ def test_a_team_is_renamed_and_no_two_look_alike(world: World) -> None:
 
 def test_two_teams_become_one_with_entries_people_and_addresses(world: World) -> None:
     beta = another(world)
-    mine, theirs = scored(world, "one"), world.submit("two", "Theirs", beta)
+    mine, theirs = world.scored("one", "Planner"), world.submit("two", "Theirs", beta)
     world.score(theirs.job_id)
     with world.database.write() as session:
         add_contact(session, beta, Channel.WEBHOOK, "https://example.com/x", actor=WHO)
@@ -309,7 +302,7 @@ def test_two_teams_become_one_with_entries_people_and_addresses(world: World) ->
         _, n_moved = merge_teams(session, "beta", "alpha", **WHY)
     assert n_moved == 1
     assert names(world) == {"Alpha"}
-    assert set(standing(world)) == {mine, theirs.submission.id}
+    assert set(world.standing()) == {mine, theirs.submission.id}
     with world.database.read() as session:
         assert [one.address for one in list_contacts(session, world.team_id)] == [
             "https://example.com/x"

@@ -8,7 +8,6 @@ import pytest
 from sqlalchemy import update
 from sqlalchemy.exc import OperationalError
 from structlog.testing import capture_logs
-from tests.records.test_dispatch import board_is_built, waiting
 from tests.support.work import let_time_pass
 
 from exceptiondrive_records.audit.log import count_audit_lines
@@ -35,11 +34,11 @@ def hours_pass(world: World) -> None:
 
 
 def test_a_new_submission_wakes_a_worker_and_shows_as_queued(world: World, broker: Broker) -> None:
-    board_is_built(world)
+    world.publish(world.board())
     accepted = world.submit("file")
     dispatcher = Dispatcher(broker.url)
     assert reconcile_once(world.database, dispatcher, SETTINGS) == Pass(woken_for=1)
-    assert waiting(broker) == 1
+    assert broker.waiting() == 1
     with world.database.read() as session:
         assert session.get(Submission, accepted.submission.id).status is SubmissionStatus.QUEUED
 
@@ -47,7 +46,7 @@ def test_a_new_submission_wakes_a_worker_and_shows_as_queued(world: World, broke
 def test_what_was_accepted_while_the_broker_was_down_wakes_a_worker_later(
     world: World, broker: Broker
 ) -> None:
-    board_is_built(world)
+    world.publish(world.board())
     dispatcher = Dispatcher(broker.url)
     broker.kill()
     accepted = world.submit("file")
@@ -56,7 +55,7 @@ def test_what_was_accepted_while_the_broker_was_down_wakes_a_worker_later(
         assert session.get(Submission, accepted.submission.id).status is SubmissionStatus.RECEIVED
     broker.start()
     assert reconcile_once(world.database, Dispatcher(broker.url), SETTINGS).woken_for == 1
-    assert waiting(broker) == 1
+    assert broker.waiting() == 1
 
 
 def test_lost_messages_are_sent_again_in_the_next_pass(world: World, broker: Broker) -> None:
@@ -66,7 +65,7 @@ def test_lost_messages_are_sent_again_in_the_next_pass(world: World, broker: Bro
     with broker.client() as client:
         client.flushall()
     reconcile_once(world.database, dispatcher, SETTINGS)
-    assert waiting(broker) == 1
+    assert broker.waiting() == 1
 
 
 def test_however_often_it_passes_no_more_messages_wait_than_there_are_slots(
@@ -79,11 +78,11 @@ def test_however_often_it_passes_no_more_messages_wait_than_there_are_slots(
     dispatcher = Dispatcher(broker.url)
     for _ in range(5):
         reconcile_once(world.database, dispatcher, SETTINGS)
-    assert waiting(broker) == 3
+    assert broker.waiting() == 3
 
 
 def test_an_expired_lease_wakes_a_worker(world: World, broker: Broker) -> None:
-    board_is_built(world)
+    world.publish(world.board())
     world.claim(world.submit("file").job_id)
     dispatcher = Dispatcher(broker.url)
     assert reconcile_once(world.database, dispatcher, SETTINGS).woken_for == 0
@@ -94,7 +93,7 @@ def test_an_expired_lease_wakes_a_worker(world: World, broker: Broker) -> None:
 def test_a_job_without_attempts_left_is_given_up_and_the_team_is_told(
     world: World, broker: Broker
 ) -> None:
-    board_is_built(world)
+    world.publish(world.board())
     accepted = world.submit("poison")
     dispatcher = Dispatcher(broker.url)
     for _ in range(SETTINGS.max_attempts):
@@ -114,7 +113,7 @@ def test_a_job_without_attempts_left_is_given_up_and_the_team_is_told(
 def test_a_file_that_ends_whoever_looks_at_it_is_looked_at_no_more(
     world: World, broker: Broker
 ) -> None:
-    board_is_built(world)
+    world.publish(world.board())
     accepted = world.submit("poison")
     world.score(accepted.job_id)
     key = accepted.submission.id
@@ -136,10 +135,10 @@ def test_a_file_that_ends_whoever_looks_at_it_is_looked_at_no_more(
 def test_a_wanted_board_wakes_a_worker_until_it_is_built(world: World, broker: Broker) -> None:
     dispatcher = Dispatcher(broker.url)
     assert reconcile_once(world.database, dispatcher, SETTINGS) == Pass(woken_for=1)
-    world.score(world.submit("file").job_id)
+    world.scored("file")
     assert reconcile_once(world.database, dispatcher, SETTINGS) == Pass(woken_for=1)
-    assert waiting(broker) == 1, "who comes builds for both"
-    board_is_built(world)
+    assert broker.waiting() == 1, "who comes builds for both"
+    world.publish(world.board())
     assert reconcile_once(world.database, dispatcher, SETTINGS) == Pass()
 
 
@@ -194,13 +193,13 @@ def test_two_reconcilers_wake_no_more_than_one(world: World, broker: Broker) -> 
         thread.start()
     waiter = threading.Event()
     for _ in range(500):
-        if waiting(broker) >= 3:
+        if broker.waiting() >= 3:
             break
         waiter.wait(0.02)
     waiter.wait(0.2)  # some more passes
     stop.set()
     for thread in threads:
         thread.join()
-    assert waiting(broker) == 3
+    assert broker.waiting() == 3
     with world.database.read() as session:
         assert session.query(Leader).count() == 0  # both gave up in good order

@@ -11,7 +11,6 @@ import pytest
 from sqlalchemy import func, insert, make_url, select, text, update
 from sqlalchemy.exc import DBAPIError, InvalidRequestError
 from tests.chaos.proxy import Proxy
-from tests.records.test_boards import board, take
 from tests.records.world import World
 
 from exceptiondrive_records.audit.log import audit, audit_page, verify_audit
@@ -116,10 +115,10 @@ def test_two_scores_are_recorded_side_by_side(world: World) -> None:
 @on_postgres
 def test_scores_go_on_while_a_board_is_recorded(world: World) -> None:
     job = world.claim(world.submit("one").job_id)
-    claim = take(world)
+    claim = world.claim_board()
     assert claim is not None
     with world.database.write() as session:
-        assert publish_board(session, claim, board(world)) is not None
+        assert publish_board(session, claim, world.board()) is not None
         assert world.finish(job) is Finish.RECORDED  # or it waits for a lock, until it gives up
     with world.database.read() as session:
         request = session.scalars(select(BoardRequest)).one()
@@ -127,12 +126,12 @@ def test_scores_go_on_while_a_board_is_recorded(world: World) -> None:
 
 
 def test_a_board_whose_build_was_claimed_anew_meanwhile_is_not_recorded(world: World) -> None:
-    claim = take(world)
+    claim = world.claim_board()
     assert claim is not None
 
     def publish() -> None:
         with world.database.write() as session:
-            assert publish_board(session, claim, board(world)) is not None
+            assert publish_board(session, claim, world.board()) is not None
             session.execute(update(BoardRequest).values(fence=BoardRequest.fence + 1))
 
     with pytest.raises(LeaseLost):

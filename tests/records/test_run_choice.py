@@ -1,7 +1,6 @@
 """Which run of a method stands: newest, best or chosen, as phase and team say, until the deadline."""
 
 import pytest
-from tests.records.test_edits import close, scored, standing
 from tests.records.world import World
 
 from exceptiondrive_records.db.errors import Conflict
@@ -17,14 +16,8 @@ from exceptiondrive_schemas.score_sheet import Coverage
 FULL, ENOUGH, TOO_LITTLE = (Coverage(edited=share, source=1.0) for share in (1.0, 0.99, 0.98))
 
 
-def scored_run(world: World, content: str, hcc: float) -> str:
-    accepted = world.submit(content, "Planner")
-    world.score(accepted.job_id, hcc)
-    return accepted.submission.id
-
-
 def runs(world: World, *hccs: float) -> list[str]:
-    return [scored_run(world, f"file {number}", hcc) for number, hcc in enumerate(hccs)]
+    return [world.scored(f"file {number}", "Planner", hcc=hcc) for number, hcc in enumerate(hccs)]
 
 
 def allow(world: World) -> None:
@@ -45,23 +38,23 @@ def replaced(world: World, submission_id: str) -> str | None:
 
 def test_the_newest_stands_and_nothing_is_chosen_unless_the_phase_says_so(world: World) -> None:
     first, second = runs(world, 0.9, 0.5)
-    assert list(standing(world)) == [second]
+    assert list(world.standing()) == [second]
     with pytest.raises(Conflict, match="there is nothing to choose"):
         say(world, first)
 
 
 def test_a_team_says_newest_best_or_one(world: World) -> None:
     allow(world)
-    other = scored(world, "other", "Other")
+    other = world.scored("other", "Other")
     first, best, last = runs(world, 0.5, 0.9, 0.7)
-    assert set(standing(world)) == {last, other}
+    assert set(world.standing()) == {last, other}
     say(world, last, "best")
-    assert set(standing(world)) == {best, other}
+    assert set(world.standing()) == {best, other}
     assert (replaced(world, last), replaced(world, best)) == (best, None)
     say(world, first)
-    assert set(standing(world)) == {first, other}
+    assert set(world.standing()) == {first, other}
     say(world, first, "newest")
-    assert set(standing(world)) == {last, other}
+    assert set(world.standing()) == {last, other}
 
 
 @pytest.mark.postgres
@@ -69,7 +62,7 @@ def test_a_team_says_newest_best_or_one(world: World) -> None:
 def test_what_was_withdrawn_meanwhile_is_not_chosen(world: World) -> None:
     """Whoever asks has looked at it before. SQLite takes one writer at a time."""
     allow(world)
-    run = scored_run(world, "one", 0.5)
+    run = world.scored("one", "Planner", hcc=0.5)
     with world.database.write() as session:
         looked_at = find_submission(session, run)
         with world.database.write() as other:
@@ -80,15 +73,15 @@ def test_what_was_withdrawn_meanwhile_is_not_chosen(world: World) -> None:
 
 
 def test_a_reference_keeps_all_its_methods_where_each_team_has_one_entry(world: World) -> None:
-    first, second = scored(world, "one", "One"), scored(world, "two", "Two")
+    first, second = world.scored("one", "One"), world.scored("two", "Two")
     with world.database.write() as session:
         phase = session.get_one(Phase, world.phase_id)
         phase.policy = phase.policy.model_copy(update={"entries_shown": "chosen"})
-    assert set(standing(world)) == {second}
+    assert set(world.standing()) == {second}
     assert replaced(world, first) == second
     with world.database.write() as session:
         session.get_one(Team, world.team_id).is_reference = True
-    assert set(standing(world)) == {first, second}
+    assert set(world.standing()) == {first, second}
     assert replaced(world, first) is None
 
 
@@ -106,25 +99,25 @@ def test_a_rule_holds_for_runs_to_come_and_a_withdrawn_choice_is_none(world: Wor
     allow(world)
     first, second = runs(world, 0.6, 0.5)
     say(world, first, "best")
-    better = scored_run(world, "a third file", 0.8)
-    assert list(standing(world)) == [better]
+    better = world.scored("a third file", "Planner", hcc=0.8)
+    assert list(world.standing()) == [better]
     say(world, second)
-    assert list(standing(world)) == [second]
+    assert list(world.standing()) == [second]
     with world.database.write() as session:
         withdraw(session, second, actor="team:1")
-    assert list(standing(world)) == [better]
+    assert list(world.standing()) == [better]
 
 
 def test_after_the_deadline_the_choice_is_final(world: World) -> None:
     allow(world)
     first, second = runs(world, 0.6, 0.5)
     say(world, first, "best")
-    close(world)
+    world.close()
     with pytest.raises(Conflict, match="the choice stands as it is"):
         say(world, second)
     with world.database.write() as session:
         withdraw(session, first, actor="team:1")
-    assert standing(world) == {}, (
+    assert world.standing() == {}, (
         "withdrawn later it leaves no entry: nobody picks after the outcome"
     )
 
@@ -133,7 +126,7 @@ def test_the_same_score_stands_by_its_newest_run(world: World) -> None:
     allow(world)
     _, second = runs(world, 0.6, 0.6)
     say(world, second, "best")
-    assert list(standing(world)) == [second]
+    assert list(world.standing()) == [second]
 
 
 @pytest.mark.parametrize(
@@ -167,4 +160,4 @@ def test_the_best_run_is_the_one_that_would_rank_first(
             finish_scored(session, job, sheet, **made)
         ids[name] = accepted.submission.id
     say(world, ids[comes_last], "best")
-    assert list(standing(world)) == [ids["better"]]
+    assert list(world.standing()) == [ids["better"]]

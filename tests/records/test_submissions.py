@@ -43,12 +43,6 @@ def accept_with(world: World, **changes: Any) -> Any:
         return accept(session, **values)
 
 
-def scored(world: World, content: str) -> str:
-    accepted = world.submit(content)
-    world.score(accepted.job_id)
-    return str(accepted.submission.id)
-
-
 def test_an_accepted_upload_is_a_submission_and_a_queued_job(world: World) -> None:
     accepted = world.submit("file")
     with world.database.read() as session:
@@ -167,7 +161,7 @@ def test_withdrawing_a_waiting_submission_ends_its_job_and_a_late_answer_is_refu
 
 
 def test_withdrawing_a_scored_submission_asks_for_a_new_board(world: World) -> None:
-    submission_id = scored(world, "file")
+    submission_id = world.scored("file")
     with world.database.write() as session:
         before = session.query(BoardRequest).one().asked
         withdraw(session, submission_id, actor="test")
@@ -204,7 +198,7 @@ def test_a_failed_submission_is_not_retried_when_the_same_bytes_came_again(world
 
 
 def test_only_failed_submissions_are_retried(world: World) -> None:
-    submission_id = scored(world, "file")
+    submission_id = world.scored("file")
     with world.database.write() as session, pytest.raises(Conflict, match="scored"):
         retry_submission(session, submission_id, actor="test")
 
@@ -237,7 +231,7 @@ def test_pages_list_every_submission_once_newest_first(world: World) -> None:
 
 
 def test_lists_can_be_narrowed(world: World) -> None:
-    done = scored(world, "one")
+    done = world.scored("one")
     world.submit("two")
     with world.database.read() as session:
         found = list_submissions(session, phase_id="dev", status=SubmissionStatus.SCORED)

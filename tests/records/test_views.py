@@ -4,7 +4,6 @@ from datetime import timedelta
 from typing import Any
 
 from tests.records.statements import of_board_texts, statements
-from tests.records.test_boards import board, publish
 
 from exceptiondrive_records.submissions.submissions import find_submission, withdraw
 from exceptiondrive_records.submissions.views import recent_scoring_s, view, views
@@ -162,7 +161,7 @@ def test_a_list_of_submissions_reads_the_board_of_their_phase_once(world: World)
     for one in accepted:
         world.score(one.job_id)
     ids = [one.submission.id for one in accepted]
-    publish(world, board(world, *ids))
+    world.publish(world.board(*ids))
     bodies = []
     for _ in range(2):
         with statements(world.database) as sent, world.database.read() as session:

@@ -1,17 +1,27 @@
 """A small world: one protocol, one split, one phase, one team."""
 
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Any
 
-from tests.support.documents import digest_of, make_sheet
+from tests.support.documents import REVISION, digest_of, make_sheet
 from tests.support.records import add_phase, add_sample_split, found
-from tests.support.work import claim_this
+from tests.support.work import claim_board_of, claim_this
 
+from exceptiondrive_records.boards.boards import publish_board
+from exceptiondrive_records.boards.standings import entries_for_board
+from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.submissions import Accepted, accept
+from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.jobs import Finish, finish_scored
-from exceptiondrive_records.work.tables import Job
-from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_records.work.tables import BoardRequest, Job
+from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.score_sheet import ProtocolRef, ScoreSheet
+from exceptiondrive_schemas.split import SplitRef
 
 
 @dataclass
@@ -54,6 +64,78 @@ class World:
 
     def score(self, job_id: str | None, hcc: float = 0.5) -> None:
         assert self.finish(self.claim(job_id), hcc) is Finish.RECORDED
+
+    def scored(
+        self,
+        content: str,
+        method: str = "method",
+        team_id: int | None = None,
+        hcc: float = 0.5,
+    ) -> str:
+        """Submit a file and score it; return the id of the submission."""
+        accepted = self.submit(content, method, team_id)
+        self.score(accepted.job_id, hcc)
+        return accepted.submission.id
+
+    def standing(self) -> dict[str, str]:
+        """Methods of the submissions that the next board shows."""
+        with self.database.read() as session:
+            entries = entries_for_board(session, self.phase_id, self.protocol_digest)
+            return {entry.submission_id: entry.method for entry in entries}
+
+    def close(self) -> None:
+        """Let the deadline be now."""
+        with self.database.write() as session:
+            session.get_one(Phase, self.phase_id).closes_at = database_now(session)
+
+    def want_board(self) -> None:
+        with self.database.write() as session:
+            want_board(session, self.phase_id, self.protocol_digest)
+
+    def claim_board(self) -> BoardRequest | None:
+        with self.database.write() as session:
+            return claim_board_of(session, self.phase_id, self.protocol_digest)
+
+    def publish(self, board: Board) -> BoardRow:
+        """Do what a worker does when it has built the board that is wanted."""
+        claim = self.claim_board()
+        assert claim is not None
+        with self.database.write() as session:
+            row = publish_board(session, claim, board)
+        assert row is not None
+        return row
+
+    def board(self, *submission_ids: str) -> Board:
+        entries = tuple(
+            BoardEntry(
+                source="scored",
+                rank=rank,
+                rank_interval=(1, 2),
+                submission_id=submission_id,
+                method="method",
+                team="Alpha",
+                submitted_at=None,
+                metrics={"hcc": 0.5},
+                micro={"hcc": 0.5},
+                macro_family={"hcc": 0.5},
+                intervals={},
+                families={},
+            )
+            for rank, submission_id in enumerate(submission_ids, start=1)
+        )
+        return Board(
+            challenge=PLANNING.id,
+            phase=self.phase_id,
+            split=SplitRef(name="sample", revision=REVISION),
+            protocol=ProtocolRef(version="1.0", digest=self.protocol_digest),
+            headline="macro_family",
+            board=0,
+            published_at=datetime(2020, 1, 1, tzinfo=UTC),
+            n_samples=3,
+            confidence=0.95,
+            families=(),
+            entries=entries,
+        )
 
     def sheet(self, hcc: float = 0.5) -> ScoreSheet:
         row: dict[str, float | None] = {"hcc": hcc, "ur": 0.25, "cts": None}

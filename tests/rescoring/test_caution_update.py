@@ -2,61 +2,24 @@
 
 import json
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import httpx
 import pytest
-from structlog.testing import capture_logs
+from tests.rescoring.application import Organizer, Serve
 from tests.rescoring.documents import (
     caution_protocol,
     strategy_file,
 )
-from typer.testing import CliRunner
 
-from exceptiondrive.cli import app
 from exceptiondrive_records.notifications.inbox import list_notifications
 from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_worker.stages import Scored, Stages, Target
 
 Stage = Any
-Serve = Callable[[Stage], tuple[str, str]]
 D_BELOW_E = {"A": 0, "B": 1, "D": 2, "E": 3, "C": 4}
 REASON = ("--reason", "yielding is less cautious than preparing to bypass")
-
-
-class Organizer:
-    """The organizer's commands against a served stage; every command must end well."""
-
-    def __init__(self, url: str, token: str, home: Path) -> None:
-        self.url = url
-        self.environment = {
-            "EXCEPTIONDRIVE_SERVER": url,
-            "EXCEPTIONDRIVE_TOKEN": token,
-            "HOME": str(home),
-            "XDG_CONFIG_HOME": str(home),
-            "COLUMNS": "200",
-        }
-
-    def say(self, *words: str) -> str:
-        with capture_logs():  # else the server's lines would stand among the command's
-            done = CliRunner().invoke(app, ["organizer", *words], env=self.environment)
-        assert done.exit_code == 0, done.output
-        return done.stdout
-
-    def refuse(self, why: str, *words: str) -> None:
-        with capture_logs():
-            done = CliRunner().invoke(app, ["organizer", *words], env=self.environment)
-        assert (done.exit_code, why in done.stderr) == (2, True)
-
-    def rescore(self, *words: str) -> Any:
-        return json.loads(self.say("rescore", *words, "--json"))
-
-    def board(self) -> bytes:
-        answer = httpx.get(f"{self.url}/api/v1/leaderboard", params={"phase": "dev"})
-        return answer.raise_for_status().content
 
 
 def entry_of(board: bytes, method: str) -> Any:

@@ -7,78 +7,29 @@ from typing import Any
 import pytest
 from sqlalchemy import select, update
 from starlette.testclient import TestClient
-from tests.support.databases import as_role
+from tests.rescoring.application import RUNS, SITE, Visitor, application_over
 
 from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, issue_token
 from exceptiondrive_records.audit.tables import AuditLine
-from exceptiondrive_records.db.roles import Role
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_records.work.tables import Job, WorkState
-from exceptiondrive_server.app import create_app
-from exceptiondrive_server.web.settings import ServerSettings
 
 Stage = Any
 Make = Callable[..., str]
 D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 4.5")
-SITE = "https://server.test"
-RUNS = "/organize/rescoring"
-
-
-class Visitor:
-    """A signed-in browser before the pages of a stage."""
-
-    def __init__(self, client: TestClient, token: str) -> None:
-        self.client = client
-        client.cookies.clear()
-        self.post("/sign-in", {"token": token}, page="/sign-in")
-
-    def get(self, path: str) -> Any:
-        return self.client.get(path, headers={"Accept": "text/html"})
-
-    def post(self, path: str, data: dict[str, Any], page: str = "/my", **more: Any) -> Any:
-        token = re.search(r'name="form_token" value="([0-9a-f]{64})"', self.get(page).text)
-        assert token is not None, page
-        form = {**data, "form_token": token[1]}
-        headers = {"Accept": "text/html", "Origin": SITE}
-        return self.client.post(path, data=form, headers=headers, **more)
-
-    def step(self, run_id: str, step: str, **data: str) -> Any:
-        return self.post(f"{RUNS}/{run_id}/{step}", {"reason": "because", **data})
-
-    def document(self, toml: str, do: str, **more: Any) -> Any:
-        return self.post("/organize/protocols/new", {"toml": toml, "do": do}, **more)
-
-    def draft(self, protocol: str = "1.1") -> str:
-        form = {"phase": "dev", "protocol": protocol, "reason": "pedestrians need more room"}
-        answer = self.post(f"{RUNS}/new", form)
-        assert answer.status_code == 303, answer.text
-        return str(answer.headers["location"].removeprefix(f"{RUNS}/").split("?")[0])
-
-    def seen_digest(self, run_id: str) -> str:
-        """What the link on the preview page carries."""
-        found = re.search(r"apply\?preview=([^\"]+)\"", self.get(f"{RUNS}/{run_id}/preview").text)
-        assert found is not None
-        return found[1].replace("%3A", ":")
 
 
 @pytest.fixture
 def visit(stage: Stage) -> Iterator[Callable[[str], Visitor]]:
     """Opens a browser as organizer or as team Alpha."""
-    app = create_app(
-        ServerSettings(
-            database_url=as_role(stage.settings.database_url, Role.API),
-            broker_url="memory://",
-            file_store_url=stage.settings.file_store_url,
-        )
-    )
     with stage.database.write() as session:
         alpha = find_team(session, "alpha").id
         tokens = {
             "alpha": issue_token(session, alpha, "laptop", actor="test")[0],
             "organizer": issue_token(session, None, "Olga", ORGANIZER_SCOPES, actor="test")[0],
         }
-    with TestClient(app, base_url=SITE, follow_redirects=False) as client:
+    with TestClient(application_over(stage), base_url=SITE, follow_redirects=False) as client:
         yield lambda who: Visitor(client, tokens[who])
 
 

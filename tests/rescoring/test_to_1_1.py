@@ -9,9 +9,14 @@ from typing import Any
 
 import pytest
 from starlette.testclient import TestClient
-from tests.rescoring.application import application_over, organizers_token
-from tests.rescoring.test_caution_update import Organizer, Serve
-from tests.rescoring.test_organizer_pages import SITE, Visitor
+from tests.rescoring.application import (
+    SITE,
+    Organizer,
+    Serve,
+    Visitor,
+    application_over,
+    organizers_token,
+)
 from tests.support.floors import write_floors
 
 from exceptiondrive_records.audit.log import audit_page

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from sqlalchemy import delete, select, update
-from tests.rescoring.test_caution_update import Organizer, Serve
+from tests.rescoring.application import Organizer, Serve
 
 from exceptiondrive_records.boards.boards import current_board, entry_ids
 from exceptiondrive_records.db.clock import database_now

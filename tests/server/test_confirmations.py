@@ -77,8 +77,7 @@ def test_what_is_not_signed_rightly_is_refused(
 def test_the_page_takes_what_the_command_wrote_and_lists_it(
     api: "Api", browse: Callable[..., "TeamBrowser"], signed: dict[str, Any]
 ) -> None:
-    browser = browse(api)
-    browser.sign_in("organizer")
+    browser = browse(api, who="organizer")
     page = "/organize/protocols/confirm"
     refused = browser.post(page, {"confirmation": "{}"}, page=page)
     assert (refused.status_code, "This is no confirmation" in refused.text) == (400, True)

@@ -22,9 +22,7 @@ Browse = Callable[..., "TeamBrowser"]
 
 
 def signed_in(api: "Api", browse: Browse, who: str = "alpha") -> "TeamBrowser":
-    browser = browse(api)
-    browser.sign_in(who)
-    return browser
+    return browse(api, who=who)
 
 
 def test_the_form_shows_what_is_said_and_saves_what_is_typed(api: "Api", browse: Browse) -> None:

@@ -181,8 +181,7 @@ def test_pages_of_readers_are_inert(nasty: "Api") -> None:
 def test_pages_of_those_who_signed_in_are_inert(
     nasty: "Api", browse: Callable[..., "TeamBrowser"], who: str, paths: tuple[str, ...]
 ) -> None:
-    browser = browse(nasty)
-    browser.sign_in(who)
+    browser = browse(nasty, who=who)
     for path in paths:
         answer = browser.get(path.format(**IDS))
         assert answer.status_code == 200, path

@@ -18,8 +18,7 @@ MakeEntry = Callable[..., Any]
 
 
 def my_rows(api: "Api", browse: Callable[..., "TeamBrowser"]) -> list[str]:
-    browser = browse(api)
-    browser.sign_in("alpha")
+    browser = browse(api, who="alpha")
     page = browser.get("/my")
     assert page.status_code == 200
     body = page.text.split('class="mini subs runs"')[1].split("<tbody>")[1].split("</tbody>")[0]
@@ -80,8 +79,7 @@ def test_what_is_not_ranked_says_why(
     assert f"Not ranked: {because}." in row
     seen = api.get(f"/submissions/{one}", "alpha").json()
     assert (seen["unranked_because"], seen["awaits_board"]) == (because, False)
-    browser = browse(api)
-    browser.sign_in("alpha")
+    browser = browse(api, who="alpha")
     assert because in browser.get(f"/submissions/{one}").text
 
 
@@ -90,8 +88,7 @@ def test_older_submissions_are_offered_right_below_the_list(
 ) -> None:
     monkeypatch.setattr(pages, "SHOWN", 1)
     older, _ = (api.submit(text).json()["id"] for text in ("a", "b"))
-    browser = browse(api)
-    browser.sign_in("alpha")
+    browser = browse(api, who="alpha")
     page = browser.get("/my").text
     assert page.index("Older submissions") < page.index("What you may still submit")
     (path,) = re.findall(r'href="(/my\?after=[^"]+)"', page)
@@ -105,8 +102,7 @@ def test_families_stand_on_the_page_of_a_submission(
 ) -> None:
     one = api.submit("a").json()["id"]
     api.score(one)
-    browser = browse(api)
-    browser.sign_in("alpha")
+    browser = browse(api, who="alpha")
     families = list(api.get(f"/submissions/{one}", "alpha").json()["sheet"]["families"])
     assert ("Table of families" in browser.get(f"/submissions/{one}").text) == bool(families)
 
@@ -119,8 +115,7 @@ def test_a_team_finds_its_notices_receipt_and_facts_where_it_looks(
     api.publish(make_entry("Planner", submission_id=one))
     note = {"words": "Your file is fine."}
     assert api.post(f"/organizer/submissions/{one}/note", "organizer", json=note).is_success
-    browser = browse(api)
-    browser.sign_in("alpha")
+    browser = browse(api, who="alpha")
     mine = browser.get("/my").text
     assert "Notices (1 new)" in mine
     assert f'<a href="/submissions/{one}">The organizers wrote about Planner</a>' in mine
@@ -131,7 +126,6 @@ def test_a_team_finds_its_notices_receipt_and_facts_where_it_looks(
     assert "attachment" in receipt.headers["content-disposition"]
     facts = " ".join(re.sub(r"<[^>]+>", " ", browser.get("/my/team").text).split())
     assert "Submissions 1 Tokens 1 in use Told at no confirmed address yet" in facts
-    stranger = browse(api)
-    stranger.sign_in("beta")
+    stranger = browse(api, who="beta")
     for end in ("", "/receipt"):
         assert stranger.get(f"/submissions/{one}{end}").status_code == 404

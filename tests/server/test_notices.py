@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from sqlalchemy import select
-from tests.server.test_organizer_team_pages import last_line
-from tests.support.work import claim_this
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotAllowed
@@ -31,9 +29,7 @@ from exceptiondrive_records.participation.disqualification import disqualify_tea
 from exceptiondrive_records.participation.tables import Allowance
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.teams.teams import find_team, register_team
-from exceptiondrive_records.work.jobs import finish_failed, finish_rejected
 from exceptiondrive_records.work.lease import claim, try_later
-from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.api.phase_settings import PhasePolicy
 from exceptiondrive_schemas.api.rescoring import NotificationView
 from exceptiondrive_schemas.check import check
@@ -247,15 +243,10 @@ def test_what_failed_or_was_refused_is_told_once_to_who_wishes_that(
     other = api.submit("c", "beta").json()["id"]
     report = check(b"[]", protocol=packaged_protocol()).report
     for one in (failed, wrong, other):
-        with api.database.write() as session:
-            job = claim_this(
-                session, session.query(Job).filter_by(submission_id=one).one().id, 120, 4
-            )
-            assert job is not None
-            if one == wrong:
-                finish_rejected(session, job, report)
-            else:
-                finish_failed(session, job, "internal_error", "We could not score it.", retry=False)
+        if one == wrong:
+            api.reject(one, report)
+        else:
+            api.fail(one, "We could not score it.")
     assert tell_teams(api.database) == 2, "beta wishes to hear of scores alone"
     assert tell_teams(api.database) == 0, "nothing is told twice"
     told = {notice.title: notice.what_changed for who, notice in mails(api) if notice.title}
@@ -275,10 +266,7 @@ def asked_about(api: "Api") -> str:
     asked: str = api.submit("a", asks_first="true").json()["id"]
     report = check(b"[]", protocol=packaged_protocol()).report
     report = report.model_copy(update={"faults": (), "to_confirm": ("It replaces another.",)})
-    with api.database.write() as session:
-        job = claim_this(session, session.query(Job).one().id, 120, 4)
-        assert job is not None
-        finish_rejected(session, job, report)
+    api.reject(asked, report)
     return asked
 
 
@@ -374,11 +362,7 @@ def test_a_team_is_told_that_an_organizer_confirmed_for_it_or_tried_again(api: "
     assert (line["subject"], line["detail"]) == (counted[0], {"asked": asked})
     with api.database.read() as session:
         assert list(unlogged_submissions(session)) == []
-    with api.database.write() as session:
-        last = select(Job.id).where(Job.submission_id == counted[0])
-        job = claim_this(session, str(session.scalar(last)), 120, 4)
-        assert job is not None
-        finish_failed(session, job, "store_broken", "The store is away.", retry=False)
+    api.fail(counted[0])
     body = {"reason": "it is back"}
     path = f"/organizer/submissions/{counted[0]}/retry"
     assert api.post(path, "organizer", json=body).status_code == 200
@@ -564,10 +548,10 @@ def test_nobody_is_told_of_a_phase_that_is_not_shown(
 def test_wishes_that_stay_as_they_are_leave_no_audit_line(api: "Api") -> None:
     """Else a team fills the log, which nobody shortens, with a loop."""
     path = f"/contacts/{add(api, 'scored')['id']}"
-    lines = [last_line(api).id]
+    lines = [api.last_line().id]
     for wishes in (["scored"], ["scored", "scored"], ["updates"], ["updates"]):
         assert api.request("PATCH", path, "alpha", json={"wishes": wishes}).status_code == 200
-        lines.append(last_line(api).id)
+        lines.append(api.last_line().id)
     assert [line - lines[0] for line in lines] == [0, 0, 0, 1, 1]
 
 
@@ -595,8 +579,7 @@ def test_all_messages_are_marked_as_read_however_many_there_are(api: "Api", brow
         for slug, count in (("alpha", 120), ("beta", 1)):
             for number in range(count):
                 tell_team(session, find_team(session, slug), "message", f"Note {number}", ())
-    browser = browse(api)
-    browser.sign_in("alpha")
+    browser = browse(api, who="alpha")
     assert browser.post("/my/notices/read", {}, page="/my/notices").status_code == 303
     assert api.get("/notifications?unread=true", "alpha").json() == []
     assert "Mark all as read" not in browser.get("/my/notices").text
@@ -604,8 +587,7 @@ def test_all_messages_are_marked_as_read_however_many_there_are(api: "Api", brow
 
 
 def test_the_page_shows_inbox_and_addresses(api: "Api", browse: Browse) -> None:
-    browser = browse(api)
-    browser.sign_in("alpha")
+    browser = browse(api, who="alpha")
     page = "/my/notices"
     assert "Nothing yet" in browser.get(page).text
     sent = browser.post(

@@ -7,14 +7,11 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from fastapi.routing import APIRoute
 from sqlalchemy import select, text
-from tests.support.work import claim_this
 
 from exceptiondrive_records.audit.log import PROBING_SUSPECTED, SPLIT_FLOOR_HELD, audit_once
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.teams.teams import register_team
-from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.heartbeats import beat
-from exceptiondrive_records.work.tables import Job
 from exceptiondrive_server.audit import organizer_pages as audit_routes
 from exceptiondrive_server.operations import organizer_pages as overview_routes
 from exceptiondrive_server.phases import organizer_pages as phase_routes
@@ -32,19 +29,7 @@ Open = Callable[..., "TeamBrowser"]
 @pytest.fixture
 def organizer(api: "Api", browse: Open) -> "TeamBrowser":
     """A browser in which an organizer signed in."""
-    browser = browse(api)
-    browser.sign_in("organizer")
-    return browser
-
-
-def fail(api: "Api", submission_id: str) -> None:
-    """Do what a worker does when our own part is broken for good."""
-    with api.database.write() as session:
-        job = session.query(Job).filter_by(submission_id=submission_id).one()
-        claim = claim_this(session, job.id, 120, 1)
-    assert claim is not None
-    with api.database.write() as session:
-        jobs.finish_failed(session, claim, "store_broken", "The store is away.", retry=False)
+    return browse(api, who="organizer")
 
 
 PARTS = (
@@ -129,7 +114,7 @@ def test_the_overview_names_what_waits(api: "Api", organizer: "TeamBrowser") -> 
     quiet = organizer.get("/organize").text
     assert "No worker is alive" in quiet
     submission_id = api.submit("a").json()["id"]
-    fail(api, submission_id)
+    api.fail(submission_id)
     with api.database.write() as session:
         register_team(session, "newcomers", "New Comers", "We are <b>new</b>.")
         beat(session, "worker-7")
@@ -188,7 +173,7 @@ def test_a_failed_submission_is_tried_again_with_a_reason(
     here = f"/organize/submissions/{submission_id}"
     early = organizer.post(f"{here}/retry", {"reason": "x"}, page=f"{here}/retry")
     assert early.status_code == 409
-    fail(api, submission_id)
+    api.fail(submission_id)
     shown = organizer.get(here).text
     assert "store_broken" in shown
     assert f"{here}/retry" in shown
@@ -385,7 +370,7 @@ def test_the_api_refuses_teams_and_retries_submissions_by_the_same_rules(
         as_problem(api.post(path, "alpha", json=reason), 403, "not_allowed")
         as_problem(api.post(path, "organizer", json={}), 400, "bad_request")
     as_problem(api.post(retry, "organizer", json=reason), 409, "conflict")
-    fail(api, submission_id)
+    api.fail(submission_id)
     assert api.post(retry, "organizer", json=reason).json()["status"] == "received"
     assert api.post(refuse, "organizer", json=reason).json()["id"] == "delta"
     as_problem(api.post(refuse, "organizer", json=reason), 404, "not_found")

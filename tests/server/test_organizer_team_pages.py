@@ -8,7 +8,6 @@ import pytest
 from sqlalchemy import select
 
 from exceptiondrive_records.accounts.tables import BrowserSession, Token
-from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.news.questions import ask_question
 from exceptiondrive_records.news.tables import Question
@@ -28,24 +27,13 @@ PHASES = "/organize/phases"
 @pytest.fixture
 def organizer(api_on_both: "Api", browse: Open) -> "TeamBrowser":
     """A browser in which an organizer signed in."""
-    browser = browse(api_on_both)
-    browser.sign_in("organizer")
-    return browser
+    return browse(api_on_both, who="organizer")
 
 
 @pytest.fixture
 def one(api: "Api", browse: Open) -> "TeamBrowser":
     """The same, on SQLite alone."""
-    browser = browse(api)
-    browser.sign_in("organizer")
-    return browser
-
-
-def last_line(api: "Api") -> AuditLine:
-    with api.database.read() as session:
-        line = session.scalars(select(AuditLine).order_by(AuditLine.id.desc())).first()
-    assert line is not None
-    return line
+    return browse(api, who="organizer")
 
 
 def badges(browser: "TeamBrowser", page: str) -> list[str]:
@@ -86,7 +74,7 @@ def test_a_team_is_made_gets_a_token_once_and_loses_it(
     assert text is not None
     assert issued.headers["cache-control"] == "no-store"
     assert text[0] not in organizer.get(here).text
-    assert last_line(api).actor.startswith("token:")
+    assert api.last_line().actor.startswith("token:")
     team = browse(api)
     assert team.sign_in_with(text[0]).status_code == 303
     token_id = text[0].split("_")[2]
@@ -110,7 +98,7 @@ def test_a_registration_is_approved_or_refused(
     assert organizer.post(refuse, {"reason": ""}, page=refuse).status_code == 400
     done = organizer.post(refuse, {"reason": "a second account"}, page=refuse)
     assert done.headers["location"] == f"{TEAMS}?done=team_refused"
-    assert last_line(api).detail == {"reason": "a second account", "name": "Delta"}
+    assert api.last_line().detail == {"reason": "a second account", "name": "Delta"}
     with api.database.read() as session:
         assert session.scalars(select(Team).where(Team.slug == "delta")).first() is None
         kept = {token.id for token in session.scalars(select(Token))}
@@ -166,12 +154,12 @@ def test_a_phase_is_made_and_a_deadline_is_moved(
     here = f"{PHASES}/final"
     form = settings(organizer, here)
     assert (form["closes_at"], form["anonymous"]) == ("2099-11-21T12:00:00", "yes")
-    n_before = last_line(api_on_both).id
+    n_before = api_on_both.last_line().id
     assert organizer.send(here, form).status_code == 303
-    assert last_line(api_on_both).id == n_before, "nothing differed, so nothing was changed"
+    assert api_on_both.last_line().id == n_before, "nothing differed, so nothing was changed"
     moved = {**form, "closes_at": "2099-12-01T00:00:00", "quota_total": "9"}
     assert organizer.send(here, moved).status_code == 303
-    line = last_line(api_on_both)
+    line = api_on_both.last_line()
     assert line.action == "phase changed"
     assert line.detail == {
         "closes_at": ["2099-11-21T12:00:00Z", "2099-12-01T00:00:00Z"],
@@ -302,8 +290,8 @@ def test_a_refused_form_shows_what_was_changed_meanwhile_in_what_was_left_alone(
 def test_a_form_that_changes_nothing_says_so_and_leaves_no_line(
     api: "Api", one: "TeamBrowser", page: str
 ) -> None:
-    before = last_line(api).id
+    before = api.last_line().id
     answer = one.send(page, {**settings(one, page), **WHY})
     assert answer.headers["location"].endswith("?done=nothing_changed")
     assert "Nothing was changed" in one.get(answer.headers["location"]).text
-    assert last_line(api).id == before
+    assert api.last_line().id == before

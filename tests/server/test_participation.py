@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from sqlalchemy import select, text, update
 from sqlalchemy.exc import IntegrityError
-from tests.server.test_organizer_team_pages import last_line
 
 from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
@@ -53,9 +52,7 @@ DEEDS: list[tuple[str, str, Any]] = [
 
 @pytest.fixture
 def organizer(api_on_both: "Api", browse: Open) -> "TeamBrowser":
-    browser = browse(api_on_both)
-    browser.sign_in("organizer")
-    return browser
+    return browse(api_on_both, who="organizer")
 
 
 @pytest.mark.parametrize(("method", "path", "body"), DEEDS)
@@ -77,12 +74,11 @@ def test_an_entry_is_disqualified_and_reinstated_by_api(
     path = f"/organizer/submissions/{own}/disqualify"
     made = api.post(path, "organizer", json=note)
     assert (made.status_code, made.json()["submission"]) == (201, own)
-    assert last_line(api).action == "submission disqualified"
-    assert last_line(api).detail["reason"] == WHY["reason"]
+    assert api.last_line().action == "submission disqualified"
+    assert api.last_line().detail["reason"] == WHY["reason"]
     as_problem(api.post(path, "organizer", json=note), 409, "conflict")
     as_problem(api.submit("a"), 403, "not_allowed")
-    alpha = browse(api)
-    alpha.sign_in("alpha")
+    alpha = browse(api, who="alpha")
     assert "<b>Disqualified</b>" in alpha.get("/my").text
     assert api.get(f"/submissions/{own}", "alpha").json()["disqualified_at"] is not None
     told = api.get("/notifications", "alpha").json()[0]
@@ -162,7 +158,7 @@ def test_a_message_is_previewed_and_shows_no_address(
     api.post("/organizer/messages", "organizer", json={**one, "is_preview": False})
     assert len(api.get("/notifications", "alpha").json()) == 1
     assert len(api.get("/notifications", "beta").json()) == 2
-    assert "title" in last_line(api).detail
+    assert "title" in api.last_line().detail
 
 
 def test_a_team_that_became_part_of_another_is_written_to_and_changed_no_more(
@@ -205,7 +201,7 @@ def test_names_allowances_and_addresses_stand_on_the_page_of_a_team(
     page = f"{here}/change"
     words = {"name": "Gamma", "affiliation": "University of X", **WHY}
     assert organizer.post(page, words, page=page).headers["location"].startswith(here)
-    assert last_line(api).detail["name"] == ["Alpha", "Gamma"]
+    assert api.last_line().detail["name"] == ["Alpha", "Gamma"]
     assert "University of X" in organizer.get(here).text
     taken = organizer.post(page, {**words, "name": "Beta"}, page=page)
     assert taken.status_code == 409

@@ -10,9 +10,8 @@ import pytest
 from sqlalchemy import delete, select, update
 from starlette.testclient import TestClient
 
-from exceptiondrive_records.accounts.sign_in import PER_TOKEN_ID
+from exceptiondrive_records.accounts.attempts import PER_TOKEN_ID
 from exceptiondrive_records.accounts.tables import BrowserSession
-from exceptiondrive_records.audit.tables import AuditLine
 
 if TYPE_CHECKING:
     from tests.support.application import Api, TeamBrowser
@@ -57,8 +56,7 @@ def test_who_signs_in_first_comes_to_the_address_that_was_asked_for(
 def test_a_form_sent_after_the_session_ended_leads_back_to_its_page_and_is_told_as_unsaved(
     api: "Api", browse: Open, who: str, sent_to: str, back: str
 ) -> None:
-    browser = browse(api)
-    browser.sign_in(who)
+    browser = browse(api, who=who)
     form = browser.form("/my/tokens" if who == "alpha" else "/organize/phases/dev")
     with api.database.write() as session:
         session.execute(delete(BrowserSession))
@@ -74,8 +72,7 @@ def test_a_form_sent_after_the_session_ended_leads_back_to_its_page_and_is_told_
 def test_who_signs_out_after_the_session_ended_is_told_of_nothing_unsaved(
     api: "Api", browse: Open
 ) -> None:
-    browser = browse(api)
-    browser.sign_in("alpha")
+    browser = browse(api, who="alpha")
     form = browser.form("/my/tokens")
     for _ in range(2):  # two tabs
         answer = browser.send("/sign-out", form)
@@ -165,8 +162,7 @@ def test_a_form_from_elsewhere_is_refused(api: "Api", browse: Open) -> None:
              "/submissions/x/withdraw"]
 )  # fmt: skip
 def test_no_form_of_a_session_is_taken_from_elsewhere(api: "Api", browse: Open, path: str) -> None:
-    browser = browse(api)
-    browser.sign_in("alpha")
+    browser = browse(api, who="alpha")
     good = browser.form_token("/my")
     assert browser.send(path, {"form_token": "wrong"}).status_code == 403
     assert browser.send(path, {}).status_code == 403
@@ -199,8 +195,7 @@ def test_going_back_leads_nowhere_else(api: "Api", browse: Open) -> None:
 
 
 def test_a_session_ends_with_its_time_and_with_its_token(api: "Api", browse: Open) -> None:
-    browser = browse(api)
-    browser.sign_in("alpha")
+    browser = browse(api, who="alpha")
     with api.database.write() as session:
         past = datetime.now(UTC) - timedelta(seconds=1)
         session.execute(update(BrowserSession).values(expires_at=past))
@@ -223,8 +218,7 @@ def test_a_new_sign_in_is_a_new_session(api: "Api", browse: Open) -> None:
 def test_a_session_speaks_for_nobody_on_the_api(
     api: "Api", browse: Open, as_problem: Problem
 ) -> None:
-    browser = browse(api)
-    browser.sign_in("alpha")
+    browser = browse(api, who="alpha")
     for method, path in (("GET", "/me"), ("GET", "/submissions"), ("POST", "/submissions"),
                          ("POST", "/tokens"), ("POST", "/submissions/x/withdraw")):  # fmt: skip
         answer = browser.client.request(method, "/api/v1" + path)
@@ -240,7 +234,5 @@ def test_a_token_in_a_header_or_a_cookie_opens_no_page(api: "Api") -> None:
 
 def test_signing_in_leaves_an_audit_line(api: "Api", browse: Open) -> None:
     browse(api).sign_in("alpha")
-    with api.database.read() as session:
-        line = session.scalars(select(AuditLine).order_by(AuditLine.id.desc())).first()
-    assert line is not None
+    line = api.last_line()
     assert (line.action, line.subject) == ("signed in", api.tokens["alpha"].split("_")[2])

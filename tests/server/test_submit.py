@@ -11,7 +11,6 @@ import pytest
 from sqlalchemy import func, select, update
 from starlette.datastructures import FormData
 from tests.support.documents import digest_of
-from tests.support.work import claim_this
 
 from exceptiondrive_records.accounts.tables import Token
 from exceptiondrive_records.db.clock import database_now
@@ -20,7 +19,6 @@ from exceptiondrive_records.operations.dump import file_digests
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
-from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_schemas.faults import CheckReport
@@ -171,11 +169,7 @@ def test_rejected_files_cost_no_quota_but_are_capped(api: "Api", as_problem: Pro
     report = CheckReport(
         challenge=None, split=None, n_predictions=None, digest=taken["file_digest"], size_bytes=1
     )
-    with api.database.write() as session:
-        job = session.query(Job).filter_by(submission_id=taken["id"]).one()
-        claim = claim_this(session, job.id, 120, 4)
-        assert claim is not None
-        jobs.finish_rejected(session, claim, report)
+    api.reject(taken["id"], report)
     quota = api.get("/phases/strict", "alpha").json()["quota"]
     assert (quota["used_today"], quota["rejected_today"]) == (0, 1)
     problem = as_problem(api.submit("b", phase="strict"), 429, "rejected_cap_exceeded")

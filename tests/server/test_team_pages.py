@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import pytest
 from sqlalchemy import select, update
-from tests.support.work import claim_this
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.changes import update_phase
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.work import jobs
-from exceptiondrive_records.work.tables import BoardRequest, Job, Profile, WorkState
+from exceptiondrive_records.work.tables import BoardRequest, Profile, WorkState
 from exceptiondrive_schemas.api.phase_settings import PhaseChange
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.faults import CheckReport, Fault, FaultCode, FaultGroup
@@ -28,19 +26,7 @@ Open = Callable[..., "TeamBrowser"]
 @pytest.fixture
 def alpha(api: "Api", browse: Open) -> "TeamBrowser":
     """A browser in which team Alpha signed in."""
-    browser = browse(api)
-    browser.sign_in("alpha")
-    return browser
-
-
-def reject(api: "Api", submission_id: str, report: CheckReport) -> None:
-    """Do what a worker does when a file is wrong."""
-    with api.database.write() as session:
-        job = session.query(Job).filter_by(submission_id=submission_id).one()
-        claim = claim_this(session, job.id, 120, 4)
-    assert claim is not None
-    with api.database.write() as session:
-        jobs.finish_rejected(session, claim, report)
+    return browse(api, who="alpha")
 
 
 REPORT = CheckReport(
@@ -73,8 +59,7 @@ def test_the_form_is_for_teams_alone(api: "Api", browse: Open, alpha: "TeamBrows
     assert "data-upload" not in stranger
     assert "/sign-in?back=/submit" in stranger
     assert "data-upload" in alpha.get("/submit").text
-    organizer = browse(api)
-    organizer.sign_in("organizer")
+    organizer = browse(api, who="organizer")
     assert "data-upload" not in organizer.get("/submit").text
 
 
@@ -91,8 +76,7 @@ def test_the_form_shows_what_is_left_and_when_it_begins_anew(alpha: "TeamBrowser
 def test_an_upload_leads_to_its_page_and_is_the_one_that_the_api_shows(
     api_on_both: "Api", browse: Open
 ) -> None:
-    browser = browse(api_on_both)
-    browser.sign_in("alpha")
+    browser = browse(api_on_both, who="alpha")
     answer = browser.submit("content", description="D", code_url="https://code.test/x")
     assert answer.status_code == 303
     submission_id = answer.headers["location"].removeprefix("/submissions/")
@@ -234,8 +218,7 @@ def test_a_token_that_may_only_read_sees_all_and_changes_nothing(api: "Api", bro
     made = api.post("/tokens", "alpha", json={"name": "reader", "scopes": ["read:own"]})
     api.tokens["reader"] = made.json()["token"]
     submission_id = api.submit("a").json()["id"]
-    reader = browse(api)
-    reader.sign_in("reader")
+    reader = browse(api, who="reader")
     assert "data-upload" not in reader.get("/submit").text
     page = reader.get(f"/submissions/{submission_id}")
     assert page.status_code == 200
@@ -304,8 +287,7 @@ def test_my_goes_on_to_older_submissions(
 
 def test_organizers_see_every_teams_submissions(api: "Api", browse: Open) -> None:
     ids = [api.submit("a").json()["id"], api.submit("b", "beta").json()["id"]]
-    organizer = browse(api)
-    organizer.sign_in("organizer")
+    organizer = browse(api, who="organizer")
     page = organizer.get("/my").text
     assert all(one in page for one in ids)
     assert organizer.get(f"/submissions/{ids[1]}").status_code == 200
@@ -330,7 +312,7 @@ def test_the_page_of_a_rejected_file_lists_its_faults_safely(
     api: "Api", alpha: "TeamBrowser"
 ) -> None:
     submission_id = api.submit("a").json()["id"]
-    reject(api, submission_id, REPORT)
+    api.reject(submission_id, REPORT)
     page = alpha.get(f"/submissions/{submission_id}").text
     for words in ("1,234 faults", "wrong_waypoint_count", "$.predictions[2].edited", "6 waypoints",
                   "cut the horizon", "&lt;b&gt;5&lt;/b&gt;", "1,233 more of this kind",
@@ -347,7 +329,7 @@ def test_what_is_asked_first_waits_for_the_word_of_its_team(
     address = alpha.submit("a", asks_first="true").headers["location"]
     asked_id = address.rpartition("/")[2]
     asked = "It will be scored but not ranked: 66.96% < 99%."
-    reject(api, asked_id, REPORT.model_copy(update={"faults": (), "to_confirm": (asked,)}))
+    api.reject(asked_id, REPORT.model_copy(update={"faults": (), "to_confirm": (asked,)}))
     page = alpha.get(address).text
     for words in (
         "not confirmed",
@@ -364,8 +346,7 @@ def test_what_is_asked_first_waits_for_the_word_of_its_team(
     listed = alpha.get("/my").text
     assert "Nothing is counted yet. It will be scored but not ranked" in listed
     assert "The file is wrong" not in page + listed
-    beta = browse(api)
-    beta.sign_in("beta")
+    beta = browse(api, who="beta")
     assert beta.post(f"{address}/confirm", {}, page="/submit").status_code == 404
     assert api.post(f"{address}/confirm", "beta").status_code == 404
 
@@ -384,7 +365,7 @@ def test_what_is_asked_tells_a_token_that_may_only_submit_no_score(
 ) -> None:
     asked_id = alpha.submit("a", asks_first="true").headers["location"].rpartition("/")[2]
     asked = 'It replaces 8b7jazz0gvrkppag (HCC 33.56, rank 1) of "Kestrel".'
-    reject(api, asked_id, REPORT.model_copy(update={"faults": (), "to_confirm": (asked,)}))
+    api.reject(asked_id, REPORT.model_copy(update={"faults": (), "to_confirm": (asked,)}))
     given = {"name": "ci", "scopes": ["submit"]}
     api.tokens["ci"] = api.post("/tokens", "alpha", json=given).json()["token"]
     told = {who: api.submit("a", who, asks_first="true").json() for who in ("alpha", "ci")}
@@ -400,7 +381,7 @@ def test_what_was_not_confirmed_in_time_says_that_its_file_is_deleted(
     address = alpha.submit("a", asks_first="true").headers["location"]
     asked_id = address.rpartition("/")[2]
     asked = "It will be scored but not ranked: 66.96% < 99%."
-    reject(api, asked_id, REPORT.model_copy(update={"faults": (), "to_confirm": (asked,)}))
+    api.reject(asked_id, REPORT.model_copy(update={"faults": (), "to_confirm": (asked,)}))
     with api.database.write() as session:
         submission = session.get_one(Submission, asked_id)
         submission.confirm_until = database_now(session) - timedelta(minutes=1)

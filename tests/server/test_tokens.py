@@ -130,8 +130,7 @@ def test_a_token_that_makes_no_sense_is_refused(
 
 
 def test_the_page_issues_a_token_and_shows_it_once(api: "Api", browse: Open) -> None:
-    browser = browse(api)
-    browser.sign_in("alpha")
+    browser = browse(api, who="alpha")
     form = {"name": "cluster <1>", "scope": ["submit", "read:own"], "days": "30"}
     page = browser.post("/my/tokens", form, page="/my/tokens")
     assert page.status_code == 200
@@ -145,8 +144,7 @@ def test_the_page_issues_a_token_and_shows_it_once(api: "Api", browse: Open) -> 
 
 
 def test_the_page_rotates_and_revokes(api: "Api", browse: Open) -> None:
-    browser = browse(api)
-    browser.sign_in("alpha")
+    browser = browse(api, who="alpha")
     rotated = browser.post(
         f"/my/tokens/{own_id(api)}/rotate", {"keep_days": "3"}, page="/my/tokens"
     )
@@ -161,8 +159,7 @@ def test_the_page_rotates_and_revokes(api: "Api", browse: Open) -> None:
 
 @pytest.mark.parametrize("days", ["-1", "1e3", "x", "99999", "٣"])
 def test_days_on_the_page_are_a_plain_number(api: "Api", browse: Open, days: str) -> None:
-    browser = browse(api)
-    browser.sign_in("alpha")
+    browser = browse(api, who="alpha")
     form = {"name": "x", "scope": "submit", "days": days}
     assert browser.post("/my/tokens", form, page="/my/tokens").status_code == 400
 
@@ -171,8 +168,7 @@ def test_days_on_the_page_are_a_plain_number(api: "Api", browse: Open, days: str
 def test_the_page_takes_a_number_of_days_that_can_be_meant(
     api: "Api", browse: Open, days: str
 ) -> None:
-    browser = browse(api)
-    browser.sign_in("alpha")
+    browser = browse(api, who="alpha")
     form = {"name": "cluster", "scope": ["submit"], "days": days}
     assert browser.post("/my/tokens", form, page="/my/tokens").status_code == 400
 
@@ -194,8 +190,7 @@ def test_whoever_revokes_a_token_is_told_what_it_made(
     first = api.post(f"/tokens/{between['view']['id']}/revoke", "alpha").json()
     assert [one["name"] for one in first["still_work"]] == ["door"]
 
-    browser = browse(api)
-    browser.sign_in("alpha")
+    browser = browse(api, who="alpha")
     page = " ".join(browser.get("/my/tokens").text.split())
     told = f"What was made with it works on: <b>door</b> (<code>{door['view']['prefix']}</code>)."
     assert told in page
@@ -222,8 +217,7 @@ def test_an_organizer_who_revokes_is_told_what_the_token_made(
     api: "Api", browse: Callable[..., "TeamBrowser"]
 ) -> None:
     door = api.post("/tokens", "alpha", json={"name": "door"}).json()["view"]
-    browser = browse(api)
-    browser.sign_in("organizer")
+    browser = browse(api, who="organizer")
     asked = browser.get(f"/organize/tokens/{own_id(api)}/revoke").text
     assert f"door ({door['prefix']})" in asked
     assert "What was made with it works on" in asked

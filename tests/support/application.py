@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 import structlog
 from fastapi import FastAPI
+from sqlalchemy import select
 from starlette.testclient import TestClient
 from tests.support.databases import as_role
 from tests.support.documents import REVISION, make_sheet
@@ -21,6 +22,7 @@ from tests.support.records import Founded, add_phase, add_sample_split, found
 from tests.support.snapshots import Snapshots
 from tests.support.work import claim_board_of, claim_this
 
+from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.boards.boards import publish_board
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.database import Database
@@ -149,12 +151,34 @@ class Api:
         with self.database.write() as session:
             add_phase(session, phase_id, **more)
 
-    def score(self, submission_id: str, hcc: float = 0.5) -> None:
-        """Do what a worker does when it has scored."""
+    def claim(self, submission_id: str) -> Job:
+        """Do what a worker does before it scores."""
         with self.database.write() as session:
             job = session.query(Job).filter_by(submission_id=submission_id).one()
             claim = claim_this(session, job.id, 120, 4)
         assert claim is not None
+        return claim
+
+    def reject(self, submission_id: str, report: CheckReport) -> None:
+        """Do what a worker does when a file is wrong."""
+        claim = self.claim(submission_id)
+        with self.database.write() as session:
+            jobs.finish_rejected(session, claim, report)
+
+    def fail(self, submission_id: str, message: str = "The store is away.") -> None:
+        """Do what a worker does when our own part is broken for good."""
+        claim = self.claim(submission_id)
+        with self.database.write() as session:
+            jobs.finish_failed(session, claim, "store_broken", message, retry=False)
+
+    def last_line(self) -> AuditLine:
+        """The newest line of the audit log."""
+        with self.database.read() as session:
+            return session.scalars(select(AuditLine).order_by(AuditLine.id.desc()).limit(1)).one()
+
+    def score(self, submission_id: str, hcc: float = 0.5) -> None:
+        """Do what a worker does when it has scored."""
+        claim = self.claim(submission_id)
         with self.database.write() as session:
             jobs.finish_scored(
                 session,
@@ -165,7 +189,7 @@ class Api:
                 scorer_version="1",
             )
 
-    def describe(self, report: "CheckReport") -> None:
+    def describe(self, report: CheckReport) -> None:
         """Do what a worker does when it has described the file that waits longest."""
         with self.database.write() as session:
             item = claim_oldest(session, Profile, 120, 4)
@@ -299,10 +323,21 @@ def api_on_both(make_api: Callable[..., Api], database_url: str) -> Api:
 
 @pytest.fixture
 def browse() -> Callable[..., TeamBrowser]:
-    """Opens a browser before the pages of an application."""
-    return lambda api, base_url="https://server.test", origin=None: TeamBrowser.open(
-        api, base_url, origin
-    )
+    """Opens a browser before the pages of an application, in which `who` has signed in."""
+
+    def opened(
+        api: Api,
+        base_url: str = "https://server.test",
+        origin: str | None = None,
+        *,
+        who: str | None = None,
+    ) -> TeamBrowser:
+        browser = TeamBrowser.open(api, base_url, origin)
+        if who is not None:
+            assert browser.sign_in(who).status_code == 303
+        return browser
+
+    return opened
 
 
 @pytest.fixture

@@ -53,6 +53,11 @@ class PrivateBroker:
     def client(self) -> redis.Redis:
         return redis.Redis(unix_socket_path=str(socket_path(self.folder)))
 
+    def waiting(self, lane: str = "live") -> int:
+        """How many messages wait in a lane."""
+        with self.client() as client:
+            return int(client.llen(f"ed:{lane}"))
+
     def kill(self) -> None:
         self.process.kill()
         self.process.wait()

@@ -89,6 +89,13 @@ def world(make_world: Callable[..., World], sqlite_url: str) -> World:
 
 
 @pytest.fixture
+def phase(world: World, tiny: Split) -> World:
+    """The same, with an open phase on the tiny split."""
+    world.add_phase(tiny)
+    return world
+
+
+@pytest.fixture
 def run_worker(tmp_path: Path) -> Iterator[Callable[..., RunningWorker]]:
     """Start real workers; whatever still runs is killed at the end."""
     workers: list[RunningWorker] = []

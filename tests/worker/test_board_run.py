@@ -7,11 +7,8 @@ import pytest
 from tests.support import documents
 from tests.support.worker import build_board_of
 
-from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.boards.tables import BoardRow
-from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.submissions import withdraw
-from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.splits.private_store import Shelf
@@ -20,32 +17,11 @@ World = Any
 MakeFile = Callable[..., bytes]
 
 
-@pytest.fixture
-def phase(world: World, tiny: Split) -> World:
-    world.add_phase(tiny)
-    return world
-
-
-def protocol_digest(world: World) -> str:
-    with world.database.read() as session:
-        return str(session.get_one(Phase, "dev").protocol_digest)
-
-
 def build(world: World) -> Board:
     """Want a board, build it, and return the current one, without the references made for it."""
-    board = whole_board(world)
+    board: Board = world.build_board()
     rows = tuple(row for row in board.entries if row.submission_id or row.source == "reported")
     return board.model_copy(update={"entries": rows})
-
-
-def whole_board(world: World) -> Board:
-    with world.database.write() as session:
-        want_board(session, "dev", protocol_digest(world))
-    build_board_of(world.context, "dev", protocol_digest(world))
-    with world.database.read() as session:
-        row = current_board(session, "dev")
-        assert row is not None
-        return Board.model_validate_json(row.body)
 
 
 def n_boards(world: World) -> int:
@@ -228,7 +204,7 @@ def test_the_first_board_of_a_phase_is_empty(phase: World) -> None:
 
 def test_nothing_is_built_when_nothing_is_wanted(phase: World) -> None:
     build(phase)
-    build_board_of(phase.context, "dev", protocol_digest(phase))
+    build_board_of(phase.context, "dev", phase.protocol_digest())
     assert n_boards(phase) == 1
 
 
@@ -238,7 +214,7 @@ def test_without_its_split_a_board_is_not_built_but_stays_wanted(
     phase.score(planning_file(tiny))
     (phase.settings.splits_dir / "tiny" / "split.json").rename(phase.settings.splits_dir / "away")
     phase.reopen_context()
-    build_board_of(phase.context, "dev", protocol_digest(phase))
+    build_board_of(phase.context, "dev", phase.protocol_digest())
     assert n_boards(phase) == 0
     assert "split unavailable: board not built" in capsys.readouterr().out
 

@@ -14,16 +14,13 @@ import numpy as np
 import pytest
 from tests.support import cheats, realdata
 from tests.support.cheats import CHEATS, MISTAKES, OF_CONTROLS_ALONE, File
-from tests.support.worker import build_board_of, worker_settings
+from tests.support.worker import worker_settings
 from tests.worker.world import World
 
-from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.operations.invariants import broken_boards
-from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.submissions.similarity import similarity_report
-from exceptiondrive_records.work.board_requests import want_board
-from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.board import BoardEntry
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.faults import CheckReport
@@ -94,21 +91,11 @@ class Contest:
                 if self.report(name).is_valid:
                     where = {"phase_id": phase_of(version), "team": f"team-{number}"}
                     world.score(data, method=name, **where)
-        self.boards = {version: self._board(phase_of(version)) for version in VERSIONS}
+        self.boards = {version: world.build_board(phase_of(version)) for version in VERSIONS}
 
     def report(self, name: str) -> CheckReport:
         protocol = packaged_protocol("1.1")
         return check(self.files[name], manifest=self.manifest, protocol=protocol).report
-
-    def _board(self, phase_id: str) -> Board:
-        with self.world.database.write() as session:
-            digest = str(session.get_one(Phase, phase_id).protocol_digest)
-            want_board(session, phase_id, digest)
-        build_board_of(self.world.context, phase_id, digest)
-        with self.world.database.read() as session:
-            row = current_board(session, phase_id)
-            assert row is not None
-            return Board.model_validate_json(row.body)
 
     def outcome(self, name: str) -> Outcome:
         rows = {

@@ -7,14 +7,11 @@ from typing import Any
 import pytest
 from billiard.exceptions import SoftTimeLimitExceeded
 from sqlalchemy import select
-from tests.support.worker import build_board_of
 
-from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.splits.splits import publish_split
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
-from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.base import bytes_digest
 from exceptiondrive_schemas.board import Board, PairedComparison, PairedDifference
 from exceptiondrive_schemas.challenges import PLANNING
@@ -34,23 +31,6 @@ MakeFile = Callable[..., bytes]
 SPEEDS = {"best": 1.0, "twin": 1.0, "middle": 2.0, "last": 4.0}
 
 
-@pytest.fixture
-def phase(world: World, tiny: Split) -> World:
-    world.add_phase(tiny)
-    return world
-
-
-def build(world: World) -> Board:
-    with world.database.write() as session:
-        digest = str(session.get_one(Phase, "dev").protocol_digest)
-        want_board(session, "dev", digest)
-    build_board_of(world.context, "dev", digest)
-    with world.database.read() as session:
-        row = current_board(session, "dev")
-        assert row is not None
-        return Board.model_validate_json(row.body)
-
-
 def by_method(board: Board) -> dict[tuple[str, str], PairedComparison]:
     method = {entry.submission_id: entry.method for entry in board.entries}
     return {(method[pair.a], method[pair.b]): pair for pair in board.comparisons}
@@ -60,7 +40,8 @@ def by_method(board: Board) -> dict[tuple[str, str], PairedComparison]:
 def board(phase: World, tiny: Split, planning_file: MakeFile) -> Board:
     for method, speed in SPEEDS.items():
         phase.score(planning_file(tiny, edited_mps=speed), method=method, team=method)
-    return build(phase)
+    built: Board = phase.build_board()
+    return built
 
 
 def test_a_build_that_is_ended_in_its_middle_keeps_the_intervals_that_it_has(
@@ -79,7 +60,7 @@ def test_a_build_that_is_ended_in_its_middle_keeps_the_intervals_that_it_has(
 
     monkeypatch.setattr(stages, "scene_sums", ended_at_the_third)
     with pytest.raises(SoftTimeLimitExceeded):
-        build(phase)
+        phase.build_board()
     kept = phase.context.private.root / Shelf.INTERVALS.value
     assert len(list(kept.iterdir())) == 2
 
@@ -130,7 +111,7 @@ def test_a_new_entry_repeats_no_comparison(
     kept = {path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}
     assert len(kept) == 6
     phase.score(planning_file(tiny, edited_mps=3.0), method="new", team="new")
-    assert len(build(phase).comparisons) == 10
+    assert len(phase.build_board().comparisons) == 10
     assert all(path.stat().st_mtime_ns == at for path, at in kept.items())
 
 
@@ -143,7 +124,7 @@ def test_the_protocol_says_how_many_are_compared(
     world.add_phase(tiny, protocol="1.0.1")
     for method, speed in SPEEDS.items():
         world.score(planning_file(tiny, edited_mps=speed), method=method, team=method)
-    assert list(by_method(build(world))) == [("best", "twin")]
+    assert list(by_method(world.build_board())) == [("best", "twin")]
 
 
 def sheets(world: World) -> dict[str, ScoreSheet]:
@@ -179,7 +160,7 @@ def test_small_tasks_and_families_are_left_out(
     world.add_phase(tiny, protocol="1.0.1")
     for method, speed in SPEEDS.items():
         world.score(planning_file(tiny, edited_mps=speed), method=method, team=method)
-    for pair in build(world).comparisons:
+    for pair in world.build_board().comparisons:
         assert (pair.tasks, pair.families) == ({}, {})
         assert pair.overall["hcc"].difference is not None
 
@@ -285,8 +266,8 @@ def test_two_entries_of_one_team_are_not_compared_on_a_withheld_split(
     for method, team in (("a", "one"), ("b", "one"), ("c", "two")):
         speed = {"a": 1.0, "b": 2.0, "c": 3.0}[method]
         world.score(planning_file(tiny, edited_mps=speed), method=method, team=team)
-    assert set(by_method(build(world))) == {("a", "c"), ("b", "c")}
+    assert set(by_method(world.build_board())) == {("a", "c"), ("b", "c")}
     with world.database.write() as session:
         revision = session.get_one(Phase, "dev").split_revision
         publish_split(session, tiny.name, revision, bytes_digest(b"its file"), "ops")
-    assert set(by_method(build(world))) == {("a", "b"), ("a", "c"), ("b", "c")}
+    assert set(by_method(world.build_board())) == {("a", "b"), ("a", "c"), ("b", "c")}

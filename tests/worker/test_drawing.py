@@ -10,11 +10,9 @@ import numpy as np
 import pytest
 from sqlalchemy import select, text
 from sqlalchemy.exc import IntegrityError
-from tests.support.worker import build_board_of
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.operations.invariants import violations
-from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.splits.drawings import (
     PublicSplit,
@@ -24,7 +22,6 @@ from exceptiondrive_records.splits.drawings import (
     protocol_drawing,
 )
 from exceptiondrive_records.splits.tables import EntryDrawingsRow, ProtocolDrawingRow
-from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.drawing import EntryDrawings, packaged_drawing, pictured_digest
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol_toml, parse_protocol
@@ -49,13 +46,6 @@ NEEDLE = "23.7194"
 def canary_split(make_split: Callable[..., Split]) -> Split:
     region = ((CANARY_M, -1.0), (26.0, -1.0), (26.0, 1.0), (CANARY_M, 1.0))
     return make_split({key: {"region": region} for key in ("a", "b", "c")})
-
-
-def build(world: World) -> None:
-    with world.database.write() as session:
-        digest = session.get_one(Phase, "dev").protocol_digest
-        want_board(session, "dev", digest)
-    build_board_of(world.context, "dev", digest)
 
 
 def publish(world: World, protocol: ProtocolDocument) -> None:
@@ -93,8 +83,8 @@ def test_entries_of_a_public_split_are_drawn_once_with_the_board(
     world.add_phase(tiny)
     publish(world, protocol)
     submission_id = world.score(planning_file(tiny, edited_mps=1.0))
-    build(world)
-    build(world)
+    world.build_board()
+    world.build_board()
     assert n_rows(world, EntryDrawingsRow) == 1
     samples = kept(world, submission_id, tiny, protocol).samples
     assert {each.drawing.family for each in samples} == {
@@ -124,7 +114,7 @@ def test_the_worst_and_the_middle_of_a_family_are_those_of_the_stated_order(
     world.add_phase(split)
     publish(world, protocol)
     submission_id = world.score(planning_file(split, changes=changes))
-    build(world)
+    world.build_board()
     chosen = kept(world, submission_id, split, protocol).samples
     assert [(each.chosen_as, each.drawing.sample_id) for each in chosen] == [
         ("scene", "c"),  # of a to e: their regions are equally far away
@@ -150,7 +140,7 @@ def test_the_scene_of_a_family_is_the_same_for_every_entry_whether_it_answered_o
     answered = world.score(planning_file(split, edited_mps=9.0), method="answered")
     silent = planning_file(split, changes={"c": {"edited": None}})
     left_out = world.score(silent, method="left out")
-    build(world)
+    world.build_board()
     scenes = [
         each.drawing
         for submission_id in (answered, left_out)
@@ -174,7 +164,7 @@ def test_a_drawn_trajectory_is_that_of_its_sample_where_some_samples_do_not_coun
     world.add_phase(split)
     publish(world, protocol)
     submission_id = world.score(planning_file(split, changes=changes))
-    build(world)
+    world.build_board()
     for each in kept(world, submission_id, split, protocol).samples:
         assert each.drawing.sample_id in ("c", "d")
         assert each.drawing.edited[-1][0] == pytest.approx(6 * ends[each.drawing.sample_id])
@@ -186,7 +176,7 @@ def test_the_clearance_at_each_time_step_is_what_the_scorer_measures_of_what_was
     world.add_phase(tiny)
     publish(world, protocol)
     submission_id = world.score(planning_file(tiny, edited_mps=9.0))
-    build(world)
+    world.build_board()
     n_hits = 0
     for each in kept(world, submission_id, tiny, protocol).samples:
         sample = each.drawing
@@ -215,7 +205,7 @@ def test_among_equally_compliant_samples_the_nearest_is_the_worst(
     world.add_phase(split)
     publish(world, protocol)
     submission_id = world.score(planning_file(split, changes=changes))
-    build(world)
+    world.build_board()
     chosen = kept(world, submission_id, split, protocol).samples
     own = [each.drawing for each in chosen if each.chosen_as != "scene"]
     assert [(drawing.sample_id, drawing.metrics["hcc"]) for drawing in own] == [
@@ -230,7 +220,7 @@ def test_a_drawing_says_what_the_scorer_measured(
     world.add_phase(tiny)
     publish(world, protocol)
     submission_id = world.score(planning_file(tiny, edited_mps=2.0))
-    build(world)
+    world.build_board()
     sample = kept(world, submission_id, tiny, protocol).samples[0].drawing
     path = np.array([sample.edited])
     boxes = footprints_m(path, protocol.geometry)[0]
@@ -246,7 +236,7 @@ def test_nothing_of_a_withheld_split_is_drawn(
 ) -> None:
     world.add_phase(canary_split)
     world.score(planning_file(canary_split))
-    build(world)
+    world.build_board()
     assert n_rows(world, EntryDrawingsRow) == 0
     assert NEEDLE not in everything_recorded(world)
 
@@ -257,7 +247,7 @@ def test_the_search_finds_the_canary_once_the_split_is_public(
     world.add_phase(canary_split)
     world.score(planning_file(canary_split))
     publish(world, protocol)
-    build(world)
+    world.build_board()
     assert NEEDLE in everything_recorded(world)
 
 
@@ -308,7 +298,7 @@ def test_a_drawing_whose_split_is_withheld_again_by_hand_is_reported(
     world.add_phase(tiny)
     publish(world, protocol)
     submission_id = world.score(planning_file(tiny))
-    build(world)
+    world.build_board()
     with world.database.read() as session:
         assert violations(session) == []
     withhold = "UPDATE splits SET public_file_digest = NULL"
@@ -330,7 +320,7 @@ def test_strategies_have_nothing_to_draw(
     answers = [{"sample_id": sample.sample_id, "strategy": "C"} for sample in tiny.samples]
     document = {"schema": "exceptiondrive.strategy/1", "split": "tiny", "predictions": answers}
     world.score(json.dumps(document).encode())
-    build(world)
+    world.build_board()
     assert n_rows(world, EntryDrawingsRow) == 0
 
 
@@ -347,7 +337,7 @@ def test_what_is_left_over_is_drawn_with_the_next_board(
     for speed in (1.0, 2.0, 3.0):
         world.score(planning_file(tiny, edited_mps=speed), method=f"m{speed}")
     for n_drawn in (1, 2, 3, 3):
-        build(world)
+        world.build_board()
         assert n_rows(world, EntryDrawingsRow) == n_drawn
 
 
@@ -403,8 +393,8 @@ def test_a_protocol_that_differs_is_drawn_with_its_first_board(world: World, tin
     world.add_phase(tiny, protocol="1.1")
     with world.database.read() as session:
         assert protocol_drawing(session, changed) == packaged_drawing()  # until a worker drew it
-    build(world)
-    build(world)
+    world.build_board()
+    world.build_board()
     assert n_rows(world, ProtocolDrawingRow) == 1
     with world.database.read() as session:
         found = protocol_drawing(session, changed)

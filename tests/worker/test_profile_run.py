@@ -4,7 +4,6 @@ from collections.abc import Callable
 from datetime import timedelta
 from typing import Any
 
-import pytest
 from sqlalchemy import select, update
 
 from exceptiondrive_records.db.clock import database_now
@@ -22,12 +21,6 @@ from exceptiondrive_worker.work import work
 
 World = Any
 MakeFile = Callable[..., bytes]
-
-
-@pytest.fixture
-def phase(world: World, tiny: Split) -> World:
-    world.add_phase(tiny)
-    return world
 
 
 def profile_of(world: World, submission_id: str) -> Profile:

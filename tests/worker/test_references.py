@@ -5,7 +5,6 @@ from typing import Any
 import pytest
 from tests.support import documents
 from tests.support.work import claim_board_of
-from tests.worker.test_board_run import whole_board
 
 from exceptiondrive_records.boards.boards import publish_board
 from exceptiondrive_records.db.errors import InvalidRecord
@@ -34,7 +33,7 @@ def test_a_board_without_entries_has_the_references_of_its_challenge(
     world: World, tiny: Split
 ) -> None:
     world.add_phase(tiny)
-    found = references_of(whole_board(world))
+    found = references_of(world.build_board())
     assert list(found) == ["FREEZE"]
     freeze = found["FREEZE"]
     assert (freeze.rank, freeze.submission_id, freeze.team) == (None, None, "Reference")
@@ -50,7 +49,7 @@ def test_freeze_has_the_numbers_of_an_uploaded_file_of_zeros(world: World, tiny:
     world.add_phase(tiny)
     still = dict.fromkeys("abcd", 0.0)
     world.score(documents.planning_file(still, source_mps=0.0), method="zeros")
-    board = whole_board(world)
+    board = world.build_board()
     (zeros,) = [row for row in board.entries if row.method == "zeros"]
     assert numbers(references_of(board)["FREEZE"]) == numbers(zeros)
 
@@ -58,7 +57,7 @@ def test_freeze_has_the_numbers_of_an_uploaded_file_of_zeros(world: World, tiny:
 def test_always_stop_stands_on_a_strategy_board(world: World, tiny: Split) -> None:
     world.add_phase(tiny, challenge="strategy")
     world.score(documents.strategy_file(dict.fromkeys("abcd", "C")), method="all C")
-    board = whole_board(world)
+    board = world.build_board()
     (stops,) = [row for row in board.entries if row.method == "all C"]
     assert list(references_of(board)) == ["ALWAYS STOP"]
     assert numbers(references_of(board)["ALWAYS STOP"]) == numbers(stops)
@@ -67,18 +66,18 @@ def test_always_stop_stands_on_a_strategy_board(world: World, tiny: Split) -> No
 
 def test_references_come_again_when_the_private_store_is_lost(world: World, tiny: Split) -> None:
     world.add_phase(tiny)
-    before = whole_board(world)
+    before = world.build_board()
     for shelf in Shelf:
         for path in (world.context.private.root / shelf).iterdir():
             path.unlink()
-    assert whole_board(world) == before
+    assert world.build_board() == before
 
 
 def test_a_reference_that_another_board_says_otherwise_of_is_found(
     world: World, tiny: Split
 ) -> None:
     world.add_phase(tiny)
-    board = whole_board(world)
+    board = world.build_board()
     (freeze,) = board.entries
     with world.database.write() as session:
         assert list(broken_boards(session)) == []

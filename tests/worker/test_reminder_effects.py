@@ -10,14 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 from sqlalchemy import select
-from tests.support.worker import build_board_of
 
-from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.participation.disqualification import disqualify_submission
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.board import Board, BoardEntry, PairedDifference, ReminderEffect
 from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
@@ -114,17 +111,6 @@ def macro(rows: list[tuple[str, str, int]], taken: Counter[str]) -> float:
     return math.fsum(means) / len(means)
 
 
-def build(world: World) -> Board:
-    with world.database.write() as session:
-        digest = session.get_one(Phase, "dev").protocol_digest
-        want_board(session, "dev", digest)
-    build_board_of(world.context, "dev", digest)
-    with world.database.read() as session:
-        row = current_board(session, "dev")
-        assert row is not None
-        return Board.model_validate_json(row.body)
-
-
 def entry_of(board: Board, method: str) -> BoardEntry:
     (row,) = [row for row in board.entries if row.method == method]
     return row
@@ -151,7 +137,7 @@ def test_the_effect_is_what_a_naive_paired_bootstrap_finds(
     pair: tuple[World, str, str], scenes: Split, protocol: ProtocolDocument
 ) -> None:
     world, plain, _ = pair
-    effect = effect_of(build(world), "reminded")
+    effect = effect_of(world.build_board(), "reminded")
     assert (effect.without, effect.without_method) == (plain, "plain")
     naive = naive_effect(scenes, answers(scenes, 2, 0.7), answers(scenes, 1, 0.3), protocol)
     for metric, (difference, interval, discordant) in naive.items():
@@ -170,7 +156,7 @@ def test_the_sign_turns_with_the_direction_of_the_link(world: World, scenes: Spl
     world.add_phase(scenes, challenge="strategy")
     good = world.score(file_of(scenes, answers(scenes, 2, 0.7)), method="good")
     world.score(file_of(scenes, answers(scenes, 1, 0.3)), method="bad", linked_to=good)
-    accuracy = effect_of(build(world), "bad").differences["accuracy"]
+    accuracy = effect_of(world.build_board(), "bad").differences["accuracy"]
     assert accuracy.difference is not None
     assert accuracy.difference < 0
     assert accuracy.verdict == "worse with the reminder"
@@ -182,14 +168,14 @@ def test_the_same_answers_have_no_effect(world: World, scenes: Split) -> None:
     plain = world.score(file_of(scenes, same), method="plain")
     again = file_of(scenes, dict(reversed(same.items())))
     world.score(again, method="again", linked_to=plain)
-    accuracy = effect_of(build(world), "again").differences["accuracy"]
+    accuracy = effect_of(world.build_board(), "again").differences["accuracy"]
     assert (accuracy.difference, accuracy.discordant) == (0.0, None)
     assert accuracy.verdict == "not separable on this split"
 
 
 def test_an_entry_without_a_link_says_nothing_of_an_effect(pair: tuple[World, str, str]) -> None:
     world, _, _ = pair
-    board = build(world)
+    board = world.build_board()
     assert entry_of(board, "plain").reminder_effect is None
     document = json.loads(board.model_dump_json())
     (plain,) = [row for row in document["entries"] if row["method"] == "plain"]
@@ -212,10 +198,10 @@ def test_a_counterpart_that_may_not_be_shown_takes_the_effect_off_the_board(
     pair: tuple[World, str, str], take_off: Callable[..., Any]
 ) -> None:
     world, plain, _ = pair
-    assert entry_of(build(world), "reminded").reminder_effect is not None
+    assert entry_of(world.build_board(), "reminded").reminder_effect is not None
     with world.database.write() as session:
         take_off(session, plain, actor="test")
-    assert entry_of(build(world), "reminded").reminder_effect is None
+    assert entry_of(world.build_board(), "reminded").reminder_effect is None
 
 
 def test_a_second_board_takes_the_effect_from_the_store_and_a_lost_store_comes_to_the_same(
@@ -230,23 +216,23 @@ def test_a_second_board_takes_the_effect_from_the_store_and_a_lost_store_comes_t
         return compare(*args)
 
     monkeypatch.setattr(reminder_effects_module, "compare", counted)
-    first = effect_of(build(world), "reminded")
-    assert effect_of(build(world), "reminded") == first
+    first = effect_of(world.build_board(), "reminded")
+    assert effect_of(world.build_board(), "reminded") == first
     assert len(compared) == 1
     for shelf in Shelf:
         for path in (world.settings.private_dir / shelf).iterdir():
             path.unlink()
-    assert effect_of(build(world), "reminded") == first
+    assert effect_of(world.build_board(), "reminded") == first
     assert len(compared) == 2
 
 
 def test_a_kept_effect_names_the_counterpart_of_today(pair: tuple[World, str, str]) -> None:
     """The same bytes under another name, or sent again: the numbers are kept, the names are not."""
     world, plain, reminded = pair
-    first = effect_of(build(world), "reminded")
+    first = effect_of(world.build_board(), "reminded")
     with world.database.write() as session:
         session.get_one(Submission, plain).method = "renamed"
-    renamed = effect_of(build(world), "reminded")
+    renamed = effect_of(world.build_board(), "reminded")
     assert (renamed.without, renamed.without_method) == (plain, "renamed")
     scenes_file = world.files.read(world.submission(plain).file_digest, limit_bytes=10**6)
     with world.database.write() as session:
@@ -254,14 +240,14 @@ def test_a_kept_effect_names_the_counterpart_of_today(pair: tuple[World, str, st
     again = world.score(scenes_file, method="renamed")
     with world.database.write() as session:
         session.get_one(Submission, reminded).linked_to = again
-    sent_again = effect_of(build(world), "reminded")
+    sent_again = effect_of(world.build_board(), "reminded")
     assert (sent_again.without, sent_again.without_method) == (again, "renamed")
     assert sent_again.differences == renamed.differences == first.differences
 
 
 def test_only_rounded_numbers_are_published(pair: tuple[World, str, str]) -> None:
     world, _, _ = pair
-    for found in effect_of(build(world), "reminded").differences.values():
+    for found in effect_of(world.build_board(), "reminded").differences.values():
         numbers = [found.difference, found.discordant, *(found.interval or ())]
         assert all(n is None or round(n, 4) == n for n in numbers)
 

@@ -36,12 +36,6 @@ MakeFile = Callable[..., bytes]
 WAITING = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED)
 
 
-@pytest.fixture
-def phase(world: World, tiny: Split) -> World:
-    world.add_phase(tiny)
-    return world
-
-
 def sheets_of(world: World, submission_id: str) -> list[ScoreSheetRow]:
     with world.database.read() as session:
         query = select(ScoreSheetRow).where(ScoreSheetRow.submission_id == submission_id)

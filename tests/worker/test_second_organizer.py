@@ -13,7 +13,6 @@ from exceptiondrive.confirmations import confirm, make_key
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
-from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.splits.confirmations import (
     add_confirmation,
     list_confirmations,
@@ -150,9 +149,7 @@ def test_no_board_is_built_of_what_is_no_longer_confirmed(
     with asking.database.write() as session:
         for row in list_confirmations(session):
             withdraw_confirmation(session, row.id, "a mistake", "test")
-    with asking.database.read() as session:
-        digest = session.get_one(Phase, "made").protocol_digest
-    build_board_of(asking.context, "made", digest)
+    build_board_of(asking.context, "made", asking.protocol_digest("made"))
     with asking.database.read() as session:
         assert session.scalar(select(func.count()).select_from(BoardRow)) == 0
 

@@ -8,14 +8,12 @@ from typing import Any
 
 import pytest
 from sqlalchemy import select
-from tests.support.worker import build_board_of, score_submission
+from tests.support.worker import score_submission
 
 from exceptiondrive_records.operations.overview import overview
-from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.similarity import similarity_report
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import SimilarityRow
-from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.api.similarity import AlikeKind, SimilarityReport
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring import similarity
@@ -55,10 +53,7 @@ def upload(
 
 
 def report(world: World) -> SimilarityReport:
-    with world.database.write() as session:
-        digest = session.get_one(Phase, "dev").protocol_digest
-        want_board(session, "dev", digest)
-    build_board_of(world.context, "dev", digest)
+    world.build_board()
     with world.database.read() as session:
         return similarity_report(session, "dev")
 

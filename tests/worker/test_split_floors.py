@@ -413,9 +413,7 @@ def test_no_board_is_built_below_the_floors(
     world.add_phase(tiny)
     world.score(planning_file(tiny))
     write_floors(world, "min_samples_per_cell = 100", tiny.name)
-    with world.database.read() as session:
-        digest = session.get_one(Phase, "dev").protocol_digest
-    build_board_of(world.context, "dev", digest)
+    build_board_of(world.context, "dev", world.protocol_digest())
     with world.database.read() as session:
         assert session.scalar(select(func.count()).select_from(BoardRow)) == 0
     ((_, detail),) = held(world)

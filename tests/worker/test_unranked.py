@@ -5,12 +5,8 @@ from typing import Any
 
 import pytest
 from tests.support import documents
-from tests.support.worker import build_board_of
 
-from exceptiondrive_records.boards.boards import current_board
-from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import add_protocol
-from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.split import Split
@@ -59,17 +55,6 @@ def open_phase(world: World) -> Callable[..., World]:
     return opened
 
 
-def board_of(world: World) -> Board:
-    with world.database.write() as session:
-        digest = str(session.get_one(Phase, "dev").protocol_digest)
-        want_board(session, "dev", digest)
-    build_board_of(world.context, "dev", digest)
-    with world.database.read() as session:
-        row = current_board(session, "dev")
-        assert row is not None
-        return Board.model_validate_json(row.body)
-
-
 def teams(board: Board) -> list[BoardEntry]:
     return [row for row in board.entries if row.source == "scored"]
 
@@ -87,7 +72,7 @@ def test_a_parked_car_ranks_first_under_1_0_and_leads_nothing(
 ) -> None:
     world = open_phase(wide, "1.0")
     submit_all(world, wide, planning_file)
-    board = board_of(world)
+    board = world.build_board()
     rows = {row.method: row for row in teams(board)}
     assert [rows[name].rank for name in ("parked", "creeping", "in time", "late")] == [1, 1, 1, 4]
     assert "stands_still" in {flag.code for flag in rows["parked"].flags}
@@ -105,7 +90,7 @@ def test_under_1_1_flagged_entries_are_listed_below_in_the_order_that_they_would
     world.score(planning_file(wide, edited_mps=0.1, source_mps=0.1), method="never leaves")
     gaps = {f"s-{i:03d}": {"edited": None} for i in range(10)}
     world.score(planning_file(wide, edited_mps=1.5, changes=gaps), method="gaps")
-    board = board_of(world)
+    board = world.build_board()
     assert [(row.method, row.rank) for row in teams(board)] == [
         ("in time", 1),
         ("late", 2),
@@ -139,7 +124,7 @@ def test_zeros_in_place_of_missing_answers_rank_no_better_than_these(
         for word, changes in (("nulls", nulls), ("zeros", zeros)):
             file = planning_file(wide, edited_mps=1.5, changes=changes)
             world.score(file, method=f"{n_filled} {word}")
-        rows = {row.method: row for row in teams(board_of(world))}
+        rows = {row.method: row for row in teams(world.build_board())}
         assert (rows[f"{n_filled} nulls"].rank is not None) == is_ranked
         assert (rows[f"{n_filled} zeros"].rank is not None) == is_ranked
 
@@ -155,7 +140,7 @@ def test_coverage_is_judged_by_the_exact_share(
     for n_missing in (2, 3):
         gaps = {f"s-{i:03d}": {"edited": None} for i in range(n_missing)}
         world.score(planning_file(odd, changes=gaps), method=str(n_missing))
-    rows = {row.method: row for row in teams(board_of(world))}
+    rows = {row.method: row for row in teams(world.build_board())}
     assert rows["3"].coverage["edited"] == 0.99
     assert rows["2"].rank == 1
     assert rows["3"].rank is None
@@ -177,7 +162,7 @@ def test_too_few_scenes_have_no_interval_and_the_board_says_so(
     world = open_phase(few, version)
     world.score(planning_file(few, edited_mps=2.5), method="late", team="beta")
     world.score(planning_file(few, edited_mps=1.5), method="in time")
-    board = board_of(world)
+    board = world.build_board()
     ranked = [row for row in teams(board) if row.rank is not None]
     assert [row.rank for row in ranked] == [1, 2]
     assert (board.min_scenes is not None) == is_told
@@ -197,7 +182,7 @@ def test_the_same_answer_everywhere_is_flagged_and_unranked_in_1_1(
     world.score(documents.strategy_file(letters, split=wide.name), method="stopping")
     mixed = letters | {f"s-{i:03d}": "D" for i in range(10)}
     world.score(documents.strategy_file(mixed, split=wide.name), method="nearly always")
-    rows = {row.method: row for row in teams(board_of(world))}
+    rows = {row.method: row for row in teams(world.build_board())}
     assert rows["stopping"].metrics["accuracy"] == 1.0
     assert rows["stopping"].unranked_flags == ("same_answer",)
     assert rows["nearly always"].rank == 1

@@ -9,14 +9,18 @@ from typing import Any
 from tests.support.databases import as_role
 from tests.support.forked import Forked, operate_worker
 from tests.support.records import add_phase
-from tests.support.worker import add_split, score_submission, submit
+from tests.support.worker import add_split, build_board_of, score_submission, submit
 
+from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.roles import Role
+from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.tables import Job
+from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.protocol import (
     packaged_protocol_toml,
 )
@@ -74,6 +78,21 @@ class World:
         submission_id, job_id = self.submit(data, **where)
         score_submission(self.context, job_id)
         return submission_id
+
+    def protocol_digest(self, phase_id: str = "dev") -> str:
+        with self.database.read() as session:
+            return session.get_one(Phase, phase_id).protocol_digest
+
+    def build_board(self, phase_id: str = "dev") -> Board:
+        """Ask for the board of a phase, build it, and return the one that is shown then."""
+        digest = self.protocol_digest(phase_id)
+        with self.database.write() as session:
+            want_board(session, phase_id, digest)
+        build_board_of(self.context, phase_id, digest)
+        with self.database.read() as session:
+            row = current_board(session, phase_id)
+            assert row is not None
+            return Board.model_validate_json(row.body)
 
     def submission(self, submission_id: str) -> Submission:
         with self.database.read() as session:

@@ -1,6 +1,6 @@
 """The states of a rescoring run; each step has an actor and a reason, and leaves an audit line."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import Any
 
@@ -33,16 +33,19 @@ from exceptiondrive_records.rescoring.progress import (
     count_sheets,
     failed_sheets,
     progress_of,
-    require_readable,
 )
 from exceptiondrive_records.rescoring.runs import find_run, list_runs
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.trials import ask_for_trial, trial_of
 from exceptiondrive_records.rescoring.verification import ask_for_rechecks, cancel_rechecks
 from exceptiondrive_records.splits.splits import find_split
+from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.submissions import find_submission
 from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.api.rescoring import RETRIES, RunAction, RunKind, RunState, next_states
+from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 
 CURE_OF_SPLIT = (
     "Cancel the run; then change the protocol, or register a revision of the split that moves or "
@@ -319,3 +322,59 @@ def _target(
         (find_protocol(session, digest), new),
     )
     return target
+
+
+# Whether the files that a phase has accepted can be scored under what is to come.
+#
+# What cannot be is refused when a run is drafted: else its sheets would all fail, or be made of fewer
+# waypoints than those of fresh submissions. Tasks that the protocol no longer has are the worker's to
+# find (`split_refused`): which tasks a split has is withheld from here.
+
+
+_ADVICE = "Open a new phase for it instead."
+
+
+def require_readable(
+    challenge: str, old: tuple[ProtocolDocument, SplitRow], new: tuple[ProtocolDocument, SplitRow]
+) -> None:
+    """Refuse a protocol or split revision under which accepted files cannot be scored.
+
+    Raises:
+        InvalidRecord: They cannot; every reason is given.
+    """
+    reasons = [
+        *_sample_reasons(old[1], new[1]),
+        *_waypoint_reasons(challenge, old[0].geometry, new[0].geometry),
+    ]
+    if reasons:
+        raise InvalidRecord(" ".join([*reasons, _ADVICE]))
+
+
+def _sample_reasons(old: SplitRow, new: SplitRow) -> Iterator[str]:
+    if new.revision == old.revision:
+        return
+    before, after = set(old.manifest.sample_ids), set(new.manifest.sample_ids)
+    if before - after:
+        yield (
+            f"The new revision lacks {counted(len(before - after), 'sample')} that accepted files answer: "
+            "they could not be read under it."
+        )
+    if after - before:
+        yield (
+            f"The new revision has {counted(len(after - before), 'sample')} that no accepted file answers: "
+            "they could not be read under it."
+        )
+
+
+def _waypoint_reasons(challenge: str, old: GeometrySection, new: GeometrySection) -> Iterator[str]:
+    if not CHALLENGES[challenge].has_waypoints:
+        return
+    if (old.waypoints, old.time_step_s) != (new.waypoints, new.time_step_s):
+        yield (
+            f"The protocol asks for {_waypoints(new)}; accepted files hold {_waypoints(old)}: "
+            "they cannot be scored under it."
+        )
+
+
+def _waypoints(geometry: GeometrySection) -> str:
+    return f"{geometry.waypoints} waypoints {geometry.time_step_s:g} s apart"

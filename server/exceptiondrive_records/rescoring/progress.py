@@ -1,6 +1,6 @@
 """Which sheets a run still lacks, which failed, and how fast it goes."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
@@ -11,19 +11,14 @@ from exceptiondrive_records.boards.boards import entry_ids, latest_board
 from exceptiondrive_records.boards.standings import entry_ids_for_board
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_records.phases.quotas import WAITING
 from exceptiondrive_records.phases.scoring_keys import ScoringKey, is_of_key
 from exceptiondrive_records.rescoring.tables import RescoringRun
-from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.board_requests import is_board_wanted, want_board
 from exceptiondrive_records.work.tables import OPEN_STATES, Job, WorkState
 from exceptiondrive_schemas.api.rescoring import Progress, RunState
 from exceptiondrive_schemas.api.submission import SubmissionStatus
-from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_schemas.printable import counted
-from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 
 _RATE_WINDOW = timedelta(seconds=30)
 _LEAST_S = 1.0
@@ -148,62 +143,6 @@ def _has_sheet(key: ScoringKey) -> ColumnElement[bool]:
 
 def _jobs_of(key: ScoringKey) -> Select[str]:
     return select(Job.id).where(Job.submission_id == Submission.id, is_of_key(Job, key))
-
-
-# Whether the files that a phase has accepted can be scored under what is to come.
-#
-# What cannot be is refused when a run is drafted: else its sheets would all fail, or be made of fewer
-# waypoints than those of fresh submissions. Tasks that the protocol no longer has are the worker's to
-# find (`split_refused`): which tasks a split has is withheld from here.
-
-
-_ADVICE = "Open a new phase for it instead."
-
-
-def require_readable(
-    challenge: str, old: tuple[ProtocolDocument, SplitRow], new: tuple[ProtocolDocument, SplitRow]
-) -> None:
-    """Refuse a protocol or split revision under which accepted files cannot be scored.
-
-    Raises:
-        InvalidRecord: They cannot; every reason is given.
-    """
-    reasons = [
-        *_sample_reasons(old[1], new[1]),
-        *_waypoint_reasons(challenge, old[0].geometry, new[0].geometry),
-    ]
-    if reasons:
-        raise InvalidRecord(" ".join([*reasons, _ADVICE]))
-
-
-def _sample_reasons(old: SplitRow, new: SplitRow) -> Iterator[str]:
-    if new.revision == old.revision:
-        return
-    before, after = set(old.manifest.sample_ids), set(new.manifest.sample_ids)
-    if before - after:
-        yield (
-            f"The new revision lacks {counted(len(before - after), 'sample')} that accepted files answer: "
-            "they could not be read under it."
-        )
-    if after - before:
-        yield (
-            f"The new revision has {counted(len(after - before), 'sample')} that no accepted file answers: "
-            "they could not be read under it."
-        )
-
-
-def _waypoint_reasons(challenge: str, old: GeometrySection, new: GeometrySection) -> Iterator[str]:
-    if not CHALLENGES[challenge].has_waypoints:
-        return
-    if (old.waypoints, old.time_step_s) != (new.waypoints, new.time_step_s):
-        yield (
-            f"The protocol asks for {_waypoints(new)}; accepted files hold {_waypoints(old)}: "
-            "they cannot be scored under it."
-        )
-
-
-def _waypoints(geometry: GeometrySection) -> str:
-    return f"{geometry.waypoints} waypoints {geometry.time_step_s:g} s apart"
 
 
 # The board that is not shown yet: whether it says what the sheets say now.

@@ -6,21 +6,13 @@ Only workers open splits; what comes back is why it cannot be scored, and of how
 from sqlalchemy import bindparam, select, update
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.db.last import do_last
 from exceptiondrive_records.rescoring.tables import RescoringRun
-from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.work.lease import finish, new_item
 from exceptiondrive_records.work.tables import Trial, WorkState
 from exceptiondrive_schemas.api.rescoring import SplitTrial, TrialFinding
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.split import SplitRef
 
-_LOCKED_REVISIONS = (
-    select(SplitRow.revision)
-    .where(SplitRow.name == bindparam("split"))
-    .order_by(SplitRow.revision)
-    .with_for_update(key_share=True)
-)
 _TRIED = select(Trial.protocol_digest, Trial.trial).where(
     Trial.split_name == bindparam("split"), Trial.protocol_digest.is_not(None)
 )
@@ -33,16 +25,6 @@ _UNANSWERED = SplitTrial(
 def ask_for_trial(session: Session, run: RescoringRun) -> None:
     """Ask a worker to try the split of a run."""
     session.add(new_item(Trial, run.id, run.created_at, lane=Lane.RESCORE, run_id=run.id))
-
-
-def lock_protocols(session: Session, split_name: str) -> None:
-    """Let what is told of a split be counted one at a time, until the write transaction ends."""
-    session.execute(_LOCKED_REVISIONS, {"split": split_name}).all()
-
-
-def lock_protocols_last(session: Session, split_name: str) -> None:
-    """As `lock_protocols`, from the end of the write transaction on."""
-    do_last(session, _LOCKED_REVISIONS, {"split": split_name}, is_shared=True)
 
 
 def count_trial(session: Session, item: Trial, ref: SplitRef, protocol_digest: str) -> None:

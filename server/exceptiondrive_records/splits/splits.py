@@ -2,18 +2,25 @@
 
 from datetime import UTC
 
-from sqlalchemy import select
+from sqlalchemy import bindparam, select
 from sqlalchemy.orm import Session, undefer
 
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
+from exceptiondrive_records.db.last import do_last
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_schemas.api.phase_settings import LivePart, SplitPart
 from exceptiondrive_schemas.datasheet import Datasheet, SplitChange, SplitWarnings
 from exceptiondrive_schemas.split import Manifest, SplitRef
 
 NO_WARNINGS = SplitWarnings()
+_LOCKED_REVISIONS = (
+    select(SplitRow.revision)
+    .where(SplitRow.name == bindparam("split"))
+    .order_by(SplitRow.revision)
+    .with_for_update(key_share=True)
+)
 
 
 def register_split(
@@ -160,6 +167,16 @@ def live_revision(session: Session, name: str, revision: str, live_part: LivePar
     """Return what a live board counts: the public part where there are parts, unless told."""
     public = part_revision(session, name, revision, "public") if live_part == "public" else None
     return public or whole_split(session, name, revision).revision
+
+
+def lock_split(session: Session, name: str) -> None:
+    """Let what is told of a split be counted one at a time, until the write transaction ends."""
+    session.execute(_LOCKED_REVISIONS, {"split": name}).all()
+
+
+def lock_split_last(session: Session, name: str) -> None:
+    """As `lock_split`, from the end of the write transaction on."""
+    do_last(session, _LOCKED_REVISIONS, {"split": name}, is_shared=True)
 
 
 def list_splits(session: Session) -> list[SplitRow]:

@@ -209,7 +209,7 @@ class FileStore:
             raise StoreError("The file store does not answer; try again later.") from error
 
     def remove(self, digest: str) -> None:
-        """Remove a stored file that nothing mentions; see `orphans`.
+        """Remove a stored file that nothing mentions: `remove_orphan` alone asks that.
 
         Raises:
             StoreError: The store did not answer.

@@ -1,6 +1,6 @@
-"""Sign in with a team token, sign out. The token is seen once and never kept by the browser.
+"""Sign in with a team token or through the OpenID provider; sign out.
 
-`show_form` is the page of both ways to sign in; `provider_routes` holds the other one.
+A token is seen once and never kept by the browser.
 """
 
 from collections.abc import Mapping
@@ -10,17 +10,17 @@ from fastapi import APIRouter, Form, Query, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse, Response
 
+from exceptiondrive_records.accounts.attempts import (
+    count_attempt,
+    give_attempt_back,
+    keys_of,
+    start_keys_of,
+)
 from exceptiondrive_records.accounts.people import Identity, welcome_person
 from exceptiondrive_records.accounts.sessions import (
     end_session,
     open_person_session,
     open_token_session,
-)
-from exceptiondrive_records.accounts.sign_in import (
-    count_attempt,
-    give_attempt_back,
-    keys_of,
-    start_keys_of,
 )
 from exceptiondrive_records.accounts.tokens import note_use, verify_token
 from exceptiondrive_records.db.errors import InvalidRecord
@@ -43,6 +43,9 @@ from exceptiondrive_server.web.browser_session import (
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.responses import private_page, safe_back
 from exceptiondrive_server.web.services import Services, services_of
+
+if TYPE_CHECKING:
+    from exceptiondrive_server.accounts.oidc import Provider
 
 router = APIRouter(include_in_schema=False)
 MAX_TOKEN_LENGTH = 200
@@ -157,8 +160,6 @@ def go(path: str) -> Response:
 # Sign in through the OpenID provider: off to it, and back from it.
 
 
-if TYPE_CHECKING:
-    from exceptiondrive_server.accounts.oidc import Provider
 Text = Annotated[str, Query(max_length=4000)]
 AWAY = "{} does not answer. Try again in a minute, or sign in with your team's token."
 REFUSED_BY_PROVIDER = (

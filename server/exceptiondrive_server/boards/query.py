@@ -33,7 +33,7 @@ PageRows = Literal["20", "100", "all"]
 PAGE_ROWS: Mapping[PageRows, int] = {"20": 20, "100": 100, "all": 1000}
 """Scored rows of a page; `all` has an end, so that no address makes a page without one."""
 DEFAULT_SORT = BY_RANK
-"""The order in which a board is given where nobody asks for another."""
+"""The order in which a board is given where nobody asks for another; one that boards of every challenge have."""
 MAX_SEARCH = 80
 MAX_CHOSEN = 5
 _SIGNS = {"ascending": "", "descending": "-"}

@@ -16,7 +16,8 @@ from exceptiondrive_records.submissions.submissions import confirm, find_submiss
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_schemas.api.submission import SubmissionView
-from exceptiondrive_server.submissions.upload import told_to, wake
+from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_server.submissions.upload import told_to
 from exceptiondrive_server.web.auth import own_team
 from exceptiondrive_server.web.services import Services
 
@@ -43,7 +44,7 @@ def confirmed_upload(
             told = "It was asked about, counts from now on, and took its quota."
             tell_about(session, counted, f"An organizer confirmed {counted.method}", (told,))
         counted_id = counted.id
-    wake(services)
+    services.dispatcher.wake(Lane.LIVE)
     with services.database.read() as session:
         return told_to(principal, view(session, find_submission(session, counted_id)))
 

@@ -3,7 +3,7 @@
 from exceptiondrive_records.work.profiles import ask_for_profile, was_profile_asked_for
 from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_server.submissions.upload import wake
+from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_server.web.services import Services
 
 
@@ -19,5 +19,5 @@ def asked_for_profile(services: Services, seen: SubmissionView) -> SubmissionVie
             return seen
     with services.database.write() as session:
         ask_for_profile(session, seen.id)
-    wake(services)
+    services.dispatcher.wake(Lane.LIVE)
     return seen.model_copy(update={"awaits_profile": True})

@@ -256,7 +256,8 @@ def take_upload(
         is_duplicate=accepted.is_duplicate,
     )
     if accepted.job_id is not None:
-        wake(services)
+        # where the broker is away the reconciler does it soon, and shows as queued what still waits
+        services.dispatcher.wake(Lane.LIVE)
     with services.database.read() as session:
         taken = view(session, accepted.submission, is_duplicate=accepted.is_duplicate)
         return told_to(principal, taken), quota_of(session, team_id, phase)
@@ -335,11 +336,3 @@ def _store(services: Services, stream: BinaryIO) -> int:
     if size_bytes == 0:
         raise UploadEmpty
     return size_bytes
-
-
-def wake(services: Services) -> None:
-    """Wake a worker; where the broker is away, the reconciler does it soon.
-
-    The reconciler shows as queued what still waits then: accepting is one transaction that writes.
-    """
-    services.dispatcher.wake(Lane.LIVE)

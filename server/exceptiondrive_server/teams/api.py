@@ -5,7 +5,7 @@ from typing import Annotated
 from fastapi import APIRouter, Request
 from pydantic import BaseModel, Field
 
-from exceptiondrive_records.accounts.sign_in import count_attempt, registration_keys_of
+from exceptiondrive_records.accounts.attempts import count_attempt, registration_keys_of
 from exceptiondrive_records.teams.teams import register_team, self_registration_is_on
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_server.web.auth import ServicesOf, address_of

@@ -60,7 +60,7 @@ NEW_TOKEN = (
     ),
     FormField("expires_at", "Expires at", "moment", "empty: never"),
 )
-"""`may_0` and so on stand for the scopes that a team's token may have."""
+"""A number behind `may_` stands for a scope that a team's token may have."""
 USUAL = {f"may_{n}": "yes" for n in range(len(TEAM_SCOPES))}
 """The first token of a team has every right that a team may have."""
 HISTORY = 50

@@ -7,6 +7,7 @@ from fastapi import APIRouter, Path, Request
 from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.accounts.attempts import count_attempt, registration_keys_of
 from exceptiondrive_records.accounts.makers import live_tokens_by_maker
 from exceptiondrive_records.accounts.people import (
     accept_invitation,
@@ -23,7 +24,6 @@ from exceptiondrive_records.accounts.people import (
     withdraw_invitation,
 )
 from exceptiondrive_records.accounts.sessions import act_for
-from exceptiondrive_records.accounts.sign_in import count_attempt, registration_keys_of
 from exceptiondrive_records.accounts.tables import Person
 from exceptiondrive_records.accounts.tokens import Principal, Scope, live_tokens_by_team, may_invite
 from exceptiondrive_records.db.errors import InvalidRecord, RecordsError

@@ -22,6 +22,7 @@ from tests.server.pages.page_site import (
     real_drawings,
     sheet_of,
 )
+from tests.support.serving import served
 
 from exceptiondrive_schemas.board import (
     Board,
@@ -119,6 +120,13 @@ def shown_site(
     publish_late_view(site, lively_board)
     yield site
     site.database.dispose()
+
+
+@pytest.fixture(scope="module")
+def address(shown_site: Site) -> Iterator[str]:
+    """Where `shown_site` answers a browser."""
+    with served(shown_site.app) as address:
+        yield address
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page, ViewportSize, expect
 from tests.support.browser import axe_violations
-from tests.support.serving import served
 
 from exceptiondrive_server.boards.charts import _text_box
 
@@ -61,13 +60,6 @@ class Visit:
     def _note(self, url: str) -> None:
         if not url.startswith((self.address, "data:")):
             self.foreign.append(url)
-
-
-@pytest.fixture(scope="module")
-def address(shown_site: Any) -> Iterator[str]:
-    """Address of a running site."""
-    with served(shown_site.app) as address:
-        yield address
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 from tests.server.pages.page_site import real_drawings
 from tests.support.browser import axe_violations
-from tests.support.serving import served
 
 from exceptiondrive_schemas.drawing import SampleDrawing
 
@@ -16,12 +15,6 @@ SCENES = "/scenes?phase=sample&with=s0000003kq&with=s0000005kq"
 SCENE: SampleDrawing = next(
     each.drawing for each in real_drawings(1).samples if each.chosen_as == "scene"
 )
-
-
-@pytest.fixture(scope="module")
-def address(shown_site: Any) -> Iterator[str]:
-    with served(shown_site.app) as address:
-        yield address
 
 
 @pytest.fixture

@@ -1,11 +1,7 @@
 """Pages stand still: fonts that come late move nothing."""
 
-from collections.abc import Iterator
-from typing import Any
-
 import pytest
 from playwright.sync_api import Browser, Route
-from tests.support.serving import served
 
 pytestmark = pytest.mark.browser
 MAX_SHIFT = 0.02
@@ -19,13 +15,6 @@ new PerformanceObserver((list) => {
   for (const entry of list.getEntries()) if (!entry.hadRecentInput) shift += entry.value;
 }).observe({type: "layout-shift", buffered: true});
 """
-
-
-@pytest.fixture(scope="module")
-def address(shown_site: Any) -> Iterator[str]:
-    """Address of a running site."""
-    with served(shown_site.app) as address:
-        yield address
 
 
 @pytest.mark.parametrize("width", [1440, 390])

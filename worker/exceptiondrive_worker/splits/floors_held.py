@@ -8,13 +8,14 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.log import SPLIT_FLOOR_HELD, audit_once
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.rescoring.trials import (
-    lock_protocols,
-    lock_protocols_last,
-    tried_protocols,
-)
+from exceptiondrive_records.rescoring.trials import tried_protocols
 from exceptiondrive_records.splits.confirmations import keys_that_confirm
-from exceptiondrive_records.splits.splits import find_split, part_revision
+from exceptiondrive_records.splits.splits import (
+    find_split,
+    lock_split,
+    lock_split_last,
+    part_revision,
+)
 from exceptiondrive_records.submissions.sheets import (
     protocols_of_split,
     require_room_last,
@@ -108,13 +109,13 @@ def hold_floors_alone(
     """
     scored = protocols_of_split(session, ref.name)
     if protocol.digest not in scored:
-        lock_protocols(session, ref.name)
+        lock_split(session, ref.name)
         scored = protocols_of_split(session, ref.name)
     _hold(session, floors, ref, protocol, scored)
     if newcomer is not None:
         most = floors.max_scored_per_day
         refusal = _day_full(floors, f"{most} within a day")
-        lock_protocols_last(session, ref.name)
+        lock_split_last(session, ref.name)
         require_room_last(session, ref.name, most, besides=newcomer, refusal=refusal)
 
 

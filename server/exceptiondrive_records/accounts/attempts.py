@@ -1,4 +1,4 @@
-"""Login throttling: so many attempts per key and quarter of an hour, exact under parallel ones.
+"""Attempts to sign in or to register: so many per key and quarter of an hour, exact under parallel ones.
 
 Counted in the records, as quotas are: every server process sees the same number. The library
 `limits` would bring a second store for one table of three columns.
