@@ -508,7 +508,7 @@ def test_an_entry_that_is_of_another_team_by_now_is_neither_disqualified_nor_rei
     if world.database.engine.dialect.name == "sqlite":
         pytest.skip("one write transaction at a time")
     another(world), another(world, "gamma")
-    entry = scored(world, "one")
+    entry = world.scored("one", "Planner")
     with world.database.write() as session:
         looked_at = find_submission(session, entry)
         with world.database.write() as other:
@@ -518,7 +518,7 @@ def test_an_entry_that_is_of_another_team_by_now_is_neither_disqualified_nor_rei
         assert looked_at.id == entry
     with world.database.write() as session:
         number = disqualify_submission(session, entry, **WHY).id
-    assert standing(world) == {}
+    assert world.standing() == {}
     with world.database.write() as session:
         row = find_disqualification(session, number)
         with world.database.write() as other:
@@ -528,7 +528,7 @@ def test_an_entry_that_is_of_another_team_by_now_is_neither_disqualified_nor_rei
         assert row.reinstated_at is None
     with world.database.write() as session:
         reinstate(session, number, **WHY)
-    assert list(standing(world)) == [entry]
+    assert list(world.standing()) == [entry]
 
 
 @pytest.mark.parametrize(
@@ -562,7 +562,7 @@ def test_what_is_written_to_a_team_that_has_gone_meanwhile_is_not_sent(world: Wo
     if world.database.engine.dialect.name == "sqlite":
         pytest.skip("one write transaction at a time")
     another(world)
-    entry = scored(world, "one")
+    entry = world.scored("one", "Planner")
     with world.database.write() as session:
         looked_at = find_submission(session, entry), list_teams(session)
         with world.database.write() as other:
