@@ -501,12 +501,12 @@ def test_a_deed_is_judged_by_what_another_did_to_the_team_meanwhile(
         assert len(looked_at) == 3
 
 
+@pytest.mark.postgres
+@pytest.mark.parametrize("database_url", ["postgres"], indirect=True)
 def test_an_entry_that_is_of_another_team_by_now_is_neither_disqualified_nor_reinstated_for_the_old_one(
     world: World,
 ) -> None:
     """It would be said to be done: the line would name a team that the entry is not of."""
-    if world.database.engine.dialect.name == "sqlite":
-        pytest.skip("one write transaction at a time")
     another(world), another(world, "gamma")
     entry = world.scored("one", "Planner")
     with world.database.write() as session:
@@ -531,12 +531,12 @@ def test_an_entry_that_is_of_another_team_by_now_is_neither_disqualified_nor_rei
     assert list(world.standing()) == [entry]
 
 
+@pytest.mark.postgres
+@pytest.mark.parametrize("database_url", ["postgres"], indirect=True)
 @pytest.mark.parametrize(
     "deed", [partial(merge_teams, slug="alpha", into="beta"), partial(forget_team, slug="alpha")]
 )
 def test_nobody_is_let_in_for_a_team_that_has_gone_meanwhile(world: World, deed: Any) -> None:
-    if world.database.engine.dialect.name == "sqlite":
-        pytest.skip("one write transaction at a time")
     another(world)
     with world.database.write() as session:
         person = welcome_person(session, Identity("https://login.example.org", "1")).id
@@ -558,9 +558,9 @@ def test_nobody_is_let_in_for_a_team_that_has_gone_meanwhile(world: World, deed:
         assert members_of(session, world.team_id) == []
 
 
+@pytest.mark.postgres
+@pytest.mark.parametrize("database_url", ["postgres"], indirect=True)
 def test_what_is_written_to_a_team_that_has_gone_meanwhile_is_not_sent(world: World) -> None:
-    if world.database.engine.dialect.name == "sqlite":
-        pytest.skip("one write transaction at a time")
     another(world)
     entry = world.scored("one", "Planner")
     with world.database.write() as session:
