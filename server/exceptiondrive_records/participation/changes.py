@@ -45,7 +45,7 @@ def approve_team(session: Session, slug: str, *, actor: str) -> Team:
     if team is None:  # refused meanwhile
         raise NotFound("team", slug)
     if team.pending_since is not None:
-        team.pending_since = None
+        team.pending_since = team.registered_from = None
         audit(session, actor, "team approved", slug)
         told = ("From now on it may submit, and be told at addresses, too.",)
         tell_team(session, team, "team_changed", f"Your team {team.name} is approved", told)
