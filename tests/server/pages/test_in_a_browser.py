@@ -37,6 +37,7 @@ PATHS = (
     "/problems/file_invalid",
     "/problems/wrong_waypoint_count",
     "/api",
+    "/privacy",
 )
 
 
