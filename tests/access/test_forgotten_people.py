@@ -2,11 +2,14 @@
 
 from typing import TYPE_CHECKING
 
+import pytest
 from sqlalchemy import select
 from tests.access.test_teams_of_people import EVE, Browse, Open, invitation_from, invited_by_token
 
 from exceptiondrive_records.accounts.people import (
     Identity,
+    accept_invitation,
+    invite,
     list_people,
     members_of,
     set_organizer,
@@ -17,6 +20,7 @@ from exceptiondrive_records.accounts.roles import OrganizerRole
 from exceptiondrive_records.accounts.tables import Person
 from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.db.base import Base
+from exceptiondrive_records.db.errors import NotFound
 
 if TYPE_CHECKING:
     from tests.access.people import RunningProvider
@@ -92,3 +96,16 @@ def test_an_organizer_is_forgotten_once_the_role_is_taken(api: "Api") -> None:
     assert told_of(api, "Ben Example") == []
     again = {"is_organizer": True, "role": "owner"}
     assert api.post(f"{path}/organizer", "organizer", json=again).status_code == 404
+
+
+def test_a_form_of_somebody_who_was_forgotten_meanwhile_adds_nobody(api_on_both: "Api") -> None:
+    """Joining and registering look who signed in before they write."""
+    api = api_on_both
+    with api.database.write() as session:
+        cy = welcome_person(session, Identity("https://id.example.org", "cy", "Cy Example")).id
+        link, _ = invite(session, api.team_ids["alpha"], "somebody", actor="test")
+    assert api.post(f"/organizer/people/{cy}/forget", "organizer", json=WHY).status_code == 200
+    with pytest.raises(NotFound, match="no person"), api.database.write() as session:
+        accept_invitation(session, link, cy, actor=f"person:{cy}")
+    with api.database.read() as session:
+        assert members_of(session, api.team_ids["alpha"]) == []

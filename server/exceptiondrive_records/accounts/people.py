@@ -167,10 +167,12 @@ def add_member(session: Session, team: Team, person_id: str, *, actor: str) -> N
     """Let a person act for a team; adding a member again does nothing.
 
     Raises:
+        NotFound: The person was forgotten meanwhile.
         Conflict: The team is full.
     """
     if is_member(session, team.id, person_id):
         return
+    find_person(session, person_id, is_locked=True)
     count = session.scalar(select(func.count()).where(Membership.team_id == team.id)) or 0
     if count >= MAX_MEMBERS:
         raise Conflict(f"A team has at most {MAX_MEMBERS} members.")
