@@ -29,7 +29,6 @@ from starlette.requests import Request
 from exceptiondrive_records.accounts.people import Identity
 from exceptiondrive_server.accounts.sign_in_provider import CALLBACK, ProviderAway, SignInRefused
 from exceptiondrive_server.submissions.receipts import read_or_make_key
-from exceptiondrive_server.web.browser_session import FLOW_COOKIES
 from exceptiondrive_server.web.settings import ServerSettings, is_private_url
 
 ALGORITHMS = ("RS256", "RS384", "RS512", "PS256", "PS384", "PS512", "ES256", "ES384", "ES512")
@@ -68,7 +67,7 @@ class Provider:
         app.add_middleware(
             SessionMiddleware,
             secret_key=self._flow_key,
-            session_cookie=FLOW_COOKIES[0 if is_https else 1],
+            session_cookie="__Host-sign-in" if is_https else "sign-in",
             max_age=FLOW_S,
             https_only=is_https,
         )

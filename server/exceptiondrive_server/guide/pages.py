@@ -18,7 +18,7 @@ from exceptiondrive_schemas.publish.broken_files import report_of
 from exceptiondrive_server.guide.machines import DAY_S
 from exceptiondrive_server.guide.operations import operations
 from exceptiondrive_server.web.auth import ServicesOf
-from exceptiondrive_server.web.browser_session import COOKIES, FLOW_COOKIES, is_https
+from exceptiondrive_server.web.browser_session import is_https
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
 from exceptiondrive_server.web.responses import THEME_COOKIE, YEAR_S, origin_of, page
 
@@ -73,11 +73,9 @@ def show_api(request: Request, services: ServicesOf) -> Response:
 @router.get("/privacy")
 def show_privacy(request: Request) -> Response:
     """Say what is kept of people, who reads it, and how it goes."""
-    secure = 0 if is_https(request) else 1
     cookies = {
-        "session": COOKIES[secure],
+        "of_host": "__Host-" if is_https(request) else "",
         "session_hours": LIFETIME // timedelta(hours=1),
-        "flow": FLOW_COOKIES[secure],
         "theme": THEME_COOKIE,
         "theme_days": YEAR_S // DAY_S,
     }

@@ -29,8 +29,6 @@ from exceptiondrive_server.web.settings import LOOPBACK
 
 COOKIES = ("__Host-session", "session")
 """Secure, on https; plain, on this machine alone."""
-FLOW_COOKIES = ("__Host-sign-in", "sign-in")
-"""Of a sign-in at the provider that is under way."""
 
 
 class Holder(StrEnum):
