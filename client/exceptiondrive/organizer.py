@@ -144,6 +144,10 @@ class Organizer(Connection):
         confined = {"is_organizer": role is not None, "phases": list(phases)}
         return self._do("people", person_id, "organizer", **confined, role=role or None)
 
+    def forget_person(self, person_id: str, reason: str) -> Record:
+        """Take a person out of their teams and of the records, whose id alone stays."""
+        return self._do("people", person_id, "forget", reason=reason)
+
     def questions(self, phase_id: str | None = None) -> list[Record]:
         """Return the questions of all teams, about one phase or all, those that wait first."""
         return self._transport.records("/organizer/questions", {"phase": phase_id})

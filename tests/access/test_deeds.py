@@ -9,6 +9,7 @@ import pytest
 from tests.access.test_roles import organizer_routes
 
 from exceptiondrive.cli.organizer.commands import GROUPS
+from exceptiondrive_records.accounts.people import Identity, welcome_person
 from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
 from exceptiondrive_records.audit.log import audit_page
 from exceptiondrive_records.news.questions import ask_question
@@ -103,6 +104,9 @@ DEEDS = {
     ("POST", "/self-registration"): Deed(API_ALONE, API_ALONE, "/self-registration"),
     ("POST", "/people/{person_id}/organizer"): Deed(
         "/people/{person_id}", "people set", "/people/{person_id}/organizer"
+    ),
+    ("POST", "/people/{person_id}/forget"): Deed(
+        *("/people/{person_id}/forget", "people forget", None, "person forgotten"), WHY, (404, 404)
     ),
     # submissions
     ("POST", f"{SUBMISSION}/retry"): Deed(
@@ -225,12 +229,14 @@ def fresh(api: "Api") -> dict[str, str]:
         _, token = issue_token(session, beta, "old", TEAM_SCOPES, actor="test")
         question = ask_question(session, beta, "dev", "May we?", actor="test").id
         token_id = token.id
+        person = welcome_person(session, Identity("https://id.example.org", "ada")).id
     return {
         "team_id": "alpha",
         "phase_id": "dev",
         "submission_id": scored,
         "token_id": str(token_id),
         "question_id": question,
+        "person_id": person,
     }
 
 

@@ -66,6 +66,7 @@ DEEDS = [
     ("POST", "/organizer/teams/alpha/invitations", WRITERS),
     ("POST", "/organizer/tokens/x/revoke", WRITERS),
     ("POST", "/organizer/people/x/organizer", WRITERS),
+    ("POST", "/organizer/people/x/forget", WRITERS),
     ("POST", "/organizer/self-registration", WRITERS),
     ("PATCH", "/organizer/site", WRITERS),
     ("POST", "/organizer/phases", WRITERS),

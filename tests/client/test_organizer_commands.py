@@ -221,12 +221,12 @@ def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path:
     assert "sent to 2 teams" in organize(running, *to).stdout
     assert organize(running, *to).exit_code == 4
     merge = ("teams", "merge", "alef", "--into", "bet", *why)
-    for deed in (merge, ("teams", "forget", "alef", *why)):
+    for deed in (merge, ("teams", "forget", "alef", *why), ("people", "forget", "alef", *why)):
         unasked = organize(running, *deed)
         assert (unasked.exit_code, "add --yes" in unasked.stderr) == (2, True)
     with pytest.MonkeyPatch.context() as on_terminal:
         on_terminal.setattr("exceptiondrive.cli.output.can_ask", lambda: True)
-        for deed in (merge, ("teams", "forget", "alef", *why)):
+        for deed in (merge, ("teams", "forget", "alef", *why), ("people", "forget", "alef", *why)):
             asked = organize(running, *deed)
             assert (asked.exit_code, "alef" in asked.stderr, "for good?" in asked.stderr) == (
                 130,
@@ -417,6 +417,7 @@ def test_a_list_of_several_teams_submissions_says_whose_each_is(
         ("questions answer nope --text yes", "organizer questions list"),
         ("news withdraw nope --reason why", "organizer news list"),
         ("people set nope", "organizer people list"),
+        ("people forget nope --yes --reason why", "organizer people list"),
         ("teams reinstate 9 --reason why", "organizer teams disqualified"),
     ],
 )

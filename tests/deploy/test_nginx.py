@@ -101,6 +101,13 @@ def test_the_client_tries_again_and_then_says_what_to_do(
     assert site.log.count("GET /api/v1/me") >= 3
 
 
+def test_the_log_holds_no_address_that_is_a_secret(site: Nginx, browser: httpx.Client) -> None:
+    for path in ("/contacts/a/confirm?key=hush", "/join/b.hush", "/sign-in/callback?code=hush"):
+        assert browser.get(path, headers=BROWSER).status_code == 502
+    assert browser.get("/history?phase=told", headers=BROWSER).status_code == 502
+    assert ("hush" in site.log, "GET /history?phase=told" in site.log) == (False, True)
+
+
 @pytest.mark.parametrize("path", ["/api/v1/submissions", "/submit"])
 def test_a_body_beyond_the_limit_is_refused_in_words(browser: httpx.Client, path: str) -> None:
     answer = browser.post(path, content=TOO_MANY_BYTES)

@@ -88,11 +88,18 @@ def test_sqlite_keeps_commits_and_waits_for_other_writers(sqlite_url: str, tmp_p
     with database.read() as session:
         pragmas = {
             name: session.connection().exec_driver_sql(f"PRAGMA {name}").scalar()
-            for name in ("journal_mode", "synchronous", "foreign_keys", "busy_timeout")
+            for name in (
+                "journal_mode",
+                "synchronous",
+                "foreign_keys",
+                "busy_timeout",
+                "secure_delete",
+            )
         }
     assert pragmas == {
         "journal_mode": "wal",
         "synchronous": 2,
+        "secure_delete": 1,
         "foreign_keys": 1,
         "busy_timeout": 15_000,
     }

@@ -223,7 +223,11 @@ def test_nothing_goes_to_an_address_that_was_removed(
     told(stage, make_protocol, Channel.WEBHOOK, receiver.url)
     with stage.database.write() as session:
         team_id = find_team(session, "alpha").id
-        remove_contact(session, team_id, delivery(stage).contact_id, actor="test")
+        removed = delivery(stage).contact_id
+        remove_contact(session, team_id, removed, actor="test")
+    with stage.database.read() as session:
+        kept = session.get_one(ContactPoint, removed)
+        assert (kept.address, kept.secret) == ("", None), "both are gone with it"
     assert not send_next(stage.database, settings())
     assert receiver.received == []
 

@@ -131,6 +131,11 @@ def ask(api: "Api", address: str, who: str = "alpha") -> Any:
     return api.post("/contacts", who, json={"channel": "email", "address": address})
 
 
+def addresses(api: "Api") -> dict[str, str]:
+    with api.database.read() as session:
+        return {one.id: one.address for one in session.scalars(select(ContactPoint))}
+
+
 def test_an_address_that_said_no_is_asked_by_no_team_again(
     api_on_both: "Api", browse: Browse, as_problem: Problem
 ) -> None:
@@ -138,10 +143,16 @@ def test_an_address_that_said_no_is_asked_by_no_team_again(
     first = ask(api, "Eve@example.org").json()["id"]
     waits = ask(api, "eve@example.org", "beta").json()["id"]
     leave = link(api, first, "unsubscribe")
-    assert api.post(f"/contacts/{first}/remove", "alpha").status_code == 200
+    removed = api.post(f"/contacts/{first}/remove", "alpha")
+    assert (removed.status_code, removed.json()["address"]) == (200, "Eve@example.org")
+    assert addresses(api) == {first: "", waits: "eve@example.org"}, "a removed one is not kept"
     assert "No more mail?" in browse(api).get(leave).text, "a team that removed it bars nobody's no"
     said = browse(api).client.post(leave)
-    assert (said.status_code, "No more mail about that team" in said.text) == (200, True)
+    assert (said.status_code, "goes to the address of this link, and no" in said.text) == (
+        200,
+        True,
+    )
+    assert set(addresses(api).values()) == {""}
     again = browse(api).get(leave)
     assert (again.status_code, "mail to it has ended" in again.text) == (404, True)
     assert api.get("/contacts", "beta").json() == [], "what another team asked is withdrawn"

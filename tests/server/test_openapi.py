@@ -221,6 +221,7 @@ REFUSED_BY_MEANING = {
     "POST /api/v1/organizer/team-imports": "the text is a table of teams",
     "POST /api/v1/organizer/teams/{team_id}/disqualify": "a reason has words",
     "POST /api/v1/organizer/teams/{team_id}/forget": "a reason has words",
+    "POST /api/v1/organizer/people/{person_id}/forget": "a reason has words",
     "POST /api/v1/organizer/teams/{team_id}/merge": "a reason has words",
     "PUT /api/v1/organizer/teams/{team_id}/allowances/{phase_id}": "it lies after the phase's deadline",
     "POST /api/v1/organizer/protocols": "the body is a protocol",

@@ -2,6 +2,8 @@
 
 import json
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -151,6 +153,27 @@ def test_our_own_error_is_500_with_an_id_and_nothing_else(
     assert "frame-ancestors 'none'" in response.headers["content-security-policy"]
     assert SECRET not in repr(logs)
     assert [line["status"] for line in logs if line["event"] == "request"] == [500]
+    (told,) = [line for line in logs if line["event"] == "unexpected error"]
+    assert (told["kind"], told["request_id"]) == ("ZeroDivisionError", problem["request_id"])
+    assert told["places"][-1].endswith(" broken")
+
+
+def test_the_log_says_of_an_error_its_kind_and_places_and_none_of_its_words() -> None:
+    """uvicorn wrote the whole traceback: words of errors quote what was sent."""
+    code = (
+        "from exceptiondrive_server.web.logs import set_up_logs\nset_up_logs()\n"
+        "import logging\nimport structlog\n"
+        "def fails() -> None:\n    raise ValueError('hush')\n"
+        "try:\n    fails()\nexcept ValueError:\n"
+        "    logging.getLogger('uvicorn.error').exception('Exception in the application')\n"
+        "    structlog.get_logger().exception('ours')\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    lines = [json.loads(line) for line in run.stdout.splitlines()]
+    assert [line["event"] for line in lines] == ["Exception in the application", "ours"]
+    assert {line["kind"] for line in lines} == {"ValueError"}
+    assert all(line["places"][-1].endswith(" fails") for line in lines)
+    assert ("hush" in run.stdout, run.stderr) == (False, "")
 
 
 def test_an_error_of_the_records_without_a_status_of_its_own_is_400(

@@ -10,7 +10,8 @@ from tests.support.serving import served
 
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import Conflict
-from exceptiondrive_records.teams.teams import list_teams, register_team
+from exceptiondrive_records.participation.changes import approve_team
+from exceptiondrive_records.teams.teams import find_team, list_teams, register_team
 
 if TYPE_CHECKING:
     from tests.support.application import Api
@@ -121,6 +122,10 @@ def test_one_network_takes_few_places_and_a_place_lasts_three_days(database: Dat
     register(203, "203.0.113.200")
     with database.read() as session:
         assert len([team for team in list_teams(session) if team.pending_since]) == 201
+        assert find_team(session, "team-203").registered_from is not None
+    with database.write() as session:
+        approved = approve_team(session, "team-203", actor="test")
+        assert approved.registered_from is None, "it is kept as long as it counts"
 
 
 def test_one_address_registers_a_few_teams_in_a_while(

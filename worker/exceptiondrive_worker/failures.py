@@ -4,12 +4,10 @@ The worker's own log gets the kind of error and the places in the code it passed
 the text of an error may quote a value.
 """
 
-import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
-from pathlib import Path
 
 import structlog
 from billiard.exceptions import SoftTimeLimitExceeded
@@ -18,6 +16,7 @@ from sqlalchemy.exc import TimeoutError as PoolTimeout
 
 from exceptiondrive_records.db.database import is_forbidden
 from exceptiondrive_records.db.errors import NotFound, StoreError
+from exceptiondrive_records.operations.log_stream import places
 from exceptiondrive_records.submissions.file_store import FileDamaged, FileUnreadable
 from exceptiondrive_worker.splits.faults import SplitRefusedError
 from exceptiondrive_worker.splits.floors import FloorHeldError, SplitDayFullError
@@ -130,12 +129,6 @@ def failure_of(error: BaseException) -> Failure:
     if isinstance(error, OperationalError | InterfaceError | PoolTimeout):
         return INTERNAL if is_forbidden(error) else _RECORDS_AWAY
     return next((failure for kind, failure in _FAILURES if isinstance(error, kind)), INTERNAL)
-
-
-def places(error: BaseException) -> list[str]:
-    """Return where an error came from, innermost last: file, line and function, no values."""
-    frames = traceback.extract_tb(error.__traceback__)
-    return [f"{Path(frame.filename).name}:{frame.lineno} {frame.name}" for frame in frames]
 
 
 @dataclass

@@ -8,6 +8,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import NOW
 from exceptiondrive_records.db.errors import Conflict
+from exceptiondrive_records.operations.log_stream import places
 from exceptiondrive_records.phases.policy import is_late
 from exceptiondrive_records.phases.scoring_keys import ScoringKey, accepted_under
 from exceptiondrive_records.phases.tables import Phase
@@ -33,7 +34,7 @@ from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.context import WorkerContext
-from exceptiondrive_worker.failures import Failure, job_boundary, places
+from exceptiondrive_worker.failures import Failure, job_boundary
 from exceptiondrive_worker.splits.faults import SplitRefusedError
 from exceptiondrive_worker.splits.floors import FloorsUnreadableError
 from exceptiondrive_worker.splits.floors_held import (

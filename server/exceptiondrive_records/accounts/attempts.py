@@ -26,7 +26,11 @@ they are counted apart, and only keep the provider from being flooded."""
 
 
 def keys_of(address: str, token_text: str) -> dict[str, int]:
-    """Return under which keys an attempt counts, each with its limit; nothing of them is readable."""
+    """Return under which keys an attempt counts, each with its limit.
+
+    Digests: an address is not read at a glance, but found by whoever tries all there are. They go with
+    the first sign-in that succeeds after their quarter of an hour.
+    """
     parts = token_text.split("_")
     token_id = parts[2] if len(parts) == 5 else ""
     named = {f"address {address}": PER_ADDRESS, f"token {token_id[:16]}": PER_TOKEN_ID}

@@ -10,7 +10,7 @@ from sqlalchemy import ColumnElement, and_, func, or_, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.roles import OrganizerRole, checked_phases
-from exceptiondrive_records.accounts.tables import Invitation, Membership, Person
+from exceptiondrive_records.accounts.tables import FORGOTTEN, Invitation, Membership, Person
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.clock import database_now
@@ -73,18 +73,19 @@ def welcome_person(session: Session, identity: Identity) -> Person:
 
 
 def list_people(session: Session) -> list[Person]:
-    """Return everybody who ever signed in through the provider, by name."""
-    return list(session.scalars(select(Person).order_by(Person.name, Person.id)))
+    """Return everybody who signed in through the provider and was not forgotten, by name."""
+    known = select(Person).where(Person.issuer != FORGOTTEN)
+    return list(session.scalars(known.order_by(Person.name, Person.id)))
 
 
 def find_person(session: Session, person_id: str, *, lock: bool = False) -> Person:
-    """Return a person.
+    """Return a person; locked, nobody gives them a role or a team meanwhile.
 
     Raises:
-        NotFound: There is none with this id.
+        NotFound: There is none with this id, or they were forgotten.
     """
     person = session.get(Person, person_id, with_for_update=lock, populate_existing=lock)
-    if person is None:
+    if person is None or person.issuer == FORGOTTEN:
         raise NotFound("person", person_id)
     return person
 
@@ -105,7 +106,7 @@ def set_organizer(
         NotFound: There is no such person or phase.
         InvalidRecord: There are too many phases.
     """
-    person = find_person(session, person_id)
+    person = find_person(session, person_id, lock=True)
     wanted = role, checked_phases(session, phases if role else ())
     if (person.organizer_role, person.organizer_phases) != wanted:
         person.organizer_role, person.organizer_phases = wanted
@@ -172,10 +173,12 @@ def add_member(session: Session, team: Team, person_id: str, *, actor: str) -> N
     """Let a person act for a team; adding a member again does nothing.
 
     Raises:
+        NotFound: The person was forgotten meanwhile.
         Conflict: The team is full.
     """
     if is_member(session, team.id, person_id):
         return
+    find_person(session, person_id, lock=True)
     count = session.scalar(select(func.count()).where(Membership.team_id == team.id)) or 0
     if count >= MAX_MEMBERS:
         raise Conflict(f"A team has at most {MAX_MEMBERS} members.")

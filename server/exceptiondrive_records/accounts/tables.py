@@ -50,6 +50,10 @@ class SignInAttempts(Base):
     since: Mapped[datetime] = mapped_column(index=True)
 
 
+FORGOTTEN = "forgotten"
+"""The issuer of who was forgotten, which is none: issuers are addresses."""
+
+
 class Person(Base):
     """Somebody whom an OpenID provider vouches for."""
 

@@ -294,6 +294,7 @@ def _prepare_sqlite(connection: DBAPIConnection, record: Any) -> None:
     cursor.execute("PRAGMA journal_mode=WAL")
     cursor.execute("PRAGMA synchronous=FULL")
     cursor.execute("PRAGMA foreign_keys=ON")
+    cursor.execute("PRAGMA secure_delete=ON")  # who was forgotten stands on no free page either
     cursor.close()
 
 

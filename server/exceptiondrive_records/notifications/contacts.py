@@ -7,7 +7,7 @@ from datetime import datetime, timedelta
 from typing import Literal
 from urllib.parse import urlsplit
 
-from sqlalchemy import func, select, update
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
@@ -100,7 +100,7 @@ def set_wishes(
     Raises:
         NotFound: There is none, or it is another team's.
     """
-    contact = _find(session, team_id, contact_id)
+    contact = find_contact(session, team_id, contact_id)
     wanted = " ".join(dict.fromkeys(wishes))
     if wanted == contact.wishes:
         return contact
@@ -155,16 +155,14 @@ def unsubscribe_contact(session: Session, contact_id: str, key: str) -> str:
     """
     contact = find_by_key(session, contact_id, key, may_be_removed=True)
     address, now = contact.address, database_now(session)
-    contact.address, contact.removed_at, contact.unsubscribed_at = "", now, now
-    session.execute(
-        update(ContactPoint)
-        .where(
-            ContactPoint.mailbox_digest == contact.mailbox_digest,
-            ContactPoint.confirmed_at.is_(None),
-            ContactPoint.removed_at.is_(None),
-        )
-        .values(removed_at=now)
+    contact.unsubscribed_at = now
+    unanswered = select(ContactPoint).where(
+        ContactPoint.mailbox_digest == contact.mailbox_digest,
+        ContactPoint.confirmed_at.is_(None),
+        ContactPoint.removed_at.is_(None),
     )
+    for each in (contact, *session.scalars(unanswered)):
+        take_away(each, now)
     audit(session, f"contact:{contact.id}", "contact unsubscribed", contact.id)
     return address
 
@@ -217,7 +215,12 @@ def _require_may_be_asked(session: Session, mailbox_digest: str, now: datetime) 
         raise Conflict(f"This address was asked {MAX_ASKED_A_DAY} times in 24 hours; go on later.")
 
 
-def _find(session: Session, team_id: int, contact_id: str) -> ContactPoint:
+def find_contact(session: Session, team_id: int, contact_id: str) -> ContactPoint:
+    """Return an address that a team is told at, or asked to be.
+
+    Raises:
+        NotFound: There is none, or it is another team's.
+    """
     contact = session.get(ContactPoint, contact_id)
     if contact is None or contact.team_id != team_id or contact.removed_at is not None:
         raise NotFound("contact", contact_id)
@@ -244,16 +247,22 @@ def newest_delivery(session: Session, contact_id: str) -> Delivery | None:
     return session.scalars(query).first()
 
 
-def remove_contact(session: Session, team_id: int, contact_id: str, *, actor: str) -> ContactPoint:
-    """Tell a team no longer at an address.
+def take_away(contact: ContactPoint, now: datetime) -> None:
+    """Forget an address; of a mailbox the digest stays, and the key with which it may still say no."""
+    contact.address, contact.removed_at = "", now
+    if contact.channel is Channel.WEBHOOK:
+        contact.secret = None
+
+
+def remove_contact(session: Session, team_id: int, contact_id: str, *, actor: str) -> None:
+    """Tell a team no longer at an address, and forget it.
 
     Raises:
         NotFound: There is none, or it is another team's.
     """
-    contact = _find(session, team_id, contact_id)
-    contact.removed_at = database_now(session)
+    contact = find_contact(session, team_id, contact_id)
+    take_away(contact, database_now(session))
     audit(session, actor, "contact removed", contact.id, {"team_id": team_id})
-    return contact
 
 
 def _require_webhook(address: str, may_be_private: bool) -> None:

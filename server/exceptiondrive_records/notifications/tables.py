@@ -46,7 +46,8 @@ class ContactPoint(Base):
     mailbox_digest: Mapped[str | None] = mapped_column(index=True)
     """Of an e-mail address, however it is written: says how often it was asked, and that it said no."""
     unsubscribed_at: Mapped[datetime | None]
-    """When whoever reads there said no: the address goes then, and the digest stays."""
+    """When whoever reads there said no: the address goes then, as it does once it is removed, and the
+    digest stays."""
 
 
 class Notification(Base):

@@ -1,7 +1,9 @@
-"""Where log lines go: what logs one does not end of a disk that is full."""
+"""Where log lines go, and what they say of an error: whoever logs does not end of a full disk."""
 
 import io
+import traceback
 from contextlib import suppress
+from pathlib import Path
 from typing import TextIO, cast
 
 
@@ -24,3 +26,9 @@ class _Patient(io.TextIOBase):
 def patient(stream: TextIO) -> TextIO:
     """Return a stream that raises nothing where `stream` cannot be written."""
     return cast("TextIO", _Patient(stream))
+
+
+def places(error: BaseException) -> list[str]:
+    """Return where an error came from, innermost last: file, line and function, no values."""
+    frames = traceback.extract_tb(error.__traceback__)
+    return [f"{Path(frame.filename).name}:{frame.lineno} {frame.name}" for frame in frames]

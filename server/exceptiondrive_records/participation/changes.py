@@ -16,7 +16,7 @@ from exceptiondrive_records.db.identifiers import (
     skeleton,
 )
 from exceptiondrive_records.news.tables import Question
-from exceptiondrive_records.notifications.contacts import list_contacts
+from exceptiondrive_records.notifications.contacts import list_contacts, take_away
 from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.notifications.tables import ContactPoint
 from exceptiondrive_records.participation.disqualification import want_boards_of_team
@@ -45,7 +45,7 @@ def approve_team(session: Session, slug: str, *, actor: str) -> Team:
     if team is None:  # refused meanwhile
         raise NotFound("team", slug)
     if team.pending_since is not None:
-        team.pending_since = None
+        team.pending_since = team.registered_from = None
         audit(session, actor, "team approved", slug)
         told = ("From now on it may submit, and be told at addresses, too.",)
         tell_team(session, team, "team_changed", f"Your team {team.name} is approved", told)
@@ -197,7 +197,7 @@ def _move(session: Session, team: Team, target: Team) -> int:
     for mine, other in product(list_contacts(session, team.id), list_contacts(session, target.id)):
         if mine.address == other.address:
             unheard = other if other.confirmed_at is None else mine
-            unheard.removed_at = now
+            take_away(unheard, now)
     session.flush()
     for table in (Disqualification, ContactPoint, Question):
         session.execute(update(table).where(table.team_id == team.id).values(to_target))

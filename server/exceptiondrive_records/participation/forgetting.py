@@ -1,4 +1,4 @@
-"""Forget a team: its people, addresses and words go; an alias stands wherever it was named.
+"""Forget a team or a person: people, addresses and words go; an alias stands for a team that was named.
 
 Bytes and digests of boards stay in the table that nothing may alter. The alias is put in when they
 are read (`boards.parsed_board`); the digest of what the board says is the one it always had.
@@ -9,7 +9,9 @@ import secrets
 from sqlalchemy import case, delete, exists, func, select, update
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.accounts.people import find_person, remove_member, teams_of
 from exceptiondrive_records.accounts.tables import (
+    FORGOTTEN,
     BrowserSession,
     Invitation,
     Membership,
@@ -72,6 +74,36 @@ def forget_team(session: Session, slug: str, *, reason: str, actor: str) -> Team
     return team
 
 
+def forget_person(session: Session, person_id: str, *, reason: str, actor: str) -> Person:
+    """Take a person out of their teams and of the records, whose id alone stays.
+
+    Name, address and what the provider calls them are gone, and so are their sessions. Their teams
+    stay, with what they sent, tokens and addresses. This cannot be taken back; who signs in again
+    is somebody new.
+
+    Raises:
+        NotFound: There is no such person, or they are forgotten already.
+        InvalidRecord: The reason cannot be kept.
+        Conflict: They organize.
+    """
+    person = find_person(session, person_id, lock=True)
+    if person.is_organizer:
+        raise Conflict("The person is an organizer: take their role first.")
+    audit(session, actor, "person forgotten", person.id, {"reason": checked_reason(reason)})
+    for team in teams_of(session, person.id):
+        remove_member(session, team.id, person.id, actor=actor)
+    _forget_person(session, person)
+    return person
+
+
+def _forget_person(session: Session, person: Person) -> None:
+    session.execute(delete(BrowserSession).where(BrowserSession.person_id == person.id))
+    made = update(Invitation).where(Invitation.made_by == f"person:{person.id}")
+    person.name, person.email = "Former participant", None
+    session.execute(made.values(invited_by=person.name))
+    person.issuer, person.subject = FORGOTTEN, person.id
+
+
 def _forget_words(session: Session, team: Team) -> None:
     letters = "".join(secrets.choice(_LETTERS) for _ in range(6))
     team.name, team.slug = f"Former team {letters.upper()}", f"former-{letters}"
@@ -109,9 +141,7 @@ def _forget_people(session: Session, team: Team) -> None:
         elsewhere = exists().where(Membership.person_id == person.id)
         if person.is_organizer or session.scalar(select(elsewhere)):
             continue
-        session.execute(delete(BrowserSession).where(BrowserSession.person_id == person.id))
-        person.name, person.email = "Former participant", None
-        person.issuer, person.subject = "forgotten", person.id
+        _forget_person(session, person)
 
 
 def _forget_notices(session: Session, team: Team) -> None:

@@ -40,7 +40,7 @@ class Team(Base):
     )
     """The team that it became part of, with all that it sent."""
     registered_from: Mapped[str | None]
-    """Digest of the network that it registered itself from."""
+    """Digest of the network that it registered itself from, until it is approved."""
 
     @property
     def is_gone(self) -> bool:

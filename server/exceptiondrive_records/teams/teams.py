@@ -166,7 +166,7 @@ def make_pending_team(
     """Make a team that waits for approval.
 
     The note says who they are and how to reach them, for organizers alone. Of the address a digest
-    of its network is kept.
+    of its network is kept, until the team is approved.
 
     Raises:
         InvalidRecord: A text cannot be used.

@@ -9,13 +9,14 @@ from pydantic import BaseModel, Field, StrictBool
 from exceptiondrive_records.accounts.people import invite, list_people, set_organizer
 from exceptiondrive_records.accounts.roles import MAX_PHASES, OrganizerRole
 from exceptiondrive_records.accounts.tables import Person
+from exceptiondrive_records.participation.forgetting import forget_person
 from exceptiondrive_records.teams.teams import (
     find_team,
     self_registration_is_on,
     switch_self_registration,
 )
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
-from exceptiondrive_server.web.forms import Form
+from exceptiondrive_server.web.forms import Deed, Form
 from exceptiondrive_server.web.path_ids import TeamId
 
 router = APIRouter()
@@ -82,6 +83,18 @@ def post_organizer(
         return _person(
             set_organizer(session, person_id, role, wanted.phases, actor=organizer.actor)
         )
+
+
+@router.post("/people/{person_id}/forget", operation_id="forgetPerson")
+def post_forgetting(
+    services: ServicesOf, organizer: Organizer, person_id: PersonId, deed: Deed
+) -> PersonView:
+    """Take a person out of their teams and of the records, whose id alone stays.
+
+    The reason stays in the audit log: name nobody in it.
+    """
+    with services.database.write() as session:
+        return _person(forget_person(session, person_id, reason=deed.reason, actor=organizer.actor))
 
 
 @router.post("/teams/{team_id}/invitations", operation_id="inviteToTeam", status_code=201)

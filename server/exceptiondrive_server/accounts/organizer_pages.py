@@ -9,8 +9,10 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.accounts.people import find_person, list_people, set_organizer
 from exceptiondrive_records.accounts.roles import OrganizerRole
 from exceptiondrive_records.accounts.tables import Person
+from exceptiondrive_records.participation.forgetting import forget_person
 from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.forms import REASON
 from exceptiondrive_server.web.organizer_frame import (
     OrganizerBrowser,
     Step,
@@ -68,9 +70,43 @@ def role_of(services: ServicesOf, person_id: PersonId) -> Step:
         ),
         texts=_role_texts(person),
         kept=kept,
-        facts=(("Name", person.name), ("Email", person.email or "none"), ("Id", person.id)),
+        facts=_facts(person),
         command=f"exceptiondrive organizer people set {person_id} --role helper --phase ID",
     )
+
+
+@step_at(router, "/{person_id}/forget")
+def forget(services: ServicesOf, person_id: PersonId) -> Step:
+    """Forget a person."""
+    with services.database.read() as session:
+        person = find_person(session, person_id)
+
+    def take(session: Session, reason: str, actor: str) -> None:
+        forget_person(session, person_id, reason=reason, actor=actor)
+
+    return Step(
+        section="people",
+        title="Forget a person",
+        meaning="Name, address and sessions are taken out of the records, and they are out of their "
+        "teams, whose submissions, tokens and addresses stay. Name nobody in the reason. This cannot "
+        "be taken back; who signs in again is somebody new.",
+        button="Forget",
+        back=HERE,
+        back_words="People",
+        take=take,
+        done="person_forgotten",
+        fields=(REASON,),
+        facts=_facts(person),
+        command=f'exceptiondrive organizer people forget {person_id} --reason "…"',
+        is_grave=True,
+        blockers=("The person is an organizer: take their role first.",)
+        if person.is_organizer
+        else (),
+    )
+
+
+def _facts(person: Person) -> tuple[tuple[str, str], ...]:
+    return ("Name", person.name), ("Email", person.email or "none"), ("Id", person.id)
 
 
 def _role_texts(person: Person) -> dict[str, str]:

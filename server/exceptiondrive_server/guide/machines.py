@@ -33,7 +33,7 @@ def robots(request: Request) -> Response:
 @router.get("/sitemap.xml")
 def sitemap(request: Request, services: ServicesOf) -> Response:
     """List the pages of what is shown now: phases, their entries, protocols."""
-    paths = ["/", "/compare", "/submit", "/api", "/problems", "/status"]
+    paths = ["/", "/compare", "/submit", "/api", "/problems", "/status", "/privacy"]
     with services.database.read() as session:
         for phase in list_phases(session):
             query = urlencode({"phase": phase.id})

@@ -1,10 +1,13 @@
 """Pages that explain: every problem of the API, every fault of a file, the API itself."""
 
+from datetime import timedelta
 from functools import cache
 
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
+from exceptiondrive_records.accounts.attempts import WINDOW
+from exceptiondrive_records.accounts.sessions import LIFETIME
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.phases import list_phases
@@ -12,10 +15,12 @@ from exceptiondrive_records.phases.policy import is_open
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.faults import MESSAGES, FaultCode, FaultGroup
 from exceptiondrive_schemas.publish.broken_files import report_of
+from exceptiondrive_server.guide.machines import DAY_S
 from exceptiondrive_server.guide.operations import operations
 from exceptiondrive_server.web.auth import ServicesOf
+from exceptiondrive_server.web.browser_session import is_https
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS
-from exceptiondrive_server.web.responses import origin_of, page
+from exceptiondrive_server.web.responses import THEME_COOKIE, YEAR_S, origin_of, page
 
 router = APIRouter(include_in_schema=False)
 
@@ -63,6 +68,19 @@ def show_api(request: Request, services: ServicesOf) -> Response:
         phase=next(iter(is_open_now), "PHASE"),
         max_upload_bytes=services.settings.max_upload_bytes,
     )
+
+
+@router.get("/privacy")
+def show_privacy(request: Request) -> Response:
+    """Say what is kept of people, who reads it, and how it goes."""
+    cookies = {
+        "of_host": "__Host-" if is_https(request) else "",
+        "session_hours": LIFETIME // timedelta(hours=1),
+        "theme": THEME_COOKIE,
+        "theme_days": YEAR_S // DAY_S,
+    }
+    window = WINDOW // timedelta(minutes=1)
+    return page(request, "guide/privacy.html", "", cookies=cookies, window_minutes=window)
 
 
 def _faults() -> dict[FaultCode, str]:

@@ -9,6 +9,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.notifications.contacts import (
     add_contact,
+    find_contact,
     list_contacts,
     newest_delivery,
     remove_contact,
@@ -154,9 +155,11 @@ def patch_contact(
 def post_remove(
     services: ServicesOf, submitter: Submitter, contact_id: Annotated[str, Path(max_length=64)]
 ) -> ContactView:
-    """Be told no longer at an address."""
+    """Be told no longer at an address, which is forgotten but for this answer."""
     with services.database.write() as session:
-        return _view(remove_contact(session, team_of(submitter), contact_id, actor=submitter.actor))
+        removed = _view(find_contact(session, team_of(submitter), contact_id))
+        remove_contact(session, team_of(submitter), contact_id, actor=submitter.actor)
+        return removed
 
 
 def _with_last_message(session: Session, contact: ContactPoint) -> ContactView:

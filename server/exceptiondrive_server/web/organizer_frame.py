@@ -47,6 +47,7 @@ DONE: Mapping[str, str] = MappingProxyType(
         "reported_withdrawn": "The rows are withdrawn: readers see them no more.",
         "question_answered": "The question is answered.",
         "role_set": "The role is set. It counts from the next request on.",
+        "person_forgotten": "The person is forgotten: their id alone stays.",
         "phase_deleted": "The phase is deleted. The audit log keeps its name and your reason.",
         "submission_retried": "The submission is queued again, with all its attempts, and the team is told.",
         "submission_verified": "A worker recomputes it; what came of it stands below when it is done.",

@@ -26,6 +26,7 @@ from exceptiondrive_records.db.errors import (
     RejectedCapExceeded,
     TooManyAttempts,
 )
+from exceptiondrive_records.operations.log_stream import places
 from exceptiondrive_schemas.api.problems import PROBLEM_MEDIA_TYPE, Problem, ProblemCode
 from exceptiondrive_schemas.api.submission import Quota
 from exceptiondrive_schemas.base import NO_OBJECT, fault_words
@@ -258,9 +259,11 @@ def _said(error: Exception) -> dict[str, str]:
 
 async def _unexpected(request: Request, error: Exception) -> Response:
     """Answer last of all, outside the middleware: so the headers are put here."""
-    _log.error("unexpected error", kind=type(error).__name__)
+    request_id = getattr(request.state, "request_id", "unknown")
+    told = {"kind": type(error).__name__, "places": places(error)}
+    _log.error("unexpected error", request_id=request_id, **told)
     response = problem_response(request, _internal(request))
-    response.headers["X-Request-ID"] = getattr(request.state, "request_id", "unknown")
+    response.headers["X-Request-ID"] = request_id
     for name, value in HEADERS.items():
         response.headers.setdefault(name, value)
     return response

@@ -36,6 +36,7 @@ PATHS = (
     "/problems/file_invalid",
     "/problems/wrong_waypoint_count",
     "/api",
+    "/privacy",
 )
 
 

@@ -12,7 +12,15 @@ from exceptiondrive.cli.account_commands import TOKEN_COLUMNS, show_revoked
 from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.options import argument, flag, option
 from exceptiondrive.cli.organizer import participation, phases, rescoring
-from exceptiondrive.cli.output import Answer, replacing, saved, say, show_result, upload_name
+from exceptiondrive.cli.output import (
+    Answer,
+    be_sure,
+    replacing,
+    saved,
+    say,
+    show_result,
+    upload_name,
+)
 from exceptiondrive.cli.session import open_organizer, with_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.confirmations import confirm, default_key_path, make_key
@@ -483,6 +491,18 @@ def set_role(
 
 
 @with_organizer
+def forget_person(
+    organizer: Organizer,
+    person: Annotated[str, argument("PERSON", "Id of the person.")],
+    reason: options.Reason,
+    yes: options.Yes = False,
+) -> Answer:
+    """Take a person out of their teams and of the records; needs --yes where it cannot ask."""
+    be_sure(f"Forget {person} for good? Who signs in again is somebody new.", yes)
+    return organizer.forget_person(person, reason), f"person {person} is forgotten"
+
+
+@with_organizer
 def show_site(organizer: Organizer) -> Answer:
     """Show the links of the site."""
     return _links(organizer.site())
@@ -546,7 +566,10 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         },
     ),
     "news": ("News of phases: page, feed and inboxes.", news_commands.NEWS),
-    "people": ("People and their organizers' roles.", {"list": list_people, "set": set_role}),
+    "people": (
+        "People and their organizers' roles.",
+        {"list": list_people, "set": set_role, "forget": forget_person},
+    ),
     "questions": ("Questions of teams, and answers.", news_commands.QUESTIONS),
     "site": (
         "Links in header and footer of every page.",
