@@ -156,6 +156,25 @@ def test_the_difference_of_two_minima_is_no_minimum_of_differences(
     assert (again.difference, again.interval, again.discordant) == (0.0, (0.0, 0.0), 0.0)
 
 
+@pytest.mark.parametrize("headline", ["micro", "macro_family"])
+def test_its_interval_is_of_the_difference_and_of_no_mean(
+    split: SplitArrays, protocol: ProtocolDocument, headline: str
+) -> None:
+    """Three times as far at the quantile is a metre more, on average it is four."""
+    a, b = scores(3), scores(4)
+    a.values[:, 1:4] = 3 * b.values[:, 1:4]
+    by = protocol.model_copy(
+        update={"grading": protocol.grading.model_copy(update={"headline": headline})}
+    )
+    found = compare(a, b, split, by, TOY)
+    for told in (found.overall, *found.families.values()):
+        quantile, mean = told["quantile"], told["mean"]
+        assert quantile.interval is not None
+        assert mean.interval is not None
+        assert quantile.interval[0] <= (quantile.difference or 0.0) <= quantile.interval[1]
+        assert quantile.interval[1] < mean.interval[0]
+
+
 def test_a_first_metric_that_is_a_minimum_is_compared_by_task(
     split: SplitArrays, protocol: ProtocolDocument
 ) -> None:

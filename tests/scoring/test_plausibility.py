@@ -18,6 +18,7 @@ from exceptiondrive_scoring.kinematics import (
     tightest_turn_m,
 )
 from exceptiondrive_scoring.measure import measure
+from exceptiondrive_scoring.planning import PlanningScoring
 from exceptiondrive_scoring.plausibility import _median, plausibility
 
 STILL = np.zeros((6, 2))
@@ -107,6 +108,8 @@ def test_a_missing_trajectory_counts_as_one_that_stands(protocol: ProtocolDocume
     nothing = _judge([MISSING], [MISSING], protocol)
     assert (nothing.shares["blind"], nothing.shares["impossible"]) == (None, None)
     assert _codes(nothing) == ["source_stands_still"]
+    path = tuple((float(x), float(y)) for x, y in CRUISE)
+    assert _judge([MISSING], [MISSING], protocol, [path]).flags == nothing.flags
 
 
 def test_acceleration_is_the_change_of_velocity_between_steps(protocol: ProtocolDocument) -> None:
@@ -135,7 +138,7 @@ def test_real_planners_are_not_called_impossible(
     assert _codes(judged) == ["blind_to_the_edit"]  # its edited drive is its source drive
 
 
-BACKING = np.stack([-0.1 * np.arange(1, 7), np.zeros(6)], axis=-1)
+BACKING = np.stack([0.2 - 0.2 * np.arange(6), np.zeros(6)], axis=-1)
 SLOW_CRUISE = CRUISE / 2
 
 
@@ -178,6 +181,8 @@ def test_one_path_in_every_edited_scene_is_flagged(protocol: ProtocolDocument) -
     same = _judge([CRUISE] * 100, [0.8 * CRUISE] * 96 + others[:4], protocol)
     assert _codes(same) == ["same_answer"]
     assert _codes(_judge([CRUISE] * 100, [0.8 * CRUISE] * 94 + others, protocol)) == []
+    to_the_left = CRUISE[:, ::-1]
+    assert "same_answer" in _codes(_judge([CRUISE] * 100, [to_the_left] * 100, protocol))
 
 
 def test_sources_far_from_the_recorded_drive_are_off_course(protocol: ProtocolDocument) -> None:
@@ -207,6 +212,20 @@ def test_hardly_moving_is_flagged_overall_and_in_a_family_of_enough_samples(
     assert "hardly_moves" not in judge(19), "too few samples to judge a family by"
     assert "hardly_moves" in judge(20)
     assert "hardly_moves" in judge(90)
+
+
+@pytest.mark.parametrize(
+    ("n_held_back", "n_half_way", "codes"),
+    [(11, 9, ["over_cautious"]), (10, 10, []), (19, 0, []), (20, 0, ["over_cautious"])],
+)
+def test_who_hardly_gets_on_at_most_of_enough_controls_is_over_cautious(
+    protocol: ProtocolDocument, n_held_back: int, n_half_way: int, codes: list[str]
+) -> None:
+    edited = np.stack([0.4 * CRUISE] * n_held_back + [0.5 * CRUISE] * n_half_way)
+    answers = {"source": np.stack([CRUISE] * len(edited)), "edited": edited}
+    said = PlanningScoring().of_controls(answers, protocol)
+    assert said.metrics == {"over_caution": n_held_back / len(edited)}
+    assert [flag.code for flag in said.flags] == codes
 
 
 def test_medians_are_those_of_numpy_to_the_last_bit() -> None:
