@@ -113,8 +113,8 @@ def test_a_missing_trajectory_counts_as_one_that_stands(protocol: ProtocolDocume
 
 
 def test_acceleration_is_the_change_of_velocity_between_steps(protocol: ProtocolDocument) -> None:
-    points = np.array([[[0, 0], [1, 0], [4, 0], [4, 4]]], dtype=float)
-    # steps (1, 0) (3, 0) (0, 4) in 0.5 s: the largest change is (-3, 4), 5 / 0.25
+    points = np.array([[[0, 0], [1, 0], [4, 4], [4, 12]]], dtype=float)
+    # steps (1, 0) (3, 4) (0, 8) in 0.5 s: the largest change is (-3, 4), 5 / 0.25
     assert peak_acceleration_mps2(steps(positions(points)), protocol.geometry) == pytest.approx(
         20.0
     )
