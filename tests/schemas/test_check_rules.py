@@ -172,6 +172,18 @@ def test_a_file_of_few_samples_is_asked_whether_it_is_a_shard(
     assert {fault.hint for fault in missing.examples} == {SHARDS}
 
 
+def test_an_empty_file_of_predictions_and_one_with_other_ids_are_no_shards(
+    planning: dict[str, Any], checked: Check
+) -> None:
+    del planning["predictions"][1:]
+    planning["predictions"].append({**planning["predictions"][0], "sample_id": "another"})
+    groups = {group.code: group for group in checked(planning).faults}
+    assert {fault.hint for fault in groups[FaultCode.MISSING_SAMPLE].examples} == {None}
+    planning["predictions"] = []
+    groups = {group.code: group for group in checked(planning).faults}
+    assert {fault.hint for fault in groups[FaultCode.MISSING_SAMPLE].examples} == {None}
+
+
 @pytest.mark.parametrize("wanted", ["scene-0041-004x", "cene-0041-0041", "Scene-0041-0041"])
 def test_the_nearest_id_is_found_among_many(wanted: str) -> None:
     ids = NearestId(f"scene-{n:04}-{n % 97:04}" for n in range(50_000))
