@@ -182,8 +182,12 @@ def test_a_first_metric_that_is_a_minimum_is_compared_by_task(
     a, b = (SampleScores(METRICS[1:], scores(seed).values[:, 1:]) for seed in (5, 6))
     found = compare(a, b, split, protocol, toy)
     assert found.tasks.keys() == {task.id for task in protocol.tasks}
-    task = found.tasks[protocol.tasks[0].id]["minimum"]
-    assert task.difference is not None
+    gaps = a.values[:, 0] - b.values[:, 0]
+    for index, task in enumerate(protocol.tasks):
+        both = (split.task_index == index) & ~np.isnan(gaps)
+        least_a, least_b = (np.min(each.values[both, 0]) for each in (a, b))
+        difference = found.tasks[task.id]["minimum"].difference
+        assert difference == pytest.approx(least_a - least_b)
     assert scene_sums_by_task(a, split, protocol.taxonomy).values.shape == (N, 2)
 
 

@@ -38,13 +38,10 @@ def test_a_convex_region_stays_whole_in_either_rotation() -> None:
 
 def test_each_region_is_far_or_small_by_itself(protocol: ProtocolDocument) -> None:
     """Too far away for a number is too far away."""
-    near, far, small = (np.multiply(SQUARE, scale) for scale in (1.0, 8.5e307, 1e-3))
-    assert is_far(np.array([near, far, small]), protocol.geometry).tolist() == [False, True, False]
-    assert is_small(np.array([near, small, near]), protocol.geometry).tolist() == [
-        False,
-        True,
-        False,
-    ]
+    geometry, small = protocol.geometry, np.multiply(SQUARE, 1e-3)
+    regions = np.array([SQUARE, np.multiply(SQUARE, 8.5e307), small, np.add(SQUARE, [0.0, 1e6])])
+    assert is_far(regions, geometry).tolist() == [False, True, False, True]
+    assert is_small(np.array([SQUARE, small, SQUARE]), geometry).tolist() == [False, True, False]
 
 
 def test_a_region_that_crosses_itself_is_refused() -> None:
