@@ -110,14 +110,19 @@ def test_a_check_tells_a_flag_before_an_upload(code: str, manifest: Manifest) ->
         ("C" * 20 + "A", (), None),
         ("C" * 19 + "A", ("same_answer",), None),
         ("C" * 19, ("same_answer",), None),
+        (
+            "ABCDE" * 4 + "-",
+            ("same_answer",),
+            "95.24% of the scenes are answered; a rank needs 99%",
+        ),
     ],
 )
-def test_a_check_tells_of_one_strategy_for_nearly_all_of_enough_samples(
+def test_a_check_tells_of_one_strategy_for_nearly_all_and_of_too_few_answers(
     letters: str, unranked_flags: tuple[str, ...], because: str | None, manifest: Manifest
 ) -> None:
     protocol = packaged_protocol(NEWEST)
     ranking = protocol.ranking.model_copy(update={"unranked_flags": unranked_flags})
-    answers = {f"s-{number:03}": letter for number, letter in enumerate(letters)}
+    answers = {f"s-{n:03}": None if each == "-" else each for n, each in enumerate(letters)}
     document = {
         "schema": "exceptiondrive.strategy/1",
         "split": manifest.name,
