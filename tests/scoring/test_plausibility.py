@@ -272,8 +272,10 @@ def test_a_check_before_an_upload_judges_each_sample_as_the_scorer_does(
     tracks = _as_checked(pairs)
 
     wrong = impossible_first_step(measured, protocol)[both]
-    first_m = (side.step_lengths_m[0][: tracks.n_both] for side in (tracks.source, tracks.edited))
-    assert wrong_first_steps(*first_m, protocol) == set(np.flatnonzero(wrong).tolist())
+    source_m, edited_m = (
+        side.step_lengths_m[0][: tracks.n_both] for side in (tracks.source, tracks.edited)
+    )
+    assert wrong_first_steps(source_m, edited_m, protocol) == set(np.flatnonzero(wrong).tolist())
     in_order = np.concatenate(
         [np.flatnonzero(both), np.flatnonzero(pairs.edited_given & ~pairs.source_given)]
     )
@@ -297,14 +299,13 @@ def test_a_check_before_an_upload_tells_the_flags_of_motion_that_the_scorer_rais
     told_before = Counter[str]()
     for seed in range(60):
         rng = np.random.default_rng(seed)
-        sides = []
-        for usual in (CRUISE, 0.8 * CRUISE):
-            rare = [kinds[rng.integers(len(kinds))]] * rng.choice([0, 1, 2, 4, 20, 28])
-            rare += [kinds[rng.integers(len(kinds))]] * rng.choice([0, 1, 2])
-            sides.append([*rare, *[usual] * (30 - len(rare))])
-        flags = _codes(_judge(*sides, protocol))
+        source, edited = [CRUISE] * 30, [0.8 * CRUISE] * 30
+        for side in (source, edited):
+            for n in (rng.choice([0, 1, 2, 4, 20, 28]), rng.choice([0, 1, 2])):
+                side[: int(n)] = [kinds[rng.integers(len(kinds))]] * int(n)
+        flags = _codes(_judge(source, edited, protocol))
         pairs = TrajectoryPairs.from_columns(
-            {"source": np.stack(sides[0]), "edited": np.stack(sides[1])}
+            {"source": np.stack(source), "edited": np.stack(edited)}
         )
         told = [code for code, _ in motion_flags(_as_checked(pairs), 30, protocol)]
         assert told == [code for code in flags if code in MOTION]
