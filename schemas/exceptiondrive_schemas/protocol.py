@@ -78,13 +78,9 @@ class GradingSection(Document):
         return self
 
     def under_warning(self, acceptable: Collection[Strategy]) -> tuple[Strategy, ...]:
-        """Answers that are not acceptable and less cautious than the least cautious that is."""
+        """Answers that are less cautious than the least cautious that is acceptable."""
         least = min(self.caution[strategy.value] for strategy in acceptable)
-        return tuple(
-            strategy
-            for strategy in Strategy
-            if strategy not in acceptable and self.caution[strategy.value] < least
-        )
+        return tuple(strategy for strategy in Strategy if self.caution[strategy.value] < least)
 
 
 class RankingSection(Document):
@@ -268,8 +264,7 @@ def _stated(value: Any) -> Any:
         return {
             field.alias or name: _stated(getattr(value, name))
             for name, field in type(value).model_fields.items()
-            if field.is_required()
-            or name in _DIGESTED_DEFAULTS
+            if name in _DIGESTED_DEFAULTS
             or getattr(value, name) != field.get_default(call_default_factory=True)
         }
     if isinstance(value, dict):

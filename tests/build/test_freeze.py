@@ -9,6 +9,7 @@ import warnings
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 from PIL import Image
@@ -19,13 +20,15 @@ from typer.testing import CliRunner, Result
 
 from exceptiondrive_build.candidates import walk
 from exceptiondrive_build.cli import app
+from exceptiondrive_build.freezing.croissant import croissant
+from exceptiondrive_build.freezing.datasheet_text import markdown_of
 from exceptiondrive_build.freezing.freeze import gzipped
 from exceptiondrive_build.inspection import draw
 from exceptiondrive_build.numbers import is_verified
 from exceptiondrive_build.records import Kind
 from exceptiondrive_build.values import Corners, Edited, Inspected, Verified
 from exceptiondrive_build.workshop import RECORDS, Workshop
-from exceptiondrive_schemas.datasheet import Datasheet
+from exceptiondrive_schemas.datasheet import Datasheet, Words
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.splits.store import load_split, read_split
 
@@ -227,6 +230,33 @@ def test_croissant_is_valid_and_reads_the_sample_ids(shop: Path) -> None:
         rows = [row["samples/sample_id"].decode() for row in dataset.records("samples")]
     split = read_split(shop / "frozen" / "1" / "split.json.gz")
     assert sorted(rows) == sorted(sample.sample_id for sample in split.samples)
+
+
+def test_croissant_says_what_the_organizers_do_and_leaves_out_what_they_do_not(shop: Path) -> None:
+    sheet = Datasheet.model_validate_json(frozen(shop, "1")["datasheet.json"])
+
+    def told(**words: str) -> dict[str, Any]:
+        said = sheet.model_copy(update={"words": Words(**words)})
+        document = json.loads(croissant(said, {"manifest.json": b"{}"}))
+        return {key: document.get(key) for key in ("description", "license", "url")}
+
+    title, url = sheet.title, "https://example.org/licence"
+    assert told() == {"description": title, "license": None, "url": None}
+    assert told(licence="CC0", url=url) == {"description": title, "license": "CC0", "url": url}
+    assert told(purpose="To be tested.", licence="CC0", licence_url=url) == {
+        "description": "To be tested.",
+        "license": url,
+        "url": None,
+    }
+
+
+def test_the_datasheet_in_words_has_a_line_of_each_family(shop: Path) -> None:
+    sheet = Datasheet.model_validate_json(frozen(shop, "1")["datasheet.json"])
+    lines = markdown_of(sheet).splitlines()
+    for family in sheet.families:
+        counts = (family.candidates, family.suitable, family.accepted, family.n)
+        told = " | ".join([family.id, family.title, *map(str, counts)])
+        assert any(line.startswith(f"| {told} | ") for line in lines)
 
 
 # Revisions.

@@ -8,6 +8,7 @@ from weakref import ref
 import pytest
 from sqlalchemy import inspect, select, text, update
 from sqlalchemy.exc import DatabaseError
+from sqlalchemy.orm import Session
 from tests.records.statements import of_board_texts, statements
 from tests.support.work import claim_board_of
 
@@ -19,6 +20,7 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.db.memory import Memory
 from exceptiondrive_records.operations.invariants import broken_boards
+from exceptiondrive_records.phases.scoring_keys import ScoringKey, key_of_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.views import board_history
 from exceptiondrive_records.submissions.submissions import withdraw
@@ -76,9 +78,13 @@ def test_entries_in_the_table_are_those_of_the_body(world: World) -> None:
         session.execute(text("UPDATE board_entries SET rank = 1"))
 
 
+def shown_key(session: Session) -> ScoringKey:
+    return key_of_phase(session.get_one(Phase, "dev"))
+
+
 def test_a_new_phase_wants_its_first_board(world: World) -> None:
     with world.database.read() as session:
-        assert is_board_wanted(session, "dev", world.protocol_digest)
+        assert is_board_wanted(session, "dev", *shown_key(session))
         assert boards.current_board(session, "dev") is None
 
 
@@ -102,7 +108,7 @@ def test_a_published_board_is_current_and_its_body_is_served_as_it_is(world: Wor
         assert (served.board, served.published_at) == (1, current.published_at)
         assert current.digest == world.board("a").content_digest
         assert current.body_digest == content_digest(served)
-        assert not is_board_wanted(session, "dev", world.protocol_digest)
+        assert not is_board_wanted(session, "dev", *shown_key(session))
     assert world.claim_board() is None
 
 
@@ -122,7 +128,7 @@ def test_what_came_while_a_board_was_built_is_built_next(world: World) -> None:
     with world.database.write() as session:
         boards.publish_board(session, claim, world.board("a"))
     with world.database.read() as session:
-        assert is_board_wanted(session, "dev", world.protocol_digest)
+        assert is_board_wanted(session, "dev", *shown_key(session))
 
 
 def test_what_was_built_before_is_no_attempt_of_the_next_build(world: World) -> None:

@@ -3,12 +3,13 @@
 from datetime import timedelta
 
 import pytest
-from sqlalchemy import select, text
+from sqlalchemy import select, text, update
 from sqlalchemy.exc import DatabaseError
 from tests.records.world import World
 
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
+from exceptiondrive_records.phases.scoring_keys import key_of_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions import edits
 from exceptiondrive_records.submissions.edits import (
@@ -19,6 +20,8 @@ from exceptiondrive_records.submissions.edits import (
 )
 from exceptiondrive_records.submissions.submissions import accept, find_submission
 from exceptiondrive_records.submissions.tables import SubmissionEdit
+from exceptiondrive_records.work.board_requests import is_board_wanted
+from exceptiondrive_records.work.tables import BoardRequest, WorkState
 from exceptiondrive_schemas.method_facts import EditChanges, MethodFacts, SubmissionChange
 
 VLA = MethodFacts(type="vla", sensors=("lidar", "front_camera"), parameters_millions=7000)
@@ -61,6 +64,17 @@ def test_of_the_facts_only_those_that_were_sent_change(world: World) -> None:
     with world.database.read() as session:
         facts = find_submission(session, one).facts
     assert facts == MethodFacts(type="vla", sensors=("front_camera", "lidar"), map="hd")
+
+
+def test_a_board_is_asked_for_where_an_edit_changes_what_it_says(world: World) -> None:
+    one = world.scored("a", "Planner")
+    for change, is_wanted in (({"facts": VLA}, False), ({"method": "Planner 2"}, True)):
+        with world.database.write() as session:
+            session.execute(update(BoardRequest).values(state=WorkState.DONE))
+        edit(world, one, **change)
+        with world.database.read() as session:
+            key = key_of_phase(session.get_one(Phase, world.phase_id))
+            assert is_board_wanted(session, world.phase_id, *key) == is_wanted
 
 
 def test_what_changes_nothing_leaves_no_trace(world: World) -> None:

@@ -132,23 +132,50 @@ def test_an_empty_file_is_called_empty(data: bytes, checked: Check) -> None:
 
 
 @pytest.mark.parametrize(
-    ("data", "code", "got"),
+    ("data", "code", "expected", "got"),
     [
-        (b"[]", FaultCode.WRONG_TYPE, "a list"),
-        (b"null", FaultCode.NOT_JSON, '"null" at line 1 column 1'),
-        (b"sample_id,x,y", FaultCode.NOT_JSON, '"sample_id,x,y" at line 1 column 1'),
-        (b"{", FaultCode.NOT_JSON, "the end of the file at line 1 column 2"),
-        (b'{\n "split" "x"}', FaultCode.NOT_JSON, '""x"}" at line 2 column 10'),
-        (b"{'split': 1}", FaultCode.NOT_JSON, "\"'split':\" at line 1 column 2"),
-        (b'{"split": "a\nb"}', FaultCode.NOT_JSON, "the end of the file at line 1 column 13"),
-        (b'{"split": "\\x"}', FaultCode.NOT_JSON, '"\\x"}" at line 1 column 12'),
+        (b"[]", FaultCode.WRONG_TYPE, "an object with the key `schema`", "a list"),
+        (b"null", FaultCode.NOT_JSON, "{", '"null" at line 1 column 1'),
+        (b"sample_id,x,y", FaultCode.NOT_JSON, "{", '"sample_id,x,y" at line 1 column 1'),
+        (
+            b"{",
+            FaultCode.NOT_JSON,
+            "a key in double quotes",
+            "the end of the file at line 1 column 2",
+        ),
+        (b'{"a": 1', FaultCode.NOT_JSON, "a comma or }", "the end of the file at line 1 column 8"),
+        (b'{\n "split" "x"}', FaultCode.NOT_JSON, "a colon", '""x"}" at line 2 column 10'),
+        (
+            b"{'split': 1}",
+            FaultCode.NOT_JSON,
+            "a key in double quotes",
+            "\"'split':\" at line 1 column 2",
+        ),
+        (
+            b'{"split": "a\nb"}',
+            FaultCode.NOT_JSON,
+            "no raw control character in a text (escape it)",
+            "the end of the file at line 1 column 13",
+        ),
+        (
+            b'{"split": "\\x"}',
+            FaultCode.NOT_JSON,
+            "a legal escape",
+            '"\\x"}" at line 1 column 12',
+        ),
+        (
+            b'{"schema": ["planning"]}',
+            FaultCode.WRONG_TYPE,
+            '"exceptiondrive.planning/1" or "exceptiondrive.strategy/1"',
+            "a list of 1 value",
+        ),
     ],
 )
 def test_broken_json_is_shown_where_it_breaks(
-    data: bytes, code: FaultCode, got: str, checked: Check
+    data: bytes, code: FaultCode, expected: str, got: str, checked: Check
 ) -> None:
-    group = checked(data).faults[0]
-    assert (group.code, group.examples[0].got) == (code, got)
+    groups = {group.code: group.examples[0] for group in checked(data).faults}
+    assert (groups[code].expected, groups[code].got) == (expected, got)
 
 
 def test_faults_before_a_break_are_still_reported(planning: dict[str, Any], checked: Check) -> None:

@@ -9,6 +9,7 @@ import pytest
 from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.check.fault_list import json_path, shown
 from exceptiondrive_schemas.check.sample_ids import SHARDS, NearestId
+from exceptiondrive_schemas.check.trajectory_forms import point_in, trajectory_in
 from exceptiondrive_schemas.faults import MAX_EXAMPLES, CheckReport, Fault, FaultCode
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
@@ -172,6 +173,18 @@ def test_a_file_of_few_samples_is_asked_whether_it_is_a_shard(
     assert {fault.hint for fault in missing.examples} == {SHARDS}
 
 
+def test_an_empty_file_of_predictions_and_one_with_other_ids_are_no_shards(
+    planning: dict[str, Any], checked: Check
+) -> None:
+    del planning["predictions"][1:]
+    planning["predictions"].append({**planning["predictions"][0], "sample_id": "another"})
+    groups = {group.code: group for group in checked(planning).faults}
+    assert {fault.hint for fault in groups[FaultCode.MISSING_SAMPLE].examples} == {None}
+    planning["predictions"] = []
+    groups = {group.code: group for group in checked(planning).faults}
+    assert {fault.hint for fault in groups[FaultCode.MISSING_SAMPLE].examples} == {None}
+
+
 @pytest.mark.parametrize("wanted", ["scene-0041-004x", "cene-0041-0041", "Scene-0041-0041"])
 def test_the_nearest_id_is_found_among_many(wanted: str) -> None:
     ids = NearestId(f"scene-{n:04}-{n % 97:04}" for n in range(50_000))
@@ -202,3 +215,9 @@ def test_a_path_quotes_keys_that_are_no_names() -> None:
     path = ("predictions", 3, "edited", 2, 0)
     assert json_path(path) == "$.predictions[3].edited[2][0]"
     assert json_path(("my key", 0)) == '$["my key"][0]'
+
+
+def test_a_point_has_one_heading_and_no_boolean_is_a_number() -> None:
+    assert point_in({"x": 1.0, "y": 2.0, "heading": 3.0, "yaw": 4.0}) == [1.0, 2.0, 3.0]
+    assert trajectory_in([1.0, 2.0, 3.0, 4.0]) is not None
+    assert trajectory_in([1.0, 2.0, True, 4.0]) is None

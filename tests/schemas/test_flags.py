@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from exceptiondrive_schemas.board import Board
+from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.flags import FLAGS, bars_leading
 from exceptiondrive_schemas.protocol import (
@@ -102,11 +103,48 @@ def test_a_check_tells_a_flag_before_an_upload(code: str, manifest: Manifest) ->
     assert f"flagged {FLAGS[code].label}: " in (report.unranked_because or "")
 
 
-def test_a_flag_of_a_newer_server_is_read_and_bars_leading() -> None:
+@pytest.mark.parametrize(
+    ("letters", "unranked_flags", "because"),
+    [
+        ("C" * 20 + "A", ("same_answer",), "flagged Same answer: 95% are C"),
+        ("C" * 20 + "A", (), None),
+        ("C" * 19 + "A", ("same_answer",), None),
+        ("C" * 19, ("same_answer",), None),
+        (
+            "ABCDE" * 4 + "-",
+            ("same_answer",),
+            "95.24% of the scenes are answered; a rank needs 99%",
+        ),
+    ],
+)
+def test_a_check_tells_of_one_strategy_for_nearly_all_and_of_too_few_answers(
+    letters: str, unranked_flags: tuple[str, ...], because: str | None, manifest: Manifest
+) -> None:
+    protocol = packaged_protocol(NEWEST)
+    ranking = protocol.ranking.model_copy(update={"unranked_flags": unranked_flags})
+    answers = {f"s-{n:03}": None if each == "-" else each for n, each in enumerate(letters)}
+    document = {
+        "schema": "exceptiondrive.strategy/1",
+        "split": manifest.name,
+        "predictions": [{"sample_id": key, "strategy": letter} for key, letter in answers.items()],
+    }
+    report = check(
+        json.dumps(document).encode(),
+        protocol=protocol.model_copy(update={"ranking": ranking}),
+        manifest=manifest.model_copy(update={"sample_ids": tuple(answers)}),
+        challenge=STRATEGY.id,
+    ).report
+    assert report.faults == ()
+    assert report.unranked_because == because
+
+
+def test_a_flag_and_a_challenge_of_a_newer_server_are_read_and_such_a_flag_bars_leading() -> None:
     document = json.loads(packaged_protocol("1.1").model_dump_json(by_alias=True))
     document["ranking"]["unranked_flags"].append("drives_by_night")
+    document["ranking"]["order"]["night_driving"] = [{"metric": "glare", "order": "ascending"}]
     read = ProtocolDocument.read(json.dumps(document))
     assert "drives_by_night" in read.ranking.unranked_flags
+    assert "night_driving" in read.ranking.order
     assert bars_leading(["drives_by_night"])
     assert not bars_leading(["blind_to_the_edit"])
     assert not bars_leading([])

@@ -16,7 +16,7 @@ from tests.support.extract import make_extract
 
 from exceptiondrive_schemas.check import check, source_fit
 from exceptiondrive_schemas.check.answers import PlanningDocument, TrajectoryPair
-from exceptiondrive_schemas.check.source_fit import file_profile
+from exceptiondrive_schemas.check.source_fit import _means_at, file_profile
 from exceptiondrive_schemas.check.transformations import (
     UNITS_M,
     Points,
@@ -24,6 +24,7 @@ from exceptiondrive_schemas.check.transformations import (
     mirrored,
     rotated,
     scaled,
+    summed,
     swapped,
 )
 from exceptiondrive_schemas.file_profile import FileProfile
@@ -49,6 +50,21 @@ def sampled(time_step_s: float) -> Mistake:
         return at_times([*points, *beyond], 0.5, times_s)
 
     return sample
+
+
+def test_a_trajectory_is_summed_and_read_between_waypoints_along_both_axes() -> None:
+    assert summed([(1.0, 2.0), (3.0, -1.0)]) == [(1.0, 2.0), (4.0, 1.0)]
+    found = at_times([(2.0, 1.0), (4.0, 4.0)], 0.5, [0.0, 0.25, 0.75, 1.0])
+    assert found == [(0.0, 0.0), (1.0, 0.5), (3.0, 2.5), (4.0, 4.0)]
+
+
+def test_distances_are_told_at_whole_seconds_that_have_a_waypoint(
+    protocol: ProtocolDocument,
+) -> None:
+    geometry = protocol.geometry.model_copy(update={"time_step_s": 0.4})
+    distances_m = [[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]]
+    assert list(_means_at(distances_m, protocol.geometry)) == [2.0, 4.0, 6.0]
+    assert list(_means_at(distances_m, geometry)) == [None, 5.0, None]
 
 
 def polar(points: Points) -> Points:

@@ -8,10 +8,12 @@ from tests.scoring.made import answers_alone
 
 from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING, STRATEGY, ChallengeId
 from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_scoring.arrays import SplitArrays
-from exceptiondrive_scoring.challenge import SCORING, ChallengeScoring
+from exceptiondrive_scoring.challenge import SCORING, ChallengeScoring, exact_sheet
 from exceptiondrive_scoring.planning import PlanningScoring
+from exceptiondrive_scoring.plausibility import OfControls, raised
 from exceptiondrive_scoring.sheet import aggregate
 from exceptiondrive_scoring.strategy import StrategyScoring
 
@@ -87,3 +89,22 @@ def test_the_strategy_sheet_carries_confusion_and_reminder_rows(
     rows = scoring.extra(reminded, split, protocol)
     assert rows["confusion_CD"]["missing"] == 1
     assert rows["reminder"]["given"] == 1.0
+
+
+@pytest.mark.parametrize(("challenge_id", "n_source"), [(PLANNING.id, 5), (STRATEGY.id, None)])
+def test_a_sheet_counts_what_was_answered_and_has_the_flags_of_samples_and_of_controls(
+    challenge_id: ChallengeId,
+    n_source: int | None,
+    split: SplitArrays,
+    protocol: ProtocolDocument,
+) -> None:
+    scoring, ref = SCORING[challenge_id], SplitRef(name="six", revision="sha256:" + "0" * 64)
+    measured = scoring.measure(_answers(challenge_id), split, protocol.geometry)
+    of_controls = OfControls(
+        {"over_caution": 1.0}, (raised("over_cautious", "All are held back."),)
+    )
+    sheet = exact_sheet(scoring, measured, split, ref, protocol, of_controls)
+    assert (sheet.coverage.n_edited, sheet.coverage.n_source) == (5, n_source)
+    assert sheet.micro["over_caution"] == 1.0
+    of_samples = scoring.plausibility(measured, split, protocol).flags
+    assert sheet.plausibility.flags == (*of_samples, *of_controls.flags)

@@ -8,9 +8,14 @@ import pytest
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs
-from exceptiondrive_scoring.grade import clearance_compliance, grade, proximity_response
+from exceptiondrive_scoring.grade import (
+    clearance_compliance,
+    grade,
+    kept_clearances,
+    proximity_response,
+)
 from exceptiondrive_scoring.kinematics import path_fit
-from exceptiondrive_scoring.measure import measure
+from exceptiondrive_scoring.measure import Clearances, measure
 
 MakeSplit = Callable[..., SplitArrays]
 FRONT = 3.528
@@ -87,6 +92,20 @@ def test_contact_has_the_tolerance_of_the_protocol(
     split = make_split(np.array([_wall_ahead(gap_m)]))
     measurements = measure(_standing(1), split.regions_m, protocol.geometry)
     assert measurements.intrusion.tolist() == [intrusion]
+
+
+def test_the_tolerance_itself_is_contact_and_the_required_clearance_itself_is_kept(
+    make_split: MakeSplit, protocol: ProtocolDocument
+) -> None:
+    split = make_split(np.array([_wall_ahead(0.0005)] * 2), d_safe_m=1.0)
+    standing, geometry = _standing(2), protocol.geometry
+    (found_m, _) = measure(standing, split.regions_m, geometry).clearance_m.tolist()
+    touched = geometry.model_copy(update={"contact_tolerance_m": found_m})
+    assert measure(standing, split.regions_m, touched).intrusion.all()
+    kept = kept_clearances(
+        Clearances(np.array([1.0, np.nextafter(1.0, 0.0)]), np.zeros(2, np.bool_)), split, protocol
+    )
+    assert (kept["clear"].tolist(), kept["close"].tolist()) == ([True, False], [False, True])
 
 
 def test_the_shift_is_the_mean_over_all_points_with_the_origin(

@@ -156,6 +156,25 @@ def test_the_difference_of_two_minima_is_no_minimum_of_differences(
     assert (again.difference, again.interval, again.discordant) == (0.0, (0.0, 0.0), 0.0)
 
 
+@pytest.mark.parametrize("headline", ["micro", "macro_family"])
+def test_its_interval_is_of_the_difference_and_of_no_mean(
+    split: SplitArrays, protocol: ProtocolDocument, headline: str
+) -> None:
+    """Three times as far at the quantile is a metre more, on average it is four."""
+    a, b = scores(3), scores(4)
+    a.values[:, 1:4] = 3 * b.values[:, 1:4]
+    by = protocol.model_copy(
+        update={"grading": protocol.grading.model_copy(update={"headline": headline})}
+    )
+    found = compare(a, b, split, by, TOY)
+    for told in (found.overall, *found.families.values()):
+        quantile, mean = told["quantile"], told["mean"]
+        assert quantile.interval is not None
+        assert mean.interval is not None
+        assert quantile.interval[0] <= (quantile.difference or 0.0) <= quantile.interval[1]
+        assert quantile.interval[1] < mean.interval[0]
+
+
 def test_a_first_metric_that_is_a_minimum_is_compared_by_task(
     split: SplitArrays, protocol: ProtocolDocument
 ) -> None:
@@ -163,8 +182,12 @@ def test_a_first_metric_that_is_a_minimum_is_compared_by_task(
     a, b = (SampleScores(METRICS[1:], scores(seed).values[:, 1:]) for seed in (5, 6))
     found = compare(a, b, split, protocol, toy)
     assert found.tasks.keys() == {task.id for task in protocol.tasks}
-    task = found.tasks[protocol.tasks[0].id]["minimum"]
-    assert task.difference is not None
+    gaps = a.values[:, 0] - b.values[:, 0]
+    for index, task in enumerate(protocol.tasks):
+        both = (split.task_index == index) & ~np.isnan(gaps)
+        least_a, least_b = (np.min(each.values[both, 0]) for each in (a, b))
+        difference = found.tasks[task.id]["minimum"].difference
+        assert difference == pytest.approx(least_a - least_b)
     assert scene_sums_by_task(a, split, protocol.taxonomy).values.shape == (N, 2)
 
 

@@ -1,16 +1,26 @@
 """Shares and flags of docs/protocol.md section 5."""
 
+from array import array
+from collections import Counter
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 from tests.support import realdata
 
+from exceptiondrive_schemas.check.motion import (
+    _progress,
+    _undrivable,
+    motion_flags,
+    wrong_first_steps,
+)
+from exceptiondrive_schemas.check.tracks import PairTracks
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import Plausibility
 from exceptiondrive_schemas.split import SplitSample
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import SplitArrays, TrajectoryPairs, split_arrays
+from exceptiondrive_scoring.grade import measured_progress
 from exceptiondrive_scoring.kinematics import (
     peak_acceleration_mps2,
     positions,
@@ -18,7 +28,8 @@ from exceptiondrive_scoring.kinematics import (
     tightest_turn_m,
 )
 from exceptiondrive_scoring.measure import measure
-from exceptiondrive_scoring.plausibility import _median, plausibility
+from exceptiondrive_scoring.planning import PlanningScoring
+from exceptiondrive_scoring.plausibility import _median, impossible_first_step, plausibility
 
 STILL = np.zeros((6, 2))
 CRUISE = np.stack([3.0 * np.arange(1, 7), np.zeros(6)], axis=-1)
@@ -107,11 +118,13 @@ def test_a_missing_trajectory_counts_as_one_that_stands(protocol: ProtocolDocume
     nothing = _judge([MISSING], [MISSING], protocol)
     assert (nothing.shares["blind"], nothing.shares["impossible"]) == (None, None)
     assert _codes(nothing) == ["source_stands_still"]
+    path = tuple((float(x), float(y)) for x, y in CRUISE)
+    assert _judge([MISSING], [MISSING], protocol, [path]).flags == nothing.flags
 
 
 def test_acceleration_is_the_change_of_velocity_between_steps(protocol: ProtocolDocument) -> None:
-    points = np.array([[[0, 0], [1, 0], [4, 0], [4, 4]]], dtype=float)
-    # steps (1, 0) (3, 0) (0, 4) in 0.5 s: the largest change is (-3, 4), 5 / 0.25
+    points = np.array([[[0, 0], [1, 0], [4, 4], [4, 12]]], dtype=float)
+    # steps (1, 0) (3, 4) (0, 8) in 0.5 s: the largest change is (-3, 4), 5 / 0.25
     assert peak_acceleration_mps2(steps(positions(points)), protocol.geometry) == pytest.approx(
         20.0
     )
@@ -135,7 +148,8 @@ def test_real_planners_are_not_called_impossible(
     assert _codes(judged) == ["blind_to_the_edit"]  # its edited drive is its source drive
 
 
-BACKING = np.stack([-0.1 * np.arange(1, 7), np.zeros(6)], axis=-1)
+MOTION = ("impossible_motion", "reverses", "hardly_moves")
+BACKING = np.stack([0.2 - 0.2 * np.arange(6), np.zeros(6)], axis=-1)
 SLOW_CRUISE = CRUISE / 2
 
 
@@ -178,6 +192,8 @@ def test_one_path_in_every_edited_scene_is_flagged(protocol: ProtocolDocument) -
     same = _judge([CRUISE] * 100, [0.8 * CRUISE] * 96 + others[:4], protocol)
     assert _codes(same) == ["same_answer"]
     assert _codes(_judge([CRUISE] * 100, [0.8 * CRUISE] * 94 + others, protocol)) == []
+    to_the_left = CRUISE[:, ::-1]
+    assert "same_answer" in _codes(_judge([CRUISE] * 100, [to_the_left] * 100, protocol))
 
 
 def test_sources_far_from_the_recorded_drive_are_off_course(protocol: ProtocolDocument) -> None:
@@ -209,6 +225,20 @@ def test_hardly_moving_is_flagged_overall_and_in_a_family_of_enough_samples(
     assert "hardly_moves" in judge(90)
 
 
+@pytest.mark.parametrize(
+    ("n_held_back", "n_half_way", "codes"),
+    [(11, 9, ["over_cautious"]), (10, 10, []), (19, 0, []), (20, 0, ["over_cautious"])],
+)
+def test_who_hardly_gets_on_at_most_of_enough_controls_is_over_cautious(
+    protocol: ProtocolDocument, n_held_back: int, n_half_way: int, codes: list[str]
+) -> None:
+    edited = np.stack([0.4 * CRUISE] * n_held_back + [0.5 * CRUISE] * n_half_way)
+    answers = {"source": np.stack([CRUISE] * len(edited)), "edited": edited}
+    said = PlanningScoring().of_controls(answers, protocol)
+    assert said.metrics == {"over_caution": n_held_back / len(edited)}
+    assert [flag.code for flag in said.flags] == codes
+
+
 def test_medians_are_those_of_numpy_to_the_last_bit() -> None:
     rng = np.random.default_rng(1)
     for n in (1, 2, 3, 300, 3181):
@@ -216,3 +246,68 @@ def test_medians_are_those_of_numpy_to_the_last_bit() -> None:
         values[:, : n // 3] = np.round(values[:, : n // 3])  # some alike
         assert np.array_equal(_median(values), np.median(values, axis=1))
         assert _median(values[0]) == np.median(values[0])
+
+
+def _as_checked(pairs: TrajectoryPairs) -> PairTracks:
+    def flat(points: FloatArray) -> "array[float] | None":
+        return None if np.isnan(points).any() else array("d", points.ravel().tolist())
+
+    rows = zip(pairs.source, pairs.edited, strict=True)
+    return PairTracks.of([(flat(source), flat(edited)) for source, edited in rows], 6)
+
+
+def test_a_check_before_an_upload_judges_each_sample_as_the_scorer_does(
+    protocol: ProtocolDocument,
+) -> None:
+    rng = np.random.default_rng(4)
+    lengths_m = rng.choice([0.0, 0.05, 0.4, 2.0, 4.0, 9.0], (2, 400, 6))
+    headings = rng.choice([0.0, np.pi], (2, 400, 1)) + rng.normal(0, 0.5, (2, 400, 6)).cumsum(-1)
+    source, edited = (
+        (lengths_m * [np.cos(headings), np.sin(headings)]).cumsum(-1).transpose(1, 2, 3, 0)
+    )
+    source[::7], edited[::5] = np.nan, np.nan
+    pairs = TrajectoryPairs.from_columns({"source": source, "edited": edited})
+    section, both = protocol.plausibility, pairs.source_given & pairs.edited_given
+    measured = measure(pairs, np.tile(FAR_AWAY, (400, 1, 1)), protocol.geometry)
+    tracks = _as_checked(pairs)
+
+    wrong = impossible_first_step(measured, protocol)[both]
+    source_m, edited_m = (
+        side.step_lengths_m[0][: tracks.n_both] for side in (tracks.source, tracks.edited)
+    )
+    assert wrong_first_steps(source_m, edited_m, protocol) == set(np.flatnonzero(wrong).tolist())
+    in_order = np.concatenate(
+        [np.flatnonzero(both), np.flatnonzero(pairs.edited_given & ~pairs.source_given)]
+    )
+    undrivable = (measured.peak_acceleration_mps2 > section.max_acceleration_mps2) | (
+        measured.tightest_turn_m < section.min_turn_radius_m
+    )
+    assert _undrivable(tracks.edited, protocol) == set(
+        np.flatnonzero(undrivable[in_order]).tolist()
+    )
+    progress = measured_progress(measured, section)[both]
+    found = list(_progress(*tracks, section.progress_min_path_m))
+    assert found == pytest.approx(progress[~np.isnan(progress)].tolist())
+    for told in (wrong, undrivable, progress > 0.5):
+        assert 0.05 < told.mean() < 0.95
+
+
+def test_a_check_before_an_upload_tells_the_flags_of_motion_that_the_scorer_raises(
+    protocol: ProtocolDocument,
+) -> None:
+    kinds = [0.3 * CRUISE, BACKING, JUMP, HAIRPIN, STILL, MISSING, 0.1 * CRUISE]
+    told_before = Counter[str]()
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        source, edited = [CRUISE] * 30, [0.8 * CRUISE] * 30
+        for side in (source, edited):
+            for n in (rng.choice([0, 1, 2, 4, 20, 28]), rng.choice([0, 1, 2])):
+                side[: int(n)] = [kinds[rng.integers(len(kinds))]] * int(n)
+        flags = _codes(_judge(source, edited, protocol))
+        pairs = TrajectoryPairs.from_columns(
+            {"source": np.stack(source), "edited": np.stack(edited)}
+        )
+        told = [code for code, _ in motion_flags(_as_checked(pairs), 30, protocol)]
+        assert told == [code for code in flags if code in MOTION]
+        told_before.update(told)
+    assert min(told_before[code] for code in MOTION) > 5

@@ -8,7 +8,7 @@ from exceptiondrive_schemas.split import SplitSample
 from exceptiondrive_schemas.taxonomy import Strategy
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import split_arrays
-from exceptiondrive_scoring.region import prepare_regions, signed_area_m2
+from exceptiondrive_scoring.region import is_far, is_small, prepare_regions, signed_area_m2
 
 SQUARE = [[1.0, 0.0], [2.0, 0.0], [2.0, 1.0], [1.0, 1.0]]
 DART = [[0.0, 0.0], [4.0, 0.0], [1.0, 1.0], [0.0, 4.0]]
@@ -34,6 +34,14 @@ def test_a_concave_region_becomes_two_triangles_at_its_reflex_corner(
 
 def test_a_convex_region_stays_whole_in_either_rotation() -> None:
     assert _piece_areas(np.array([SQUARE, SQUARE[::-1]])) == ([1.0, 1.0], [0, 1])
+
+
+def test_each_region_is_far_or_small_by_itself(protocol: ProtocolDocument) -> None:
+    """Too far away for a number is too far away."""
+    geometry, small = protocol.geometry, np.multiply(SQUARE, 1e-3)
+    regions = np.array([SQUARE, np.multiply(SQUARE, 8.5e307), small, np.add(SQUARE, [0.0, 1e6])])
+    assert is_far(regions, geometry).tolist() == [False, True, False, True]
+    assert is_small(np.array([SQUARE, small, SQUARE]), geometry).tolist() == [False, True, False]
 
 
 def test_a_region_that_crosses_itself_is_refused() -> None:
@@ -77,6 +85,15 @@ def test_a_split_is_sorted_by_sample_and_takes_defaults_from_its_tasks(
 def test_a_task_that_the_protocol_does_not_list_is_named(protocol: ProtocolDocument) -> None:
     with pytest.raises(ValueError, match="does not list these tasks: ZZ9"):
         split_arrays([_sample("a", "s", "ZZ9")], protocol.taxonomy)
+
+
+def test_recorded_paths_of_different_lengths_are_refused(protocol: ProtocolDocument) -> None:
+    paths = [((1.0, 0.0),) * n_waypoints for n_waypoints in (6, 5)]
+    with pytest.raises(ValueError, match="different numbers of waypoints"):
+        split_arrays(
+            [_sample(f"s-{len(path)}", "s", "SE1", recorded=path) for path in paths],
+            protocol.taxonomy,
+        )
 
 
 def test_samples_of_which_none_counts_are_refused(protocol: ProtocolDocument) -> None:

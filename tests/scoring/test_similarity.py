@@ -18,6 +18,7 @@ from exceptiondrive_scoring.similarity import (
     FINGERPRINT_SAMPLES,
     FIRST_LOOK,
     SLACK,
+    Alikeness,
     AlikeRule,
     alikeness,
     compare_pair,
@@ -67,6 +68,24 @@ def test_a_copy_with_small_changes_is_still_alike(change: object, is_alike: bool
     chosen = fingerprinted_samples(3181, "seed")
     (by_fingerprint,) = alikeness(ways(1)[chosen], changed[chosen][None], PLANNING)
     assert PLANNING.is_alike(by_fingerprint, SLACK) == is_alike
+
+
+@pytest.mark.parametrize(
+    ("equal_share", "mean_m", "aligned_share", "is_alike", "is_probe"),
+    [
+        (0.9, 2.0, 0.0, True, True),
+        (0.89, 2.0, 0.0, False, False),
+        (0.0, 0.25, 0.0, True, False),
+        (0.0, 0.26, 0.0, False, False),
+        (0.0, 2.0, 0.9, True, True),
+        (0.0, 2.0, 1.0, True, False),
+    ],
+)
+def test_a_rule_holds_from_its_own_values_on(
+    equal_share: float, mean_m: float, aligned_share: float, *, is_alike: bool, is_probe: bool
+) -> None:
+    found = Alikeness(equal_share, mean_m, aligned_share)
+    assert (PLANNING.is_alike(found), PLANNING.is_probe(found)) == (is_alike, is_probe)
 
 
 def test_one_sample_far_away_never_decides() -> None:

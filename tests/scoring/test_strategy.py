@@ -11,6 +11,7 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_scoring.arrays import STRATEGIES, SplitArrays
 from exceptiondrive_scoring.strategy import (
     StrategyAnswers,
+    StrategyScoring,
     confusion,
     grade_strategies,
     reminder_scores,
@@ -151,3 +152,21 @@ def test_scoring_agrees_with_the_sets_that_the_protocol_stores(protocol: Protoco
     assert [tuple(s for s, bad in zip(STRATEGIES, row, strict=True) if bad) for row in under] == [
         protocol.grading.under_warning(chosen) for chosen in sets
     ]
+
+
+@pytest.mark.parametrize(
+    ("letters", "told"),
+    [
+        ("C" * 20 + "-", ["100% of the answers are C."]),
+        ("C" * 20 + "A", ["95% of the answers are C."]),
+        ("C" * 19 + "A", []),
+        ("C" * 19, []),
+    ],
+)
+def test_one_strategy_for_nearly_all_of_enough_samples_is_flagged(
+    letters: str, told: list[str], split: SplitOf, protocol: ProtocolDocument
+) -> None:
+    found = StrategyScoring().plausibility(
+        _answers(letters).columns(), split([SE1] * len(letters)), protocol
+    )
+    assert [flag.detail for flag in found.flags] == told

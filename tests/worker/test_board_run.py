@@ -8,8 +8,10 @@ from tests.support import documents
 from tests.support.worker import build_board_of
 
 from exceptiondrive_records.boards.tables import BoardRow
+from exceptiondrive_records.submissions.edits import edit_submission
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.method_facts import SubmissionChange
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.splits.private_store import Shelf
 
@@ -53,6 +55,25 @@ def test_entries_rank_by_hcc_and_ties_share_a_rank(
         ("lane_blockage", 2),
         ("road_surface_hazard", 1),
     ]
+
+
+def test_a_row_says_what_its_team_says_of_the_entry(
+    phase: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    submission_id = phase.score(planning_file(tiny), method="one", team="alpha")
+    said = {
+        "description": "It brakes.",
+        "paper_url": "https://example.org/paper",
+        "code_url": "https://example.org/code",
+    }
+    with phase.database.write() as session:
+        edit_submission(
+            session, submission_id, SubmissionChange.model_validate(said), actor="team:1"
+        )
+    (row,) = build(phase).entries
+    assert (row.submission_id, row.method, row.team) == (submission_id, "one", "Alpha")
+    assert row.submitted_at == phase.submission(submission_id).received_at
+    assert (row.description, row.links.paper, row.links.code) == tuple(said.values())
 
 
 def test_rank_intervals_hold_the_rank_and_intervals_the_value(

@@ -206,7 +206,7 @@ def _differences(
 def _difference(
     metric: Metric, mean: float | None, discordant: float | None, ends: FloatArray
 ) -> Difference:
-    if mean is None or np.isnan(ends).any():
+    if np.isnan(ends).any():
         return Difference(mean, None, discordant, NOT_SEPARABLE)
     interval = (float(ends[0]), float(ends[1]))
     return Difference(mean, interval, discordant, _verdict(metric, *interval))

@@ -547,10 +547,9 @@ class SubmissionReader:
             raise _TooManyFaultsError
 
     def _sound_document(self) -> CheckedDocument | None:
-        if not self.faults.is_empty or self.split is None:
+        if not self.faults.is_empty or self.split is None or self.challenge is None:
             return None
-        challenge = self.challenge or PLANNING.id
-        rules = self._rules or RULES[challenge](self._protocol, self.faults)
+        rules = self._rules or RULES[self.challenge](self._protocol, self.faults)
         self.notes += rules.notes(len(self._answers), self.profile)
         if self._foretells_rank:
             self.unranked_because = rules.unranked_because(len(self._answers), self.profile)

@@ -100,7 +100,8 @@ class SampleIds:
             return
         missing = [each for each in self._manifest.sample_ids if each not in self._first_at]
         if self._unknown:
-            self._report_unknown(NearestId(missing or self._manifest.sample_ids))
+            nearest = NearestId(missing or self._manifest.sample_ids)
+            self._report_unknown(self._manifest.name, nearest)
         if n_read is not None and (self._first_at or n_read == 0):
             self._report_missing(missing, NearestId(text for _, text in self._unknown))
 
@@ -131,8 +132,7 @@ class SampleIds:
         else:
             self._faults.count(FaultCode.UNKNOWN_SAMPLE, [escaped(value)])
 
-    def _report_unknown(self, valid: NearestId) -> None:
-        name = self._manifest.name if self._manifest else ""
+    def _report_unknown(self, name: str, valid: NearestId) -> None:
         for index, text in self._unknown:
             nearest = valid.nearest(text)
             hint = f"did you mean {quoted(nearest)}?" if nearest else None

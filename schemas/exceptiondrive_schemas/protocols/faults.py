@@ -101,7 +101,7 @@ def _words(place: Place, document: Any) -> str:
     for step in place:
         document = _at(document, step)
         name = str(step)[:_LONGEST]
-        key = document.get("id") if isinstance(step, int) and isinstance(document, dict) else None
+        key = document.get("id") if isinstance(document, dict) else None
         parts.append(f"{name} ({key[:_LONGEST]})" if isinstance(key, str) else name)
     return ".".join(parts)
 

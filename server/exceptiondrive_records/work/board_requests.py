@@ -50,11 +50,9 @@ def want_board(
 
 
 def is_board_wanted(
-    session: Session, phase_id: str, protocol_digest: str, split_revision: str | None = None
+    session: Session, phase_id: str, protocol_digest: str, split_revision: str
 ) -> bool:
     """Whether a newer board is wanted than was built."""
-    if split_revision is None:
-        split_revision = session.get_one(Phase, phase_id).split_revision
     key = _key(phase_id, protocol_digest, split_revision)
     state = session.scalar(select(BoardRequest.state).where(BoardRequest.key == key))
     return state in OPEN_STATES

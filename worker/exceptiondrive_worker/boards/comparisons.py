@@ -116,13 +116,12 @@ def published_comparison(
                     rounding,
                 )
                 for family in protocol.families
-                if family.id in exact.families
-                and _is_shown(sheets, "families", family.id, protocol)
+                if _is_shown(sheets, "families", family.id, protocol)
             },
             "tasks": {
                 task.id: _coarse(exact.tasks[task.id], first, cells("tasks", task.id), rounding)
                 for task in protocol.tasks
-                if task.id in exact.tasks and _is_shown(sheets, "tasks", task.id, protocol)
+                if _is_shown(sheets, "tasks", task.id, protocol)
             },
         }
     )
