@@ -13,8 +13,8 @@ from pydantic import BaseModel
 def add_field_words(schemas: Mapping[str, dict[str, Any]]) -> None:
     """Describe the properties of schemas, by name, where nothing describes them yet.
 
-    Pydantic's `use_attribute_docstrings` reads the source of each class as it is made: at every start of
-    every program. This reads it where descriptions are made.
+    Pydantic would read the source of each class as it is made, at every start of every program. This
+    reads it where descriptions are made.
     """
     for model in _models(BaseModel):
         fields = {

@@ -1,19 +1,20 @@
 """The application: wiring and nothing else."""
 
 import gc
+import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 from fastapi import FastAPI
 
 from exceptiondrive_records.db.settings import load_settings
+from exceptiondrive_records.operations.logs import set_up_logs
 from exceptiondrive_server.boards.reader import BoardReader
 from exceptiondrive_server.routes import ROUTES, WEBHOOKS
 from exceptiondrive_server.web.browser_session import lead_to_sign_in
 from exceptiondrive_server.web.compression import PublicCompression
 from exceptiondrive_server.web.limits.body_limit import RequestLimits
 from exceptiondrive_server.web.limits.page_places import PagePlaces
-from exceptiondrive_server.web.logs import set_up_logs
 from exceptiondrive_server.web.middleware import HeadRequests, RequestContext
 from exceptiondrive_server.web.openapi import describe
 from exceptiondrive_server.web.problems import install_problem_handlers
@@ -60,7 +61,7 @@ def create_app(settings: ServerSettings) -> FastAPI:
 
 def app_from_environment() -> FastAPI:
     """Return the application that the environment describes, for `uvicorn --factory`."""
-    set_up_logs()
+    set_up_logs(sys.stdout)
     application = create_app(load_settings(ServerSettings))
     gc.freeze()  # it stays to the end: the collector of cycles need not look at it
     return application

@@ -333,7 +333,7 @@ def test_a_service_without_its_rights_is_told_who_gives_them(
     monkeypatch.setenv("EXCEPTIONDRIVE_DATABASE_URL", as_role(records_url, Role.WORKER))
     monkeypatch.setenv("EXCEPTIONDRIVE_SPLITS_DIR", str(tmp_path))
     monkeypatch.setattr("sys.argv", [program, command])
-    monkeypatch.setattr("exceptiondrive_worker.operator_cli.configure_logging", lambda: None)
+    monkeypatch.setattr("exceptiondrive_worker.operator_cli.set_up_logs", lambda _: None)
     main = importlib.import_module(program).main
     with pytest.raises(SystemExit) as ended:
         main()

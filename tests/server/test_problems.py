@@ -161,8 +161,8 @@ def test_our_own_error_is_500_with_an_id_and_nothing_else(
 def test_the_log_says_of_an_error_its_kind_and_places_and_none_of_its_words() -> None:
     """uvicorn wrote the whole traceback: words of errors quote what was sent."""
     code = (
-        "from exceptiondrive_server.web.logs import set_up_logs\nset_up_logs()\n"
-        "import logging\nimport structlog\n"
+        "import logging\nimport sys\nimport structlog\n"
+        "from exceptiondrive_records.operations.logs import set_up_logs\nset_up_logs(sys.stdout)\n"
         "def fails() -> None:\n    raise ValueError('hush')\n"
         "try:\n    fails()\nexcept ValueError:\n"
         "    logging.getLogger('uvicorn.error').exception('Exception in the application')\n"

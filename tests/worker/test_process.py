@@ -64,19 +64,11 @@ def test_a_process_whose_folder_was_away_begins_when_it_is_back(
         process.end()
 
 
-@pytest.mark.parametrize(
-    "set_up",
-    [
-        "from exceptiondrive_worker.logs import configure_logging as set_up",
-        "from exceptiondrive_server.web.logs import set_up_logs as set_up",
-    ],
-)
-def test_nothing_ends_of_a_log_line_that_a_full_disk_does_not_take(
-    set_up: str, tmp_path: Path
-) -> None:
+def test_nothing_ends_of_a_log_line_that_a_full_disk_does_not_take(tmp_path: Path) -> None:
     """The thread of the heartbeat ended so, and the worker counted as dead from then on."""
     code = (
-        f"{set_up}\nset_up()\nimport sys, structlog\nfrom pathlib import Path\n"
+        "import sys, structlog\nfrom pathlib import Path\n"
+        "from exceptiondrive_records.operations.logs import set_up_logs\nset_up_logs(sys.stderr)\n"
         "for _ in range(100):\n    structlog.get_logger().warning('x' * 1000)\n"
         "Path(sys.argv[1]).touch()\n"
     )

@@ -56,7 +56,7 @@ def draws_cut_off(n_draws: int, confidence: float, n_scenes: float) -> int:
 def student_quantile(z: float, freedom: float) -> float:
     """Quantile of Student's t at the level of the normal quantile z (Cornish-Fisher expansion).
 
-    Within 0.2 % from 5 degrees of freedom on, at the usual levels.
+    From 5 degrees of freedom on within 0.2 % at 95 % confidence, and within 0.6 % at 99 %.
     """
     terms = (
         (z**3 + z) / 4,

@@ -16,7 +16,7 @@ from sqlalchemy.exc import TimeoutError as PoolTimeout
 
 from exceptiondrive_records.db.database import is_forbidden
 from exceptiondrive_records.db.errors import NotFound, StoreError
-from exceptiondrive_records.operations.log_stream import places
+from exceptiondrive_records.operations.logs import places
 from exceptiondrive_records.submissions.file_store import FileDamaged, FileUnreadable
 from exceptiondrive_worker.splits.faults import SplitRefusedError
 from exceptiondrive_worker.splits.floors import FloorHeldError, SplitDayFullError

@@ -13,6 +13,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.db.settings import SettingsError, load_settings
+from exceptiondrive_records.operations.logs import set_up_logs
 from exceptiondrive_records.operations.setup import DATA_HELP, opened
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_schemas.jobs import Lane
@@ -24,7 +25,6 @@ from exceptiondrive_schemas.protocol import (
     read_protocol,
 )
 from exceptiondrive_worker.heartbeat import youngest_heartbeat_age_s
-from exceptiondrive_worker.logs import configure_logging
 from exceptiondrive_worker.sample.files import write_planners, write_sample_split
 from exceptiondrive_worker.sample.scenes import SPLIT_NAME
 from exceptiondrive_worker.scorer_version import OlderScorerError, refuse_if_older
@@ -319,7 +319,7 @@ def seed_sample(data: DataOption = None) -> None:
 
 def main() -> None:
     """Run the command line; known errors become one clear message on stderr and exit code 2."""
-    configure_logging()
+    set_up_logs(sys.stderr)
     try:
         app()
     except _KNOWN_ERRORS as error:

@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import NOW
 from exceptiondrive_records.db.errors import Conflict
-from exceptiondrive_records.operations.log_stream import places
+from exceptiondrive_records.operations.logs import places
 from exceptiondrive_records.phases.policy import is_late
 from exceptiondrive_records.phases.scoring_keys import ScoringKey, accepted_under
 from exceptiondrive_records.phases.tables import Phase

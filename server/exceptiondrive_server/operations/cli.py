@@ -118,11 +118,11 @@ def reconcile(data: DataOption = None) -> None:
     from exceptiondrive_records.notifications.channels import NoticeSettings
     from exceptiondrive_records.notifications.outbox import run_outbox
     from exceptiondrive_records.operations.garbage import run_sweeper
+    from exceptiondrive_records.operations.logs import set_up_logs
     from exceptiondrive_records.operations.reconciler import run_reconciler
     from exceptiondrive_records.work.dispatch import Dispatcher
-    from exceptiondrive_server.web.logs import set_up_logs
 
-    set_up_logs()
+    set_up_logs(sys.stdout)
     settings = load_settings(RecordsSettings, data)
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):

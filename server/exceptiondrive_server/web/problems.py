@@ -26,7 +26,7 @@ from exceptiondrive_records.db.errors import (
     RejectedCapExceeded,
     TooManyAttempts,
 )
-from exceptiondrive_records.operations.log_stream import places
+from exceptiondrive_records.operations.logs import places
 from exceptiondrive_schemas.api.problems import PROBLEM_MEDIA_TYPE, Problem, ProblemCode
 from exceptiondrive_schemas.api.submission import Quota
 from exceptiondrive_schemas.base import NO_OBJECT, fault_words
