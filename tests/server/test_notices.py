@@ -603,6 +603,31 @@ def test_all_messages_are_marked_as_read_however_many_there_are(api: "Api", brow
     assert len(api.get("/notifications?unread=true", "beta").json()) == 1
 
 
+def test_every_message_is_found_however_many_there_are(
+    api: "Api", browse: Browse, as_problem: Problem
+) -> None:
+    with api.database.write() as session:
+        alpha, beta = (find_team(session, slug) for slug in ("alpha", "beta"))
+        for number in range(120):  # all of one moment
+            tell_team(session, alpha, "message", f"Note {number}.", ())
+        other = tell_team(session, beta, "message", "Not theirs.", ())
+    browser = browse(api)
+    browser.sign_in("alpha")
+    assert "Notices (120 new)" in browser.get("/my").text
+    found, sizes, page = set[str](), list[int](), "/my/notices"
+    while page:
+        text = browser.get(page).text
+        sizes.append(len(titles := re.findall(r"<h3>(Note \d+\.)</h3>", text)))
+        found.update(titles)
+        older = re.search(r'href="(/my/notices\?after=\w+)">Older notices', text)
+        page = older[1] if older else ""
+    assert (sizes, len(found)) == ([50, 50, 20], 120)
+    first = api.get("/notifications?limit=100", "alpha").json()
+    rest = api.get(f"/notifications?limit=100&after={first[-1]['id']}", "alpha").json()
+    assert {one["title"] for one in (*first, *rest)} == found
+    as_problem(api.get(f"/notifications?after={other.id}", "alpha"), 404, "not_found")
+
+
 def test_the_page_shows_inbox_and_addresses(api: "Api", browse: Browse) -> None:
     browser = browse(api)
     browser.sign_in("alpha")

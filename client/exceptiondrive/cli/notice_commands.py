@@ -35,7 +35,7 @@ def notices(
     client: "Client",
     unread: Annotated[bool, flag("--unread", "Only what was not read yet.")] = False,
     read: Annotated[bool, flag("--read", "Mark what is shown as read.")] = False,
-    limit: Annotated[int, option("--limit", "N", "At most so many.", min=1, max=500)] = 20,
+    limit: Annotated[int, option("--limit", "N", "At most so many.", min=1)] = 20,
 ) -> Answer:
     """Show what the team was told, newest first."""
     found = client.notices(unread=unread, limit=limit)
