@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from sqlalchemy import select
+from tests.records.statements import statements
 from tests.server.test_organizer_team_pages import last_line
 from tests.support.work import claim_this
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotAllowed
+from exceptiondrive_records.notifications import events
 from exceptiondrive_records.notifications.channels import NoticeSettings, message_of
 from exceptiondrive_records.notifications.contacts import add_contact, contact_link
 from exceptiondrive_records.notifications.events import tell_teams
@@ -195,6 +197,42 @@ def test_a_score_is_told_once_with_what_the_page_says(
     )
     assert notice.comparison == f"/submissions/{one}"
     assert [each["kind"] for each in api.get("/notifications", "alpha").json()] == ["scored"]
+
+
+def test_what_was_told_is_not_read_again(
+    api: "Api", browse: Browse, make_entry: Callable[..., Any]
+) -> None:
+    api.phase("many", quota_per_day=100)
+    confirmed(api, browse, *ALL)
+    asked = []
+    for numbers in (range(2), range(2, 12)):
+        scored = [
+            api.submit(f"{n}", phase="many", method=f"Method {n}").json()["id"] for n in numbers
+        ]
+        for name in scored:
+            api.score(name)
+        api.publish(
+            *(make_entry(name, submission_id=name, rank=None) for name in scored), phase="many"
+        )
+        assert tell_teams(api.database) == len(scored)
+        with statements(api.database) as sent:
+            assert tell_teams(api.database) == 0
+        asked.append(len(sent))
+    assert asked[0] == asked[1]
+
+
+def test_who_was_passed_is_looked_for_only_where_a_board_changed(
+    api: "Api", browse: Browse, make_entry: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    confirmed(api, browse, "overtaken")
+    api.publish(make_entry("Planner", submission_id=api.submit("a").json()["id"], rank=1))
+    read_boards = []
+    for within in (timedelta(hours=1), timedelta(0)):
+        monkeypatch.setattr(events, "_PASSED_WITHIN", within)
+        with statements(api.database) as sent:
+            assert tell_teams(api.database) == 0
+        read_boards.append(any("board_entries" in statement for statement in sent))
+    assert read_boards == [True, False]
 
 
 FROZEN_AT = datetime(2026, 1, 2, 3, 4, tzinfo=UTC)
