@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 from sqlalchemy import and_, case, exists, func, select
 from sqlalchemy.orm import Session, aliased
 
-from exceptiondrive_records.boards.boards import board_at, entries_on
+from exceptiondrive_records.boards.boards import board_at
 from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
@@ -194,7 +194,15 @@ def _passed(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
         Phase.current_board_id.is_not(None), Phase.visibility == "shown", flipped
     )
     for phase in session.scalars(query):
-        shown = entries_on(session, phase.current_board_id)
+        own = ids_of_team(session, team_id, phase.id)
+        stands = select(BoardEntryRow.submission_id, BoardEntryRow.rank).where(
+            BoardEntryRow.board_id == phase.current_board_id,
+            BoardEntryRow.submission_id.in_(own),
+            BoardEntryRow.rank.is_not(None),
+        )
+        ranks = {key: rank or 0 for key, rank in session.execute(stands)}
+        if not ranks:
+            continue
         told_at = session.scalar(
             select(func.max(Notification.created_at)).where(
                 Notification.team_id == team_id,
@@ -203,8 +211,6 @@ def _passed(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
             )
         )
         since = max(now - _PASSED_WITHIN, told_at or now - _PASSED_WITHIN)
-        own = ids_of_team(session, team_id, phase.id)
-        ranks = {key: rank for key in own if key in shown and (rank := shown[key].rank)}
         lines = [
             f"{session.get_one(Submission, key).method}: rank {best} before, {rank} now."
             for key, best, best_among_others in _best_ranks(session, phase, own, since)
