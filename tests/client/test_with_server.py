@@ -70,6 +70,10 @@ def test_all_notices_come_however_many_there_are(running: "Running") -> None:
         assert [len(client.notices(limit=n)) for n in (5, 100, 110, 500)] == [5, 100, 110, 130]
     told = json.loads(run(running, "notices", "--limit", "1000", "--json").stdout)
     assert len(told) == 130
+    cut = "at most {} are shown: --limit N shows more"
+    assert run(running, "notices").stdout.splitlines()[-1] == cut.format(20)
+    assert cut.format(130) in run(running, "notices", "--limit", "130").stdout
+    assert "are shown" not in run(running, "notices", "--limit", "131").stdout
 
 
 def test_from_file_to_rank(working: "Running", planning_file: MakeFile, split_file: Path) -> None:

@@ -12,7 +12,15 @@ from exceptiondrive.cli.account_commands import TOKEN_COLUMNS, show_revoked
 from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.options import argument, flag, option
 from exceptiondrive.cli.organizer import participation, phases, rescoring
-from exceptiondrive.cli.output import Answer, replacing, saved, say, show_result, upload_name
+from exceptiondrive.cli.output import (
+    Answer,
+    cut_words,
+    replacing,
+    saved,
+    say,
+    show_result,
+    upload_name,
+)
 from exceptiondrive.cli.session import open_organizer, with_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.confirmations import confirm, default_key_path, make_key
@@ -435,10 +443,14 @@ def read_audit(
     action: Annotated[
         str | None, option("--action", "KIND", "Only of this kind, as 'phase changed'.")
     ] = None,
+    before: Annotated[
+        int | None, option("--before", "LINE", "Only older than the line of this id.", min=1)
+    ] = None,
 ) -> Answer:
     """Show the newest lines of the audit log."""
     found = organizer.audit(
         limit,
+        before=before,
         actor=actor,
         subject=subject,
         by_people=by_people,
@@ -449,7 +461,8 @@ def read_audit(
     why = ("reason", "asked")  # why it was done, or what workers refused
     lines = [{**line, "reason": _first(line["detail"], why)} for line in found]
     columns = ("id", "at", "actor", "action", "subject", "reason")
-    return found, records_table(lines, columns)
+    older = f"--before {found[-1]['id']} shows older ones" if found else ""
+    return found, records_table(lines, columns), *cut_words(found, limit, older)
 
 
 @with_organizer
