@@ -53,8 +53,7 @@ def test_large_quotas_have_their_thousands_apart(
 ) -> None:
     api.phase("many", quota_per_day=1234, quota_total=56789)
     with api.database.write() as session:
-        given = {"quota_per_day": 2345, "quota_total": None, "reason": "asked", "actor": "test"}
-        set_allowance(session, "beta", "many", **given)
+        set_allowance(session, "beta", "many", quota_per_day=2345, reason="asked", actor="test")
     team, organizer = browse(api), browse(api)
     team.sign_in("alpha")
     organizer.sign_in("organizer")

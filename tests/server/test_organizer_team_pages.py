@@ -12,6 +12,7 @@ from exceptiondrive_records.accounts.people import Identity, welcome_person
 from exceptiondrive_records.accounts.tables import BrowserSession, Token
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.news.questions import answer_question, ask_question
 from exceptiondrive_records.news.tables import Question
@@ -372,7 +373,7 @@ def test_what_waits_stands_before_the_newest_answers(one: "TeamBrowser") -> None
             asked = ask_question(session, team_id, "dev", f"Question {number}?", actor="test")
             words = f"Answer {number}."
             answer_question(session, asked.id, words, plain=words, to_all=False, actor="test")
-            asked.answered_at += timedelta(seconds=number)
+            asked.answered_at = database_now(session) + timedelta(seconds=number)
         for text in ("First wait?", "Second wait?"):
             ask_question(session, team_id, "dev", text, actor="test")
     page = "/organize/news"
