@@ -642,18 +642,30 @@ class Client(Connection):
         """Return the news of a phase, newest first."""
         return self._transport.records(f"/phases/{quoted(phase)}/news")
 
-    def notices(self, *, unread: bool = False, limit: int = 100) -> "tuple[NotificationView, ...]":
+    def notices(
+        self, *, unread: bool = False, limit: int | None = 100
+    ) -> "tuple[NotificationView, ...]":
         """Return what the team was told, newest first.
 
         Args:
             unread: Only what was not read yet.
-            limit: At most so many, 500 at most.
+            limit: At most so many; None: all.
         """
         from exceptiondrive_schemas.api.rescoring import NotificationView
 
-        query: dict[str, str | int | None] = {"unread": str(unread).lower(), "limit": limit}
-        answer = self._transport.get("/notifications", query)
-        return read_answer(NotificationView.read_all, answer)
+        found: list[NotificationView] = []
+        page_size = PAGE_SIZE
+        while page_size == PAGE_SIZE and (limit is None or len(found) < limit):
+            query: dict[str, str | int | None] = {
+                "unread": str(unread).lower(),
+                "limit": PAGE_SIZE if limit is None else min(limit - len(found), PAGE_SIZE),
+                "after": found[-1].id if found else None,
+            }
+            answer = self._transport.get("/notifications", query)
+            page = read_answer(NotificationView.read_all, answer)
+            page_size = len(page)
+            found.extend(page)
+        return tuple(found)
 
     def mark_read(self, notice_id: str) -> "NotificationView":
         """Mark a message as read."""

@@ -306,9 +306,11 @@ class Organizer(Connection):
         since: str | None = None,
         until: str | None = None,
         action: str | None = None,
+        before: int | None = None,
     ) -> list[Record]:
         """Return the newest lines of the audit log; `by_people` leaves out what the machinery writes.
 
+        At most 500 come at once: `before` is the id of a line, and asks for those that are older.
         `since` is a time such as `2027-01-31T00:00:00Z`, or a day; `until` one before which lines are,
         or a day that is taken in.
         """
@@ -320,6 +322,7 @@ class Organizer(Connection):
             "since": since,
             "until": until,
             "action": action,
+            "before": before,
         }
         return self._transport.records("/organizer/audit", query)
 

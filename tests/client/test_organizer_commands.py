@@ -164,6 +164,12 @@ def test_a_tampered_audit_log_is_found(running: "Running") -> None:
         (("--action", "phase created"), [o for o in lines if o["action"] == "phase created"]),
     ):
         assert json.loads(organize(running, "audit", "list", *asked, "--json").stdout) == kept
+    ids, cut = [line["id"] for line in lines], ("audit", "list", "--limit", "2")
+    shown = organize(running, *cut).stdout.splitlines()
+    assert shown[-1] == f"at most 2 are shown: --before {ids[1]} shows older ones"
+    older = json.loads(organize(running, *cut, "--before", ids[1], "--json").stdout)
+    assert [line["id"] for line in older] == ids[2:4]
+    assert "are shown" not in organize(running, "audit", "list").stdout
     with running.context.database.write() as session:
         audit(session, "worker", SPLIT_FLOOR_HELD, "tiny", {"asked": ["d_safe_m is 6"]})
     assert "d_safe_m is 6" in organize(running, "audit", "list").stdout, "what workers refused"

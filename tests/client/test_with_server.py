@@ -35,6 +35,8 @@ from exceptiondrive import (
 )
 from exceptiondrive.cli import app
 from exceptiondrive.outlook import Outlook
+from exceptiondrive_records.notifications.inbox import tell_team
+from exceptiondrive_records.teams.teams import find_team
 
 if TYPE_CHECKING:
     from tests.client.servers import Running
@@ -42,6 +44,21 @@ if TYPE_CHECKING:
 MakeFile = Callable[..., Path]
 QUOTA = 2
 WITHDRAWN = "{} withdrawn: no other run takes its place on the board\n"
+
+
+def test_all_notices_come_however_many_there_are(running: "Running") -> None:
+    with running.context.database.write() as session:
+        for number in range(130):
+            tell_team(session, find_team(session, "alpha"), "message", f"Note {number}.", ())
+    with running.client() as client:
+        assert len({one.id for one in client.notices(limit=None)}) == 130
+        assert [len(client.notices(limit=n)) for n in (5, 100, 110, 500)] == [5, 100, 110, 130]
+    told = json.loads(run(running, "notices", "--limit", "1000", "--json").stdout)
+    assert len(told) == 130
+    cut = "at most {} are shown: --limit N shows more"
+    assert run(running, "notices").stdout.splitlines()[-1] == cut.format(20)
+    assert cut.format(130) in run(running, "notices", "--limit", "130").stdout
+    assert "are shown" not in run(running, "notices", "--limit", "131").stdout
 
 
 def test_from_file_to_rank(working: "Running", planning_file: MakeFile, split_file: Path) -> None:

@@ -3,7 +3,9 @@
 from typing import TYPE_CHECKING
 
 from tests.phases.life import SAMPLES
+from tests.records.statements import of_board_texts, statements
 
+from exceptiondrive_records.boards import boards
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
@@ -23,6 +25,20 @@ def test_an_update_says_what_it_changed_and_keeps_its_reason(life: "Life") -> No
     assert "fewest scenes that an interval takes 2 -&gt; 5" in first
     assert "fewest scenes" not in "".join(others)
     assert "as announced" not in "".join([first, *others]), "reasons stay with the organizers"
+
+
+def test_a_feed_reads_no_board_twice_however_many_others_were_read(life: "Life") -> None:
+    life.make_phase(split="plain")
+    for number in range(3):
+        life.submit("alpha", 1.0 + number, f"Net {number}", "plain")
+        life.work()
+    services = life.client.app.state.services  # type: ignore[attr-defined]
+    first = life.get("/feed.atom?phase=test").text
+    boards._PARSED.clear()
+    with statements(services.database) as sent:
+        assert life.get("/feed.atom?phase=test").text == first
+    assert sent
+    assert not of_board_texts(sent)
 
 
 def test_what_was_applied_or_taken_back_behind_a_hidden_phase_is_told_once_it_is_shown(

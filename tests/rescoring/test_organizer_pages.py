@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from sqlalchemy import select, update
 from starlette.testclient import TestClient
+from tests.records.statements import statements
 from tests.rescoring.application import RUNS, SITE, Visitor, application_over
 
 from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, issue_token
@@ -262,3 +263,24 @@ def test_no_page_of_the_organizers_tells_a_value_of_a_sample_or_opens_to_a_team(
     alpha = visit("alpha")
     for path in paths:
         assert alpha.get(path).status_code == 403, path
+
+
+@pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)
+def test_the_list_of_runs_asks_for_the_newest_and_leads_to_all(
+    stage: Stage, visit: Callable[[str], Visitor], make_protocol: Make
+) -> None:
+    stage.add_protocol(make_protocol("1.1", *D_SAFE))
+    organizer = visit("organizer")
+    database = organizer.client.app.state.services.database  # type: ignore[attr-defined]
+    older = f'href="{RUNS}?all_runs=true"'
+    asked = []
+    for number in (21, 4):
+        for _ in range(number):
+            stage.step("cancel", stage.draft(protocol="1.1"))
+        with statements(database) as sent:
+            page = organizer.get(RUNS).text
+        asked.append(len(sent))
+        assert (page.count('class="pbar'), older in page) == (20, True)
+    assert asked[0] == asked[1]
+    every = organizer.get(f"{RUNS}?all_runs=true").text
+    assert (every.count('class="pbar'), older in every) == (25, False)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from exceptiondrive_records.participation.allowances import set_allowance
 from exceptiondrive_schemas.api.submission import QueuePlace
 from exceptiondrive_server.submissions import pages
 from exceptiondrive_server.submissions.view import place_words
@@ -44,6 +45,27 @@ def test_a_run_shows_score_interval_change_and_trend(
     assert "Stands in place of 1 other run." in newest
     assert "awaited" not in newest
     assert "±" not in oldest
+
+
+def test_large_quotas_have_their_thousands_apart(
+    api: "Api", browse: Callable[..., "TeamBrowser"]
+) -> None:
+    api.phase("many", quota_per_day=1234, quota_total=56789)
+    with api.database.write() as session:
+        set_allowance(session, "beta", "many", quota_per_day=2345, reason="asked", actor="test")
+    team, organizer = browse(api), browse(api)
+    team.sign_in("alpha")
+    organizer.sign_in("organizer")
+    for browser, page, words in (
+        (team, "/phases/many", "1,234 a team and day, 56,789 in all"),
+        (team, "/my", "1,234 of 1,234"),
+        (team, "/my", "56,789 of 56,789"),
+        (team, "/submit?phase=many", "1,234"),
+        (organizer, "/organize/phases", ">1,234<"),
+        (organizer, "/organize/teams/beta", ">2,345<"),
+    ):
+        text = " ".join(browser.get(page).text.split())
+        assert words in text, (page, words)
 
 
 def test_a_run_that_waits_stands_beside_one_with_a_score(

@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from sqlalchemy import select
+from tests.records.statements import statements
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotAllowed
+from exceptiondrive_records.notifications import events
 from exceptiondrive_records.notifications.channels import NoticeSettings, message_of
 from exceptiondrive_records.notifications.contacts import add_contact, contact_link
 from exceptiondrive_records.notifications.events import tell_teams
@@ -202,6 +204,42 @@ def test_a_score_is_told_once_with_what_the_page_says(
     )
     assert notice.comparison == f"/submissions/{one}"
     assert [each["kind"] for each in api.get("/notifications", "alpha").json()] == ["scored"]
+
+
+def test_what_was_told_is_not_read_again(
+    api: "Api", browse: Browse, make_entry: Callable[..., Any]
+) -> None:
+    api.phase("many", quota_per_day=100)
+    confirmed(api, browse, *ALL)
+    asked = []
+    for numbers in (range(2), range(2, 12)):
+        scored = [
+            api.submit(f"{n}", phase="many", method=f"Method {n}").json()["id"] for n in numbers
+        ]
+        for name in scored:
+            api.score(name)
+        api.publish(
+            *(make_entry(name, submission_id=name, rank=None) for name in scored), phase="many"
+        )
+        assert tell_teams(api.database) == len(scored)
+        with statements(api.database) as sent:
+            assert tell_teams(api.database) == 0
+        asked.append(len(sent))
+    assert asked[0] == asked[1]
+
+
+def test_who_was_passed_is_looked_for_only_where_a_board_changed(
+    api: "Api", browse: Browse, make_entry: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    confirmed(api, browse, "overtaken")
+    api.publish(make_entry("Planner", submission_id=api.submit("a").json()["id"], rank=1))
+    read_boards = []
+    for within in (timedelta(hours=1), timedelta(0)):
+        monkeypatch.setattr(events, "_PASSED_WITHIN", within)
+        with statements(api.database) as sent:
+            assert tell_teams(api.database) == 0
+        read_boards.append(any("board_entries" in statement for statement in sent))
+    assert read_boards == [True, False]
 
 
 FROZEN_AT = datetime(2026, 1, 2, 3, 4, tzinfo=UTC)
@@ -595,6 +633,31 @@ def test_all_messages_are_marked_as_read_however_many_there_are(api: "Api", brow
     assert api.get("/notifications?unread=true", "alpha").json() == []
     assert "Mark all as read" not in browser.get("/my/notices").text
     assert len(api.get("/notifications?unread=true", "beta").json()) == 1
+
+
+def test_every_message_is_found_however_many_there_are(
+    api: "Api", browse: Browse, as_problem: Problem
+) -> None:
+    with api.database.write() as session:
+        alpha, beta = (find_team(session, slug) for slug in ("alpha", "beta"))
+        for number in range(120):  # all of one moment
+            tell_team(session, alpha, "message", f"Note {number}.", ())
+        other = tell_team(session, beta, "message", "Not theirs.", ())
+    browser = browse(api)
+    browser.sign_in("alpha")
+    assert "Notices (120 new)" in browser.get("/my").text
+    found, sizes, page = set[str](), list[int](), "/my/notices"
+    while page:
+        text = browser.get(page).text
+        sizes.append(len(titles := re.findall(r"<h3>(Note \d+\.)</h3>", text)))
+        found.update(titles)
+        older = re.search(r'href="(/my/notices\?after=\w+)">Older notices', text)
+        page = older[1] if older else ""
+    assert (sizes, len(found)) == ([50, 50, 20], 120)
+    first = api.get("/notifications?limit=100", "alpha").json()
+    rest = api.get(f"/notifications?limit=100&after={first[-1]['id']}", "alpha").json()
+    assert {one["title"] for one in (*first, *rest)} == found
+    as_problem(api.get(f"/notifications?after={other.id}", "alpha"), 404, "not_found")
 
 
 def test_the_page_shows_inbox_and_addresses(api: "Api", browse: Browse) -> None:

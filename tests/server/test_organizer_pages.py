@@ -10,8 +10,11 @@ from sqlalchemy import select, text
 
 from exceptiondrive_records.audit.log import PROBING_SUSPECTED, SPLIT_FLOOR_HELD, audit_once
 from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_records.news.questions import ask_question
+from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.teams.teams import register_team
 from exceptiondrive_records.work.heartbeats import beat
+from exceptiondrive_schemas.datasheet import NO_RECORDED_DRIVE, SplitWarning, SplitWarnings
 from exceptiondrive_server.audit import organizer_pages as audit_routes
 from exceptiondrive_server.operations import organizer_pages as overview_routes
 from exceptiondrive_server.phases import organizer_pages as phase_routes
@@ -123,6 +126,25 @@ def test_the_overview_names_what_waits(api: "Api", organizer: "TeamBrowser") -> 
     for words in ("1 submission failed", "1 team waits", "worker-7", "store_broken", "New Comers"):
         assert words in page
     assert "<b>new</b>" not in page
+
+
+def test_the_overview_lists_the_worst_first_and_what_may_stand_for_a_season_last(
+    api: "Api", organizer: "TeamBrowser"
+) -> None:
+    api.fail(api.submit("a").json()["id"])
+    with api.database.write() as session:
+        split = session.scalars(select(SplitRow)).one()
+        lacking = SplitWarning(code=NO_RECORDED_DRIVE, what="no drive", count=split.n_samples)
+        split.warnings = SplitWarnings(found=(lacking,))
+        register_team(session, "newcomers", "New Comers", "We are new.")
+        ask_question(session, api.team_ids["alpha"], "dev", "May we?", actor="test")
+    page = organizer.get("/organize").text
+    found = re.findall(r'<li class="card (bad|warn)">\s*<span class="written">(.*?)</span>', page)
+    words = ("No worker", "1 submission failed", "1 team waits", "1 question", "Split sample")
+    levels, told = zip(*found, strict=True)
+    assert levels == ("bad", "bad", *["warn"] * (len(levels) - 2))
+    places = [next(n for n, text in enumerate(told) if text.startswith(each)) for each in words]
+    assert (places, places[-1]) == (sorted(places), len(told) - 1)
 
 
 def test_the_overview_says_what_workers_refused_and_suspect(

@@ -2,19 +2,23 @@
 
 import re
 from collections.abc import Callable
+from datetime import timedelta
 from typing import TYPE_CHECKING
 
 import pytest
 from sqlalchemy import select
 
+from exceptiondrive_records.accounts.people import Identity, welcome_person
 from exceptiondrive_records.accounts.tables import BrowserSession, Token
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
-from exceptiondrive_records.news.questions import ask_question
+from exceptiondrive_records.news.questions import answer_question, ask_question
 from exceptiondrive_records.news.tables import Question
 from exceptiondrive_records.participation.disqualification import disqualify_team
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.teams.tables import Team
-from exceptiondrive_records.teams.teams import find_team, register_team
+from exceptiondrive_records.teams.teams import create_team, find_team, register_team
 
 if TYPE_CHECKING:
     from tests.support.application import Api, TeamBrowser
@@ -295,3 +299,84 @@ def test_a_form_that_changes_nothing_says_so_and_leaves_no_line(
     assert answer.headers["location"].endswith("?done=nothing_changed")
     assert "Nothing was changed" in one.get(answer.headers["location"]).text
     assert api.last_line().id == before
+
+
+def listed(browser: "TeamBrowser", page: str) -> list[str]:
+    """What stands first in each row of the table of a page."""
+    rows = re.findall(r'<th scope="row"[^>]*>(.*?)</th>', browser.get(page).text, re.DOTALL)
+    return [" ".join(re.sub(r"<[^>]*>", " ", row).split()) for row in rows]
+
+
+def test_teams_and_people_are_found_among_many(one: "TeamBrowser") -> None:
+    with one.api.database.write() as session:
+        for number in range(30):
+            team = create_team(session, f"t{number}", f"Lab {number}", actor="test")
+            team.affiliation = "Åbo Akademi" if number == 7 else "Elsewhere"
+            name, mail = f"Person {number}", f"p{number}@example.org"
+            welcome_person(session, Identity("https://id.test", f"s{number}", name, mail))
+    for asked, found in (
+        ("åbo", ["Lab 7"]),
+        ("elsewhere 12", ["Lab 12"]),
+        ("t29", ["Lab 29"]),
+        ("alpha", ["Alpha"]),
+    ):
+        assert listed(one, f"{TEAMS}?q={asked}") == found
+    assert "1 of 32 teams with “åbo”." in one.get(f"{TEAMS}?q=åbo").text
+    nobody = one.get(f"{TEAMS}?q=nobody").text
+    assert ("0 of 32 teams" in nobody, "No team yet" in nobody) == (True, False)
+    assert len(listed(one, TEAMS)) == 32
+    assert listed(one, "/organize/people?q=p3@") == ["Person 3 p3@example.org"]
+    assert "1 of 30 people" in one.get("/organize/people?q=p3@").text
+
+
+def test_choosers_list_teams_by_the_name_that_they_show(one: "TeamBrowser") -> None:
+    with one.api.database.write() as session:
+        for slug, name in (("a1", "zeta"), ("a2", "Aachen"), ("z9", "Middle")):
+            create_team(session, slug, name, actor="test")
+    names = ["Aachen", "Alpha", "Beta", "Middle", "zeta"]
+    for page, option in (
+        ("/organize/submissions", r'<option value="[a-z0-9-]+">([A-Za-z]+)</option>'),
+        ("/organize/messages", r'name="teams"[^>]*>\s*<span class="written">(.*?)</span>'),
+    ):
+        assert re.findall(option, one.get(page).text)[: len(names)] == names
+    merge = re.findall(
+        r'<option value="[a-z0-9]+">(\w+)</option>', one.get(f"{TEAMS}/a1/merge").text
+    )
+    assert merge == [name for name in names if name != "zeta"]
+
+
+def test_the_history_of_a_team_leads_to_what_it_leaves_out(one: "TeamBrowser") -> None:
+    page, link = f"{TEAMS}/alpha", 'href="/organize/audit?subject=alpha">All lines'
+    assert link not in one.get(page).text
+    with one.api.database.write() as session:
+        for number in range(60):
+            audit(session, "test", "team changed", "alpha", {"number": number})
+    assert link in one.get(page).text
+
+
+def test_what_waits_stands_before_the_newest_answers(one: "TeamBrowser") -> None:
+    with one.api.database.write() as session:
+        team_id = find_team(session, "alpha").id
+        for number in range(60):
+            asked = ask_question(session, team_id, "dev", f"Question {number}?", actor="test")
+            words = f"Answer {number}."
+            answer_question(session, asked.id, words, plain=words, to_all=False, actor="test")
+            asked.answered_at = database_now(session) + timedelta(seconds=number)
+        for text in ("First wait?", "Second wait?"):
+            ask_question(session, team_id, "dev", text, actor="test")
+    page = "/organize/news"
+    rows = listed(one, page)
+    assert rows[:3] == ["First wait?", "Second wait?", "Question 59?"]
+    assert (len(rows), "Questions: 2 wait for an answer" in squeezed(one.get(page).text)) == (
+        52,
+        True,
+    )
+    older = re.search(
+        r'href="(/organize/news\?[^"]*)"\s*>\s*Older answers \(10\)', one.get(page).text
+    )
+    assert older is not None
+    assert len(listed(one, older[1].replace("&amp;", "&"))) == 62
+
+
+def squeezed(text: str) -> str:
+    return " ".join(text.split())

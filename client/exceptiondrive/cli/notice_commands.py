@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.options import argument, flag, option
-from exceptiondrive.cli.output import Answer
+from exceptiondrive.cli.output import Answer, cut_words
 from exceptiondrive.cli.session import with_client
 from exceptiondrive.cli.tables import notices_view, records_table
 from exceptiondrive.errors import InvalidArgumentError, utc_text
@@ -35,14 +35,14 @@ def notices(
     client: "Client",
     unread: Annotated[bool, flag("--unread", "Only what was not read yet.")] = False,
     read: Annotated[bool, flag("--read", "Mark what is shown as read.")] = False,
-    limit: Annotated[int, option("--limit", "N", "At most so many.", min=1, max=500)] = 20,
+    limit: Annotated[int, option("--limit", "N", "At most so many.", min=1)] = 20,
 ) -> Answer:
     """Show what the team was told, newest first."""
     found = client.notices(unread=unread, limit=limit)
     if read:
         for notice in found:
             client.mark_read(notice.id)
-    return found, notices_view(found) if found else "no notices"
+    return found, notices_view(found) if found else "no notices", *cut_words(found, limit)
 
 
 @with_client

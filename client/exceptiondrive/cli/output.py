@@ -3,7 +3,7 @@
 import json
 import re
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sized
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -131,6 +131,11 @@ def upload_name(submission_id: str, data: bytes) -> str:
     """Return the name of a downloaded upload, which is gzip or plain JSON."""
     suffix = ".json.gz" if data.startswith(b"\x1f\x8b") else ".json"
     return submission_id + suffix
+
+
+def cut_words(found: Sized, limit: int, more: str = "--limit N shows more") -> tuple[str, ...]:
+    """Say below a list that it may be cut; nothing where it is whole."""
+    return (f"at most {limit:,} are shown: {more}",) if len(found) >= limit else ()
 
 
 def say(text: str) -> None:

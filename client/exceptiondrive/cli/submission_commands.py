@@ -14,6 +14,7 @@ from exceptiondrive.cli.output import (
     Answer,
     be_sure,
     can_ask,
+    cut_words,
     saved,
     say,
     say_view,
@@ -183,7 +184,7 @@ def submissions(
     """List the team's submissions, newest first."""
     options.require_one_of("--status", only, SubmissionStatus)
     views = client.submissions(phase=phase, status=only, limit=limit)
-    return views, submissions_view(views) if views else "no submissions"
+    return views, submissions_view(views) if views else "no submissions", *cut_words(views, limit)
 
 
 @with_client

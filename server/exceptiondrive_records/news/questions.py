@@ -143,11 +143,15 @@ def questions_of(session: Session, team_id: int, phase_id: str) -> list[Question
 
 
 def list_questions(session: Session, phase_id: str | None = None) -> list[tuple[Question, str]]:
-    """Return questions, of one phase or all, with the id of the team: those that wait first, oldest first."""
+    """Return questions, of one phase or all, with the id of the team: those that wait first.
+
+    Who waits longest stands first of these, and the newest answer of the others.
+    """
     query = select(Question, Team.slug).join(Team, Team.id == Question.team_id)
     if phase_id is not None:
         query = query.where(Question.phase_id == phase_id)
-    order = (Question.answered_at.is_not(None), Question.asked_at, Question.id)
+    is_answered = Question.answered_at.is_not(None)
+    order = (is_answered, Question.answered_at.desc(), Question.asked_at, Question.id)
     return [(row, slug) for row, slug in session.execute(query.order_by(*order))]
 
 

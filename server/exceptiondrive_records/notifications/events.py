@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from datetime import datetime, timedelta
 from typing import Literal, NamedTuple
 
-from sqlalchemy import and_, func, select
+from sqlalchemy import and_, case, exists, func, select
 from sqlalchemy.orm import Session, aliased
 
-from exceptiondrive_records.boards.boards import board_at, entries_on
+from exceptiondrive_records.boards.boards import board_at
 from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
@@ -66,27 +66,34 @@ class _Event(NamedTuple):
 def tell_teams(database: Database) -> int:
     """Tell what happened of late to teams that wish it; return how many messages were made."""
     with database.read() as session:
-        if not _wishes(session):
-            return 0
-    with database.write() as session:
         now = database_now(session)
+        events = [
+            (team_id, event)
+            for team_id, wishes in _wishes(session).items()
+            for event in _events(session, team_id, wishes, now)
+            if not _is_told(session, team_id, event)
+        ]
+    if not events:
+        return 0
+    with database.write() as session:
         told = 0
-        for team_id, wishes in _wishes(session).items():
-            for event in _events(session, team_id, wishes, now):
-                if not _is_told(session, team_id, event):
-                    tell_team(
-                        session,
-                        session.get_one(Team, team_id),
-                        event.kind,
-                        event.title,
-                        event.sentences,
-                        address=event.address,
-                        phase=event.phase,
-                        subject=event.subject,
-                        wish=event.kind,
-                        at=now,
-                    )
-                    told += 1
+        for team_id, event in events:
+            team = session.get_one(Team, team_id)
+            if team.is_gone or _is_told(session, team_id, event):
+                continue
+            tell_team(
+                session,
+                team,
+                event.kind,
+                event.title,
+                event.sentences,
+                address=event.address,
+                phase=event.phase,
+                subject=event.subject,
+                wish=event.kind,
+                at=now,
+            )
+            told += 1
         return told
 
 
@@ -119,10 +126,16 @@ def _events(
 def _outcomes(
     session: Session, team_id: int, wishes: dict[Wish, datetime], now: datetime
 ) -> Iterator[_Event]:
+    told = exists().where(
+        Notification.team_id == team_id,
+        Notification.kind == case(_OUTCOMES, value=Submission.status),
+        Notification.subject == Submission.id,
+    )
     query = select(Submission).where(
         Submission.team_id == team_id,
         Submission.status.in_(_OUTCOMES),
         Submission.status_at > now - _TOLD_WITHIN,
+        ~told,  # each look would read a whole day again
     )
     for submission in session.scalars(query.order_by(Submission.status_at)):
         kind = _OUTCOMES[submission.status]
@@ -176,9 +189,20 @@ def _passed(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
     entry of its own passed another is no news to a team.
     """
     hour = now.strftime("%Y-%m-%dT%H")
-    query = select(Phase).where(Phase.current_board_id.is_not(None), Phase.visibility == "shown")
+    flipped = exists().where(BoardFlip.phase_id == Phase.id, BoardFlip.at >= now - _PASSED_WITHIN)
+    query = select(Phase).where(
+        Phase.current_board_id.is_not(None), Phase.visibility == "shown", flipped
+    )
     for phase in session.scalars(query):
-        shown = entries_on(session, phase.current_board_id)
+        own = ids_of_team(session, team_id, phase.id)
+        stands = select(BoardEntryRow.submission_id, BoardEntryRow.rank).where(
+            BoardEntryRow.board_id == phase.current_board_id,
+            BoardEntryRow.submission_id.in_(own),
+            BoardEntryRow.rank.is_not(None),
+        )
+        ranks = {key: rank or 0 for key, rank in session.execute(stands)}
+        if not ranks:
+            continue
         told_at = session.scalar(
             select(func.max(Notification.created_at)).where(
                 Notification.team_id == team_id,
@@ -187,8 +211,6 @@ def _passed(session: Session, team_id: int, now: datetime) -> Iterator[_Event]:
             )
         )
         since = max(now - _PASSED_WITHIN, told_at or now - _PASSED_WITHIN)
-        own = ids_of_team(session, team_id, phase.id)
-        ranks = {key: rank for key in own if key in shown and (rank := shown[key].rank)}
         lines = [
             f"{session.get_one(Submission, key).method}: rank {best} before, {rank} now."
             for key, best, best_among_others in _best_ranks(session, phase, own, since)

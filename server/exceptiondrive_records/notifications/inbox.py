@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import select, update
+from sqlalchemy import Select, func, select, tuple_, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
@@ -226,18 +226,31 @@ def listening(session: Session, team_id: int, wish: Wish | None) -> list[Contact
 
 
 def list_notifications(
-    session: Session, team_id: int, *, only_unread: bool = False, limit: int = 100
+    session: Session,
+    team_id: int,
+    *,
+    only_unread: bool = False,
+    after: str | None = None,
+    limit: int = 100,
 ) -> list[NotificationView]:
-    """Return the inbox of a team, newest first."""
-    query = (
-        select(Notification)
-        .where(Notification.team_id == team_id, Notification.kind != "confirm_address")
-        .order_by(Notification.created_at.desc(), Notification.id)
-        .limit(limit)
-    )
-    if only_unread:
-        query = query.where(Notification.read_at.is_(None))
-    return [_view(row) for row in session.scalars(query)]
+    """Return the inbox of a team, newest first, continuing after the message `after`.
+
+    Raises:
+        NotFound: `after` is no message of the team.
+    """
+    query = _inbox(select(Notification), team_id, only_unread=only_unread)
+    if after is not None:
+        last = _find(session, team_id, after)
+        place = tuple_(Notification.created_at, Notification.id)
+        query = query.where(place < tuple_(last.created_at, last.id))
+    newest_first = Notification.created_at.desc(), Notification.id.desc()
+    return [_view(row) for row in session.scalars(query.order_by(*newest_first).limit(limit))]
+
+
+def count_unread(session: Session, team_id: int) -> int:
+    """Return how many messages the team has not read."""
+    query = select(func.count()).select_from(Notification)
+    return session.scalar(_inbox(query, team_id, only_unread=True)) or 0
 
 
 def mark_read(session: Session, team_id: int, notification_id: str) -> NotificationView:
@@ -246,9 +259,7 @@ def mark_read(session: Session, team_id: int, notification_id: str) -> Notificat
     Raises:
         NotFound: There is none, or it is another team's.
     """
-    row = session.get(Notification, notification_id)
-    if row is None or row.team_id != team_id:
-        raise NotFound("notification", notification_id)
+    row = _find(session, team_id, notification_id)
     row.read_at = row.read_at or database_now(session)
     return _view(row)
 
@@ -260,6 +271,18 @@ def mark_all_read(session: Session, team_id: int) -> None:
         .where(Notification.team_id == team_id, Notification.read_at.is_(None))
         .values(read_at=database_now(session))
     )
+
+
+def _inbox(query: Select[Any], team_id: int, *, only_unread: bool) -> Select[Any]:
+    query = query.where(Notification.team_id == team_id, Notification.kind != "confirm_address")
+    return query.where(Notification.read_at.is_(None)) if only_unread else query
+
+
+def _find(session: Session, team_id: int, notification_id: str) -> Notification:
+    row = session.get(Notification, notification_id)
+    if row is None or row.team_id != team_id:
+        raise NotFound("notification", notification_id)
+    return row
 
 
 def _view(row: Notification) -> NotificationView:

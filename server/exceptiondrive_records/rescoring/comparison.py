@@ -7,10 +7,9 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.boards.boards import parsed_board
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.memory import Memory
-from exceptiondrive_records.phases.scoring_keys import new_key
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
-from exceptiondrive_records.rescoring.progress import count_sheets
+from exceptiondrive_records.rescoring.progress import count_scored
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.splits.splits import find_split, list_splits, part_words
 from exceptiondrive_records.splits.tables import SplitRow
@@ -207,7 +206,7 @@ def difference_of(session: Session, run: RescoringRun) -> Difference:
     return protocol_difference(
         find_protocol(session, run.from_protocol_digest),
         find_protocol(session, run.to_protocol_digest),
-        count_sheets(session, run.phase_id, new_key(run)).total,
+        count_scored(session, run.phase_id),
         split=_part_change(before, after) or _revision_changes(session, before, after),
     )
 

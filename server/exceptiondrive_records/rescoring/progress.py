@@ -41,13 +41,17 @@ class Counts:
 
 def count_sheets(session: Session, phase_id: str, key: ScoringKey) -> Counts:
     """Count the scored submissions of a phase, those with a sheet of a key, and those that failed."""
-    scored = _scored(phase_id)
-    total = session.scalar(select(func.count()).select_from(scored.subquery())) or 0
-    done_query = scored.where(_has_sheet(key)).subquery()
+    total = count_scored(session, phase_id)
+    done_query = _scored(phase_id).where(_has_sheet(key)).subquery()
     done = session.scalar(select(func.count()).select_from(done_query)) or 0
     failed_query = failed_sheets(phase_id, key).subquery()
     failed = session.scalar(select(func.count()).select_from(failed_query)) or 0
     return Counts(total, done, failed)
+
+
+def count_scored(session: Session, phase_id: str) -> int:
+    """Return how many submissions of a phase are scored: as many sheets any update makes."""
+    return session.scalar(select(func.count()).select_from(_scored(phase_id).subquery())) or 0
 
 
 def scored_left_out(phase_id: str, key: ScoringKey, limit: int) -> Select[Submission]:

@@ -28,12 +28,13 @@ def list_runs(
     kind: RunKind = RunKind.UPDATE,
     *,
     only_open: bool = False,
+    limit: int | None = None,
 ) -> list[RescoringRun]:
-    """Return runs of a kind, newest first."""
+    """Return runs of a kind, newest first, at most so many."""
     query = select(RescoringRun).where(RescoringRun.kind == kind)
     query = query.order_by(RescoringRun.created_at.desc(), RescoringRun.id)
     if phase_id is not None:
         query = query.where(RescoringRun.phase_id == phase_id)
     if only_open:
         query = query.where(RescoringRun.state.in_(_OPEN))
-    return list(session.scalars(query))
+    return list(session.scalars(query.limit(limit)))

@@ -176,9 +176,11 @@ def _item(item: Recheck) -> VerifyItemView:
     )
 
 
-def list_verifications(session: Session, phase_id: str | None = None) -> list[VerificationView]:
-    """Return verifications, newest first."""
-    runs = list_runs(session, phase_id, RunKind.VERIFICATION)
+def list_verifications(
+    session: Session, phase_id: str | None = None, limit: int | None = None
+) -> list[VerificationView]:
+    """Return verifications, newest first, at most so many."""
+    runs = list_runs(session, phase_id, RunKind.VERIFICATION, limit=limit)
     return [verification_view(session, run.id) for run in runs]
 
 

@@ -10,7 +10,7 @@ from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.errors import Conflict, NotFound
 from exceptiondrive_records.phases.allowances import ended_by_reveal
 from exceptiondrive_records.phases.phases import find_phase
-from exceptiondrive_records.phases.scoring_keys import key_of_phase, shadow_key
+from exceptiondrive_records.phases.scoring_keys import shadow_key
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import (
     checked_protocol,
@@ -26,7 +26,7 @@ from exceptiondrive_records.rescoring.comparison import (
     what_changed,
 )
 from exceptiondrive_records.rescoring.flip import blockers_of, comparison_of
-from exceptiondrive_records.rescoring.progress import count_sheets, progress_of
+from exceptiondrive_records.rescoring.progress import count_scored, progress_of
 from exceptiondrive_records.rescoring.reveal import is_reveal
 from exceptiondrive_records.rescoring.runs import find_run, list_runs
 from exceptiondrive_records.rescoring.tables import RescoringRun
@@ -84,9 +84,11 @@ def run_view(session: Session, run: RescoringRun) -> RunView:
     )
 
 
-def run_views(session: Session, phase_id: str | None = None) -> list[RunView]:
-    """Return runs, newest first."""
-    return [run_view(session, run) for run in list_runs(session, phase_id)]
+def run_views(
+    session: Session, phase_id: str | None = None, limit: int | None = None
+) -> list[RunView]:
+    """Return runs, newest first, at most so many."""
+    return [run_view(session, run) for run in list_runs(session, phase_id, limit=limit)]
 
 
 def protocol_check(session: Session, toml: str, phase_id: str | None) -> Difference:
@@ -103,8 +105,7 @@ def protocol_check(session: Session, toml: str, phase_id: str | None) -> Differe
     if phase_id is not None:
         phase = find_phase(session, phase_id)
         old = find_protocol(session, phase.protocol_digest)
-        counted = count_sheets(session, phase.id, key_of_phase(phase))
-        return protocol_difference(old, new, counted.total)
+        return protocol_difference(old, new, count_scored(session, phase.id))
     known = list_protocols(session)
     if not known:
         raise NotFound("protocol", "to compare with")

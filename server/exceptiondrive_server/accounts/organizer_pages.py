@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Request
+from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
@@ -16,6 +16,7 @@ from exceptiondrive_server.web.forms import REASON
 from exceptiondrive_server.web.organizer_frame import (
     OrganizerBrowser,
     Step,
+    has_text,
     organizer_page,
     step_at,
 )
@@ -26,12 +27,27 @@ PersonId = Annotated[str, Path(max_length=64)]
 
 
 @router.get("")
-def show_people(request: Request, services: ServicesOf, browser: OrganizerBrowser) -> Response:
-    """List everybody who ever signed in through the provider, with their roles."""
+def show_people(
+    request: Request,
+    services: ServicesOf,
+    browser: OrganizerBrowser,
+    q: Annotated[str, Query(max_length=80)] = "",
+) -> Response:
+    """List everybody who ever signed in through the provider, or those with a text, with their roles."""
     with services.database.read() as session:
         people = list_people(session)
     return organizer_page(
-        request, browser, "accounts/organizer_people.html", "people", people=people
+        request,
+        browser,
+        "accounts/organizer_people.html",
+        "people",
+        people=[
+            one
+            for one in people
+            if has_text(q, one.name, one.email or "", one.organizer_role or "")
+        ],
+        find=q,
+        n_all=len(people),
     )
 
 

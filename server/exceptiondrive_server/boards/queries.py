@@ -1,6 +1,7 @@
 """What is read of phases and boards: the one chooser of boards, and what their pages need besides."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from datetime import datetime
 from math import inf
 from typing import NamedTuple
@@ -22,6 +23,7 @@ from exceptiondrive_records.boards.reported import reported_boards
 from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.db.memory import Memory
 from exceptiondrive_records.news.news import news_of
 from exceptiondrive_records.phases.disqualified import disqualification_notes
 from exceptiondrive_records.phases.phases import list_phases, not_checked
@@ -59,6 +61,8 @@ from exceptiondrive_server.web.numbers import Digits, minute
 
 _NEWEST_BOARDS = 10
 """As many the history of a phase tells of in its feed."""
+_NOTES: Memory[str, BoardNote] = Memory(500)
+"""By what stands for a board: ten long ones are not read for each look at a feed."""
 
 
 def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False) -> BoardPage:
@@ -391,6 +395,11 @@ def _dates(phase: Phase, now: datetime) -> Iterator[PhaseDate]:
 
 
 def _note(session: Session, row: BoardRow, what_changed: tuple[str, ...]) -> BoardNote:
+    note = _NOTES.get(row.told) or _NOTES.keep(row.told, _note_of_board(session, row), 1)
+    return replace(note, what_changed=what_changed)
+
+
+def _note_of_board(session: Session, row: BoardRow) -> BoardNote:
     board, protocol = parsed_board(row), find_protocol(session, row.protocol_digest)
     digits = Digits.of(protocol.publication)
     said = headline(board, challenge_of(board), len(protocol.tasks), digits)
@@ -402,5 +411,5 @@ def _note(session: Session, row: BoardRow, what_changed: tuple[str, ...]) -> Boa
         board.published_at,
         " ".join(said.findings),
         f"{moves[0].upper()}{moves[1:]}." if moves else "",
-        what_changed,
+        (),
     )

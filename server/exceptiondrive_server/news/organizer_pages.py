@@ -8,7 +8,12 @@ from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 
 from exceptiondrive_records.news.news import find_news, list_news, publish_news, withdraw_news
-from exceptiondrive_records.news.questions import answer_question, find_question, list_questions
+from exceptiondrive_records.news.questions import (
+    answer_question,
+    count_waiting,
+    find_question,
+    list_questions,
+)
 from exceptiondrive_records.participation.messages import MAX_TEXT, MAX_TITLE
 from exceptiondrive_records.phases.phases import find_phase, list_phases, titles_of_phases
 from exceptiondrive_records.teams.tables import Team
@@ -27,6 +32,8 @@ from exceptiondrive_server.web.organizer_frame import (
 
 router = APIRouter(prefix="/organize", include_in_schema=False)
 Id = Annotated[str, Path(max_length=64)]
+SHOWN_ANSWERED = 50
+"""The newest answers; those before them are asked for."""
 _COMMAND = "exceptiondrive organizer news"
 
 
@@ -36,11 +43,15 @@ def show_news(
     services: ServicesOf,
     browser: OrganizerBrowser,
     phase: Annotated[str | None, Query(max_length=64)] = None,
+    all_answered: bool = False,
 ) -> Response:
     """List questions, those that wait first, and news: of one phase or of all."""
     with services.database.read() as session:
         of_phase = None if phase is None else find_phase(session, phase)
-        questions = [asked_question(row, team) for row, team in list_questions(session, phase)]
+        found = list_questions(session, phase)
+        n_waiting = count_waiting(session, phase)
+        shown = len(found) if all_answered else n_waiting + SHOWN_ANSWERED
+        questions = [asked_question(row, team) for row, team in found[:shown]]
         news = [news_view(row) for row in list_news(session, phase)]
         titles = titles_of_phases(session)
         phases = list_phases(session) if of_phase is None else [of_phase]
@@ -50,6 +61,8 @@ def show_news(
         "news/organizer_news.html",
         "news",
         questions=questions,
+        n_waiting=n_waiting,
+        n_more=len(found) - len(questions),
         news=news,
         titles=titles,
         phases=phases,

@@ -85,10 +85,15 @@ def get_notifications(
     reader: Reader,
     unread: Annotated[bool, Query(description="only what was not read yet")] = False,
     limit: Annotated[int, Query(ge=1, le=500, description="how many at most")] = 100,
+    after: Annotated[
+        str | None, Query(max_length=64, description="id of the last message of a page")
+    ] = None,
 ) -> list[NotificationView]:
     """Read the inbox of the team, newest first; of a protocol update with old and new numbers."""
     with services.database.read() as session:
-        return list_notifications(session, team_of(reader), only_unread=unread, limit=limit)
+        return list_notifications(
+            session, team_of(reader), only_unread=unread, after=after, limit=limit
+        )
 
 
 @router.post("/notifications/{notification_id}/read", operation_id="markNotificationRead")

@@ -18,7 +18,11 @@ from exceptiondrive_records.notifications.contacts import (
     set_wishes,
     unsubscribe_contact,
 )
-from exceptiondrive_records.notifications.inbox import list_notifications, mark_all_read
+from exceptiondrive_records.notifications.inbox import (
+    count_unread,
+    list_notifications,
+    mark_all_read,
+)
 from exceptiondrive_records.notifications.tables import Channel
 from exceptiondrive_schemas.api.rescoring import WISHES, NotificationView, Standing, Wish
 from exceptiondrive_schemas.api.standing_words import standing_words
@@ -37,9 +41,14 @@ Key = Annotated[str, Query(max_length=100)]
 
 
 @router.get(HERE)
-def show_notices(request: Request, services: ServicesOf, browser: Browser) -> Response:
-    """Show the inbox of the team, and where it is told besides."""
-    return _page(request, services, browser)
+def show_notices(
+    request: Request,
+    services: ServicesOf,
+    browser: Browser,
+    after: Annotated[str | None, Query(max_length=64)] = None,
+) -> Response:
+    """Show the inbox of the team, newest first, and where it is told besides."""
+    return _page(request, services, browser, after=after)
 
 
 @router.post(f"{HERE}/read")
@@ -163,11 +172,13 @@ def _page(
     refusal: RecordsError | None = None,
     typed: str = "",
     secret: str | None = None,
+    after: str | None = None,
 ) -> Response:
     require_scope(browser, Scope.READ_OWN)
     team_id = team_of(browser.principal)
     with services.database.read() as session:
-        notices = list_notifications(session, team_id, limit=SHOWN)
+        notices = list_notifications(session, team_id, after=after, limit=SHOWN + 1)
+        has_unread = count_unread(session, team_id) > 0
         contacts = [
             (contact, newest_delivery(session, contact.id))
             for contact in list_contacts(session, team_id)
@@ -177,8 +188,9 @@ def _page(
         "notifications/notices.html",
         "my",
         who=browser.principal,
-        notices=notices,
-        has_unread=any(notice.read_at is None for notice in notices),
+        notices=notices[:SHOWN],
+        following=notices[SHOWN - 1].id if len(notices) > SHOWN else None,
+        has_unread=has_unread,
         contacts=contacts,
         wishes=WISHES,
         can_change=Scope.SUBMIT in browser.principal.scopes,

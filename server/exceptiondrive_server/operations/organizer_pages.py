@@ -10,6 +10,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.operations.overview import SLOW_S, Overview, overview
 from exceptiondrive_records.operations.site import set_site_links, site_links
+from exceptiondrive_records.operations.troubles import Trouble
 from exceptiondrive_records.phases.phases import list_phases, titles_of_phases
 from exceptiondrive_records.rescoring.views import run_view
 from exceptiondrive_records.submissions.file_store import LOW_ON_ROOM_BYTES
@@ -43,6 +44,8 @@ TROUBLE_LINKS = {
     "mail_not_sent": ("/organize/teams", "See the teams"),
 }
 """Where an organizer goes for each kind of trouble."""
+LASTING = ("no_recorded_drives", "reported_beside_other_split")
+"""Troubles of a split that nobody waits for: they may stand for a whole season."""
 Task = tuple[str, str, str, str]
 """Words, address and words of the link, and `bad` or `warn`."""
 
@@ -58,6 +61,7 @@ def show_overview(request: Request, services: ServicesOf, browser: OrganizerBrow
         is_new = all(team.is_reference or team.is_gone for team in teams)
         first = list(_first_steps(session)) if is_new else []
         titles = titles_of_phases(session)
+    tasks = _tasks(found, runs, titles, services.files.free_bytes())
     return organizer_page(
         request,
         browser,
@@ -65,7 +69,7 @@ def show_overview(request: Request, services: ServicesOf, browser: OrganizerBrow
         "overview",
         found=found,
         alive=[worker for worker in found.workers if worker.is_alive],
-        tasks=[*_tasks(found, runs, titles, services.files.free_bytes()), *first],
+        tasks=[*sorted(tasks, key=lambda task: task[3] != "bad"), *first],
         runs=runs,
         titles=titles,
         team_names=team_names,
@@ -140,14 +144,11 @@ def _first_steps(session: Session) -> Iterator[Task]:
 def _tasks(
     found: Overview, runs: Sequence[RunLine], titles: Mapping[str, str], free_bytes: int | None
 ) -> Iterator[Task]:
-    """Yield what to do, worst first."""
+    """Yield what to do: what nobody waits for comes last."""
     if free_bytes is not None and free_bytes < LOW_ON_ROOM_BYTES:
         words = f"The disk of the uploads is nearly full: {free_bytes >> 20} MiB are free."
         yield words, "#queue", "Make room; uploads stay", "bad"
-    for trouble in found.troubles:
-        url, words = TROUBLE_LINKS[trouble.code]
-        url = url.format(quote(trouble.subject))
-        yield trouble.what, url, words, "bad" if trouble.stops_scoring else "warn"
+    yield from (_trouble_task(one) for one in found.troubles if one.code not in LASTING)
     if found.n_failed:
         words = f"{counted(found.n_failed, 'submission')} failed by our own fault."
         yield words, "/organize/submissions?status=failed", "Look and retry", "bad"
@@ -174,3 +175,10 @@ def _tasks(
     for line in runs:
         words = f"Rescoring of {titles[line.run.phase]}: {line.next_words}"
         yield words, f"/organize/rescoring/{line.run.id}", "See the run", "warn"
+    yield from (_trouble_task(one) for one in found.troubles if one.code in LASTING)
+
+
+def _trouble_task(trouble: Trouble) -> Task:
+    url, words = TROUBLE_LINKS[trouble.code]
+    level = "bad" if trouble.stops_scoring else "warn"
+    return trouble.what, url.format(quote(trouble.subject)), words, level

@@ -149,6 +149,11 @@ def change(services: ServicesOf, team_id: TeamId) -> Step:
     )
 
 
+def _by_name(session: Session) -> list[Team]:
+    """All teams, in the order in which somebody looks for a name."""
+    return sorted(list_teams(session), key=lambda team: team.name.casefold())
+
+
 def _names(team: Team) -> dict[str, str]:
     return {"name": team.name, "affiliation": team.affiliation}
 
@@ -160,7 +165,7 @@ def merge(services: ServicesOf, team_id: TeamId) -> Step:
         team = find_team(session, team_id)
         others = [
             (one.slug, one.name)
-            for one in list_teams(session)
+            for one in _by_name(session)
             if one is not team
             and not (one.is_reference or one.is_gone)
             and one.pending_since is None
@@ -368,7 +373,7 @@ def post_message(
 
 
 def _message(session: Session) -> Step:
-    teams = tuple((one.slug, one.name) for one in list_teams(session) if not one.is_gone)
+    teams = tuple((one.slug, one.name) for one in _by_name(session) if not one.is_gone)
     phases = tuple((one.id, one.title) for one in list_phases(session, with_hidden=True))
     return Step(
         section="teams",

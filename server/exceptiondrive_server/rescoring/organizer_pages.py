@@ -50,14 +50,22 @@ RunId = Annotated[str, Path(max_length=64)]
 StepKey = Annotated[str, Path(max_length=20)]
 Choice = Annotated[str, Query(max_length=100)]
 HISTORY = 100
+SHOWN = 20
+"""Each run asks the records a dozen times."""
 
 
 @router.get("/rescoring")
-def show_runs(request: Request, services: ServicesOf, browser: OrganizerBrowser) -> Response:
-    """List runs and verifications, newest first."""
+def show_runs(
+    request: Request, services: ServicesOf, browser: OrganizerBrowser, all_runs: bool = False
+) -> Response:
+    """List runs and verifications, newest first: the newest of each, or all."""
+    limit = None if all_runs else SHOWN + 1
     with services.database.read() as session:
-        lines = [run_line(session, run) for run in run_views(session)]
-        verifications = list_verifications(session)
+        runs = run_views(session, limit=limit)
+        verifications = list_verifications(session, limit=limit)
+        is_cut = not all_runs and max(len(runs), len(verifications)) > SHOWN
+        shown = SHOWN if is_cut else None
+        lines = [run_line(session, run) for run in runs[:shown]]
         titles = titles_of_phases(session)
     return organizer_page(
         request,
@@ -65,7 +73,8 @@ def show_runs(request: Request, services: ServicesOf, browser: OrganizerBrowser)
         "rescoring/organizer_runs.html",
         "rescoring",
         lines=lines,
-        verifications=verifications,
+        verifications=verifications[:shown],
+        is_cut=is_cut,
         titles=titles,
     )
 

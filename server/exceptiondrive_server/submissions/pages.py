@@ -18,7 +18,11 @@ from exceptiondrive_records.accounts.tokens import Principal, Scope
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.entries.selection import choose, publish, unpublish
-from exceptiondrive_records.notifications.inbox import list_notifications, notices_about
+from exceptiondrive_records.notifications.inbox import (
+    count_unread,
+    list_notifications,
+    notices_about,
+)
 from exceptiondrive_records.phases.phases import find_phase, list_phases, phase_view
 from exceptiondrive_records.phases.policy import can_change, can_publish
 from exceptiondrive_records.submissions.edits import edits_of
@@ -70,6 +74,8 @@ from exceptiondrive_server.web.services import Services
 
 router = APIRouter(include_in_schema=False)
 SHOWN = 50
+SHOWN_NOTICES = 2
+"""Of those that are new; the rest is counted."""
 MAX_FOLLOWED = 3
 """Browsers open six connections to a host over HTTP/1.1; the page needs some for itself."""
 _DECISIONS = {"publish": publish, "unpublish": unpublish}
@@ -238,11 +244,10 @@ def show_my_submissions(
         rules = phase_rules(session, phases)
         by_id, now = {phase.id: phase for phase in phases}, database_now(session)
         ended = {one.id for one in found if not can_change(by_id[one.phase_id], one, now)}
-        unread = (
-            []
-            if who.team_id is None
-            else list_notifications(session, who.team_id, only_unread=True)
-        )
+        unread, n_unread = [], 0
+        if who.team_id is not None:
+            unread = list_notifications(session, who.team_id, only_unread=True, limit=SHOWN_NOTICES)
+            n_unread = count_unread(session, who.team_id)
         quotas = [phase for phase in _phases(session, services, who) if phase.is_open]
     can_decide = Scope.SUBMIT in who.scopes and who.team_id is not None
     lines = run_lines(seen, rules, ended=ended, can_decide=can_decide)
@@ -254,6 +259,7 @@ def show_my_submissions(
         who=who,
         lines=lines,
         unread=unread,
+        n_unread=n_unread,
         titles={phase.id: phase.title for phase in phases},
         labels=list(dict.fromkeys(cell.label for line in lines for cell in line.cells)),
         quotas=quotas,

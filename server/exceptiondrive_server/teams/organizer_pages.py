@@ -37,6 +37,7 @@ from exceptiondrive_server.web.organizer_frame import (
     OrganizerBrowser,
     Step,
     go,
+    has_text,
     organizer_page,
     step_at,
 )
@@ -74,9 +75,10 @@ def show_teams(
     services: ServicesOf,
     browser: OrganizerBrowser,
     show: Annotated[str, Query(max_length=20)] = "",
+    q: Annotated[str, Query(max_length=80)] = "",
 ) -> Response:
-    """List the teams; those that wait for approval come first."""
-    return _list(request, services, browser, only_pending=show == "pending")
+    """List the teams, or those with a text; those that wait for approval come first."""
+    return _list(request, services, browser, only_pending=show == "pending", find=q)
 
 
 @router.post("/teams")
@@ -133,13 +135,19 @@ def _list(
     browser: SignedIn,
     *,
     only_pending: bool = False,
+    find: str = "",
     texts: Mapping[str, str] | None = None,
     refusal: RecordsError | None = None,
 ) -> Response:
     with services.database.read() as session:
         standings = standings_of_teams(session)
         by_id = {one.id: one for one in list_teams(session)}
-        teams = [one for one in by_id.values() if one.pending_since or not only_pending]
+        teams = [
+            one
+            for one in by_id.values()
+            if (one.pending_since or not only_pending)
+            and has_text(find, one.slug, one.name, one.affiliation)
+        ]
         n_tokens, n_submissions = live_tokens_by_team(session), counts_by_team(session)
     return organizer_page(
         request,
@@ -153,6 +161,8 @@ def _list(
         n_tokens=n_tokens,
         n_submissions=n_submissions,
         only_pending=only_pending,
+        find=find,
+        n_all=len(by_id),
         fields=filled(NEW_TEAM, texts or {}),
     )
 
@@ -172,7 +182,7 @@ def _team(
         team = find_team(session, slug)
         now = database_now(session)
         tokens = [(token, is_live(token, now)) for token in list_tokens(session, team.id)]
-        lines = history(session, team.slug, limit=HISTORY)
+        lines = history(session, team.slug, limit=HISTORY + 1)
         n_submissions = counts_by_team(session).get(team.id, 0)
         made_by = {
             view.id: view.made_by
@@ -193,7 +203,8 @@ def _team(
         made_by=made_by,
         rights_of=lambda token: [MEANING_OF_SCOPE[Scope(scope)] for scope in token.scopes],
         issued=issued,
-        lines=lines,
+        lines=lines[:HISTORY],
+        has_older_lines=len(lines) > HISTORY,
         n_submissions=n_submissions,
         seen=seen,
         phases=phases,

@@ -140,6 +140,12 @@ def go(path: str, done: str | None = None) -> Response:
     return RedirectResponse(address, status_code=303)
 
 
+def has_text(find: str, *texts: str) -> bool:
+    """Whether each word that is looked for stands in one of the texts; no word: yes."""
+    text = " ".join(texts).casefold()
+    return all(word in text for word in find.casefold().split())
+
+
 @dataclass(frozen=True)
 class Step:
     """A deed of an organizer: what its page says and asks, and what does it."""

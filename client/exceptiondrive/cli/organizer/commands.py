@@ -15,6 +15,7 @@ from exceptiondrive.cli.organizer import participation, phases, rescoring
 from exceptiondrive.cli.output import (
     Answer,
     be_sure,
+    cut_words,
     replacing,
     saved,
     say,
@@ -443,10 +444,14 @@ def read_audit(
     action: Annotated[
         str | None, option("--action", "KIND", "Only of this kind, as 'phase changed'.")
     ] = None,
+    before: Annotated[
+        int | None, option("--before", "LINE", "Only older than the line of this id.", min=1)
+    ] = None,
 ) -> Answer:
     """Show the newest lines of the audit log."""
     found = organizer.audit(
         limit,
+        before=before,
         actor=actor,
         subject=subject,
         by_people=by_people,
@@ -457,7 +462,8 @@ def read_audit(
     why = ("reason", "asked")  # why it was done, or what workers refused
     lines = [{**line, "reason": _first(line["detail"], why)} for line in found]
     columns = ("id", "at", "actor", "action", "subject", "reason")
-    return found, records_table(lines, columns)
+    older = f"--before {found[-1]['id']} shows older ones" if found else ""
+    return found, records_table(lines, columns), *cut_words(found, limit, older)
 
 
 @with_organizer
