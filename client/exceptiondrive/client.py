@@ -229,6 +229,14 @@ def _no_team(why: str) -> NotSignedInError:
     )
 
 
+def _require_limit(limit: object) -> None:
+    """Refuse what is no limit of a list, whatever a caller without type checks gives."""
+    if limit is not None and not (isinstance(limit, int) and limit >= 0):
+        raise InvalidArgumentError(
+            "wrong_argument", f"limit is a whole number, or None for all, not {limit!r}."
+        )
+
+
 def _quota_error(quota: Quota | None) -> QuotaError | None:
     """Return what the server would say to one submission more; None where it takes it."""
     if quota is None or quota.remaining_today > 0:
@@ -559,11 +567,7 @@ class Client(Connection):
         Raises:
             NotFoundError: There is no such phase; the advice names those that there are.
         """
-        given: object = limit  # whatever a caller without type checks gives
-        if given is not None and not (isinstance(given, int) and given >= 0):
-            raise InvalidArgumentError(
-                "wrong_argument", f"limit is a whole number, or None for all, not {given!r}."
-            )
+        _require_limit(limit)
         found: list[SubmissionView] = []
         after: str | None = None
         while limit is None or len(found) < limit:
@@ -653,6 +657,7 @@ class Client(Connection):
         """
         from exceptiondrive_schemas.api.rescoring import NotificationView
 
+        _require_limit(limit)
         found: list[NotificationView] = []
         page_size = PAGE_SIZE
         while page_size == PAGE_SIZE and (limit is None or len(found) < limit):

@@ -10,6 +10,7 @@ import os
 import select
 import signal
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -92,24 +93,27 @@ def _sabotage_server() -> Callable[[], None]:
 
     if "serve" not in sys.argv:  # nobody else takes uploads
         return operator_cli.main
+    from exceptiondrive_records.work.dispatch import Dispatcher
     from exceptiondrive_server.submissions import upload as module
 
     submitting: Any = module
-
-    accept, wake = submitting.accept, submitting.wake
+    accept, wake, taking = submitting.accept, Dispatcher.wake, threading.local()
 
     def sabotaged_accept(*arguments: Any, **named: Any) -> Any:
         if _once("kill-before-commit"):
             os.kill(os.getpid(), signal.SIGKILL)
+        taking.is_accepted = True
         return accept(*arguments, **named)
 
-    def sabotaged_wake(*arguments: Any) -> None:
-        if _once("kill-after-commit"):
+    def sabotaged_wake(*arguments: Any) -> bool:
+        """What a thread wakes for next, after it has accepted, is that upload."""
+        if getattr(taking, "is_accepted", False) and _once("kill-after-commit"):
             os.kill(os.getpid(), signal.SIGKILL)
-        wake(*arguments)
+        taking.is_accepted = False
+        return wake(*arguments)
 
     submitting.accept = sabotaged_accept
-    submitting.wake = sabotaged_wake
+    Dispatcher.wake = sabotaged_wake  # type: ignore[assignment, method-assign]
     return operator_cli.main
 
 

@@ -35,7 +35,7 @@ def operate(
     monkeypatch.setenv("EXCEPTIONDRIVE_DATABASE_URL", sqlite_url)
     monkeypatch.setenv("EXCEPTIONDRIVE_FILE_STORE_URL", f"file://{tmp_path}/uploads")
     monkeypatch.setenv("EXCEPTIONDRIVE_SPLITS_DIR", str(tmp_path / "splits"))
-    monkeypatch.setattr(operator_cli, "configure_logging", lambda: None)
+    monkeypatch.setattr(operator_cli, "set_up_logs", lambda _: None)
 
     def run(*arguments: str) -> tuple[int, str, str]:
         monkeypatch.setattr("sys.argv", ["exceptiondrive-worker", *arguments])

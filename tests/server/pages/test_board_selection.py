@@ -125,4 +125,4 @@ def test_chips_count_what_is_told_and_turn_the_filter(lively_board: Board) -> No
 def test_what_is_no_fact_is_refused() -> None:
     with pytest.raises(InvalidRecord) as refused:
         BoardQuery.parse([("fact", "type:car")])
-    assert "FIELD:VALUE" in refused.value.fields["facts"]
+    assert "FIELD:VALUE" in refused.value.fields["fact"]
