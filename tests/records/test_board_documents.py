@@ -9,6 +9,7 @@ from unittest.mock import Mock
 
 import pytest
 from pydantic import ValidationError
+from tests.support.documents import make_board
 
 from exceptiondrive_records.boards import boards
 from exceptiondrive_records.boards.documents import entries_of, entry_documents, read_board
@@ -19,8 +20,7 @@ from exceptiondrive_schemas.board import Board, BoardEntry, FamilyCell
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.method_facts import Links
 from exceptiondrive_schemas.protocol import packaged_protocol
-from exceptiondrive_schemas.score_sheet import Flag, ProtocolRef
-from exceptiondrive_schemas.split import SplitRef
+from exceptiondrive_schemas.score_sheet import Flag
 
 KEYS = PLANNING.metric_keys
 NASTY = 'a "entries":[{} \\ planner, "entries":[] \n \u2028 \U0001f697'
@@ -54,19 +54,7 @@ def entry(number: int, **changes: Any) -> BoardEntry:
 
 
 def board_of(*entries: BoardEntry) -> Board:
-    return Board(
-        challenge=PLANNING.id,
-        phase="dev",
-        split=SplitRef(name="sample", revision="sha256:" + "5" * 64),
-        protocol=ProtocolRef(version="1.0", digest="sha256:" + "0" * 64),
-        headline="macro_family",
-        board=7,
-        published_at=datetime(2026, 1, 2, tzinfo=UTC),
-        n_samples=3,
-        confidence=0.95,
-        families=(),
-        entries=entries,
-    )
+    return make_board(*entries, board=7)
 
 
 NASTY_BOARD = board_of(

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
-from tests.support.documents import REVISION, digest_of, make_sheet
+from tests.support.documents import digest_of, make_board, make_sheet
 from tests.support.records import add_phase, add_sample_split, found
 from tests.support.work import claim_board_of, claim_this
 
@@ -19,9 +19,7 @@ from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.jobs import Finish, finish_scored
 from exceptiondrive_records.work.tables import BoardRequest, Job
 from exceptiondrive_schemas.board import Board, BoardEntry
-from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.score_sheet import ProtocolRef, ScoreSheet
-from exceptiondrive_schemas.split import SplitRef
 
 
 @dataclass
@@ -123,18 +121,11 @@ class World:
             )
             for rank, submission_id in enumerate(submission_ids, start=1)
         )
-        return Board(
-            challenge=PLANNING.id,
+        return make_board(
+            *entries,
             phase=self.phase_id,
-            split=SplitRef(name="sample", revision=REVISION),
             protocol=ProtocolRef(version="1.0", digest=self.protocol_digest),
-            headline="macro_family",
-            board=0,
             published_at=datetime(2020, 1, 1, tzinfo=UTC),
-            n_samples=3,
-            confidence=0.95,
-            families=(),
-            entries=entries,
         )
 
     def sheet(self, hcc: float = 0.5) -> ScoreSheet:

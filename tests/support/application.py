@@ -17,7 +17,7 @@ from fastapi import FastAPI
 from sqlalchemy import select
 from starlette.testclient import TestClient
 from tests.support.databases import as_role
-from tests.support.documents import REVISION, make_sheet
+from tests.support.documents import make_board, make_sheet
 from tests.support.records import Founded, add_phase, add_sample_split, found
 from tests.support.snapshots import Snapshots
 from tests.support.work import claim_board_of, claim_this
@@ -32,12 +32,10 @@ from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.lease import claim_oldest
 from exceptiondrive_records.work.profiles import finish_profile
 from exceptiondrive_records.work.tables import Job, Profile
-from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource, FamilyHead
-from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.board import BoardEntry, EntrySource, FamilyHead
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.score_sheet import ProtocolRef, ScoreSheet
-from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_server import app as application
 from exceptiondrive_server.app import create_app
 from exceptiondrive_server.web.openapi import describe
@@ -201,18 +199,12 @@ class Api:
         """Do what a worker does when it has built a board."""
         with self.database.write() as session:
             want_board(session, phase, PROTOCOL.digest)
-        board = Board(
-            challenge=PLANNING.id,
+        board = make_board(
+            *entries,
             phase=phase,
-            split=SplitRef(name="sample", revision=REVISION),
             protocol=ProtocolRef(version="1.0", digest=PROTOCOL.digest),
-            headline="macro_family",
-            board=0,
             published_at=datetime(2026, 11, 21, tzinfo=UTC),
-            n_samples=3,
-            confidence=0.95,
             families=(FamilyHead(id="sudden_emergence", title="Sudden Emergence", n=3),),
-            entries=entries,
         )
         with self.database.write() as session:
             claim = claim_board_of(session, phase, PROTOCOL.digest)

@@ -3,8 +3,10 @@
 import hashlib
 import json
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from typing import Any
 
+from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.score_sheet import (
     BreakdownRow,
@@ -50,6 +52,24 @@ def make_sheet(protocol_digest: str, row: MetricRow) -> ScoreSheet:
 
 Trajectory = list[list[float]]
 Changes = Mapping[str, Mapping[str, Any]]
+
+
+def make_board(*entries: BoardEntry, **changes: object) -> Board:
+    """A board of planning; keyword arguments replace parts of it."""
+    board = Board(
+        challenge=PLANNING.id,
+        phase="dev",
+        split=SplitRef(name="sample", revision=REVISION),
+        protocol=ProtocolRef(version="1.0", digest="sha256:" + "0" * 64),
+        headline="macro_family",
+        board=0,
+        published_at=datetime(2026, 1, 2, tzinfo=UTC),
+        n_samples=3,
+        confidence=0.95,
+        families=(),
+        entries=entries,
+    )
+    return board.model_copy(update=changes)
 
 
 def digest_of(data: bytes | str) -> str:

@@ -136,7 +136,7 @@ MAX_INVITATIONS_A_DAY = 100
 _NO_INVITATION = secret_digest("no such invitation")
 
 
-def held_team(session: Session, team_id: int) -> Team:
+def hold_team(session: Session, team_id: int) -> Team:
     """Return a team as it is now, and let nobody merge, forget or refuse it until this transaction ends."""
     weak = {"key_share": True}
     return session.get_one(Team, team_id, with_for_update=weak, populate_existing=True)
@@ -238,7 +238,7 @@ def invite(
         Conflict: The team has enough open invitations, or made enough of them today; or it was
             forgotten, or became part of another one.
     """
-    team = held_team(session, team_id)
+    team = hold_team(session, team_id)
     team.require_there()
     if len(open_invitations(session, team_id)) >= MAX_OPEN_INVITATIONS:
         raise Conflict(f"{MAX_OPEN_INVITATIONS} invitations are open; withdraw one first.")
@@ -296,7 +296,7 @@ def accept_invitation(session: Session, text: str, person_id: str, *, actor: str
     invitation, team = find_invitation(session, text, person_id)
     if is_member(session, team.id, person_id):
         return team
-    held_team(session, team.id)
+    hold_team(session, team.id)
     used = session.scalars(
         update(Invitation)
         .where(Invitation.id == invitation.id, *_usable(session))

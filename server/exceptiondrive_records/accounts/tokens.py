@@ -19,7 +19,7 @@ from typing import Any
 from sqlalchemy import bindparam, select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.accounts.people import held_team, withdraw_invitations_of
+from exceptiondrive_records.accounts.people import hold_team, withdraw_invitations_of
 from exceptiondrive_records.accounts.roles import OrganizerRole, checked_phases
 from exceptiondrive_records.accounts.tables import Person, Token
 from exceptiondrive_records.audit.log import audit
@@ -140,7 +140,7 @@ def issue_token(
         Conflict: The team was forgotten, or became part of another one.
     """
     if team_id is not None:
-        held_team(session, team_id).require_there()
+        hold_team(session, team_id).require_there()
     name = checked_text("token name", name, max_length=80)
     unknown = sorted(set(scopes) - set(Scope))
     known = ", ".join(Scope if team_id is None else TEAM_SCOPES)

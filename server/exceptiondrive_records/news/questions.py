@@ -5,7 +5,7 @@ import re
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.accounts.people import held_team
+from exceptiondrive_records.accounts.people import hold_team
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, NotFound
@@ -44,7 +44,7 @@ def ask_question(
     """
     phase = shown_phase(session, phase_id)
     text = checked_text("question", text, max_length=MAX_QUESTION, may_have_lines=True)
-    team = held_team(session, team_id)
+    team = hold_team(session, team_id)
     team.require_there()
     own = select(Question).where(Question.team_id == team_id, Question.answered_at.is_(None))
     waiting = session.scalars(own).all()

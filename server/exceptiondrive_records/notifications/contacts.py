@@ -10,6 +10,7 @@ from urllib.parse import urlsplit
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.accounts.people import hold_team
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
@@ -57,7 +58,7 @@ def add_contact(
         Conflict: The team has it already, has enough, or added enough today; or whoever reads there
             said no, or was asked often enough today.
     """
-    require_approved(session.get_one(Team, team_id, with_for_update={"key_share": True}))
+    require_approved(hold_team(session, team_id))
     if channel is Channel.WEBHOOK:
         _require_webhook(address, may_be_private)
     elif _EMAIL.fullmatch(address) is None:
