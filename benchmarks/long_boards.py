@@ -66,6 +66,8 @@ N_LOG_N = 1.13
 """The exponent of n log n between 1,000 and 10,000."""
 MOST_EXPONENT = 1.2
 """A little above it: one run moves by so much."""
+MOST_OF_A_WORKER_MIB = 512
+"""What docs/performance.md says the longest of these boards fits into."""
 _PARTS = ("make", "worker", "server")
 _STEPS = {
     "entries_for_board": "read entries",
@@ -111,6 +113,11 @@ def _measure(lengths: Sequence[int]) -> None:
             values = [found[n][part][name] for n in found]
             if exponents := _exponents(values, list(found)):
                 at_most(f"{name}, growth with the longest board", exponents[-1], MOST_EXPONENT, "")
+    if longest := found.get(GROWTH[-1]):
+        worker = longest["worker"]
+        above_mib = worker["most memory of the worker, MiB"] - worker["memory idle, MiB"]
+        what = f"memory of the worker above idle, {GROWTH[-1]:,} entries"
+        at_most(what, above_mib, MOST_OF_A_WORKER_MIB, "MiB")
     note(f"exponents: from each length to the next; n log n is about {N_LOG_N} at the last")
 
 

@@ -21,6 +21,7 @@ from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.method_facts import Links
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.score_sheet import Flag
+from exceptiondrive_worker.boards.run import with_previous_ranks
 
 KEYS = PLANNING.metric_keys
 NASTY = 'a "entries":[{} \\ planner, "entries":[] \n \u2028 \U0001f697'
@@ -29,6 +30,7 @@ MOST_KEPT = 3
 """Bytes of a board in memory by byte of its document."""
 MOST_TO_READ = 3
 MOST_TO_WRITE = 2.5
+MOST_OF_RANKS = 0.5
 
 
 def entry(number: int, **changes: Any) -> BoardEntry:
@@ -121,6 +123,19 @@ def test_a_long_board_takes_a_few_times_its_document() -> None:
     assert found[0] <= MOST_KEPT, found
     assert found[1] <= MOST_TO_READ, found
     assert found[2] <= MOST_TO_WRITE, found
+
+
+def test_ranks_of_the_board_before_are_read_without_keeping_its_entries() -> None:
+    body = canonical_json(board_of(*(entry(number) for number in range(N_ENTRIES)))).decode()
+    last = entry(N_ENTRIES - 1, rank=1)
+    tracemalloc.start()
+    try:
+        (row,) = with_previous_ranks((last,), None, body)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert row.previous_rank == N_ENTRIES
+    assert peak < MOST_OF_RANKS * len(body), peak / len(body)
 
 
 def test_all_who_ask_for_a_new_board_at_once_get_the_same_one(

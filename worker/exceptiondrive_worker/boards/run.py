@@ -116,9 +116,12 @@ def _ranks_on(
     body: str,
 ) -> tuple[dict[tuple[str, str], int | None], dict[str | None, int | None]]:
     """By team and method, which the next run of a method keeps, and by submission, whose names may change."""
-    scored = [row for row in entry_documents(body) if row["source"] == "scored"]
-    by_name = {(row["team"], row["method"]): row["rank"] for row in scored}
-    return by_name, {row["submission_id"]: row["rank"] for row in scored}
+    by_name: dict[tuple[str, str], int | None] = {}
+    by_submission: dict[str | None, int | None] = {}
+    for row in entry_documents(body):  # none is kept: a long board's would take as much as all else
+        if row["source"] == "scored":
+            by_name[row["team"], row["method"]] = by_submission[row["submission_id"]] = row["rank"]
+    return by_name, by_submission
 
 
 def _late_board(context: WorkerContext, claimed: BoardRequest) -> Board | None:
