@@ -226,16 +226,30 @@ def test_hardly_moving_is_flagged_overall_and_in_a_family_of_enough_samples(
 
 
 @pytest.mark.parametrize(
-    ("n_held_back", "n_half_way", "codes"),
-    [(11, 9, ["over_cautious"]), (10, 10, []), (19, 0, []), (20, 0, ["over_cautious"])],
+    ("n_held_back", "n_half_way", "n_standing", "codes"),
+    [
+        (11, 9, 0, ["over_cautious"]),
+        (10, 10, 0, []),
+        (19, 0, 0, []),
+        (20, 0, 0, ["over_cautious"]),
+        (6, 5, 9, ["over_cautious"]),
+        (5, 6, 9, []),
+        (10, 0, 9, []),
+    ],
 )
 def test_who_hardly_gets_on_at_most_of_enough_controls_is_over_cautious(
-    protocol: ProtocolDocument, n_held_back: int, n_half_way: int, codes: list[str]
+    protocol: ProtocolDocument,
+    n_held_back: int,
+    n_half_way: int,
+    n_standing: int,
+    codes: list[str],
 ) -> None:
-    edited = np.stack([0.4 * CRUISE] * n_held_back + [0.5 * CRUISE] * n_half_way)
-    answers = {"source": np.stack([CRUISE] * len(edited)), "edited": edited}
+    """Where both trajectories stand there is no progress, but a control of the split."""
+    shares = [0.4] * n_held_back + [0.5] * n_half_way + [0.0] * n_standing
+    source = np.stack([CRUISE] * (n_held_back + n_half_way) + [0.0 * CRUISE] * n_standing)
+    answers = {"source": source, "edited": np.stack([share * CRUISE for share in shares])}
     said = PlanningScoring().of_controls(answers, protocol)
-    assert said.metrics == {"over_caution": n_held_back / len(edited)}
+    assert said.metrics == {"over_caution": n_held_back / (n_held_back + n_half_way)}
     assert [flag.code for flag in said.flags] == codes
 
 

@@ -5,6 +5,6 @@ breakdown --rank--> board. `challenge.SCORING` gives the measure and grade of ea
 Every constant comes from the protocol document; every formula names its place in docs/protocol.md.
 """
 
-SCORER_VERSION = "3"
+SCORER_VERSION = "4"
 """Raised when the same input may come to another number, and when a sheet gains a metric or another
 field: what is kept under the old one is then worked out anew. Every score sheet names it."""

@@ -81,15 +81,19 @@ class PlanningScoring:
         return grade(Measurements.from_columns(measurements), split, protocol)
 
     def of_controls(self, answers: Columns, protocol: ProtocolDocument) -> OfControls:
-        """Over-caution: of the controls whose progress is defined, the share that hardly get on."""
+        """Over-caution: of the controls whose progress is defined, the share that hardly get on.
+
+        The flag asks how many controls the split has: a file that stands in both inputs leaves few
+        with a progress, and what it does at those counts none the less.
+        """
         section = protocol.plausibility
         share = progress_of_pairs(TrajectoryPairs.from_columns(answers), section)
-        share = share[~np.isnan(share)]
+        n_controls, share = len(share), share[~np.isnan(share)]
         if not len(share):
             return OfControls({"over_caution": None})
         held_back = float(np.mean(share < section.over_caution_below))
         is_flagged = (
-            held_back > section.flag_over_caution and len(share) >= section.flag_family_min_samples
+            held_back > section.flag_over_caution and n_controls >= section.flag_family_min_samples
         )
         detail = (
             f"At {held_back:.0%} of the controls, where no hazard is in the way, the edited "
