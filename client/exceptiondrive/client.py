@@ -31,10 +31,10 @@ from exceptiondrive.transport import (
     Connection,
     Progress,
     Record,
-    UploadBody,
     quoted,
     read_answer,
     require_text,
+    upload_body,
 )
 from exceptiondrive_schemas.api.own_entries import question_of, replaced_entry
 from exceptiondrive_schemas.api.phase_settings import RunRule
@@ -423,8 +423,9 @@ class Client(Connection):
         if first is not None and first.disqualified_at is not None:
             return Outlook(report, None, first=first, disqualified_at=first.disqualified_at)
         scored = [each for each in own if each.status is SubmissionStatus.SCORED]
-        replaces = replaced_entry(own, method, phase.policy, is_open=phase.is_open)
-        replaces = None if first is not None else replaces
+        replaces = None
+        if first is None:
+            replaces = replaced_entry(own, method, phase.policy, is_open=phase.is_open)
         said: RunRule = next((each.run_rule for each in scored if each.method == method), "newest")
         rule = RUN_RULES.get(said, phase.policy.run_rule)
         if phase.policy.run_choice == "team":
@@ -528,7 +529,7 @@ class Client(Connection):
             "linked_to": without_reminder and self.id_of(without_reminder),
             "facts": None if facts is None else facts_of(facts).model_dump_json(),
         }
-        body = UploadBody(given.name, given.data, fields, uuid4().hex, on_progress)
+        body = upload_body(given.name, given.data, fields, uuid4().hex, on_progress)
         answer = self._transport.post("/submissions", body)
         return Submission(self, read_answer(SubmissionView.read, answer))
 

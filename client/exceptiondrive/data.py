@@ -12,7 +12,7 @@ from urllib.parse import urljoin
 from pydantic import ValidationError
 
 from exceptiondrive.errors import InvalidArgumentError, NetworkError
-from exceptiondrive.transport import LinkAnswer, Progress, is_here, open_link
+from exceptiondrive.transport import Progress, is_here, open_link
 from exceptiondrive_schemas.api.data_manifest import PARTIAL, DataFile, DataManifest
 from exceptiondrive_schemas.base import faults_in
 
@@ -29,8 +29,8 @@ def read_data_manifest(url: str) -> DataManifest:
         NetworkError: It cannot be had.
     """
     content = bytearray()
-    with open_link(url) as answer:
-        for chunk in answer.chunks:
+    with open_link(url) as (chunks, _):
+        for chunk in chunks:
             content += chunk
             if len(content) > MAX_MANIFEST_BYTES:
                 raise InvalidArgumentError(
@@ -122,19 +122,19 @@ def _place_of(file: DataFile, folder: Path) -> Path:
 def _go_on(file: DataFile, part: Path, on_progress: Progress | None) -> None:
     """Fetch what is missing; a server that knows no ranges gives all of it once more."""
     start = _size_of(part)
-    with open_link(file.url, from_byte=start) as answer:
-        done = start if answer.starts_at == start else 0
+    with open_link(file.url, from_byte=start) as (chunks, starts_at):
+        done = start if starts_at == start else 0
         with part.open("ab" if done else "wb") as stream:
-            for chunk in _at_most(answer, file.bytes - done):
+            for chunk in _at_most(chunks, file.bytes - done):
                 stream.write(chunk)
                 done += len(chunk)
                 if on_progress is not None:
                     on_progress(done, file.bytes)
 
 
-def _at_most(answer: LinkAnswer, n_bytes: int) -> Iterator[bytes]:
+def _at_most(chunks: Iterator[bytes], n_bytes: int) -> Iterator[bytes]:
     """Yield what comes, and one byte more than was promised at most: then it is the wrong file."""
-    for chunk in answer.chunks:
+    for chunk in chunks:
         yield chunk[: n_bytes + 1]
         n_bytes -= len(chunk)
         if n_bytes < 0:

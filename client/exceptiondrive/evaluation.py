@@ -185,10 +185,8 @@ def sample_results(
     document: CheckedDocument, split: Split, protocol: ProtocolDocument
 ) -> tuple[SampleResult, ...]:
     """Score every sample of a sound planning file, in turn of each family, the worst first."""
-    from exceptiondrive_scoring.arrays import TrajectoryPairs
     from exceptiondrive_scoring.challenge import SCORING, document_columns
     from exceptiondrive_scoring.depth import intrusion_depth_m
-    from exceptiondrive_scoring.measure import Measurements
 
     if document.challenge != PLANNING.id:
         raise InvalidArgumentError(
@@ -198,10 +196,8 @@ def sample_results(
     answers = document_columns(document, [sample.sample_id for sample in split.counted])
     measured = SCORING[PLANNING.id].measure(answers, arrays, protocol.geometry)
     scores = SCORING[PLANNING.id].grade(measured, arrays, protocol)
-    depth_m = intrusion_depth_m(
-        TrajectoryPairs.from_columns(answers).edited, arrays.regions_m, protocol.geometry
-    )
-    clearance_m = Measurements.from_columns(measured).clearance_m
+    depth_m = intrusion_depth_m(answers["edited"], arrays.regions_m, protocol.geometry)
+    clearance_m = measured["clearance_m"]
     keys = ("ur", "hcc", "hpr", "cts", "progress", "source_l2_m")
     columns = {key: scores.values[:, scores.metric_keys.index(key)] for key in keys}
     results = []

@@ -100,8 +100,14 @@ _RECORD, _RECORDS = TypeAdapter(Record), TypeAdapter(list[Record])
 Answer = TypeVar("Answer")
 
 
-class UploadBody:
-    """Gives the arguments of one POST each time it is called.
+def upload_body(
+    name: str,
+    data: bytes,
+    fields: Mapping[str, str | None],
+    key: str,
+    on_progress: Progress | None = None,
+) -> Callable[[], dict[str, Any]]:
+    """Return what gives the arguments of an upload's POST, anew for each attempt.
 
     Args:
         name: File name, for people who read logs.
@@ -110,27 +116,15 @@ class UploadBody:
         key: Says that all attempts are one upload: sent as `Idempotency-Key`.
         on_progress: Told how far the upload is.
     """
+    sendable = name.encode("utf-8", "replace").decode()
+    given = {field: value for field, value in fields.items() if value}
 
-    def __init__(
-        self,
-        name: str,
-        data: bytes,
-        fields: Mapping[str, str | None],
-        key: str,
-        on_progress: Progress | None = None,
-    ) -> None:
-        self._key = key
-        self._name = name.encode("utf-8", "replace").decode()
-        self._data = data
-        self._fields = {key: value for key, value in fields.items() if value}
-        self._on_progress = on_progress
+    def arguments() -> dict[str, Any]:
+        stream = _CountingStream(data, on_progress)
+        file = (sendable, stream, "application/octet-stream")
+        return {"data": given, "files": {"file": file}, "headers": {"idempotency-key": key}}
 
-    def __call__(self) -> dict[str, Any]:
-        """Return the keyword arguments of the request."""
-        stream = _CountingStream(self._data, self._on_progress)
-        file = (self._name, stream, "application/octet-stream")
-        headers = {"idempotency-key": self._key}
-        return {"data": self._fields, "files": {"file": file}, "headers": headers}
+    return arguments
 
 
 class _CountingStream(io.BytesIO):
@@ -647,22 +641,17 @@ class Connection:
         return found
 
 
-class LinkAnswer:
-    """What an address outside of the server gives: its bytes, and where among all they begin."""
-
-    def __init__(self, response: httpx.Response) -> None:
-        self.chunks = response.iter_raw()  # as it comes: what a break leaves is kept
-        self.starts_at = _first_byte(response)
-
-
 @contextmanager
-def open_link(url: str, from_byte: int = 0) -> Iterator[LinkAnswer]:
+def open_link(url: str, from_byte: int = 0) -> Iterator[tuple[Iterator[bytes], int]]:
     """GET an address that an organizer named, as a stranger: no token, no cookie, never in the clear.
 
     Args:
         url: https; http to this very machine alone. The same holds of what it redirects to, which is
             this machine only where `url` is.
         from_byte: Ask for what begins there; a server that knows no ranges gives all of it.
+
+    Yields:
+        The bytes, and where among all of them they begin.
 
     Raises:
         InvalidArgumentError: The address, or one that it leads to, may not be followed.
@@ -682,7 +671,8 @@ def open_link(url: str, from_byte: int = 0) -> Iterator[LinkAnswer]:
                 raise NetworkError(
                     "unreachable", f"{response.url} answered {response.status_code}."
                 )
-            yield LinkAnswer(response)
+            # as it comes: what a break leaves is kept
+            yield response.iter_raw(), _first_byte(response)
     except (httpx.HTTPError, httpx.InvalidURL) as error:
         raise NetworkError(
             "unreachable", f"{url} cannot be had: {str(error) or type(error).__name__}."

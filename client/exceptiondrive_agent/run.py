@@ -80,7 +80,11 @@ def find_images(source: Path) -> ImagePaths:
         AgentError: There is no such folder or file, it holds no sample, or it is not that JSON.
     """
     if source.is_dir():
-        found = _images_of_folder(source)
+        found = {
+            sample.name: tuple(path for path in _shown(sample) if path.suffix.lower() in _SUFFIXES)
+            for sample in _shown(source)
+            if sample.is_dir()
+        }
     elif source.is_file():
         found = _images_of_json(source)
     else:
@@ -88,14 +92,6 @@ def find_images(source: Path) -> ImagePaths:
     if not found:
         raise AgentError(f"{source}: no sample in it; expected {source}/<sample_id>/*.jpg or *.png")
     return found
-
-
-def _images_of_folder(folder: Path) -> dict[str, tuple[Path, ...]]:
-    return {
-        sample.name: tuple(path for path in _shown(sample) if path.suffix.lower() in _SUFFIXES)
-        for sample in _shown(folder)
-        if sample.is_dir()
-    }
 
 
 def _shown(folder: Path) -> list[Path]:

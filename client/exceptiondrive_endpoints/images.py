@@ -94,18 +94,14 @@ def _clean_jpeg(data: bytes) -> bytes:
         if end < position + 4 or end > len(data):
             break
         if marker == _JPEG_SCAN:
-            end = _end_of_scan(data, end)
+            found = _END_OF_SCAN.search(data, end)
+            if found is None:
+                break
+            end = found.start()
         if _is_kept(marker, data[position + 4 : end]):
             kept.append(data[position:end])
         position = end
     raise ImageDataError("truncated JPEG")
-
-
-def _end_of_scan(data: bytes, start: int) -> int:
-    found = _END_OF_SCAN.search(data, start)
-    if found is None:
-        raise ImageDataError("truncated JPEG")
-    return found.start()
 
 
 def _is_kept(marker: int, payload: bytes) -> bool:

@@ -26,7 +26,9 @@ def unranked_reasons(sheet: ScoreSheet, protocol: ProtocolDocument) -> tuple[str
         sheet.coverage.exact_shares(sheet.n),
         protocol.ranking.min_coverage,
     )
-    return (*reasons, *([uncovered] if uncovered else []))
+    if uncovered is not None:
+        reasons.append(uncovered)
+    return tuple(reasons)
 
 
 def too_little_covered(

@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import chain
 from typing import Literal
 
 from pydantic import Field
@@ -156,7 +157,7 @@ class View:
         """
         points = [(0.0, 0.0)]
         for sample in samples:
-            points += [*sample.source, *sample.edited, *_corners(sample.footprints)]
+            points += [*sample.source, *sample.edited, *chain(*sample.footprints)]
             points += [point for point in sample.region if math.hypot(*point) <= MAX_REACH_M]
             points += [] if sample.segment is None else [sample.segment[1]]
         low_x, high_x = _span(point[0] for point in points)
@@ -186,10 +187,6 @@ class View:
 
 def _multiples(step: int, low: float, high: float) -> range:
     return range(math.ceil(low / step) * step, math.floor(high / step) * step + 1, step)
-
-
-def _corners(outlines: Iterable[Outline]) -> list[Position]:
-    return [corner for outline in outlines for corner in outline]
 
 
 def _span(values: Iterable[float]) -> tuple[float, float]:

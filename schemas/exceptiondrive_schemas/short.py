@@ -38,14 +38,11 @@ def html(document: BaseModel) -> str:
 
 
 def _rows(value: Any) -> Iterator[Cells]:
-    named = value.items() if isinstance(value, Mapping) else [("", each) for each in _listed(value)]
+    listed = value if isinstance(value, list | tuple) else ()
+    named = value.items() if isinstance(value, Mapping) else (("", each) for each in listed)
     for name, each in named:
         if isinstance(each, BaseModel):
             yield {**({"": str(name)} if name else {}), **_cells(each)}
-
-
-def _listed(value: Any) -> list[Any]:
-    return list(value) if isinstance(value, list | tuple) else []
 
 
 def _cells(document: BaseModel) -> Cells:

@@ -27,7 +27,8 @@ def test_a_full_disk_stops_the_run_in_one_sentence_and_loses_nothing(
 
     done = subprocess.run(
         [sys.executable, "-c", RUN, "run", stage, "-w", str(shop)],
-        env=os.environ.copy(),
+        env=os.environ
+        | {"PYTHONDONTWRITEBYTECODE": "1"},  # else the limit cuts bytecode short, too
         preexec_fn=no_growth,
         check=False,
         capture_output=True,

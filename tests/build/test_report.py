@@ -69,7 +69,9 @@ class Deciding:
             target_m=(12.0, 0.0),
             views=(ViewEdit(view="CAM_FRONT", instruction="here"),),
         )
-        rejected = Screened(suitable=False, reason=self.prompts.rejections(candidate.task.id)[0])
+        rejected = Screened(
+            suitable=False, reason=next(iter(self.prompts.texts(candidate.task.id).rejections))
+        )
         self._decide(Kind.SCREEN, candidate, by, place if suitable else rejected)
         if suitable:
             candidate.place = place

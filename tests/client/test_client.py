@@ -36,7 +36,7 @@ from exceptiondrive.cli.tables import outlook_view
 from exceptiondrive.client import TeamTokens
 from exceptiondrive.inputs import given_split
 from exceptiondrive.organizer import Organizer
-from exceptiondrive.transport import MAX_ANSWER_BYTES, UploadBody, raise_problem
+from exceptiondrive.transport import MAX_ANSWER_BYTES, raise_problem, upload_body
 from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.python310 import UTC
@@ -252,7 +252,7 @@ def test_a_text_of_another_locale_is_refused_with_a_cure_and_a_name_of_a_file_is
     with Client(canned_server.url) as client, pytest.raises(InvalidArgumentError) as caught:
         client.ask("Wie sp\udcc3\udca4t?", "dev")
     assert "set PYTHONUTF8=1" in caught.value.advice
-    name, *_ = UploadBody("pl\udcc3\udca4n.json", b"", {}, "key")()["files"]["file"]
+    name, *_ = upload_body("pl\udcc3\udca4n.json", b"", {}, "key")()["files"]["file"]
     assert name == "pl??n.json"
 
 

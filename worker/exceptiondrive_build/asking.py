@@ -156,8 +156,7 @@ class Stage(ABC):
 
     def question(self, words: Sequence[str], images: Mapping[str, str], part: str = "") -> Question:
         """A question of this stage's model, with its digest."""
-        settings = self.section.model_dump(exclude={"endpoint", "attempts", "seconds_per_call"})
-        settings = {name: settings[name] for name in _ASKED if name in settings}
+        settings = self.section.model_dump(include=_ASKED)
         key = content_digest([self.kind, settings, list(words), list(images.values())])
         return Question(key, tuple(words), images, part)
 
@@ -175,7 +174,7 @@ class Stage(ABC):
             raise NoAnswerError(Reason.UNREADABLE_IMAGE, f"{name}: {error}") from None
 
 
-_ASKED = ("model", "temperature", "max_tokens", "extra", "seed", "resample")
+_ASKED = {"model", "temperature", "max_tokens", "extra", "seed", "resample"}
 """What of the settings is part of a question: thresholds are not."""
 
 

@@ -288,12 +288,8 @@ def asked(
     kind: Kind, workshop: Workshop, prompts: Prompts, candidate: Candidate
 ) -> tuple[Author, tuple[str, ...]]:
     """Who decides at a stage that asks a model, and the digests of the pictures that it is shown."""
-    settings, keyframe, task, place = (
-        workshop.settings,
-        candidate.keyframe,
-        candidate.task,
-        candidate.place,
-    )
+    settings, keyframe = workshop.settings, candidate.keyframe
+    task, place = candidate.task, candidate.place
     if kind is Kind.SCREEN:
         words = (prompts.screen(task.id), scene_words(keyframe))
         sources = (camera.image for camera in keyframe.cameras)

@@ -116,13 +116,13 @@ class ScreenStage(ChatStage):
 
     def schema(self, candidate: Candidate) -> Schema:
         """An answer with the rules of the task and the views of the keyframe."""
-        number = or_null({"type": "number"})
+        texts, number = self.prompts.texts(candidate.task.id), or_null({"type": "number"})
         views = one_of([camera.view for camera in candidate.keyframe.cameras])
         edit = object_of({"view": views, "instruction": {"type": "string"}})
         return object_of(
             {
                 "suitable": {"type": "boolean"},
-                "reason": or_null(one_of(self.prompts.rejections(candidate.task.id))),
+                "reason": or_null(one_of(list(texts.rejections))),
                 "target_ahead_m": number,
                 "target_left_m": number,
                 "edits": {"type": "array", "items": edit},
@@ -132,9 +132,9 @@ class ScreenStage(ChatStage):
 
     def read(self, candidate: Candidate, text: str) -> Screened:
         """Suitable with a target in the task's range and at least one view, or not by a rule."""
-        answer = _read(text, _Screened)
+        answer, texts = _read(text, _Screened), self.prompts.texts(candidate.task.id)
         if not answer.suitable:
-            if answer.reason not in self.prompts.rejections(candidate.task.id):
+            if answer.reason not in texts.rejections:
                 raise _wrong("unsuitable, without the code of a rule", text)
             return Screened(suitable=False, reason=answer.reason, note=_words(answer.note))
         views = [edit.view for edit in answer.edits]
@@ -143,9 +143,7 @@ class ScreenStage(ChatStage):
             raise _wrong("suitable, without views of the scene, each once", text)
         if not all(edit.instruction.strip() for edit in answer.edits):
             raise _wrong("a view without an instruction", text)
-        target_m = (answer.target_ahead_m, answer.target_left_m)
-        texts = self.prompts.texts(candidate.task.id)
-        ahead_m, left_m = target_m
+        ahead_m, left_m = answer.target_ahead_m, answer.target_left_m
         if ahead_m is None or left_m is None:
             raise _wrong("suitable, without a target", text)
         for name, value, (low, high) in (

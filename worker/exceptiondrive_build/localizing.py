@@ -100,7 +100,9 @@ def localize(workshop: Workshop, file: Path) -> LocalizeReport:
     distances: list[tuple[Candidate, Sequence[Box]]] = []
     eligible = _eligible(workshop, candidates)
     for candidate in eligible:
-        boxes = [box for box in boxes_of(candidate) if _score(box) >= limits.min_score]
+        boxes = [
+            box for box in boxes_of(candidate) if box.score is None or box.score >= limits.min_score
+        ]
         if not boxes:
             without["no box in the file"] += 1
             continue
@@ -270,10 +272,6 @@ def _refuse_another_frame(
         "Corners are metres of the ego frame, x ahead and y left of the rear axle; nothing is "
         "recorded.",
     )
-
-
-def _score(box: Box) -> float:
-    return 1.0 if box.score is None else box.score
 
 
 def _distance_m(corners_m: FloatArray, candidate: Candidate) -> float:

@@ -82,15 +82,12 @@ def cells(
 
 def audit(candidates: Mapping[str, Candidate], settings: InspectSection) -> Audit | None:
     """What people said of the random draw of accepted edits; None before they said anything."""
-    words = [
-        candidates[sample_id].inspected
-        for sample_id in draw(candidates, settings)
-        if candidates[sample_id].inspected is not None
-    ]
+    drawn = [candidates[sample_id].inspected for sample_id in draw(candidates, settings)]
+    words = [word for word in drawn if word is not None]
     if not words:
         return None
     accepted = sum(it.passed_review for it in candidates.values())
-    return audited(accepted, len(words), sum(word is not None and word.passed for word in words))
+    return audited(accepted, len(words), sum(word.passed for word in words))
 
 
 def audited(accepted: int, drawn: int, passed: int) -> Audit:

@@ -67,10 +67,6 @@ class Prompts:
             },
         )
 
-    def rejections(self, task_id: str) -> tuple[str, ...]:
-        """Codes of the rules by which a scene does not suit a task."""
-        return tuple(self._texts[task_id].rejections)
-
     def texts(self, task_id: str) -> TaskTexts:
         """All words of a task."""
         return self._texts[task_id]

@@ -8,7 +8,7 @@ ends the process; several processes may append at once.
 import json
 import sqlite3
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
@@ -187,17 +187,14 @@ def standing(records: Sequence[Record]) -> dict[str, tuple[Record, ...]]:
 
 
 def newest(
-    records: Iterable[Record], inputs: tuple[str, ...], by: Author | None = None
+    records: Sequence[Record], inputs: tuple[str, ...], by: Author | None = None
 ) -> Record | None:
     """The newest of a candidate's records of one kind that was decided by looking at just this.
 
     The records come oldest first; `by` is who would be asked now, None anybody.
     """
-    found = None
-    for record in records:
-        if record.inputs == inputs and by in (None, record.by):
-            found = record
-    return found
+    of_these = (it for it in reversed(records) if it.inputs == inputs and by in (None, it.by))
+    return next(of_these, None)
 
 
 def _record(row: tuple[Any, ...]) -> Record:

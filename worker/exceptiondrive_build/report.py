@@ -258,12 +258,10 @@ def shares_fit(percents: Iterable[float], total: int) -> bool:
     least, most = 0, 0
     for percent in percents:
         near = round(percent * total / 100)
-        possible = [n for n in range(near - 2, near + 3) if _prints_as(n, total, percent)]
+        possible = [
+            n for n in range(near - 2, near + 3) if abs(100 * n / total - percent) <= 0.005 + 1e-9
+        ]
         if not possible:
             return False
         least, most = least + min(possible), most + max(possible)
     return least <= total <= most
-
-
-def _prints_as(n: int, total: int, percent: float) -> bool:
-    return abs(100 * n / total - percent) <= 0.005 + 1e-9

@@ -20,8 +20,7 @@ PIPED_WIDTH = 140
 def register(app: typer.Typer) -> None:
     """Add the commands to a command line."""
     app.command("report")(report_command)
-    audits = typer.Typer(rich_markup_mode=None)
-    audits.callback()(_audit)
+    audits = typer.Typer(rich_markup_mode=None, help="Inspections of what the review accepted.")
     audits.command("plan")(plan_command)
     app.add_typer(audits, name="audit")
 
@@ -42,10 +41,6 @@ def report_command(
         typer.echo(found.model_dump_json(indent=2))
     else:
         show_report(found)
-
-
-def _audit() -> None:
-    """Inspections of what the review accepted."""
 
 
 def plan_command(

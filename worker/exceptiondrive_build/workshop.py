@@ -113,7 +113,11 @@ class Workshop:
 
     def _read_settings(self) -> None:
         at = self._stamp(SETTINGS)
-        self.settings = self._settings()
+        try:
+            document = tomllib.loads(self.text(SETTINGS))
+            self.settings = WorkshopSettings.model_validate(document, strict=False)
+        except (tomllib.TOMLDecodeError, ValidationError) as error:
+            raise BuildError(f"{self.folder / SETTINGS}: {_why(error)}.") from None
         self._written = self._stamps(self.settings) | {SETTINGS: at}
 
     def _stamps(self, settings: WorkshopSettings) -> dict[str, tuple[int, ...]]:
@@ -128,13 +132,6 @@ class Workshop:
         except OSError:
             return ()
         return found.st_mtime_ns, found.st_size, found.st_ino
-
-    def _settings(self) -> WorkshopSettings:
-        try:
-            document = tomllib.loads(self.text(SETTINGS))
-            return WorkshopSettings.model_validate(document, strict=False)
-        except (tomllib.TOMLDecodeError, ValidationError) as error:
-            raise BuildError(f"{self.folder / SETTINGS}: {_why(error)}.") from None
 
     @cached_property
     def protocol(self) -> ProtocolDocument:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.protocol import RankingSection
 from exceptiondrive_schemas.taxonomy import Taxonomy
-from exceptiondrive_scoring.aliases import BoolArray, FloatArray, IntArray
+from exceptiondrive_scoring.aliases import FloatArray, IntArray
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.grade import SampleScores
 from exceptiondrive_scoring.interval import (
@@ -139,15 +139,6 @@ class Uncertainty(OfAggregates):
     primary_cut: int
 
 
-@dataclass(frozen=True)
-class _Reading:
-    """How draws are read: which metrics are fractions, which one ranks, by which aggregate."""
-
-    is_fraction: BoolArray  # and a mean of fractions
-    primary: int
-    headline: str
-
-
 def bootstrap(
     entries: Iterable[SceneSums], challenge: Challenge, ranking: RankingSection, headline: str
 ) -> Iterator[Uncertainty]:
@@ -157,13 +148,27 @@ def bootstrap(
     so a generator saves memory. The headline is `micro` or `macro_family`.
     """
     metrics = challenge.interval_metrics
-    reading = _Reading(
-        is_fraction=np.array([m.unit == "fraction" and m.order_level is None for m in metrics]),
-        primary=[m.key for m in metrics].index(ranking.order_of(challenge)[0].metric),
-        headline=headline,
-    )
+    primary = [m.key for m in metrics].index(ranking.order_of(challenge)[0].metric)
+    is_share = np.array([m.unit == "fraction" and m.order_level is None for m in metrics])
+
+    def intervals(values: FloatArray, n: FloatArray) -> FloatArray:
+        found = percentile_intervals(values, n, ranking.confidence)
+        wilson = wilson_at_the_ends(found, n, ranking.confidence)
+        return where_enough(np.where(is_share[:, None], wilson, found), n, ranking)
+
     for entry, draws in resample(entries, ranking, metrics):
-        yield _uncertainty(entry, draws, reading, ranking)
+        n_scenes = scene_counts(entry)
+        yield Uncertainty(
+            micro=intervals(draws.micro, n_scenes.micro),
+            macro_family=intervals(draws.macro_family, n_scenes.macro_family),
+            families=intervals(draws.families, n_scenes.families),
+            primary_draws=draws.headline(headline)[primary].copy(),
+            primary_cut=draws_cut_off(
+                ranking.bootstrap_draws,
+                ranking.confidence,
+                float(n_scenes.headline(headline)[primary]),
+            ),
+        )
 
 
 def scene_weights(n_scenes: int, ranking: RankingSection) -> NDArray[np.uint16]:
@@ -267,30 +272,6 @@ def _means(sums: FloatArray, counts: FloatArray, kind: IntArray) -> Draws:
         filled = np.where(defined[:, kind], families, 0.0)
         macro = filled.sum(axis=0) / defined.sum(axis=0)[kind]
     return Draws(micro, macro, families)
-
-
-def _uncertainty(
-    entry: SceneSums, draws: Draws, reading: _Reading, ranking: RankingSection
-) -> Uncertainty:
-    n_scenes = scene_counts(entry)
-    primary = reading.primary
-
-    def intervals(values: FloatArray, n: FloatArray) -> FloatArray:
-        found = percentile_intervals(values, n, ranking.confidence)
-        wilson = wilson_at_the_ends(found, n, ranking.confidence)
-        return where_enough(np.where(reading.is_fraction[:, None], wilson, found), n, ranking)
-
-    return Uncertainty(
-        micro=intervals(draws.micro, n_scenes.micro),
-        macro_family=intervals(draws.macro_family, n_scenes.macro_family),
-        families=intervals(draws.families, n_scenes.families),
-        primary_draws=draws.headline(reading.headline)[primary].copy(),
-        primary_cut=draws_cut_off(
-            ranking.bootstrap_draws,
-            ranking.confidence,
-            float(n_scenes.headline(reading.headline)[primary]),
-        ),
-    )
 
 
 def where_enough(

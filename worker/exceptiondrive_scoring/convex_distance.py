@@ -46,13 +46,6 @@ class _Points(NamedTuple):
     y: FloatArray
 
 
-class _Hull(NamedTuple):
-    """Corners of two footprints, (8, column); which links are edges of their hull, (link, column)."""
-
-    corners: _Points
-    is_edge: BoolArray
-
-
 class _Edges(NamedTuple):
     """Segments: start, unit direction and length, each (edge, column)."""
 
@@ -86,10 +79,10 @@ def hull_distance_m(
     """
     region = _Points(region_x_m, region_y_m)
     b_from_a, a_from_b = a.extent_of(b), b.extent_of(a)
-    hull = _hull(a, b, b_from_a, a_from_b)
+    corners, is_edge = _hull(a, b, b_from_a, a_from_b)
     in_frames = [box.local(region.x, region.y) for box in (a, b)]
-    column, links = _links(hull, region)
-    sides = _region_edges(region, hull.corners)
+    column, links = _links(corners, is_edge, region)
+    sides = _region_edges(region, corners)
     gaps = (
         *gap_along_axes(*in_frames[0], a.extent_with(b_from_a)),
         *gap_along_axes(*in_frames[1], b.extent_with(a_from_b)),
@@ -127,13 +120,13 @@ def gap_along_axes(
     )
 
 
-def _links(hull: _Hull, region: _Points) -> tuple[NDArray[np.intp], _Sides]:
+def _links(
+    corners: _Points, is_edge: BoolArray, region: _Points
+) -> tuple[NDArray[np.intp], _Sides]:
     """Links that are edges of a hull, (1, m), and the column of each, ascending."""
-    column, link = np.nonzero(hull.is_edge.T)
-    start, end = (
-        corner.take(link) * len(hull.is_edge.T) + column for corner in (LINK_START, LINK_END)
-    )
-    ends = (_Points(*(axis.take(at)[None] for axis in hull.corners)) for at in (start, end))
+    column, link = np.nonzero(is_edge.T)
+    start, end = (corner.take(link) * len(is_edge.T) + column for corner in (LINK_START, LINK_END))
+    ends = (_Points(*(axis.take(at)[None] for axis in corners)) for at in (start, end))
     links, region = _edges(*ends), _Points(*_taken(region, column))
     return column, _Sides(links, _left_of(links.along, region), region)
 
@@ -156,8 +149,14 @@ def _gap_of_region_edges(sides: _Sides) -> FloatArray:
     return gap
 
 
-def _hull(a: Footprints, b: Footprints, b_from_a: Extent, a_from_b: Extent) -> _Hull:
-    """Corners of the one and of the other, turned left against it by 0 to 90 degrees, in pairs."""
+def _hull(
+    a: Footprints, b: Footprints, b_from_a: Extent, a_from_b: Extent
+) -> tuple[_Points, BoolArray]:
+    """Corners of two footprints, (8, column); which links are edges of their hull, (link, column).
+
+    The corners of the one come first, then those of the other, turned left against it by 0 to 90
+    degrees.
+    """
     pairing = _Pairing(a.cos * b.sin < a.sin * b.cos, a.cos * b.cos + a.sin * b.sin < 0)
     (ax, ay), (bx, by) = a.corners_m(), b.corners_m()
     corners = _Points(np.concatenate(pairing.of(ax, bx)), np.concatenate(pairing.of(ay, by)))
@@ -165,7 +164,7 @@ def _hull(a: Footprints, b: Footprints, b_from_a: Extent, a_from_b: Extent) -> _
         _beyond_m(b_from_a, a) <= EQUALLY_FAR_M, _beyond_m(a_from_b, b) >= -EQUALLY_FAR_M
     )
     then = a_is_outermost.take(NEXT, 0)
-    return _Hull(corners, np.concatenate([still != then, then != still.take(NEXT, 0)]))
+    return corners, np.concatenate([still != then, then != still.take(NEXT, 0)])
 
 
 class _Pairing(NamedTuple):

@@ -66,8 +66,7 @@ class PlanningScoring:
         assert isinstance(document, PlanningDocument)
         shape = (len(sample_ids), document.n_waypoints, 2)
         flat = document.columns(sample_ids)
-        rows = {side: np.frombuffer(flat[side]).reshape(shape) for side in flat}
-        return TrajectoryPairs.from_columns(rows).columns()
+        return {side: np.frombuffer(flat[side]).reshape(shape) for side in flat}
 
     def measure(self, answers: Columns, split: SplitArrays, geometry: GeometrySection) -> Columns:
         """Clearance, intrusion, shift, motion; from the columns `source` and `edited`."""

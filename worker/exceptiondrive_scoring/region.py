@@ -29,17 +29,6 @@ class PreparedRegions:
     n_samples: int
 
 
-def corner_turns_m2(corners_m: FloatArray) -> FloatArray:
-    """Cross product of the two edges that meet at each corner, (N, 4, 2) -> (N, 4).
-
-    It is positive where a counter-clockwise boundary turns left.
-    """
-    incoming = corners_m - np.roll(corners_m, 1, axis=1)
-    outgoing = np.roll(corners_m, -1, axis=1) - corners_m
-    turns: FloatArray = incoming[..., 0] * outgoing[..., 1] - incoming[..., 1] * outgoing[..., 0]
-    return turns
-
-
 def signed_area_m2(corners_m: FloatArray) -> FloatArray:
     """Area of each quadrilateral, (N, 4, 2) -> (N,); positive if counter-clockwise."""
     diagonal = corners_m[:, 2] - corners_m[:, 0]
@@ -70,7 +59,11 @@ def crosses_itself(corners_m: FloatArray) -> BoolArray:
 
 def _is_reflex(corners_m: FloatArray) -> BoolArray:
     """Which corners turn right on a counter-clockwise boundary; (N, 4, 2) -> (N, 4)."""
-    return corner_turns_m2(corners_m) < 0
+    incoming = corners_m - np.roll(corners_m, 1, axis=1)
+    outgoing = np.roll(corners_m, -1, axis=1) - corners_m
+    turns = incoming[..., 0] * outgoing[..., 1] - incoming[..., 1] * outgoing[..., 0]
+    reflex: BoolArray = turns < 0
+    return reflex
 
 
 def counter_clockwise(corners_m: FloatArray) -> FloatArray:

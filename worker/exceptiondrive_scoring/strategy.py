@@ -178,7 +178,7 @@ class StrategyScoring:
 
     def measure(self, answers: Columns, split: SplitArrays, geometry: GeometrySection) -> Columns:
         """Answers need no geometry: they are their own measurements."""
-        return StrategyAnswers.from_columns(answers).columns()
+        return answers
 
     def grade(
         self, measurements: Columns, split: SplitArrays, protocol: ProtocolDocument

@@ -4,8 +4,7 @@ The worker's own log gets the kind of error and the places in the code it passed
 the text of an error may quote a value.
 """
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -131,27 +130,16 @@ def failure_of(error: BaseException) -> Failure:
     return next((failure for kind, failure in _FAILURES if isinstance(error, kind)), INTERNAL)
 
 
-@dataclass
-class Ending:
-    """What became of a job."""
+def run_job(job: str, do: Callable[[], object], on_failure: Callable[[Failure], None]) -> bool:
+    """Do a job and let no error out of it: log its kind and place, and hand its meaning on.
 
-    is_outage: bool = False
-    """Whether what every job needs is away: another one would come no further."""
-
-
-@contextmanager
-def job_boundary(job: str, on_failure: Callable[[Failure], None]) -> Iterator[Ending]:
-    """Let no error out of a job: log its kind and place, and hand its meaning on.
-
-    Yields:
-        What became of the job, once it is over.
+    Returns:
+        Whether another job may come further: False where what every one needs was away.
     """
-    ending = Ending()
     try:
-        yield ending
+        do()
     except Exception as error:  # noqa: BLE001 - the one job boundary
         failure = failure_of(error)
-        ending.is_outage = failure.is_outage
         _log.error(
             "job failed",
             job=job,
@@ -160,3 +148,5 @@ def job_boundary(job: str, on_failure: Callable[[Failure], None]) -> Iterator[En
             places=places(error),
         )
         on_failure(failure)
+        return not failure.is_outage
+    return True

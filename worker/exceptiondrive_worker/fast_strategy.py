@@ -44,13 +44,12 @@ REMINDER = prediction_type(
         ("recommended_strategy", _optional(Letter), UNSET),
     ],
 )
-REMINDER_KEYS = REMINDER.__struct_fields__
 PREDICTION = prediction_type(
     "StrategyPrediction",
     [("sample_id", str), ("strategy", Letter | None), ("reminder", _optional(REMINDER), UNSET)],
 )
 DECODER = submission_decoder(PREDICTION)
-MAX_TEXTS_PER_PREDICTION = 5 + 2 * len(REMINDER_KEYS)
+MAX_TEXTS_PER_PREDICTION = 5 + 2 * len(REMINDER.__struct_fields__)
 
 
 def read_strategy(text: bytes, manifest: Manifest, protocol: ProtocolDocument) -> Columns | None:
@@ -95,14 +94,9 @@ def _is_surely_sound(reminder: Any, hazard_types: frozenset[Any]) -> bool:
 
 
 def _answer(prediction: Any) -> StrategyAnswer:
-    strategy, reminder = prediction.strategy, prediction.reminder
-    return StrategyAnswer(
-        Strategy(strategy) if strategy else None, _record(reminder) if reminder else None
-    )
-
-
-def _record(reminder: Any) -> ReminderRecord:
-    values = dict(zip(REMINDER_KEYS, msgspec.structs.astuple(reminder), strict=True))
-    return ReminderRecord.model_construct(
-        **{key: value for key, value in values.items() if value is not UNSET}
-    )
+    strategy = Strategy(prediction.strategy) if prediction.strategy else None
+    if not prediction.reminder:
+        return StrategyAnswer(strategy, None)
+    values = msgspec.structs.asdict(prediction.reminder)
+    given = {key: value for key, value in values.items() if value is not UNSET}
+    return StrategyAnswer(strategy, ReminderRecord.model_construct(**given))

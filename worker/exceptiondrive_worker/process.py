@@ -19,7 +19,7 @@ from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_schemas.jobs import JobName, Lane
 from exceptiondrive_worker.app import create_app
 from exceptiondrive_worker.context import WorkerContext, open_context
-from exceptiondrive_worker.failures import job_boundary
+from exceptiondrive_worker.failures import run_job
 from exceptiondrive_worker.heartbeat import Heartbeat
 from exceptiondrive_worker.settings import WorkerSettings
 from exceptiondrive_worker.splits.private_store import prune
@@ -108,8 +108,7 @@ def register_tasks(app: Celery, context: Callable[[], WorkerContext]) -> None:
 
     @app.task(name=JobName.WAKE.value)
     def wake(lane: str) -> None:
-        with job_boundary(lane, lambda _: None):
-            work(context(), Lane(lane))
+        run_job(lane, lambda: work(context(), Lane(lane)), lambda _: None)
 
 
 def worker_app(settings: WorkerSettings, process: WorkerProcess) -> Celery:

@@ -28,7 +28,7 @@ from exceptiondrive_schemas.protocol import PublicationSection
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import TrajectoryPairs
 from exceptiondrive_worker.context import WorkerContext
-from exceptiondrive_worker.failures import Failure, job_boundary
+from exceptiondrive_worker.failures import Failure, run_job
 from exceptiondrive_worker.stages import Stages, Target
 
 _log = structlog.get_logger("exceptiondrive.worker")
@@ -39,11 +39,11 @@ def describe_next(context: WorkerContext) -> bool:
     item = context.claim_oldest(Profile)
     if item is None:
         return False
-    with job_boundary(
-        item.subject, lambda failure: _record_failure(context, item, failure)
-    ) as ending:
-        _describe(context, item)
-    return not ending.is_outage
+    return run_job(
+        item.subject,
+        lambda: _describe(context, item),
+        lambda failure: _record_failure(context, item, failure),
+    )
 
 
 def _describe(context: WorkerContext, item: Profile) -> None:

@@ -34,7 +34,7 @@ from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_scoring import SCORER_VERSION
 from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.context import WorkerContext
-from exceptiondrive_worker.failures import Failure, job_boundary
+from exceptiondrive_worker.failures import Failure, run_job
 from exceptiondrive_worker.splits.faults import SplitRefusedError
 from exceptiondrive_worker.splits.floors import FloorsUnreadableError
 from exceptiondrive_worker.splits.floors_held import (
@@ -73,30 +73,28 @@ def score_next(context: WorkerContext, lane: Lane, *which: ColumnElement[bool]) 
     `which` are conditions on `Job`.
     """
     with context.database.read() as session:
-        wanted = _wanted(session, lane, *which)
+        waiting = session.execute(_keys_of_waiting(lane, *which))
+        wanted = {ScoringKey(digest, revision): name for digest, revision, name in waiting}
         away = [key for key, name in wanted.items() if not _is_here(context, session, name, key)]
     if len(away) == len(wanted):
         return False
-    settings = context.settings
     if away:
         which = (*which, _KEY.not_in(away))
+    settings = context.settings
     with context.database.write() as session:
         job = claim_job(session, lane, settings.lease_s, settings.max_attempts, *which)
     if job is None:
         return False
-    with job_boundary(job.id, lambda failure: _record_failure(context, job, failure)) as ending:
-        _score(context, job)
-    return not ending.is_outage
-
-
-def _wanted(session: Session, lane: Lane, *which: ColumnElement[bool]) -> dict[ScoringKey, str]:
-    """What waiting jobs are scored under: protocol and revision, to the name of the split."""
-    found = session.execute(_keys_of_waiting(lane, *which))
-    return {ScoringKey(digest, revision): name for digest, revision, name in found}
+    return run_job(
+        job.id,
+        lambda: _score(context, job),
+        lambda failure: _record_failure(context, job, failure),
+    )
 
 
 @lru_cache
 def _keys_of_waiting(lane: Lane, *which: ColumnElement[bool]) -> Select[str, str, str]:
+    """What waiting jobs are scored under: protocol, revision, and the name of the split."""
     return (
         select(Job.protocol_digest, Job.split_revision, Phase.split_name)
         .join(Submission, Submission.id == Job.submission_id)

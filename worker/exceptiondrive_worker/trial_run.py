@@ -14,7 +14,7 @@ from exceptiondrive_records.work.tables import Trial
 from exceptiondrive_schemas.api.rescoring import SplitTrial, TrialFinding
 from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_worker.context import WorkerContext
-from exceptiondrive_worker.failures import Failure, job_boundary
+from exceptiondrive_worker.failures import Failure, run_job
 from exceptiondrive_worker.splits.faults import SplitFault, SplitRefusedError
 from exceptiondrive_worker.splits.floors import FloorHeldError
 from exceptiondrive_worker.splits.floors_held import held_floors_are_told, hold_floors_alone
@@ -30,8 +30,7 @@ def try_next_split(context: WorkerContext) -> bool:
         finding = TrialFinding(what=f"{failure.message} ({failure.code.value})")
         _record(context, item, SplitTrial(state="failed", found=(finding,)))
 
-    with job_boundary(item.id, failed):
-        _record(context, item, _tried(context, item))
+    run_job(item.id, lambda: _record(context, item, _tried(context, item)), failed)
     return True
 
 

@@ -21,7 +21,7 @@ from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.context import WorkerContext, stages_over
-from exceptiondrive_worker.failures import Failure, job_boundary
+from exceptiondrive_worker.failures import Failure, run_job
 from exceptiondrive_worker.splits.private_store import VERIFY_PREFIX, PrivateStore
 from exceptiondrive_worker.stages import RejectedUpload, Target
 
@@ -33,9 +33,11 @@ def verify_next(context: WorkerContext) -> bool:
     item = context.claim_oldest(Recheck)
     if item is None:
         return False
-    with job_boundary(item.id, lambda failure: _record_failure(context, item, failure)) as ending:
-        _verify(context, item)
-    return not ending.is_outage
+    return run_job(
+        item.id,
+        lambda: _verify(context, item),
+        lambda failure: _record_failure(context, item, failure),
+    )
 
 
 def _verify(context: WorkerContext, item: Recheck) -> None:

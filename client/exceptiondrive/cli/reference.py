@@ -20,7 +20,9 @@ WIDTH = 96
 def command_reference() -> str:
     """Return the help of every command as Markdown."""
     parts = [BEGIN]
-    for name, text in _helps():
+    root = typer.main.get_command(app)
+    context = typer.Context(root, info_name="exceptiondrive", **root.context_settings)
+    for name, text in _helps_of(context):
         parts += [f"### `{name}`", "```text\n" + text.strip() + "\n```"]
     return "\n\n".join([*parts, END])
 
@@ -36,11 +38,6 @@ def with_reference(document: str) -> str:
     if not begin or not end:
         raise ValueError("the document has no place for the commands: the marks are missing")
     return before + command_reference() + after
-
-
-def _helps() -> Iterator[tuple[str, str]]:
-    root = typer.main.get_command(app)
-    yield from _helps_of(typer.Context(root, info_name="exceptiondrive", **root.context_settings))
 
 
 def _helps_of(context: typer.Context) -> Iterator[tuple[str, str]]:

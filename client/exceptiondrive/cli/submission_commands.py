@@ -127,7 +127,8 @@ def submit(
         left = None
         with suppress(ExceptionDriveError):  # the upload was good, whatever comes of this question
             left = client.phase(phase).quota
-        show(*(() if left is None else (submissions_left(left),)))
+        if left is not None:
+            show(submissions_left(left))
 
 
 def _wait(submission: "Submission", timeout: float | None) -> None:

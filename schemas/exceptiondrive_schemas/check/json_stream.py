@@ -194,19 +194,15 @@ def skip(
         stream.value()
         return
     items: Iterator[str | int] = members(stream) if first == "{" else elements(stream)
-    for item in _at_most(MAX_SKIPPED, items, "an object" if first == "{" else "a list"):
+    for number, item in enumerate(items):
+        if number == MAX_SKIPPED:
+            what = "an object" if first == "{" else "a list"
+            expected = f"{what} of at most {MAX_SKIPPED:,} values"
+            raise JsonStreamError(FaultCode.VALUE_TOO_LONG, expected, "a longer one")
         on_value(item, stream.value())
 
 
 Item = TypeVar("Item")
-
-
-def _at_most(limit: int, items: Iterator[Item], what: str) -> Iterator[Item]:
-    for number, item in enumerate(items):
-        if number == limit:
-            expected = f"{what} of at most {limit:,} values"
-            raise JsonStreamError(FaultCode.VALUE_TOO_LONG, expected, "a longer one")
-        yield item
 
 
 def _items(

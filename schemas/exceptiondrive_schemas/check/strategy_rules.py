@@ -116,13 +116,14 @@ class StrategyRules:
         )
         for key in TEXT_KEYS:
             if fields[key] is not None:
-                self._check_text(fields[key], (*path, key), sample_id)
+                check_text(
+                    fields[key],
+                    (*path, key),
+                    self._faults,
+                    sample_id=sample_id,
+                    max_characters=MAX_TEXT_CHARACTERS,
+                )
         return fields
-
-    def _check_text(self, value: Any, path: Path, sample_id: str | None) -> None:
-        check_text(
-            value, path, self._faults, sample_id=sample_id, max_characters=MAX_TEXT_CHARACTERS
-        )
 
     def _choice(
         self,

@@ -11,7 +11,7 @@ from typing import Any
 
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.check import check
-from exceptiondrive_schemas.faults import MAX_EXAMPLES, MESSAGES, CheckReport, FaultCode, FaultGroup
+from exceptiondrive_schemas.faults import MAX_EXAMPLES, MESSAGES, CheckReport, FaultCode
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.publish.example_split import (
     STEADY,
@@ -143,8 +143,5 @@ def _section(code: FaultCode) -> str:
     report = report_of(code)
     group = next(group for group in report.faults if group.code is code)
     notes = "".join(f"\nNote: {note}\n" for note in report.notes)
-    return f"\n## {code}\n\n{MESSAGES[code]}\n\n```json\n{_shown(group)}```\n{notes}"
-
-
-def _shown(group: FaultGroup) -> str:
-    return indented(group.model_dump_json(exclude_none=True))
+    shown = indented(group.model_dump_json(exclude_none=True))
+    return f"\n## {code}\n\n{MESSAGES[code]}\n\n```json\n{shown}```\n{notes}"

@@ -139,8 +139,8 @@ def _split(
         raise BuildError(
             "Nothing is accepted and verified yet.", "See `exceptiondrive-build report`."
         )
-    samples = [
-        _withdrawn_sample(earlier[key], withdrawn[key])
+    samples = [  # a withdrawn one keeps its region, which nothing reads: the file stays a split
+        earlier[key].model_copy(update={"withdrawn": withdrawn[key]})
         if key in withdrawn
         else _sample(workshop, candidates[key], regions[key])
         for key in sorted(wanted)
@@ -201,11 +201,6 @@ def _sample(workshop: Workshop, candidate: Candidate, region: Corners) -> SplitS
     )
 
 
-def _withdrawn_sample(sample: SplitSample, reason: str) -> SplitSample:
-    """It keeps its region, so that the file stays one; nothing reads it any more."""
-    return sample.model_copy(update={"withdrawn": reason})
-
-
 def changed_alone(previous: Split, split: Split, taxonomy: Taxonomy) -> list[str]:
     """Return the titles of families of which one sample alone counts otherwise than before."""
     before, after = ({it.sample_id: it.region for it in each.counted} for each in (previous, split))
@@ -258,12 +253,8 @@ def _likely_region(workshop: Workshop, candidate: Candidate) -> Corners | None:
         return None
     ahead_m, left_m = candidate.place.target_m
     length_m, width_m, _ = workshop.task_texts[candidate.task.id].size_m
-    near, far, right, left = (
-        ahead_m - length_m / 2,
-        ahead_m + length_m / 2,
-        left_m - width_m / 2,
-        left_m + width_m / 2,
-    )
+    near, far = ahead_m - length_m / 2, ahead_m + length_m / 2
+    right, left = left_m - width_m / 2, left_m + width_m / 2
     return (near, right), (far, right), (far, left), (near, left)
 
 
@@ -305,7 +296,6 @@ def _datasheet(
     counted = {sample.sample_id for sample in split.counted}
     reasons = Counter(it.withdrawn for it in split.samples if it.withdrawn is not None)
     agreed = agreement({key: it.verifications for key, it in candidates.items()}, settings.verify)
-    own_words = settings.datasheet.model_dump(exclude={"examples"})
     return Datasheet(
         schema_="exceptiondrive.datasheet/1",
         name=split.name,
@@ -318,7 +308,7 @@ def _datasheet(
         n_recorded=sum(sample.recorded is not None for sample in split.samples),
         withdrawn=tuple(WithdrawnSamples(reason=why, n=n) for why, n in sorted(reasons.items())),
         changes=None if previous is None else SplitChange.between(previous, split, words),
-        words=Words(**own_words),
+        words=Words(**settings.datasheet.model_dump(exclude={"examples"})),
         stages=stages(
             candidates.values(),
             settings.verify,

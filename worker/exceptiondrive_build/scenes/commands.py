@@ -52,13 +52,14 @@ def read(
     do not go unless you say --replace.
     """
     with Workshop(workshop) as shop:
-        done = read_in(shop, source, per_scene=per_scene, version=version, replace=replace)
+        keyframes, n_gone = read_in(
+            shop, source, per_scene=per_scene, version=version, replace=replace
+        )
         n_tasks = len(shop.tasks)
-    keyframes = done.keyframes
     n_scenes = len({keyframe.scene_id for keyframe in keyframes})
     typer.echo(
         f"{len(keyframes)} keyframes of {n_scenes} scenes; with {n_tasks} tasks "
         f"{len(keyframes) * n_tasks} combinations"
     )
-    if done.n_gone:
-        typer.echo(f"{done.n_gone} keyframes that stood here are gone, or have other pictures")
+    if n_gone:
+        typer.echo(f"{n_gone} keyframes that stood here are gone, or have other pictures")

@@ -263,10 +263,8 @@ class _Reader:
     def pose(self, table: str, token: str) -> FloatArray:
         """(4, 4) from the frame of a row to the frame that it is given in."""
         row = self.row(table, token)
-        quaternion, translation = (
-            _numbers(row["rotation"], (4,)),
-            _numbers(row["translation"], (3,)),
-        )
+        quaternion = _numbers(row["rotation"], (4,))
+        translation = _numbers(row["translation"], (3,))
         if (
             quaternion is None
             or translation is None

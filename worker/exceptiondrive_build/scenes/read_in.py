@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,19 +16,6 @@ from exceptiondrive_build.workshop import SCENES, Workshop
 from exceptiondrive_schemas.base import faults_in
 
 
-@dataclass(frozen=True)
-class ReadIn:
-    """What came into a workshop.
-
-    Attributes:
-        keyframes: Those that stand in it now.
-        n_gone: How many stood in it before, and are gone or have other pictures now.
-    """
-
-    keyframes: tuple[Keyframe, ...]
-    n_gone: int
-
-
 def read_in(
     workshop: Workshop,
     source: Path,
@@ -37,12 +23,16 @@ def read_in(
     per_scene: int = 1,
     version: str | None = None,
     replace: bool = False,
-) -> ReadIn:
+) -> tuple[tuple[Keyframe, ...], int]:
     """Read scenes into a workshop, in the place of those that stand in it.
 
     What was decided of a keyframe stands as long as its pictures are the same. No keyframe of the
     workshop changes unless every picture can be read. Keyframes of which something was decided go
     where `replace` says so.
+
+    Returns:
+        The keyframes that stand in it now; and how many stood in it before, and are gone or have
+        other pictures now: 0 where `replace` says that nobody minds.
 
     Raises:
         BuildError: What is wrong with the scenes, and where; or decided keyframes would go.
@@ -55,7 +45,7 @@ def read_in(
     part = workshop.folder / f"{SCENES}.part"
     write_scenes(SceneSet(workshop.folder, kept), part)
     part.replace(workshop.folder / SCENES)
-    return ReadIn(kept, n_gone)
+    return kept, n_gone
 
 
 def _gone(folder: Path, kept: Sequence[Keyframe]) -> int:

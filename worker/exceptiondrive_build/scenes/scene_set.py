@@ -1,7 +1,6 @@
 """A set of keyframes and the folder that their pictures stand in."""
 
 from collections import defaultdict
-from collections.abc import Iterable
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -25,10 +24,12 @@ class SceneSet:
         of_scene: dict[str, list[Keyframe]] = defaultdict(list)
         for keyframe in self.keyframes:
             of_scene[keyframe.scene_id].append(keyframe)
-        return SceneSet(
-            self.folder,
-            tuple(one for keyframes in of_scene.values() for one in _spread(keyframes, per_scene)),
-        )
+        chosen: list[Keyframe] = []
+        for keyframes in of_scene.values():
+            count = min(per_scene, len(keyframes))
+            places = [(2 * i + 1) * len(keyframes) // (2 * count) for i in range(count)]
+            chosen += [keyframes[place] for place in places]
+        return SceneSet(self.folder, tuple(chosen))
 
     def path(self, camera: Camera) -> Path:
         """Return where the picture of a camera stands."""
@@ -67,9 +68,3 @@ class SceneSet:
                 f"{camera.width_px} x {camera.height_px}: {where}."
             )
         return data, extension
-
-
-def _spread(keyframes: list[Keyframe], count: int) -> Iterable[Keyframe]:
-    if count >= len(keyframes):
-        return keyframes
-    return [keyframes[(2 * place + 1) * len(keyframes) // (2 * count)] for place in range(count)]

@@ -174,11 +174,18 @@ def paired_difference(found: Difference, verdict: str) -> PairedDifference:
 def rounded_difference(
     exact: PairedDifference, metric: Metric, rows: Sequence[MetricRow], rounding: Rounding
 ) -> PairedDifference:
-    """Round a difference between two published rows, first minus second."""
+    """Round a difference between two published rows, first minus second.
+
+    Of a metric that may be undefined it is that over the samples that both define.
+    """
+    if metric.may_be_undefined:
+        difference = rounding.metric(metric.key, exact.difference)
+    else:
+        difference = _between(metric.key, rows, rounding)
     interval = rounding.interval(metric.key, exact.interval)
     return exact.model_copy(
         update={
-            "difference": _published_difference(exact, metric, rows, rounding),
+            "difference": difference,
             "interval": interval,
             "discordant": rounding.fraction(exact.discordant) if rounding.is_public else None,
             "verdict": published_verdict(exact, interval),
@@ -197,15 +204,6 @@ def _coarse(
         discordant=None,
         verdict=published_verdict(exact, interval),
     )
-
-
-def _published_difference(
-    exact: PairedDifference, metric: Metric, rows: Sequence[MetricRow], rounding: Rounding
-) -> float | None:
-    """That of the two rows; of a metric that may be undefined, over the samples that both define."""
-    if metric.may_be_undefined:
-        return rounding.metric(metric.key, exact.difference)
-    return _between(metric.key, rows, rounding)
 
 
 def _between(key: str, rows: Sequence[MetricRow], rounding: Rounding) -> float | None:

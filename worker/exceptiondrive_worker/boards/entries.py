@@ -108,7 +108,7 @@ class _Rows:
         headlines = [sheet.average(self._average) for sheet in sheets]
         values = {key.metric: [row.get(key.metric) for row in headlines] for key in self._order}
         takes_part = [
-            may and not self._uncovered(sheet) for may, sheet in zip(may_rank, sheets, strict=True)
+            may and self._is_covered(sheet) for may, sheet in zip(may_rank, sheets, strict=True)
         ]
         return ranks(values, takes_part, self._order)
 
@@ -227,10 +227,10 @@ class _Rows:
             for key, (low, high) in zip(self._keys_of_intervals, intervals.tolist(), strict=True)
         }
 
-    def _uncovered(self, sheet: ScoreSheet) -> dict[str, float]:
-        """Shares that are too low, by what is published of them; judged by the exact ones."""
-        least, exact = self._protocol.ranking.min_coverage, sheet.coverage.exact_shares(sheet.n)
-        return {key: share for key, share in exact.items() if share < least}
+    def _is_covered(self, sheet: ScoreSheet) -> bool:
+        """Whether a file answers enough to be ranked, by the exact shares."""
+        shares = sheet.coverage.exact_shares(sheet.n).values()
+        return all(share >= self._protocol.ranking.min_coverage for share in shares)
 
     def _why_unranked(self, sheet: ScoreSheet) -> str:
         reasons = list(unranked_reasons(sheet, self._protocol))
@@ -239,6 +239,6 @@ class _Rows:
             for key in self._order
             if sheet.average(self._average).get(key.metric) is None
         ]
-        if undefined and not self._uncovered(sheet):
+        if undefined and self._is_covered(sheet):
             reasons.append(f"{' and '.join(undefined)} not defined")
         return "; ".join(reasons)

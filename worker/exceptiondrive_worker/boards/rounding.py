@@ -58,10 +58,7 @@ class Rounding:
 
     def metric(self, key: str, value: float | None) -> float | None:
         """Round a value of a metric; keys that are no metric hold shares."""
-        if value is None:
-            return None
-        in_metres = key in self._in_metres
-        return _rounded(value, self._metre_decimals if in_metres else self._fraction_decimals)
+        return None if value is None else _rounded(value, self._decimals(key))
 
     def row(self, metrics: MetricRow) -> MetricRow:
         """Round a row of metrics."""
@@ -80,8 +77,8 @@ class Rounding:
             return None
         if not self.is_public and key not in self._in_metres:
             return self.coarse_interval(interval)
-        low, high = self.metric(key, interval[0]), self.metric(key, interval[1])
-        return None if low is None or high is None else (low, high)
+        low, high = (_rounded(end, self._decimals(key)) for end in interval)
+        return low, high
 
     def coarse_interval(self, interval: Interval | None) -> Interval | None:
         """Round an interval of shares outward to whole per cents: it may only grow."""
@@ -129,6 +126,9 @@ class Rounding:
                 "clearance_curve": self._curve(sheet.clearance_curve) if with_curve else None,
             }
         )
+
+    def _decimals(self, key: str) -> int:
+        return self._metre_decimals if key in self._in_metres else self._fraction_decimals
 
     def _curve(self, curve: ClearanceCurve | None) -> ClearanceCurve | None:
         if curve is None:

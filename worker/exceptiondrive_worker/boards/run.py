@@ -36,7 +36,7 @@ from exceptiondrive_worker.boards.reminder_effects import reminder_effects
 from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.drawing import Drawable, draw_entries, draw_protocol
-from exceptiondrive_worker.failures import job_boundary
+from exceptiondrive_worker.failures import run_job
 from exceptiondrive_worker.similarity_run import compare_submissions
 from exceptiondrive_worker.splits.floors import FloorHeldError
 from exceptiondrive_worker.splits.floors_held import held_floors_are_told, hold_floors
@@ -55,8 +55,7 @@ def build_next_board(context: WorkerContext, lane: Lane) -> bool:
         request = claim_board(session, lane, context.settings.board_lease_s)
     if request is None:
         return False
-    with job_boundary(request.subject, lambda _: None):
-        build_board(context, request)
+    run_job(request.subject, lambda: build_board(context, request), lambda _: None)
     return True
 
 
@@ -91,7 +90,13 @@ def with_previous_ranks(
     if latest is not None and _says_the_same(entries, latest):
         places = [row.previous_rank for row in entries_of(latest)]
     elif current is not None:
-        by_name, by_submission = _ranks_on(current)
+        # the next run of a method keeps its name; a submission may get others
+        by_name: dict[tuple[str, str], int | None] = {}
+        by_submission: dict[str | None, int | None] = {}
+        for was in entry_documents(current):  # none is kept: a long board's would take most memory
+            if was["source"] == "scored":
+                by_name[was["team"], was["method"]] = was["rank"]
+                by_submission[was["submission_id"]] = was["rank"]
         places = [
             row.previous_rank
             if row.rank is None
@@ -110,18 +115,6 @@ def _says_the_same(entries: tuple[BoardEntry, ...], body: str) -> bool:
     """Whether a recorded board says of its entries what these say, previous ranks apart."""
     said = (row.model_copy(update={"previous_rank": None}) for row in entries_of(body))
     return all(one == other for one, other in zip_longest(said, entries))
-
-
-def _ranks_on(
-    body: str,
-) -> tuple[dict[tuple[str, str], int | None], dict[str | None, int | None]]:
-    """By team and method, which the next run of a method keeps, and by submission, whose names may change."""
-    by_name: dict[tuple[str, str], int | None] = {}
-    by_submission: dict[str | None, int | None] = {}
-    for row in entry_documents(body):  # none is kept: a long board's would take as much as all else
-        if row["source"] == "scored":
-            by_name[row["team"], row["method"]] = by_submission[row["submission_id"]] = row["rank"]
-    return by_name, by_submission
 
 
 def _late_board(context: WorkerContext, claimed: BoardRequest) -> Board | None:
@@ -147,10 +140,9 @@ def _board(
         records = entries_for_board(session, phase.id, *key, view)
         part = find_split(session, phase.split_name, claimed.split_revision).part
         rows = (latest_board(session, phase.id, *key, view), current_board(session, phase.id))
-        texts = {row.id: row.body for row in rows if row is not None}
+        latest, current = (None if row is None else row.body for row in rows)
         ref = SplitRef(name=phase.split_name, revision=claimed.split_revision)
         is_public = find_public_split(session, ref) is not None
-    latest, current = (None if row is None else texts[row.id] for row in rows)
     challenge = CHALLENGES[phase.challenge]
     split = context.splits.find(phase.split_name, claimed.split_revision, protocol)
     if not is_public:

@@ -110,7 +110,10 @@ def _region_faults(samples: Sequence[SplitSample], geometry: GeometrySection) ->
         f"hazard regions with a corner more than {limit_m:g} m away",
         lambda regions: is_far(regions, geometry),
     )
-    ask("hazard regions that cross or touch themselves", _crosses_itself)
+    ask(
+        "hazard regions that cross or touch themselves",
+        lambda regions: ~np.asarray(shapely.is_valid(shapely.polygons(regions)), dtype=np.bool_),
+    )
     ask(
         f"hazard regions smaller than {least_m2:g} m2",
         lambda regions: is_small(regions, geometry),
@@ -120,8 +123,3 @@ def _region_faults(samples: Sequence[SplitSample], geometry: GeometrySection) ->
         lambda regions: touches_start(prepare_regions(regions), geometry),
     )
     return faults
-
-
-def _crosses_itself(regions_m: FloatArray) -> BoolArray:
-    simple: BoolArray = np.asarray(shapely.is_valid(shapely.polygons(regions_m)), dtype=np.bool_)
-    return ~simple

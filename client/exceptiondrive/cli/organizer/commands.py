@@ -422,10 +422,6 @@ def _verdict_words(verdict: dict[str, Any], is_cut: bool) -> str:
     return f"the audit log is whole: {whole}"
 
 
-def _first(detail: Mapping[str, Any], names: Iterable[str]) -> Any:
-    return next((detail[name] for name in names if detail.get(name)), "")
-
-
 @with_organizer
 def read_audit(
     organizer: Organizer,
@@ -459,8 +455,10 @@ def read_audit(
         until=until,
         action=action,
     )
-    why = ("reason", "asked")  # why it was done, or what workers refused
-    lines = [{**line, "reason": _first(line["detail"], why)} for line in found]
+    lines = []
+    for line in found:
+        detail = line["detail"]  # why it was done, or what workers refused
+        lines.append({**line, "reason": detail.get("reason") or detail.get("asked") or ""})
     columns = ("id", "at", "actor", "action", "subject", "reason")
     older = f"--before {found[-1]['id']} shows older ones" if found else ""
     return found, records_table(lines, columns), *cut_words(found, limit, older)
