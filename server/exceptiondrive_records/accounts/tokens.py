@@ -388,13 +388,7 @@ def revoke_team_token(session: Session, principal: Principal, token_id: str) -> 
 
 def team_tokens(session: Session, principal: Principal) -> list[Token]:
     """Return the tokens of the asker's team, newest first."""
-    return list(
-        session.scalars(
-            select(Token)
-            .where(Token.team_id == principal.team_id, Token.team_id.is_not(None))
-            .order_by(Token.created_at.desc(), Token.id)
-        )
-    )
+    return [] if principal.team_id is None else list_tokens(session, principal.team_id)
 
 
 def find_team_token(session: Session, principal: Principal, token_id: str) -> Token:
