@@ -5,9 +5,10 @@ from collections import Counter
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
+from tests.support.records import count_audit_lines
 
 from benchmarks.rescore_drill.clients import Reader
-from exceptiondrive_records.audit.log import count_audit_lines, verify_audit
+from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.boards.boards import served_body
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.database import Database

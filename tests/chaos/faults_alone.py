@@ -13,8 +13,9 @@ from sqlalchemy import func, select
 from tests.chaos.checker import check
 from tests.chaos.postgres import Postgres
 from tests.chaos.run import Run, percentile
+from tests.support.records import count_audit_lines
 
-from exceptiondrive_records.audit.log import count_audit_lines, verify_audit
+from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.migrations import is_current, migrate
 from exceptiondrive_records.submissions.file_store import FileStore

@@ -13,9 +13,9 @@ from tests.chaos.clients import Clients
 from tests.chaos.history import Call, History
 from tests.chaos.topology import LEASE_S, PHASE, Topology
 from tests.support.documents import digest_of
+from tests.support.records import count_audit_lines
 
 from exceptiondrive.inputs import given_split
-from exceptiondrive_records.audit.log import count_audit_lines
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Violation
 from exceptiondrive_records.operations.invariants import unfinished

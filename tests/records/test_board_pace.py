@@ -29,8 +29,8 @@ LIVE_JS = Path(exceptiondrive_server.__path__[0]) / "web" / "static" / "live.js"
 
 def n_due(world: World) -> int:
     with world.database.read() as session:
-        due = is_due(Lane.LIVE, database_now(session))
-        return session.scalar(select(func.count(BoardRequest.id)).where(due)) or 0
+        due = select(func.count(BoardRequest.id)).where(is_due(Lane.LIVE))
+        return session.scalar(due) or 0
 
 
 def request_of(world: World) -> BoardRequest:

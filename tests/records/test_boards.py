@@ -10,9 +10,9 @@ from sqlalchemy import inspect, select, text, update
 from sqlalchemy.exc import DatabaseError
 from sqlalchemy.orm import Session
 from tests.records.statements import of_board_texts, statements
+from tests.support.records import count_audit_lines
 from tests.support.work import claim_board_of
 
-from exceptiondrive_records.audit.log import count_audit_lines
 from exceptiondrive_records.boards import boards
 from exceptiondrive_records.boards import standings as board_records
 from exceptiondrive_records.boards.tables import BoardEntryRow, BoardRow

@@ -7,8 +7,8 @@ import pytest
 from pydantic import ValidationError
 from sqlalchemy import text
 from sqlalchemy.exc import DatabaseError
+from tests.support.records import count_audit_lines
 
-from exceptiondrive_records.audit.log import count_audit_lines
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.phases import phases
 from exceptiondrive_records.phases.policy import is_open

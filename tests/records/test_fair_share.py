@@ -116,9 +116,8 @@ def test_the_query_orders_all_that_waits_as_the_model_does(
                 add_job(session, team_id, next(numbers), at(0), at(served_s), WorkState.DONE)
             for place in range(n_waiting):
                 add_job(session, team_id, next(numbers), at(since_s + place))
-        now = database_now(session)
-        found = list(session.scalars(fair_order(waits(Lane.LIVE, now), Lane.LIVE, now)))
-        firsts = fair_order(waits(Lane.LIVE, now), Lane.LIVE, now, firsts_alone=True)
+        found = list(session.scalars(fair_order(waits(Lane.LIVE), Lane.LIVE)))
+        firsts = fair_order(waits(Lane.LIVE), Lane.LIVE, firsts_alone=True)
         firsts_found = list(session.scalars(firsts))
         order = [session.get_one(Job, job_id).team_id for job_id in found]
         ages = [session.get_one(Job, job_id).created_at for job_id in found]

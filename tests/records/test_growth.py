@@ -109,8 +109,7 @@ def add_old_sheets(world: World, name: str, number: int) -> None:
 
 
 def next_in_turn(session: Session) -> object:
-    now = database_now(session)
-    return session.scalars(fair_order(waits(Lane.LIVE, now), Lane.LIVE, now).limit(1)).one()
+    return session.scalars(fair_order(waits(Lane.LIVE), Lane.LIVE).limit(1)).one()
 
 
 def test_who_comes_next_costs_in_proportion_to_what_waits(world: World) -> None:
@@ -122,9 +121,8 @@ def test_who_comes_next_costs_in_proportion_to_what_waits(world: World) -> None:
 
 
 def next_to_claim(session: Session) -> object:
-    now = database_now(session)
-    waiting = waits(Lane.LIVE, now)
-    return session.scalars(fair_order(waiting, Lane.LIVE, now, firsts_alone=True).limit(1)).one()
+    firsts = fair_order(waits(Lane.LIVE), Lane.LIVE, firsts_alone=True)
+    return session.scalars(firsts.limit(1)).one()
 
 
 def test_a_claim_costs_what_there_are_teams_not_what_waits_or_is_over(world: World) -> None:

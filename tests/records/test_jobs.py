@@ -6,9 +6,10 @@ from typing import Any
 import pytest
 from sqlalchemy import select, update
 from sqlalchemy.exc import IntegrityError
+from tests.support.records import count_audit_lines
 from tests.support.work import claim_this
 
-from exceptiondrive_records.audit.log import count_audit_lines, verify_audit
+from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.scoring_keys import ScoringKey
 from exceptiondrive_records.rescoring.progress import count_sheets, left_out, scored_left_out

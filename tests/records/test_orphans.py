@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 from sqlalchemy import select
+from tests.support.records import count_audit_lines
 
-from exceptiondrive_records.audit.log import count_audit_lines
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.operations import garbage
 from exceptiondrive_records.operations.garbage import remove_orphan, run_sweeper, sweep_orphans

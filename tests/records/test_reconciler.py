@@ -8,9 +8,9 @@ import pytest
 from sqlalchemy import update
 from sqlalchemy.exc import OperationalError
 from structlog.testing import capture_logs
+from tests.support.records import count_audit_lines
 from tests.support.work import let_time_pass
 
-from exceptiondrive_records.audit.log import count_audit_lines
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.operations.reconciler import Pass, reconcile_once, run_reconciler

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 from sqlalchemy import update
+from tests.support.records import count_audit_lines
 
-from exceptiondrive_records.audit.log import count_audit_lines
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound, PhaseClosed
 from exceptiondrive_records.phases.tables import Phase

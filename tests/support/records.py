@@ -4,10 +4,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 from tests.support.documents import make_manifest
 
 from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, TEAM_SCOPES, issue_token
+from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.splits.splits import register_split
@@ -63,3 +65,9 @@ def add_phase(session: Session, phase_id: str = "dev", **settings: Any) -> None:
     usual: dict[str, Any] = {"challenge": "planning", "title": phase_id, "split": "sample"}
     usual |= {"protocol": "1.0", "quota_per_day": 3, "quota_total": None}  # those of public splits
     create_phase(session, NewPhase(id=phase_id, **(usual | settings)), actor=ACTOR)
+
+
+def count_audit_lines(session: Session, action: str) -> int:
+    """Return how many lines of the audit log record this action."""
+    query = select(func.count()).select_from(AuditLine).where(AuditLine.action == action)
+    return session.scalar(query) or 0

@@ -44,7 +44,7 @@ def test_an_upload_becomes_an_entry_of_a_board(
     run_reconciler(world)
     submission_id, _ = world.submit(planning_file(tiny))
     dispatcher = Dispatcher(broker_url)
-    assert wake_lanes(world.database, dispatcher, world.settings, (Lane.LIVE,))
+    assert wake_lanes(world.database, dispatcher, world.settings)
     wait_until(lambda: count_scored(world) == 1, "the submission to be scored")
 
     def ranks() -> dict[str, int | None]:

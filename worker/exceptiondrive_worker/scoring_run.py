@@ -6,7 +6,6 @@ import structlog
 from sqlalchemy import ColumnElement, Select, bindparam, select, tuple_
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.db.clock import NOW
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.operations.logs import places
 from exceptiondrive_records.phases.policy import is_late
@@ -99,7 +98,7 @@ def _keys_of_waiting(lane: Lane, *which: ColumnElement[bool]) -> Select[str, str
         select(Job.protocol_digest, Job.split_revision, Phase.split_name)
         .join(Submission, Submission.id == Job.submission_id)
         .join(Phase, Phase.id == Submission.phase_id)
-        .where(waits(lane, NOW), *which)
+        .where(waits(lane), *which)
         .distinct()
     )
 

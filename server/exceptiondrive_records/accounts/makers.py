@@ -53,11 +53,7 @@ def makers_in_words(session: Session, team_id: int, makers: Mapping[str, str]) -
     """Return who made each token in words for the team: its tokens and its people by name alone."""
     own = {f"token:{one.id}": f"{one.name} ({one.prefix})" for one in list_tokens(session, team_id)}
     own |= _people(session, team_id, set(makers.values()))
-    others = {"registration": "registration"}
-    return {
-        token_id: own.get(actor) or others.get(actor) or _stranger(actor)
-        for token_id, actor in makers.items()
-    }
+    return {token_id: own.get(actor) or _stranger(actor) for token_id, actor in makers.items()}
 
 
 def _people(session: Session, team_id: int, actors: Collection[str]) -> dict[str, str]:
@@ -75,4 +71,6 @@ def _people(session: Session, team_id: int, actors: Collection[str]) -> dict[str
 
 
 def _stranger(actor: str) -> str:
+    if actor == "registration":
+        return actor
     return "somebody else" if actor.startswith("person:") else "organizers"

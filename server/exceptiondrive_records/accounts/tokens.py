@@ -329,7 +329,9 @@ def issue_team_token(
         Conflict: The team has enough live tokens, or made enough of them today.
         InvalidRecord: As `issue_token` raises it.
     """
-    _refuse_more_rights(principal, scopes)
+    more = sorted(set(scopes) - principal.scopes)
+    if more:
+        raise NotAllowed(f"Your own token does not have the scope {', '.join(more)}.")
     own_end = principal.expires_at
     if expires_at is not None and own_end is not None and expires_at > own_end:
         end = f"{own_end:%Y-%m-%dT%H:%M:%SZ}"
@@ -388,13 +390,7 @@ def revoke_team_token(session: Session, principal: Principal, token_id: str) -> 
 
 def team_tokens(session: Session, principal: Principal) -> list[Token]:
     """Return the tokens of the asker's team, newest first."""
-    return list(
-        session.scalars(
-            select(Token)
-            .where(Token.team_id == principal.team_id, Token.team_id.is_not(None))
-            .order_by(Token.created_at.desc(), Token.id)
-        )
-    )
+    return [] if principal.team_id is None else list_tokens(session, principal.team_id)
 
 
 def find_team_token(session: Session, principal: Principal, token_id: str) -> Token:
@@ -412,9 +408,3 @@ def find_team_token(session: Session, principal: Principal, token_id: str) -> To
 def may_invite(principal: Principal) -> bool:
     """Whether it holds all that who joins a team gets: every scope of a team, without an end."""
     return set(TEAM_SCOPES) <= principal.scopes and principal.expires_at is None
-
-
-def _refuse_more_rights(principal: Principal, scopes: Iterable[str]) -> None:
-    more = sorted(set(scopes) - principal.scopes)
-    if more:
-        raise NotAllowed(f"Your own token does not have the scope {', '.join(more)}.")

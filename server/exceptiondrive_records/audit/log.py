@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import func, insert, select
+from sqlalchemy import insert, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.tables import AuditLine
@@ -216,9 +216,3 @@ def audit_page(
 def audit_actions(session: Session) -> list[str]:
     """Return every action that any line records, in the order of the alphabet."""
     return sorted(session.scalars(select(AuditLine.action).distinct()))
-
-
-def count_audit_lines(session: Session, action: str) -> int:
-    """Return how many lines record this action."""
-    query = select(func.count()).select_from(AuditLine).where(AuditLine.action == action)
-    return session.scalar(query) or 0

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from datetime import datetime
 from json import JSONDecoder
 from types import NoneType
-from typing import Any, NamedTuple
+from typing import Any
 
 from pydantic import BaseModel
 
@@ -57,41 +57,33 @@ def read_board(body: str) -> Board:
     """
     sharing, entries = Sharing(), []
     try:
-        begin = end = body.index(_ENTRIES) + len(_ENTRIES)
-        for span in _spans(body):
-            entries.append(BoardEntry.model_validate_json(body[span.begin : span.end]))
+        start = end = body.index(_ENTRIES) + len(_ENTRIES)
+        for _, begin, end in _spans(body):
+            entries.append(BoardEntry.model_validate_json(body[begin:end]))
             sharing.share(entries[-1])
-            end = span.end
     except (ValueError, IndexError):
         return Board.model_validate_json(body)  # which says what is wrong
-    frame = Board.model_validate_json(body[:begin] + body[end:])
+    frame = Board.model_validate_json(body[:start] + body[end:])
     return frame.model_copy(update={"entries": tuple(entries)})
 
 
 def entries_of(body: str) -> Iterator[BoardEntry]:
     """Yield the entries of a recorded board, of which none is held."""
-    return (BoardEntry.model_validate_json(body[each.begin : each.end]) for each in _spans(body))
+    return (BoardEntry.model_validate_json(body[begin:end]) for _, begin, end in _spans(body))
 
 
 def entry_documents(body: str) -> Iterator[dict[str, Any]]:
     """Yield the entries of a recorded board as they stand there, not validated."""
-    return (span.entry for span in _spans(body))
+    return (entry for entry, _, _ in _spans(body))
 
 
-class _Span(NamedTuple):
-    """Where an entry begins and ends, and what it says."""
-
-    begin: int
-    end: int
-    entry: dict[str, Any]
-
-
-def _spans(body: str) -> Iterator[_Span]:
+def _spans(body: str) -> Iterator[tuple[dict[str, Any], int, int]]:
+    """Yield what each entry says, where it begins and where it ends."""
     begin = body.index(_ENTRIES) + len(_ENTRIES)
     more = body[begin] != "]"
     while more:
         entry, end = _DECODER.raw_decode(body, begin)
         if body[end] not in ",]":
             raise ValueError("an entry ends otherwise than canonical JSON does")
-        yield _Span(begin, end, entry)
+        yield entry, begin, end
         begin, more = end + 1, body[end] == ","

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from datetime import datetime
 
-from sqlalchemy import ColumnElement, Select, and_, bindparam, exists, select
+from sqlalchemy import ColumnElement, and_, bindparam, exists, select
 from sqlalchemy.orm import Session, aliased
 
 from exceptiondrive_records.db.errors import NotAllowed
@@ -124,6 +124,7 @@ def disqualification_notes(session: Session, phase: Phase) -> tuple[Disqualifica
     """
     is_masked = is_anonymous(phase)
     here = Disqualification.phase_id == phase.id
+    other = aliased(Submission)  # than the one that the note is about
     query = (
         select(Disqualification, Team, Submission.method)
         .join(Team, Team.id == Disqualification.team_id)
@@ -132,7 +133,7 @@ def disqualification_notes(session: Session, phase: Phase) -> tuple[Disqualifica
             Disqualification.public_note.is_not(None),
             Disqualification.reinstated_at.is_(None),
             here if is_masked else Disqualification.phase_id.is_(None) | here,
-            Team.id.in_(_teams_of(phase)),
+            Team.id.in_(select(other.team_id).where(other.phase_id == phase.id)),
         )
         .order_by(Disqualification.id.desc())
     )
@@ -145,8 +146,3 @@ def disqualification_notes(session: Session, phase: Phase) -> tuple[Disqualifica
         )
         for row, team, method in session.execute(query)
     )
-
-
-def _teams_of(phase: Phase) -> Select[int]:
-    one = aliased(Submission)
-    return select(one.team_id).where(one.phase_id == phase.id)

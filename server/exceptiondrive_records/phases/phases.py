@@ -47,19 +47,6 @@ def check_phase(phase: Phase, *, is_freeze_new: bool = True) -> None:
         InvalidRecord: With one sentence for each contradiction.
     """
     _check_texts(phase)
-    faults = _dates(phase)
-    if is_freeze_new and _freezes_too_late(phase):
-        faults.append(
-            "freezes_at must lie before closes_at: a board that freezes after the deadline hides "
-            "nothing. After the deadline use the action freeze."
-        )
-    if phase.policy.terms_required and not phase.page.terms:
-        faults.append("terms_required needs terms: without them every team submits unasked.")
-    if faults:
-        raise InvalidRecord(" ".join(faults))
-
-
-def _dates(phase: Phase) -> list[str]:
     freezes_at, opens_at, closes_at = phase.policy.freezes_at, phase.opens_at, phase.closes_at
     faults = []
     if opens_at is not None and closes_at is not None and closes_at <= opens_at:
@@ -68,12 +55,16 @@ def _dates(phase: Phase) -> list[str]:
         faults.append("freezes_at must lie after opens_at.")
     if phase.policy.late_entries == "own_view" and closes_at is None:
         faults.append("Late entries need a deadline: set closes_at, or refuse them.")
-    return faults
-
-
-def _freezes_too_late(phase: Phase) -> bool:
-    freezes_at, closes_at = phase.policy.freezes_at, phase.closes_at
-    return freezes_at is not None and closes_at is not None and freezes_at >= closes_at
+    is_too_late = freezes_at is not None and closes_at is not None and freezes_at >= closes_at
+    if is_freeze_new and is_too_late:
+        faults.append(
+            "freezes_at must lie before closes_at: a board that freezes after the deadline hides "
+            "nothing. After the deadline use the action freeze."
+        )
+    if phase.policy.terms_required and not phase.page.terms:
+        faults.append("terms_required needs terms: without them every team submits unasked.")
+    if faults:
+        raise InvalidRecord(" ".join(faults))
 
 
 def _check_texts(phase: Phase) -> None:

@@ -123,15 +123,16 @@ def preview_of(session: Session, run_id: str, seen: str | None = None) -> Previe
         Conflict: One of the two boards is not there yet; the sentence says why.
     """
     run = find_run(session, run_id)
+    phase = session.get_one(Phase, run.phase_id)
     blockers = blockers_of(session, run)
     compared = comparison_of(session, run) if run.state in _PREVIEWED else _applied(session, run)
     is_behind = compared is None and not run.state.is_final
     if compared is None:
-        compared = _unfinished_comparison(session, run)
+        draft = latest_board(session, run.phase_id, *shadow_key(run))
+        compared = compare_to_shown(session, phase, draft)  # though submissions came since
     if compared is None:
         yet = "" if run.state.is_final else " yet"
         raise Conflict(f"There is nothing to compare{yet}. {' '.join(blockers)}")
-    phase = session.get_one(Phase, run.phase_id)
     return PreviewView(
         run=run.id,
         digest=compared.digest,
@@ -157,13 +158,6 @@ def _applied(session: Session, run: RescoringRun) -> Compared | None:
     entries = tuple(under_alias(entry, aliases) for entry in run.comparison.entries)
     told = run.comparison.model_copy(update={"entries": entries})
     return Compared(told, told.digest)
-
-
-def _unfinished_comparison(session: Session, run: RescoringRun) -> Compared | None:
-    """What the newest draft board says, though submissions have come since."""
-    phase = session.get_one(Phase, run.phase_id)
-    draft = latest_board(session, run.phase_id, *shadow_key(run))
-    return compare_to_shown(session, phase, draft)
 
 
 def public_run(session: Session, run_id: str, *, with_hidden: bool = False) -> PublicRun:

@@ -60,7 +60,8 @@ def edit_submission(
     old_name = submission.method
     before = _told(submission)
     _set(submission, change)
-    changed = _changed(before, _told(submission))
+    after = _told(submission)
+    changed = {name: (before[name], after[name]) for name in after if before[name] != after[name]}
     if not changed:
         return submission
     _require_edits_left(session, submission.team_id, now)
@@ -112,10 +113,6 @@ def _told(submission: Submission) -> dict[str, Any]:
         "code": submission.code_url,
         **{f"facts.{name}": value for name, value in facts.items()},
     }
-
-
-def _changed(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
-    return {name: (before[name], after[name]) for name in after if before[name] != after[name]}
 
 
 def _other_runs(session: Session, submission: Submission, method: str) -> list[Submission]:

@@ -189,35 +189,29 @@ def _probing(known: dict[str, _Known]) -> tuple[Probing, ...]:
     asking: dict[str, int] = {}
     for name, each in known.items():
         probed = [it for it in each.alike_ones if it.is_probe and it.submission_id in known]
-        for found in probed:
-            first_of[root(name)] = root(found.submission_id)
+        for it in probed:
+            first_of[root(name)] = root(it.submission_id)
         if probed:
-            asking[name] = min(found.n_changed for found in probed)
+            asking[name] = min(it.n_changed for it in probed)
     groups: dict[str, list[str]] = {}
     for name in known:
         groups.setdefault(root(name), []).append(name)
-    found_groups = [
-        _probing_of(
-            [known[name] for name in names], [name for name in names if name in asking], asking
-        )
-        for names in groups.values()
-        if sum(name in asking for name in names) >= PROBES_BEFORE_ALARM
-    ]
-    return tuple(sorted(found_groups, key=lambda each: -each.n_submissions))
-
-
-def _probing_of(members: list[_Known], names: list[str], asking: dict[str, int]) -> Probing:
-    by_id = {each.submission.id: each for each in members}
-    changed = [asking[name] for name in names]
-    return Probing(
-        teams=tuple(sorted({each.team.name for each in members})),
-        n_submissions=len(names),
-        fewest_changed=min(changed),
-        most_changed=max(changed),
-        first_at=by_id[names[0]].submission.received_at,
-        last_at=by_id[names[-1]].submission.received_at,
-        submissions=tuple(names[:MOST_PAIRS]),
-    )
+    found = []
+    for names in groups.values():
+        probes = [name for name in names if name in asking]
+        if len(probes) >= PROBES_BEFORE_ALARM:
+            found.append(
+                Probing(
+                    teams=tuple(sorted({known[name].team.name for name in names})),
+                    n_submissions=len(probes),
+                    fewest_changed=min(asking[name] for name in probes),
+                    most_changed=max(asking[name] for name in probes),
+                    first_at=known[probes[0]].submission.received_at,
+                    last_at=known[probes[-1]].submission.received_at,
+                    submissions=tuple(probes[:MOST_PAIRS]),
+                )
+            )
+    return tuple(sorted(found, key=lambda each: -each.n_submissions))
 
 
 def _nearest_first(pair: AlikePair) -> tuple[int, float, float]:

@@ -256,7 +256,9 @@ def accept(
             require_same_words(first, told)
         is_same_upload = idempotency_key is not None and first.idempotency_key == idempotency_key
         return Accepted(first, is_duplicate=not is_same_upload, job_id=None)
-    told["facts"] = told["facts"] or _last_facts(session, team_id, phase.id, told["method"])
+    if not told["facts"]:  # then those of the method's last file
+        of_method = {"team": team_id, "phase": phase.id, "method": told["method"]}
+        told["facts"] = session.scalars(_LAST_FACTS, of_method).first()
     submission = Submission(
         id=new_id,
         phase_id=phase.id,
@@ -324,13 +326,6 @@ def confirm(session: Session, submission_id: str, *, actor: str) -> Submission:
     ).submission
     audit(session, actor, "submission confirmed", counted.id, {"asked": submission_id})
     return counted
-
-
-def _last_facts(
-    session: Session, team_id: int, phase_id: str, method: object
-) -> MethodFacts | None:
-    given = {"team": team_id, "phase": phase_id, "method": method}
-    return session.scalars(_LAST_FACTS, given).first()
 
 
 def require_acceptable(

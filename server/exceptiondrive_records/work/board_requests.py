@@ -11,9 +11,9 @@ from functools import cache
 from sqlalchemy import ColumnElement, Select, and_, or_, select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.db.clock import NOW, Moment
+from exceptiondrive_records.db.clock import NOW
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.work.fair_share import live_work_open
+from exceptiondrive_records.work.fair_share import LIVE_WORK_OPEN
 from exceptiondrive_records.work.lease import ask, claim, finish_last, is_free
 from exceptiondrive_records.work.tables import OPEN_STATES, BoardRequest
 from exceptiondrive_schemas.jobs import Lane
@@ -65,7 +65,7 @@ def claim_board(session: Session, lane: Lane, lease_s: float) -> BoardRequest | 
 
 @cache
 def _due_longest_first(lane: Lane) -> Select[str]:
-    due = select(BoardRequest.id).where(is_due(lane, NOW))
+    due = select(BoardRequest.id).where(is_due(lane))
     return due.order_by(BoardRequest.available_at, BoardRequest.id)
 
 
@@ -74,10 +74,10 @@ def finish_board(session: Session, request: BoardRequest) -> bool:
     return finish_last(session, request, pause_after)
 
 
-def is_due(lane: Lane, now: Moment) -> ColumnElement[bool]:
+def is_due(lane: Lane) -> ColumnElement[bool]:
     """Condition on `BoardRequest`: wanted in this lane, not being built, and at its pace."""
-    is_rested = or_(BoardRequest.available_at <= now, ~live_work_open(now))
-    return and_(BoardRequest.lane == lane, is_free(BoardRequest, now), is_rested)
+    is_rested = or_(BoardRequest.available_at <= NOW, ~LIVE_WORK_OPEN)
+    return and_(BoardRequest.lane == lane, is_free(BoardRequest, NOW), is_rested)
 
 
 def pause_after(build_s: float) -> float:

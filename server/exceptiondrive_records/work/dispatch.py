@@ -8,7 +8,6 @@ moment after a failure none is sent, so that a dead broker does not slow every u
 """
 
 import time
-from collections.abc import Iterable
 from functools import cache
 from threading import Lock
 from typing import Any
@@ -123,17 +122,12 @@ class Dispatcher:
         self._app.close()
 
 
-def wake_lanes(
-    database: Database,
-    dispatcher: Dispatcher,
-    settings: RecordsSettings,
-    lanes: Iterable[Lane] = tuple(Lane),
-) -> int:
+def wake_lanes(database: Database, dispatcher: Dispatcher, settings: RecordsSettings) -> int:
     """Wake workers for all that could be done now, at most one a slot; return for how much."""
     with database.read() as session:
         due = {
             lane: sum(session.execute(_number_due(lane, settings.max_attempts)).one())
-            for lane in lanes
+            for lane in Lane
         }
         slots = {lane: max(1, live_workers(session, lane).slots) for lane in due if due[lane]}
     return sum(
@@ -188,5 +182,5 @@ def _is_due_by_kind(lane: Lane, max_attempts: int) -> Select[Any]:
 
 def _is_item_due(kind: type[WorkItem], lane: Lane, max_attempts: int) -> ColumnElement[bool]:
     if kind is BoardRequest:
-        return is_due(lane, NOW)
+        return is_due(lane)
     return and_(kind.lane == lane, kind.attempts < max_attempts, is_claimable(kind, NOW))

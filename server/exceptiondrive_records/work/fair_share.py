@@ -11,20 +11,30 @@ from functools import cache
 from sqlalchemy import ColumnElement, Select, and_, exists, func, or_, select
 from sqlalchemy.orm import Session, aliased
 
-from exceptiondrive_records.db.clock import NOW, Moment
+from exceptiondrive_records.db.clock import NOW
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.lease import CLAIMED_FROM, is_claimable
 from exceptiondrive_records.work.tables import IS_OPEN_JOB, Job, WorkState
 from exceptiondrive_schemas.jobs import Lane
 
+_WAITS_NOW = and_(Job.state == WorkState.QUEUED, Job.available_at <= NOW)
+_RUNS = and_(Job.state == WorkState.LEASED, Job.lease_until >= NOW)
+LIVE_WORK_OPEN = exists().where(
+    Job.lane == Lane.LIVE, Job.state.in_(CLAIMED_FROM), or_(_WAITS_NOW, _RUNS)
+)
+"""Condition: a live job waits for a worker now, or is being scored under a lease that holds."""
+_N_LIVE_RUNNING = select(func.count(Job.id)).where(Job.lane == Lane.LIVE, _RUNS)
+_IS_LIVE_JOB_WAITING = select(exists().where(Job.lane == Lane.LIVE, _WAITS_NOW))
+_IS_LIVE_WORK_OPEN = select(LIVE_WORK_OPEN)
 
-def waits(lane: Lane, now: Moment) -> ColumnElement[bool]:
+
+def waits(lane: Lane) -> ColumnElement[bool]:
     """Condition on `Job`: of this lane, free, and its time has come."""
-    return and_(Job.lane == lane, is_claimable(Job, now))
+    return and_(Job.lane == lane, is_claimable(Job, NOW))
 
 
 def fair_order(
-    waiting: ColumnElement[bool], lane: Lane, now: Moment, *, firsts_alone: bool = False
+    waiting: ColumnElement[bool], lane: Lane, *, firsts_alone: bool = False
 ) -> Select[str]:
     """Select the ids of waiting jobs in the order in which they are to be scored.
 
@@ -44,7 +54,7 @@ def fair_order(
         queue = rows.where(waiting).cte()
     running = (
         select(Job.team_id, func.count(Job.id).label("number"))
-        .where(Job.lane == lane, _runs(now))
+        .where(Job.lane == lane, _RUNS)
         .group_by(Job.team_id)
         .cte()
     )
@@ -85,7 +95,7 @@ def jobs_ahead(session: Session, jobs: Iterable[Job]) -> dict[str, int]:
 
 @cache
 def _live_order() -> Select[str]:
-    return fair_order(waits(Lane.LIVE, NOW), Lane.LIVE, NOW)
+    return fair_order(waits(Lane.LIVE), Lane.LIVE)
 
 
 def is_live_job_waiting(session: Session) -> bool:
@@ -96,22 +106,3 @@ def is_live_job_waiting(session: Session) -> bool:
 def is_live_work_open(session: Session) -> bool:
     """Whether a live job waits for a worker now, or is being scored under a lease that holds."""
     return bool(session.scalar(_IS_LIVE_WORK_OPEN))
-
-
-def live_work_open(now: Moment) -> ColumnElement[bool]:
-    """Condition: as `is_live_work_open`."""
-    is_open = and_(Job.state.in_(CLAIMED_FROM), or_(_waits_now(now), _runs(now)))
-    return exists().where(Job.lane == Lane.LIVE, is_open)
-
-
-def _waits_now(now: Moment) -> ColumnElement[bool]:
-    return and_(Job.state == WorkState.QUEUED, Job.available_at <= now)
-
-
-def _runs(now: Moment) -> ColumnElement[bool]:
-    return and_(Job.state == WorkState.LEASED, Job.lease_until >= now)
-
-
-_N_LIVE_RUNNING = select(func.count(Job.id)).where(Job.lane == Lane.LIVE, _runs(NOW))
-_IS_LIVE_JOB_WAITING = select(exists().where(Job.lane == Lane.LIVE, _waits_now(NOW)))
-_IS_LIVE_WORK_OPEN = select(live_work_open(NOW))

@@ -106,8 +106,8 @@ def claim_job(
 def _in_fair_order(
     lane: Lane, max_attempts: int, firsts_alone: bool, *which: ColumnElement[bool]
 ) -> Select[str]:
-    waiting = and_(waits(lane, NOW), Job.attempts < max_attempts, *which)
-    return fair_order(waiting, lane, NOW, firsts_alone=firsts_alone)
+    waiting = and_(waits(lane), Job.attempts < max_attempts, *which)
+    return fair_order(waiting, lane, firsts_alone=firsts_alone)
 
 
 def finish_scored(

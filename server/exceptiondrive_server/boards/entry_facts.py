@@ -95,7 +95,6 @@ def is_barred(entry: BoardEntry) -> bool:
     return bars_leading(flag.code for flag in entry.flags)
 
 
-@template_filter
 def is_listed(entry: BoardEntry) -> bool:
     """Whether a scored entry stands on the board without a rank."""
     return entry.source == "scored" and entry.rank is None

@@ -119,7 +119,8 @@ def _findings(
         lead += _level_with(level)
         lead += _could_too(leader, [entry for entry in others if entry not in level])
     above = [entry for entry in ranked if (entry.rank or 0) < (leader.rank or 0)]
-    return (f"{lead}: {numbers} ({average}){_own_flags(leader)}.", *_above(above))
+    own_flags = f"; flagged “{flags_of(leader)}”" if leader.flags else ""  # which do not bar it
+    return (f"{lead}: {numbers} ({average}){own_flags}.", *_above(above))
 
 
 def _level_with(level: Sequence[BoardEntry]) -> str:
@@ -139,11 +140,6 @@ def _could_too(leader: BoardEntry, others: Sequence[BoardEntry]) -> str:
     n = sum(each.rank_interval is not None and each.rank_interval[0] <= place for each in others)
     could = "could be first" if place == 1 else "could lead"
     return f", though {counted(n, 'other', 'others')} {could}" if n else ""
-
-
-def _own_flags(leader: BoardEntry) -> str:
-    """Name the flags of the leader, which do not bar it."""
-    return f"; flagged “{flags_of(leader)}”" if leader.flags else ""
 
 
 def _above(above: Sequence[BoardEntry]) -> Iterator[str]:

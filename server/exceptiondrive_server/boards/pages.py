@@ -66,7 +66,8 @@ def show_board(request: Request) -> Response:
 
     What visitors see is kept until the records say otherwise.
     """
-    if _is_sent_by_form(request):
+    asked = request.query_params
+    if "apply" in asked or "order" in asked:  # sent by the filter form: its address is made short
         return RedirectResponse(board_query_of(request).url(), status_code=303)
     if short := without_unknown(request):
         return RedirectResponse(short, status_code=308)
@@ -89,11 +90,6 @@ def _signed_in_board(request: Request) -> Response:
     own = own_entries(board.board, ids, query) if board.board and ids else None
     wheel = client_wheel(services_of(request))
     return page(request, "boards/board.html", "board", page=board, own=own, wheel=wheel)
-
-
-def _is_sent_by_form(request: Request) -> bool:
-    """Whether the address is one of the filter form, which leads to a short one."""
-    return "apply" in request.query_params or "order" in request.query_params
 
 
 def _own_submissions(

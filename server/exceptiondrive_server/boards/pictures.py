@@ -107,17 +107,6 @@ class PictureRow:
     point: str
 
 
-@dataclass(frozen=True)
-class BoardPicture:
-    """Everything that the picture of a board shows."""
-
-    subtitle: str
-    title: tuple[str, ...]
-    metric: str
-    rows: tuple[PictureRow, ...]
-    foot: str
-
-
 def board_picture(reading: BoardPage) -> str:
     """Draw a board as SVG; without one, the question of its challenge."""
     board, phase = reading.board, reading.phase
@@ -128,13 +117,13 @@ def board_picture(reading: BoardPage) -> str:
         title = headline(board, challenge, len(reading.protocol.tasks), digits).title
     return render(
         "boards/picture_board.svg",
-        picture=BoardPicture(
-            subtitle=subtitle(phase.title if phase else "", reading.protocol.version),
-            title=in_two_lines(title, TITLE_SIZE, TITLE_WIDTH),
-            metric=f"{challenge.metrics[0].label}, %" if board and challenge else "",
-            rows=_rows(board, digits) if board else (),
-            foot=foot(board) if board else "No board has been published yet.",
-        ),
+        picture={
+            "subtitle": subtitle(phase.title if phase else "", reading.protocol.version),
+            "foot": foot(board) if board else "No board has been published yet.",
+        },
+        title=in_two_lines(title, TITLE_SIZE, TITLE_WIDTH),
+        metric=f"{challenge.metrics[0].label}, %" if board and challenge else "",
+        rows=_rows(board, digits) if board else (),
     )
 
 

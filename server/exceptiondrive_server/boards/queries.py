@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from datetime import datetime
 from math import inf
-from typing import NamedTuple
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
@@ -80,7 +79,7 @@ def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False
     board = without_reported(parsed_board(row)) if row else None
     current = find_protocol(session, phase.protocol_digest)
     protocol = find_protocol(session, board.protocol.digest) if board else current
-    told = _told_by_sheets(session, phase, board, query.chosen) if board else ToldBySheets((), ())
+    curves, tasks = _told_by_sheets(session, phase, board, query.chosen) if board else ((), ())
     return BoardPage(
         query=query,
         phases=links,
@@ -94,8 +93,8 @@ def read_board(session: Session, query: BoardQuery, *, with_hidden: bool = False
         has_late_view=phase.late_board_id is not None,
         has_reported=phase.shows_reported,
         n_reported=sum(len(one.rows.rows) for one in reported_boards(session, phase.id)),
-        curves=told.curves,
-        tasks=told.tasks,
+        curves=curves,
+        tasks=tasks,
         drawing=_drawing_of(session, protocol),
         before=_board_before(session, row) if row else None,
         facts=facts_on(session, board) if board else NO_FACTS,
@@ -126,23 +125,16 @@ def _without_reported(board: Board) -> Board:
     return board.model_copy(update={"entries": kept}) if len(kept) < len(board.entries) else board
 
 
-class ToldBySheets(NamedTuple):
-    """What a board page shows of the score sheets of its best entries."""
-
-    curves: Curves
-    tasks: Tasks
-
-
 def _told_by_sheets(
     session: Session, phase: Phase, board: Board, chosen: tuple[str, ...]
-) -> ToldBySheets:
+) -> tuple[Curves, Tasks]:
     what = "sheets", chosen
     return of_board(board, what, lambda: _read_sheets(session, phase, board, chosen))
 
 
 def _read_sheets(
     session: Session, phase: Phase, board: Board, chosen: tuple[str, ...]
-) -> ToldBySheets:
+) -> tuple[Curves, Tasks]:
     """Clearance curves of the first, and the tasks of many more, as far as their sheets tell them."""
     best = best_entries(board, chosen)
     ranked = [e.submission_id for e in board.entries if e.rank is not None][:MAX_SHEETS]
@@ -159,10 +151,8 @@ def _read_sheets(
     curves = ((entry, sheet.clearance_curve) for entry, sheet in found if sheet)
     protocol, metric = find_protocol(session, board.protocol.digest), challenge_of(board).metrics[0]
     of_ranked = [sheets[name] for name in ranked if name in sheets]
-    return ToldBySheets(
-        tuple((entry, curve) for entry, curve in curves if curve is not None),
-        hardest_tasks(of_ranked, protocol.taxonomy, metric),
-    )
+    tasks = hardest_tasks(of_ranked, protocol.taxonomy, metric)
+    return tuple((entry, curve) for entry, curve in curves if curve is not None), tasks
 
 
 _OWN_DRAWINGS: dict[str, ProtocolDrawing] = {}
@@ -411,5 +401,4 @@ def _note_of_board(session: Session, row: BoardRow) -> BoardNote:
         board.published_at,
         " ".join(said.findings),
         f"{moves[0].upper()}{moves[1:]}." if moves else "",
-        (),
     )

@@ -79,7 +79,8 @@ def scene_drawing(drawing: ProtocolDrawing, protocol: ProtocolDocument) -> Scene
     sample, geometry = drawing.sample, protocol.geometry
     assert sample.segment is not None  # made up so that it passes at a distance
     near, boxes = sample.segment, sample.footprints
-    view = _View(WIDTH / (HIGH_X_M - LOW_X_M), MARGIN_TOP + (1.5 * LANE_M) * _px_per_m())
+    scale = WIDTH / (HIGH_X_M - LOW_X_M)
+    view = _View(scale, MARGIN_TOP + 1.5 * LANE_M * scale)
     middle = ((near[0][0] + near[1][0]) / 2, (near[0][1] + near[1][1]) / 2)
     lowest = min(y for _, y in sample.region)
     return SceneDrawing(
@@ -118,10 +119,6 @@ def scene_drawing(drawing: ProtocolDrawing, protocol: ProtocolDocument) -> Scene
         task_id=sample.task,
         is_own=pictured_digest(protocol) == drawing.pictured,
     )
-
-
-def _px_per_m() -> float:
-    return WIDTH / (HIGH_X_M - LOW_X_M)
 
 
 def _dimension(view: _View, a: Position, b: Position, away: Position) -> tuple[str, str, str, str]:

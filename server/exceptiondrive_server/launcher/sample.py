@@ -3,9 +3,7 @@
 import os
 import subprocess
 import time
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 from pydantic import TypeAdapter
@@ -33,8 +31,6 @@ from exceptiondrive_server.launcher.steps import Say, run_step
 SPLIT = "sample"
 ACTOR = "operator:sample"
 _AT_ONCE = 2
-
-FindSubmission = Callable[["Planner", str], str | None]
 
 
 class Planner(Document):
@@ -121,10 +117,10 @@ def _fill(database: Database, layout: Layout, server_url: str, say: Say) -> None
         tell(database, say, "making the files of the synthetic planners")
         run_step([worker, "make-planners", str(layout.planners)], environment)
     planners = TypeAdapter(tuple[Planner, ...]).validate_json(listing.read_bytes())
-    missing = [planner for planner in planners if not _is_known(database, planner)]
+    missing = [it for it in planners if _submission_of(database, it, it.method) is None]
     if missing:
         tell(database, say, f"{len(missing)} synthetic planners are submitted and scored")
-        _submit_all(missing, layout, server_url, say, partial(_submission_of, database))
+        _submit_all(database, missing, layout, server_url, say)
 
 
 def tell(database: Database, say: Say, doing: str) -> None:
@@ -174,10 +170,6 @@ def write_secret(path: Path, text: str) -> None:
         file.write(text + "\n")
 
 
-def _is_known(database: Database, planner: Planner) -> bool:
-    return _submission_of(database, planner, planner.method) is not None
-
-
 def _submission_of(database: Database, planner: Planner, method: str) -> str | None:
     """Id of what the team submitted to the phase of a planner by a method, if it ended well."""
     ended_well = (SubmissionStatus.SCORED, SubmissionStatus.WITHDRAWN)
@@ -196,7 +188,7 @@ def _submission_of(database: Database, planner: Planner, method: str) -> str | N
 
 
 def _submit_all(
-    planners: list[Planner], layout: Layout, server_url: str, say: Say, find: FindSubmission
+    database: Database, planners: list[Planner], layout: Layout, server_url: str, say: Say
 ) -> None:
     waiting = sorted(planners, key=lambda planner: planner.without_reminder != "")
     running: dict[str, subprocess.Popen[str]] = {}
@@ -204,8 +196,10 @@ def _submit_all(
     while waiting or running:
         while waiting and len(running) < _AT_ONCE and waiting[0].without_reminder not in running:
             planner = waiting.pop(0)
-            linked = planner.without_reminder and find(planner, planner.without_reminder)
-            running[planner.method] = _submit(planner, layout, server_url, linked)
+            linked_to = None
+            if planner.without_reminder:
+                linked_to = _submission_of(database, planner, planner.without_reminder)
+            running[planner.method] = _submit(planner, layout, server_url, linked_to)
         for method, process in list(running.items()):
             if process.poll() is None:
                 continue
@@ -235,10 +229,6 @@ def _submit(
         "EXCEPTIONDRIVE_SERVER": server_url,
         "EXCEPTIONDRIVE_TOKEN": (layout.data / TOKEN_FILE).read_text().strip(),
     }
-    return _popen(command, environment)
-
-
-def _popen(command: list[str], environment: Mapping[str, str]) -> subprocess.Popen[str]:
     return subprocess.Popen(
         command,
         env=environment,

@@ -83,12 +83,13 @@ def show_runs(
 def draft(services: ServicesOf, phase: Choice = "", protocol: Choice = "") -> Step:
     """Draft a run."""
     with services.database.read() as session:
+        found = list_phases(session, with_hidden=True)
         in_force: dict[tuple[str, str], list[str]] = {}
-        for one in list_phases(session, with_hidden=True):
+        for one in found:
             in_force.setdefault((one.split_name, one.split_revision), []).append(one.title)
         phases = [
             (one.id, f"{one.title}, now {find_protocol(session, one.protocol_digest).version}")
-            for one in list_phases(session, with_hidden=True)
+            for one in found
         ]
         versions = [(one.version, f"{one.version}: {one.title}") for one in list_protocols(session)]
         revisions = [

@@ -18,7 +18,6 @@ from exceptiondrive_server.entries.queries import published_entry
 from exceptiondrive_server.web.auth import Reader, ServicesOf, own_team
 from exceptiondrive_server.web.path_ids import SubmissionId
 from exceptiondrive_server.web.problems import problem_responses
-from exceptiondrive_server.web.services import Services
 
 router = APIRouter(tags=["receipts"])
 
@@ -51,19 +50,10 @@ def get_receipt(services: ServicesOf, principal: Reader, submission_id: Submissi
 )
 def get_entry_receipt(services: ServicesOf, submission_id: SubmissionId) -> Receipt:
     """Give the signed receipt of an entry of a current board, to anyone."""
-    return entry_receipt(services, submission_id)
-
-
-def entry_receipt(services: Services, submission_id: str) -> Receipt:
-    """Return the receipt of what stands on a current board.
-
-    Raises:
-        NotFound: It stands on none, or its phase is anonymous: a receipt names team and file.
-    """
     with services.database.read() as session:
         published_entry(session, submission_id)
         submission = find_submission(session, submission_id)
-        if is_anonymous(find_phase(session, submission.phase_id)):
+        if is_anonymous(find_phase(session, submission.phase_id)):  # it names team and file
             raise NotFound("public receipt, before names are revealed, of entry", submission_id)
         statement = statement_of(session, submission)
     return services.signer.sign(statement)

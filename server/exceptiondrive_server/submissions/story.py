@@ -1,7 +1,6 @@
 """Everything that ever happened to one submission: for the organizers' page, and for a committee."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from fastapi.responses import Response
@@ -132,13 +131,13 @@ def story_folder(services: Services, principal: Principal, submission_id: str) -
     with services.database.write() as session:
         story, statement, sheet = _read(session, submission_id)
         audit(session, principal.actor, "story downloaded", submission_id)
-    told = _Told(story, _signed(services, statement), sheet, datetime.now(UTC))
+    receipt = _signed(services, statement)
     data, missing = read_upload(services, story.submission)
-    page = told.page(missing=missing, style=(STATIC / "story.css").read_text("utf-8"))
+    style = (STATIC / "story.css").read_text("utf-8")
+    page = _page(story, receipt, sheet, missing=missing, style=style)
     folder = f"submission-{submission_id}"
-    members = (
-        (f"{folder}/{name}", content) for name, content in _files(told, page, data, missing or "")
-    )
+    files = _files(story, receipt, page, data, missing or "")
+    members = ((f"{folder}/{name}", content) for name, content in files)
     return tar_answer(tar_stream(members), f"{folder}.tar")
 
 
@@ -150,31 +149,28 @@ def story_page(services: Services, submission_id: str) -> str:
     """
     with services.database.read() as session:
         story, statement, sheet = _read(session, submission_id)
-    told = _Told(story, _signed(services, statement), sheet, datetime.now(UTC))
-    return told.page(missing=None, style=None)
+    return _page(story, _signed(services, statement), sheet)
 
 
-@dataclass(frozen=True)
-class _Told:
-    """A story with what is made of it."""
-
-    story: SubmissionStory
-    receipt: Receipt | None
-    sheet: ScoreTables
-    at: datetime
-
-    def page(self, *, missing: str | None, style: str | None) -> str:
-        """Return it as HTML that stands alone; without `style` it takes the site's own sheet."""
-        return render(
-            "submissions/story.html",
-            one=self.story.submission,
-            story=self.story,
-            receipt=self.receipt,
-            sheet=self.sheet,
-            at=self.at,
-            missing=missing,
-            style=style,
-        )
+def _page(
+    story: SubmissionStory,
+    receipt: Receipt | None,
+    sheet: ScoreTables,
+    *,
+    missing: str | None = None,
+    style: str | None = None,
+) -> str:
+    """Return the story as HTML that stands alone; without `style` it takes the site's own sheet."""
+    return render(
+        "submissions/story.html",
+        one=story.submission,
+        story=story,
+        receipt=receipt,
+        sheet=sheet,
+        at=datetime.now(UTC),
+        missing=missing,
+        style=style,
+    )
 
 
 def _read(
@@ -197,8 +193,9 @@ def _statement(session: Session, found: Submission) -> ReceiptStatement | None:
         return None
 
 
-def _files(told: _Told, page: str, data: bytes | None, missing: str) -> Iterator[tuple[str, bytes]]:
-    story, receipt = told.story, told.receipt
+def _files(
+    story: SubmissionStory, receipt: Receipt | None, page: str, data: bytes | None, missing: str
+) -> Iterator[tuple[str, bytes]]:
     upload = f"upload{suffix_of(data or b'')}"
     yield "README.md", _readme(story, receipt, upload, missing).encode()
     yield "story.html", page.encode()

@@ -45,18 +45,14 @@ class PublicCompression:
             nonlocal is_private
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(raw=message["headers"])
-                is_private = _is_for_one_reader(headers)
+                caches = headers.get("cache-control", "")
+                is_private = "private" in caches or "no-store" in caches
                 if message["status"] == 304 and not is_private:
                     _say_that_it_varies(headers)
             await (send if is_private else responder.send_with_compression)(message)
 
         responder.send = _weakening(send) if packs else send
         await self.app(scope, receive, send_as_public)
-
-
-def _is_for_one_reader(headers: Headers) -> bool:
-    said = headers.get("cache-control", "")
-    return "private" in said or "no-store" in said
 
 
 def _say_that_it_varies(headers: MutableHeaders) -> None:

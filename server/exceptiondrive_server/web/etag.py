@@ -28,8 +28,10 @@ def conditional(
     A body that is dear to make is a function, called only if needed. The `etag` stands for it, by
     default its digest. Without `max_age_s` the headers say for how long caches may keep it.
     """
-    digest = etag or hashlib.sha256(body() if callable(body) else body).hexdigest()
-    tagged = {**(headers or {}), "ETag": f'"{digest}"'}
+    if not etag:
+        body = body() if callable(body) else body
+        etag = hashlib.sha256(body).hexdigest()
+    tagged = {**(headers or {}), "ETag": f'"{etag}"'}
     if max_age_s is not None:
         tagged["Cache-Control"] = f"public, max-age={max_age_s}, stale-while-revalidate=60"
     if tagged.get("Cache-Control", "").startswith("public"):

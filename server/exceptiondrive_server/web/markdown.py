@@ -21,13 +21,9 @@ _BELOW_THE_PAGE = 2
 """A page has its own title and sections: the first level of a text stands below them."""
 
 
-def _parser() -> MarkdownIt:
-    made = MarkdownIt("commonmark", {"html": False}).enable(["table", "strikethrough"])
-    return made.disable("image")  # a picture of another host tells it who reads
-
-
-_MARKDOWN = _parser()
 _WITHOUT_TABLES = MarkdownIt("commonmark", {"html": False})
+_MARKDOWN = MarkdownIt("commonmark", {"html": False}).enable(["table", "strikethrough"])
+_MARKDOWN.disable("image")  # a picture of another host tells it who reads
 
 
 @lru_cache(maxsize=256)

@@ -145,12 +145,10 @@ def _of_records(error: RecordsError) -> ApiProblem:
     problem = ApiProblem(error.code, str(error), fields=fields)
     if error.code is ProblemCode.STORE_UNAVAILABLE or isinstance(error, ConcurrentQuotaExceeded):
         problem.retry_after_s = RETRY_AFTER_S
-    if isinstance(error, TooManyAttempts):
+    if isinstance(error, TooManyAttempts | QuotaExceeded | RejectedCapExceeded):
         problem.resets_at = error.resets_at
         problem.retry_after_s = seconds_until(error.resets_at)
     if isinstance(error, QuotaExceeded | RejectedCapExceeded):
-        problem.resets_at = error.resets_at
-        problem.retry_after_s = seconds_until(error.resets_at)
         problem.headers = rate_limit_headers(error.limit, 0, error.resets_at)
     return problem
 

@@ -64,9 +64,8 @@ class _NamedByContent(StaticFiles):
             answer = Response(made, media_type=kind)
         else:
             answer = await super().get_response(path, scope)
-        named = (
-            asset(path).partition("?")[2].encode()
-        )  # after an upgrade pages name another content
+        named = asset(path).partition("?")[2].encode()
+        # A page from before an upgrade names another content.
         is_named_by_content = scope.get("query_string", b"") == named
         lasting = "public, max-age=31536000, immutable"
         answer.headers["Cache-Control"] = lasting if is_named_by_content else "no-cache"

@@ -160,7 +160,6 @@ def environment() -> Environment:
         grouped=numbers.grouped,
         px=px,
         size=numbers.size_text,
-        slug=numbers.slug,
         https=https_only,
         ticks=ticks,
         stars=stars,
