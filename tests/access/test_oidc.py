@@ -213,6 +213,7 @@ def test_a_flow_that_is_too_old_is_refused_and_one_that_is_still_to_begin_is_not
         {"claims": {"nonce": None}},
         {"claims": {"exp": 1_700_000_000, "iat": 1_699_999_000}},
         {"claims": {"exp": None}},
+        {"claims": {"iat": 4_000_000_000}},  # a provider's clock that is far ahead
         {"claims": {"iss": "https://elsewhere.example"}},
         {"claims": {"aud": ["somebody-else"]}},
         {"claims": {"aud": ["somebody-else"], "azp": "exceptiondrive"}},
