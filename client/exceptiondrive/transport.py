@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from datetime import datetime, timedelta
+from datetime import datetime
 from email.utils import parsedate_to_datetime
 from functools import partial
 from typing import Any, NoReturn, TypeVar, cast
@@ -184,7 +184,7 @@ def raise_problem(response: httpx.Response) -> NoReturn:
         problem = Problem.read(response.content)
     except ValidationError:
         raise _newer_problem(response) or _unknown_answer(response) from None
-    raise error_of(problem, retry_after_s(response), _said_at(response))
+    raise error_of(problem, retry_after_s(response))
 
 
 def _said_at(response: httpx.Response) -> datetime | None:
@@ -195,21 +195,17 @@ def _said_at(response: httpx.Response) -> datetime | None:
         return None
 
 
-def error_of(
-    problem: Problem, wait_s: float | None = None, said_at: datetime | None = None
-) -> ExceptionDriveError:
+def error_of(problem: Problem, wait_s: float | None = None) -> ExceptionDriveError:
     """Return the error for a problem document.
 
     Args:
         problem: What the server said.
         wait_s: Seconds of its Retry-After header.
-        said_at: When it said so; None: now.
     """
     if problem.report is not None and problem.report.faults:
         return InvalidFileError(problem.report, problem.detail, SUBMIT_AGAIN)
     if problem.code in _QUOTA_CODES:
-        wait_s = problem.retry_after_s if problem.retry_after_s is not None else wait_s
-        return QuotaError(problem.code.value, problem.detail, _reset(wait_s, said_at))
+        return QuotaError(problem.code.value, problem.detail, problem.resets_at)
     if problem.code in _PASSING:
         return _KINDS[problem.code](problem.code.value, problem.detail, _again_in(wait_s))
     advice = _ADVICE.get(problem.code, "")
@@ -230,14 +226,6 @@ def retry_after_s(response: httpx.Response) -> float | None:
     """Return the seconds of a Retry-After header, or None."""
     value = response.headers.get("retry-after", "")
     return float(value) if value.isascii() and value.isdigit() else None
-
-
-def _reset(wait_s: float | None, said_at: datetime | None) -> datetime | None:
-    """Return the time `wait_s` seconds after an answer, to the nearest minute."""
-    if wait_s is None:
-        return None
-    moment = (said_at or datetime.now(UTC)) + timedelta(seconds=wait_s + 30)
-    return moment.replace(second=0, microsecond=0)
 
 
 def _again_in(wait_s: float | None) -> str:

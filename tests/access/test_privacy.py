@@ -49,7 +49,7 @@ def test_the_page_names_every_cookie_and_how_long_it_lasts(small_site: "Api", pe
         True,
     )
     assert ("max-age=31536000" in set_cookies["theme"], "after 365 days" in page) == (True, True)
-    assert (timedelta(seconds=FLOW_S), "after 10 minutes" in page) == (timedelta(minutes=10), True)
+    assert (timedelta(seconds=FLOW_S), "for 10 minutes" in page) == (timedelta(minutes=10), True)
 
 
 def test_who_only_reads_gets_no_cookie_and_stands_in_no_row_and_no_log(

@@ -472,12 +472,13 @@ def test_check_names_every_sample_where_asked(planning_file: MakeFile) -> None:
 
 
 def test_an_error_is_json_too_where_json_was_asked_for(canned_server: "CannedServer") -> None:
-    canned_server.problem("GET /me", 429, "quota_exceeded", retry_after_s=60)
+    resets_at = "2026-11-22T00:00:00Z"
+    canned_server.problem("GET /me", 429, "quota_exceeded", resets_at=resets_at)
     done = run("whoami", "--server", canned_server.url, "--json")
     assert done.exit_code == 3
     error = json.loads(done.stdout)["error"]
     assert (error["code"], error["exit_code"]) == ("quota_exceeded", 3)
-    assert error["resets_at"].endswith("+00:00")
+    assert error["resets_at"] == "2026-11-22T00:00:00+00:00"
 
 
 def test_login_reads_stdin_tries_the_token_and_keeps_it(

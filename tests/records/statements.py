@@ -40,6 +40,34 @@ def steps_of(database: Database, read: Callable[[Session], object]) -> int:
     return next(hundreds)
 
 
+def loops_of(database: Database, read: Callable[[Session], object]) -> int:
+    """Return how often PostgreSQL repeats the step of a reading that it repeats most."""
+    asked: list[tuple[str, Any]] = []
+
+    def note(connection: Any, cursor: Any, statement: str, parameters: Any, *_: Any) -> None:
+        asked.append((statement, parameters))
+
+    event.listen(database.engine, "before_cursor_execute", note)
+    try:
+        with database.read() as session:
+            read(session)
+    finally:
+        event.remove(database.engine, "before_cursor_execute", note)
+    with database.read() as session:
+        driver: Any = session.connection().connection.driver_connection
+        plans = [
+            driver.execute(f"EXPLAIN (ANALYZE, FORMAT JSON) {statement}", parameters).fetchone()[0]
+            for statement, parameters in asked
+        ]
+    return max(loops for plan in plans for loops in _loops(plan[0]["Plan"]))
+
+
+def _loops(plan: dict[str, Any]) -> Iterator[int]:
+    yield int(plan["Actual Loops"])
+    for step in plan.get("Plans", ()):
+        yield from _loops(step)
+
+
 def of_board_texts(sent: Iterable[str]) -> list[str]:
     """Return the statements that read the text of a board, which may be as long as the board."""
     return [statement for statement in sent if re.search(r"boards\.body\b", statement)]

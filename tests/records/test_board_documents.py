@@ -152,3 +152,18 @@ def test_all_who_ask_for_a_new_board_at_once_get_the_same_one(
         found = list(threads.map(boards.parsed_board, [row] * 8))
     assert all(each is found[0] for each in found)
     assert read.call_count == 1
+
+
+def test_the_boards_of_a_big_year_are_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lists of a team ask for them in turn: were one too many, each would be read for every list."""
+    monkeypatch.setattr(boards, "_PARSED", Memory(boards._PARSED._room))
+    read = Mock(wraps=read_board)
+    monkeypatch.setattr(boards, "read_board", read)
+    entry = NASTY_BOARD.entries[0].model_copy(update={"description": "x" * 1_800_000})
+    body = canonical_json(NASTY_BOARD.model_copy(update={"entries": (entry,)})).decode()
+    monkeypatch.setattr(BoardRow, "told_at", NASTY_BOARD.published_at)
+    monkeypatch.setattr(BoardRow, "forgotten", None)
+    for number in [*range(7)] * 2:
+        row = BoardRow(body=body, body_digest=f"d{number}", published_at=NASTY_BOARD.published_at)
+        boards.parsed_board(row)
+    assert read.call_count == 7

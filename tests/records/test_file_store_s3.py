@@ -99,8 +99,13 @@ def test_what_is_not_there_is_not_found_and_what_is_too_large_is_not_read(store:
 
 
 def test_a_bucket_that_is_not_there_is_an_outage(server: Any) -> None:
+    """No upload is lost by it, and none is taken."""
+    store = FileStore("s3://no-such-bucket/prefix")
     with pytest.raises(StoreError):
-        FileStore("s3://no-such-bucket/prefix").put_stream([b"hello"], limit_bytes=99)
+        store.put_stream([b"hello"], limit_bytes=99)
+    with pytest.raises(StoreError):
+        store.read("sha256:" + "0" * 64, limit_bytes=99)
+    assert not store.takes_files()
 
 
 def test_a_store_that_nobody_reaches_is_told_after_few_attempts(

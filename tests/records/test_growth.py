@@ -5,9 +5,9 @@ from datetime import UTC, datetime
 from typing import Any
 
 import pytest
-from sqlalchemy import insert
+from sqlalchemy import insert, text
 from sqlalchemy.orm import Session
-from tests.records.statements import steps_of
+from tests.records.statements import loops_of, steps_of
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.disqualified import disqualified_ids
@@ -29,8 +29,20 @@ from exceptiondrive_schemas.jobs import Lane
 World = Any
 LONG_AGO = datetime(2026, 1, 1, tzinfo=UTC)
 N_TEAMS = 20
-pytestmark = pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)
+on_sqlite = pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)
 """Its steps can be counted."""
+on_postgres = pytest.mark.parametrize(
+    "database_url", [pytest.param("postgres", marks=pytest.mark.postgres)], indirect=True
+)
+
+
+_A_YEAR_OF_JOBS = """
+INSERT INTO work (id, key, kind, lane, state, asked, attempts, fence, created_at, available_at, leased_at,
+  finished_at, submission_id, team_id, protocol_digest, split_revision, is_first)
+SELECT id || '-' || n, key || '-' || n, kind, lane, state, asked, attempts, fence, created_at, available_at, leased_at,
+  finished_at, submission_id, team_id, protocol_digest, split_revision, is_first
+FROM work, generate_series(1, 50) AS n WHERE kind = 'score'
+"""
 
 
 def add_jobs(world: World, name: str, number: int, state: WorkState) -> None:
@@ -112,6 +124,7 @@ def next_in_turn(session: Session) -> object:
     return session.scalars(fair_order(waits(Lane.LIVE), Lane.LIVE).limit(1)).one()
 
 
+@on_sqlite
 def test_who_comes_next_costs_in_proportion_to_what_waits(world: World) -> None:
     add_jobs(world, "some", 100, WorkState.QUEUED)
     of_100 = steps_of(world.database, next_in_turn)
@@ -125,6 +138,7 @@ def next_to_claim(session: Session) -> object:
     return session.scalars(firsts.limit(1)).one()
 
 
+@on_sqlite
 def test_a_claim_costs_what_there_are_teams_not_what_waits_or_is_over(world: World) -> None:
     add_jobs(world, "some", 100, WorkState.QUEUED)
     of_100 = steps_of(world.database, next_to_claim)
@@ -134,6 +148,22 @@ def test_a_claim_costs_what_there_are_teams_not_what_waits_or_is_over(world: Wor
     assert steps_of(world.database, next_to_claim) <= 3 * of_100 + 2
 
 
+@on_postgres
+@pytest.mark.parametrize("read", [next_to_claim, next_in_turn])
+def test_a_rush_after_a_quiet_year_repeats_no_step_for_each_pair_of_teams(
+    world: World, read: Callable[[Session], object]
+) -> None:
+    """PostgreSQL plans by what it counted when nothing waited."""
+    add_jobs(world, "done", 400, WorkState.DONE)
+    with world.database.write() as session:
+        session.execute(text(_A_YEAR_OF_JOBS))
+        session.execute(text("ANALYZE"))
+    for name in ("rush", "more", "most"):
+        add_jobs(world, name, N_TEAMS, WorkState.QUEUED)
+    assert loops_of(world.database, read) <= 3 * 4 * N_TEAMS
+
+
+@on_sqlite
 @pytest.mark.parametrize(
     "read",
     [

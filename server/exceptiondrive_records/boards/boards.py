@@ -261,7 +261,7 @@ def public_protocols(session: Session, phase_id: str) -> list[str]:
     return list(session.scalars(query.distinct()))
 
 
-_PARSED: Memory[str, Board] = Memory(8 * 2**20)
+_PARSED: Memory[str, Board] = Memory(16 * 2**20)
 """By bytes of the documents; a board in memory takes three times as many."""
 _READING = threading.Lock()
 """Boards are read one at a time: all who ask for a new one at once would each read their own."""

@@ -88,7 +88,8 @@ def _due(session: Session) -> Select[str]:
         .join(of_late, of_late.contact_id == ContactPoint.id)
         .where(of_late.leased_at > now - _OF_LATE)
         .group_by(ContactPoint.team_id)
-        .subquery()
+        .cte()
+        .prefix_with("MATERIALIZED", dialect="postgresql")  # else it is asked for each message
     )
     return (
         select(Delivery.id)

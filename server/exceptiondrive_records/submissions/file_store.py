@@ -128,7 +128,7 @@ class FileStore:
                 raise UploadTooLarge(limit_bytes)
             data = bytes(found.bytes())
         except FileNotFoundError:
-            self._require_folder(has_files=True)
+            self._require_place(has_files=True)
             raise NotFound("file", digest) from None
         except (BaseError, OSError) as error:
             if self._answers():
@@ -203,7 +203,7 @@ class FileStore:
         try:
             return obstore.head(self._store, _key(digest))["last_modified"]
         except FileNotFoundError:
-            self._require_folder()
+            self._require_place()
             return None
         except (BaseError, OSError) as error:
             raise StoreError("The file store does not answer; try again later.") from error
@@ -221,14 +221,16 @@ class FileStore:
         except (BaseError, OSError) as error:
             raise StoreError("The file store does not answer; try again later.") from error
 
-    def _require_folder(self, *, has_files: bool = False) -> None:
-        """No file is missing where the whole folder is away: it may come back with all of them.
+    def _require_place(self, *, has_files: bool = False) -> None:
+        """No file is missing where the whole folder or bucket is away: it may come back with all of them.
 
         So may what was kept in a folder that is empty, as one is on which nothing is mounted.
         """
         if self._folder is None:
-            return
-        if not self._folder.is_dir() or (has_files and self.is_empty()):
+            next(
+                self.stored(), None
+            )  # a bucket that is not there refuses this, and has no file alike
+        elif not self._folder.is_dir() or (has_files and self.is_empty()):
             raise StoreError("The file store does not answer; try again later.")
 
     def _put(self, digest: str, spooled: tempfile.SpooledTemporaryFile[bytes]) -> None:

@@ -52,11 +52,13 @@ def fair_order(
         queue = rows.select_from(Team).join(one, one.id == oldest.scalar_subquery()).cte()
     else:
         queue = rows.where(waiting).cte()
+    # PostgreSQL would ask what a CTE says once for each row beside it, as it expects one such row.
     running = (
         select(Job.team_id, func.count(Job.id).label("number"))
         .where(Job.lane == lane, _RUNS)
         .group_by(Job.team_id)
         .cte()
+        .prefix_with("MATERIALIZED", dialect="postgresql")
     )
     taken = aliased(Job)
     of_team = and_(taken.team_id == queue.c.team_id, taken.lane == lane)
@@ -69,6 +71,7 @@ def fair_order(
         )
         .group_by(queue.c.team_id)
         .cte()
+        .prefix_with("MATERIALIZED", dialect="postgresql")
     )
     return (
         select(Job.id)

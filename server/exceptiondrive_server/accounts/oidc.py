@@ -68,7 +68,7 @@ class Provider:
             SessionMiddleware,
             secret_key=self._flow_key,
             session_cookie="__Host-sign-in" if is_https else "sign-in",
-            max_age=FLOW_S,
+            max_age=None,  # else a server whose clock is behind that of the one that signed reads nothing
             https_only=is_https,
         )
 
@@ -85,15 +85,20 @@ class Provider:
         flow = await client.create_authorization_url(self._redirect_uri, state=state, nonce=nonce)
         url = str(flow.pop("url"))
         await client.save_authorize_data(
-            request, redirect_uri=self._redirect_uri, back=back, **flow
+            request,
+            redirect_uri=self._redirect_uri,
+            back=back,
+            until_s=time.time() + FLOW_S,
+            **flow,
         )
         return url
 
     async def way_back(self, request: Request) -> str | None:
-        """Return the page that a flow of this browser leads to; None if it began none such."""
+        """Return the page that a flow of this browser leads to; None if it began none such, or long ago."""
         state = request.query_params.get("state", "")
         flow = await self._flows.get_state_data(request.session, state)
-        return None if flow is None else str(flow["back"])
+        is_under_way = flow is not None and time.time() < flow.get("until_s", 0)
+        return str(flow["back"]) if is_under_way else None
 
     async def identity(self, request: Request) -> Identity:
         """Return who came back from the provider; whatever comes of it, the flow has ended.

@@ -331,8 +331,8 @@ def _store(url: str) -> Iterator[Finding]:
     except (StoreError, OSError) as error:
         yield Finding(
             Severity.ERROR,
-            f"the file store does not answer ({type(error).__name__})",
-            "check EXCEPTIONDRIVE_FILE_STORE_URL and its credentials",
+            f"the file store does not answer ({type(error.__cause__ or error).__name__})",
+            "check EXCEPTIONDRIVE_FILE_STORE_URL, that its bucket is there, its credentials, and the clock",
         )
         return
     if not url.startswith("file:"):
