@@ -21,7 +21,7 @@ from exceptiondrive_records.operations.invariants import broken_boards
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.submissions.similarity import similarity_report
 from exceptiondrive_schemas.board import BoardEntry
-from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.challenges import PLANNING, STRATEGY
 from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.flags import FLAGS
@@ -248,6 +248,26 @@ def test_standing_in_both_inputs_of_half_the_scenes_gains_until_a_protocol_flags
     stricter = protocol.model_copy(update={"plausibility": section})
     assert barring_flags(half, loaded, stricter) == {"source_stands_still"}
     assert barring_flags(honest, loaded, stricter) == set()
+
+
+def test_an_agent_that_nearly_always_stops_is_right_in_most_samples_and_not_flagged() -> None:
+    protocol, scoring = packaged_protocol("1.1"), SCORING[STRATEGY.id]
+    assert all("C" in task.acceptable for task in protocol.tasks)
+    loaded = load_split(sample_split(), protocol)
+    ids = loaded.manifest.sample_ids
+    answers = [
+        {"sample_id": key, "strategy": "C" if number % 12 else "B"}
+        for number, key in enumerate(ids)
+    ]
+    document = {"schema": STRATEGY.file_schema, "split": "sample", "predictions": answers}
+    checked = check(json.dumps(document).encode(), manifest=loaded.manifest, protocol=protocol)
+    assert checked.document is not None
+    measured = scoring.measure(
+        scoring.columns(checked.document, loaded.counted_ids), loaded.arrays, protocol.geometry
+    )
+    sheet = exact_sheet(scoring, measured, loaded.arrays, loaded.manifest.ref, protocol)
+    assert round(sheet.macro_family["accuracy"] or 0, 3) == 0.947
+    assert sheet.plausibility.flags == ()
 
 
 # The same on files of real planners, where they are: flags from the sheet alone.
