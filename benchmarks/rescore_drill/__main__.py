@@ -5,7 +5,7 @@
 A new required clearance, then a new footprint, each goes from draft to apply to rollback. At the
 end nothing may be lost, doubled or mixed, fresh submissions may have waited at most twice as long
 as without a run, and the board must have its earlier bytes again; else the exit code is 1.
-Needs ../shared/realdata beside the repository; writes only into a temporary folder.
+Needs the files of real planners (tests/support/realdata.py says where); writes only into a temporary folder.
 """
 
 import argparse
@@ -37,7 +37,7 @@ def main() -> None:
     parser.add_argument("--markdown", action="store_true", help="print the table as Markdown")
     given = parser.parse_args()
     if not REALDATA.is_dir():
-        sys.exit("the real planner files are not beside the repository: ../shared/realdata")
+        sys.exit("the real planner files are not where tests/support/realdata.py looks for them")
     began = time.monotonic()
     with Report(N_STAGES) as report:
         verdict = _verdict(given.database, given.submissions, report)

@@ -513,13 +513,13 @@ class Client(Connection):
             before_upload(outlook)
         else:
             said = {"replace": replace, "allow_unranked": allow_unranked}
-            for argument, sentence in outlook.to_confirm.items():
-                if not said[argument]:
-                    raise InvalidArgumentError(
-                        "not_confirmed",
-                        f"{sentence} Nothing was sent.",
-                        f"To send it, say {argument}=True.",
-                    )
+            asked = {name: words for name, words in outlook.to_confirm.items() if not said[name]}
+            if asked:
+                raise InvalidArgumentError(
+                    "not_confirmed",
+                    " ".join([*asked.values(), "Nothing was sent."]),
+                    f"To send it, say {' and '.join(f'{name}=True' for name in asked)}.",
+                )
         fields = {
             "phase": phase,
             "method": method,

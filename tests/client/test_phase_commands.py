@@ -260,6 +260,21 @@ def test_texts_come_from_files_and_a_phase_is_made_like_another(
     assert missing.exit_code == 2
 
 
+def test_a_phase_made_like_another_has_its_split_and_challenge_unless_told(
+    running: "Running",
+) -> None:
+    words = ("--title", "Next", "--json")
+    refused = organize(running, "create", "first", *words)
+    assert refused.exit_code == 2
+    assert "Add --split or --like." in refused.stderr
+    strategy = ("--split", "tiny", "--challenge", "strategy")
+    assert organize(running, "create", "first", *strategy, *words).exit_code == 0
+    for more, challenge in (((), "strategy"), (("--challenge", "planning"), "planning")):
+        done = organize(running, "create", challenge, "--like", "first", *more, *words)
+        made = json.loads(done.stdout)
+        assert (made["split"], made["challenge"]) == ("tiny", challenge)
+
+
 def test_a_phase_made_like_another_has_its_split_revision(running: "Running") -> None:
     make_phase(running)
     with running.context.database.write() as session:  # a later one, that no phase stands on

@@ -312,6 +312,24 @@ def test_an_entry_without_a_rank_says_why(working: "Running", planning_file: Mak
     assert "not ranked in phase dev: 75.00% of the scenes with hazard are answered" in done.stdout
 
 
+def test_all_that_has_to_be_confirmed_is_asked_at_once(
+    working: "Running", planning_file: MakeFile
+) -> None:
+    assert submit(working, planning_file(), "--wait").exit_code == 0
+    straight = [[4.0 * step, 0.0] for step in range(1, 7)]
+    predictions = [{"sample_id": f"s{n}", "source": straight, "edited": None} for n in range(4)]
+    file = planning_file("empty.json", predictions=predictions)
+    refused = submit(working, file)
+    assert "It replaces" in refused.stderr
+    assert "add --replace and --allow-unranked." in refused.stderr
+    with working.client() as client, pytest.raises(InvalidArgumentError) as caught:
+        client.submit(file, phase="dev", method="Planner")
+    assert caught.value.advice == "To send it, say replace=True and allow_unranked=True."
+    told = submit(working, file, "--replace").stderr
+    assert "add --allow-unranked." in told, "what was said is not asked for"
+    assert submit(working, file, "--replace", "--allow-unranked").exit_code == 0
+
+
 def test_the_same_bytes_are_the_same_submission_and_cost_nothing(
     working: "Running", planning_file: MakeFile
 ) -> None:

@@ -21,13 +21,18 @@ from exceptiondrive_records.operations.invariants import broken_boards
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.submissions.similarity import similarity_report
 from exceptiondrive_schemas.board import BoardEntry
-from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.challenges import PLANNING, STRATEGY
 from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.flags import FLAGS
-from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
+from exceptiondrive_schemas.protocol import (
+    ProtocolDocument,
+    packaged_protocol,
+    packaged_protocol_toml,
+)
 from exceptiondrive_schemas.split import Manifest, Split
-from exceptiondrive_scoring.challenge import SCORING
+from exceptiondrive_scoring.aliases import Columns
+from exceptiondrive_scoring.challenge import SCORING, exact_sheet
 from exceptiondrive_worker.sample.planners import PLANNERS, predictions
 from exceptiondrive_worker.sample.scenes import SEED, sample_scenes, sample_split
 from exceptiondrive_worker.splits.store import LoadedSplit, load_split, read_split
@@ -228,6 +233,43 @@ def test_the_table_of_the_docs_is_what_comes_of_it(contest: Contest) -> None:
     assert table in TRUST.read_text("utf-8"), f"docs/trust.md should say:\n{table}"
 
 
+def test_standing_in_both_inputs_of_half_the_scenes_gains_until_a_protocol_flags_it() -> None:
+    protocol = packaged_protocol("1.1")
+    loaded = load_split(sample_split(), protocol)
+    assert loaded.rows is not None
+    families = dict.fromkeys(loaded.manifest.sample_ids, 0)
+    honest = honest_file([each.method for each in PLANNERS].index(HONEST), sample_split(), families)
+    honest = replace(honest, source=honest.source[loaded.rows], edited=honest.edited[loaded.rows])
+    stands = (np.arange(len(loaded.rows)) % 25 < 12)[:, None, None]
+    half = honest.both(lambda paths: np.where(stands, 0.0, paths))
+    assert [round(hcc(each, loaded), 3) for each in (honest, half)] == [0.267, 0.634]
+    assert barring_flags(half, loaded) == set()
+    section = protocol.plausibility.model_copy(update={"flag_source_stationary": 0.2})
+    stricter = protocol.model_copy(update={"plausibility": section})
+    assert barring_flags(half, loaded, stricter) == {"source_stands_still"}
+    assert barring_flags(honest, loaded, stricter) == set()
+
+
+def test_an_agent_that_nearly_always_stops_is_right_in_most_samples_and_not_flagged() -> None:
+    protocol, scoring = packaged_protocol("1.1"), SCORING[STRATEGY.id]
+    assert all("C" in task.acceptable for task in protocol.tasks)
+    loaded = load_split(sample_split(), protocol)
+    ids = loaded.manifest.sample_ids
+    answers = [
+        {"sample_id": key, "strategy": "C" if number % 12 else "B"}
+        for number, key in enumerate(ids)
+    ]
+    document = {"schema": STRATEGY.file_schema, "split": "sample", "predictions": answers}
+    checked = check(json.dumps(document).encode(), manifest=loaded.manifest, protocol=protocol)
+    assert checked.document is not None
+    measured = scoring.measure(
+        scoring.columns(checked.document, loaded.counted_ids), loaded.arrays, protocol.geometry
+    )
+    sheet = exact_sheet(scoring, measured, loaded.arrays, loaded.manifest.ref, protocol)
+    assert round(sheet.macro_family["accuracy"] or 0, 3) == 0.947
+    assert sheet.plausibility.flags == ()
+
+
 # The same on files of real planners, where they are: flags from the sheet alone.
 
 
@@ -265,11 +307,25 @@ def read_answers(path: Path) -> dict[str, Any]:
     return {each["sample_id"]: each for each in document["predictions"]}
 
 
-def barring_flags(file: File, loaded: LoadedSplit) -> set[str]:
-    protocol, scoring = packaged_protocol("1.1"), SCORING[PLANNING.id]
+def measured(file: File, loaded: LoadedSplit) -> Columns:
     columns = {key: np.ascontiguousarray(getattr(file, key)) for key in ("source", "edited")}
-    measured = scoring.measure(columns, loaded.arrays, protocol.geometry)
-    flags = scoring.plausibility(measured, loaded.arrays, protocol).flags
+    geometry = packaged_protocol("1.1").geometry
+    return SCORING[PLANNING.id].measure(columns, loaded.arrays, geometry)
+
+
+def hcc(file: File, loaded: LoadedSplit) -> float:
+    scoring, ref = SCORING[PLANNING.id], loaded.manifest.ref
+    protocol = packaged_protocol("1.1")
+    sheet = exact_sheet(scoring, measured(file, loaded), loaded.arrays, ref, protocol)
+    return sheet.macro_family["hcc"] or 0.0
+
+
+def barring_flags(
+    file: File, loaded: LoadedSplit, protocol: ProtocolDocument | None = None
+) -> set[str]:
+    protocol = protocol or packaged_protocol("1.1")
+    columns = measured(file, loaded)
+    flags = SCORING[PLANNING.id].plausibility(columns, loaded.arrays, protocol).flags
     return {flag.code for flag in flags} & set(protocol.ranking.unranked_flags)
 
 

@@ -149,11 +149,10 @@ def _require_consent(outlook: Outlook, *, replace: bool, allow_unranked: bool) -
         InvalidArgumentError: Nobody can be asked, or the answer is no; nothing was sent.
     """
     said = {"replace": replace, "allow_unranked": allow_unranked}
-    for argument, sentence in outlook.to_confirm.items():
-        option = f"--{argument.replace('_', '-')}"
-        be_sure(
-            sentence, said[argument], option, question="Submit it?", nothing="Nothing was sent."
-        )
+    asked = {name: words for name, words in outlook.to_confirm.items() if not said[name]}
+    needed = " and ".join(f"--{name.replace('_', '-')}" for name in asked)
+    words = " ".join(asked.values())
+    be_sure(words, not asked, needed, question="Submit it?", nothing="Nothing was sent.")
 
 
 @with_client

@@ -314,7 +314,7 @@ def _board(root: Xml.Element, history: History, board: BoardNote, site_url: str)
     _text(entry, "updated", iso(board.published_at))
     made_under = f"Protocol {board.protocol}, content {board.digest}."
     said = [board.news, *board.what_changed, board.findings, made_under]
-    _text(entry, "summary", " ".join(filter(None, said)))
+    _text(entry, "summary", " ".join(f"{words.rstrip('.')}." for words in said if words))
 
 
 def _date(root: Xml.Element, history: History, date: PhaseDate, site_url: str) -> None:

@@ -320,6 +320,11 @@ def test_what_a_row_of_one_s_own_would_say_is_not_cut(visit: Visit) -> None:
     words = page.locator(".you .tm")
     words.evaluate("(part) => { part.textContent = 'on the board when the organizers reveal it'; }")
     assert words.evaluate("(part) => part.scrollWidth <= part.clientWidth")
+    command = page.locator(".you .cmd")
+    command.evaluate(
+        "(part) => part.firstElementChild.append(' --method \"A longer name\"'.repeat(3))"
+    )
+    assert command.evaluate("(part) => part.scrollWidth <= part.clientWidth")
 
 
 @pytest.mark.parametrize("path", ["/problems", "/problems/file_invalid"])

@@ -51,15 +51,22 @@ def create(
     organizer: Organizer,
     phase_id: Annotated[str, argument("ID", "Stands in addresses.")],
     split: Annotated[
-        str, option("--split", "NAME", "A registered split: see `organizer splits list`.")
-    ],
+        str | None,
+        option("--split", "NAME", "See `organizer splits list`; else that of --like."),
+    ] = None,
     split_revision: Annotated[
         str | None,
         option("--split-revision", "REVISION", "Else that of --like, or the one registered last."),
     ] = None,
     challenge: Annotated[
-        str, option("--challenge", "C", "planning or strategy.", offer=choices(*CHALLENGES))
-    ] = "planning",
+        str | None,
+        option(
+            "--challenge",
+            "C",
+            "Else that of --like, or planning.",
+            offer=choices(*CHALLENGES),
+        ),
+    ] = None,
     protocol: Annotated[
         str | None, option("--protocol", "V", "Version or digest; else the usual one.")
     ] = None,
@@ -73,9 +80,12 @@ def create(
 ) -> Answer:
     """Make a phase."""
     given = setting_document(PhaseSettings, settings)
-    model = None if like is None else organizer.phase(like)
-    taken_over = {} if model is None else _undated(model)
-    if model is not None and model["split"] == split:
+    model = {} if like is None else organizer.phase(like)
+    split, challenge = split or model.get("split"), challenge or model.get("challenge", "planning")
+    if split is None:
+        raise InvalidArgumentError("no_split", "A phase needs a split.", "Add --split or --like.")
+    taken_over = _undated(model) if model else {}
+    if model.get("split") == split:
         taken_over |= {key: model[key] for key in ("protocol", "split_revision")}
     wanted = {"id": phase_id, "split": split, "challenge": challenge, **_merged(taken_over, given)}
     named = {"split_revision": split_revision, "protocol": protocol}
