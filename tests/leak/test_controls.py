@@ -81,3 +81,13 @@ def test_a_file_that_stands_in_both_inputs_of_some_controls_is_judged_by_the_oth
     sheet = published(np.where(asleep, 0.0, drives), np.where(asleep, 0.0, brakes))
     assert sheet.micro["over_caution"] == 1.0
     assert barring(sheet) == {"over_cautious"}
+
+
+def test_braking_in_just_under_half_the_scenes_gains_and_is_not_flagged() -> None:
+    drives, brakes = recorded(), braking()
+    sometimes = (np.arange(len(drives)) % 20 < 9)[:, None, None]
+    sheet = published(drives, np.where(sometimes, brakes, drives))
+    assert barring(sheet) == set()
+    assert round(sheet.macro_family["hcc"] or 0, 3) == 0.39
+    assert sheet.micro["over_caution"] == 0.3333
+    assert round(published(drives, drives).macro_family["hcc"] or 0, 3) == 0.026
