@@ -227,9 +227,8 @@ class FileStore:
         So may what was kept in a folder that is empty, as one is on which nothing is mounted.
         """
         if self._folder is None:
-            next(
-                self.stored(), None
-            )  # a bucket that is not there refuses this, and has no file alike
+            # of a bucket that is not there no file is found either, but this is refused
+            next(self.stored(), None)
         elif not self._folder.is_dir() or (has_files and self.is_empty()):
             raise StoreError("The file store does not answer; try again later.")
 
