@@ -129,7 +129,7 @@ def _arrays(split: Split, protocol: ProtocolDocument) -> "SplitArrays":
         arrays = split_arrays(split.counted, protocol.taxonomy)
         far = f"with a corner more than {geometry.max_region_distance_m:g} m away"
         none_may(is_far(arrays.regions_m, geometry), far)
-        none_may(crosses_itself(arrays.regions_m), "that cross themselves")
+        none_may(crosses_itself(arrays.regions_m), "that cross or touch themselves")
         small = f"smaller than {geometry.min_region_area_m2:g} m2"
         none_may(is_small(arrays.regions_m, geometry), small)
         none_may(

@@ -63,8 +63,14 @@ def is_small(corners_m: FloatArray, geometry: GeometrySection) -> BoolArray:
 
 
 def crosses_itself(corners_m: FloatArray) -> BoolArray:
-    """Whether two corners of each region turn the wrong way; (N, 4, 2) -> (N,)."""
-    crosses: BoolArray = _is_reflex(counter_clockwise(corners_m)).sum(axis=1) > 1
+    """Whether each region crosses or touches itself; (N, 4, 2) -> (N,).
+
+    It crosses itself where two corners turn the wrong way, and touches itself where one turns back.
+    """
+    corners = counter_clockwise(corners_m)
+    ahead = ((corners - np.roll(corners, 1, 1)) * (np.roll(corners, -1, 1) - corners)).sum(axis=2)
+    turns_back = (corner_turns_m2(corners) == 0) & (ahead < 0)
+    crosses: BoolArray = (_is_reflex(corners).sum(axis=1) > 1) | turns_back.any(axis=1)
     return crosses
 
 
