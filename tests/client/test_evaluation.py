@@ -89,6 +89,14 @@ def test_a_split_with_tasks_that_the_protocol_does_not_list_is_refused(
         evaluate_file(planning_file(), split=split_file)
 
 
+def test_a_split_with_a_sample_twice_is_refused(planning_file: MakeFile, split_file: Path) -> None:
+    """Workers refuse it, too: it would count as two."""
+    document = json.loads(split_file.read_text())
+    document["samples"].append({**document["samples"][1], "withdrawn": "moved"})
+    with pytest.raises(InvalidArgumentError, match="more than once: s1"):
+        evaluate_file(planning_file(), split=document)
+
+
 def test_a_split_in_which_no_sample_counts_is_refused(
     planning_file: MakeFile, split_file: Path
 ) -> None:
