@@ -5,6 +5,7 @@ Needs a split with its hazard regions, such as the development split, and numpy 
 """
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable
 from itertools import zip_longest
 from typing import TYPE_CHECKING, NamedTuple
@@ -126,10 +127,13 @@ def _arrays(split: Split, protocol: ProtocolDocument) -> "SplitArrays":
             raise ValueError(f"hazard regions {what} ({len(named):,}): {first_of(named)}")
 
     try:
+        uses = Counter(sample.sample_id for sample in split.samples)
+        if repeated := sorted(name for name, count in uses.items() if count > 1):
+            raise ValueError(f"samples that stand in it more than once: {first_of(repeated)}")
         arrays = split_arrays(split.counted, protocol.taxonomy)
         far = f"with a corner more than {geometry.max_region_distance_m:g} m away"
         none_may(is_far(arrays.regions_m, geometry), far)
-        none_may(crosses_itself(arrays.regions_m), "that cross themselves")
+        none_may(crosses_itself(arrays.regions_m), "that cross or touch themselves")
         small = f"smaller than {geometry.min_region_area_m2:g} m2"
         none_may(is_small(arrays.regions_m, geometry), small)
         none_may(

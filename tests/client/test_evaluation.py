@@ -89,6 +89,14 @@ def test_a_split_with_tasks_that_the_protocol_does_not_list_is_refused(
         evaluate_file(planning_file(), split=split_file)
 
 
+def test_a_split_with_a_sample_twice_is_refused(planning_file: MakeFile, split_file: Path) -> None:
+    """Workers refuse it, too: it would count as two."""
+    document = json.loads(split_file.read_text())
+    document["samples"].append({**document["samples"][1], "withdrawn": "moved"})
+    with pytest.raises(InvalidArgumentError, match="more than once: s1"):
+        evaluate_file(planning_file(), split=document)
+
+
 def test_a_split_in_which_no_sample_counts_is_refused(
     planning_file: MakeFile, split_file: Path
 ) -> None:
@@ -104,10 +112,11 @@ def test_a_split_in_which_no_sample_counts_is_refused(
     ("region", "fault"),
     [
         ([[5.0, 2.0]] * 4, "smaller than 0.01 m2"),
-        ([[5.0, 2.0], [6.0, 2.0], [7.0, 2.0], [8.0, 2.0]], "smaller than 0.01 m2"),
+        ([[5.0, 2.0], [6.0, 2.0], [7.0, 2.0], [8.0, 2.0]], "that cross or touch themselves"),
         ([[90.0, 60.0], [91.0, 60.0], [91.0, 61.0], [90.0, 61.0]], "more than 100 m away"),
         ([[1e308, 1e308], [1e308, 2.0], [5.0, 2.0], [5.0, 1e308]], "more than 100 m away"),
-        ([[8.0, 2.0], [9.0, 3.0], [9.0, 2.0], [8.0, 3.0]], "that cross themselves"),
+        ([[8.0, 2.0], [9.0, 3.0], [9.0, 2.0], [8.0, 3.0]], "that cross or touch themselves"),
+        ([[8.0, 2.0], [10.0, 2.0], [9.0, 2.0], [9.0, 3.0]], "that cross or touch themselves"),
         ([[3.0, 0.0], [9.0, 0.0], [9.0, 2.0], [3.0, 2.0]], "that touch the footprint at t = 0"),
         ([[-20, -20], [20, -20], [20, 20], [-20, 20]], "that touch the footprint at t = 0"),
     ],
@@ -117,6 +126,7 @@ def test_a_split_in_which_no_sample_counts_is_refused(
         "far",
         "farther than numbers go",
         "a bow",
+        "a spike",
         "at the car",
         "around the car",
     ],

@@ -144,7 +144,7 @@ def test_a_manifest_is_the_same_in_every_form(
     assert given_manifest(manifest) is manifest
 
 
-@pytest.mark.parametrize("protocol", [True, 5, 1.0, "9.9", "a\0", "\ud800"])
+@pytest.mark.parametrize("protocol", [True, 5, 1.0, {}, b"1.1", "9.9", "a\0", "\ud800"])
 def test_what_is_no_protocol_is_refused(planning_file: MakeFile, protocol: Any) -> None:
     with pytest.raises(InvalidArgumentError, match="is neither a protocol file nor a v") as told:
         check_file(planning_file(), protocol=protocol)

@@ -2,13 +2,20 @@
 
 import numpy as np
 import pytest
+import shapely
 
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import SplitSample
 from exceptiondrive_schemas.taxonomy import Strategy
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import split_arrays
-from exceptiondrive_scoring.region import is_far, is_small, prepare_regions, signed_area_m2
+from exceptiondrive_scoring.region import (
+    crosses_itself,
+    is_far,
+    is_small,
+    prepare_regions,
+    signed_area_m2,
+)
 
 SQUARE = [[1.0, 0.0], [2.0, 0.0], [2.0, 1.0], [1.0, 1.0]]
 DART = [[0.0, 0.0], [4.0, 0.0], [1.0, 1.0], [0.0, 4.0]]
@@ -47,6 +54,18 @@ def test_each_region_is_far_or_small_by_itself(protocol: ProtocolDocument) -> No
 def test_a_region_that_crosses_itself_is_refused() -> None:
     with pytest.raises(ValueError, match="crosses itself"):
         prepare_regions(np.array([SQUARE, BOW_TIE]))
+
+
+@pytest.mark.parametrize("step", [1.0, 0.1])
+def test_a_region_crosses_or_touches_itself_where_shapely_says_so(step: float) -> None:
+    """Corners on a small lattice are often on one line, or the same; 0.1 is no binary number."""
+    lattice = np.random.default_rng(7).integers(0, 4, (20_000, 4, 2))
+    drawn = np.asarray(lattice * step + 20, dtype=np.float64)
+    regions = drawn[np.abs(signed_area_m2(drawn)) > step**2 / 4]
+    simple = np.asarray(shapely.is_valid(shapely.polygons(regions)))
+    assert simple.any()
+    assert not simple.all()
+    assert (crosses_itself(regions) == ~simple).all()
 
 
 def _sample(sample_id: str, scene_id: str, task: str, **overrides: object) -> SplitSample:

@@ -52,18 +52,24 @@ def is_small(corners_m: FloatArray, geometry: GeometrySection) -> BoolArray:
 
 
 def crosses_itself(corners_m: FloatArray) -> BoolArray:
-    """Whether two corners of each region turn the wrong way; (N, 4, 2) -> (N,)."""
-    crosses: BoolArray = _is_reflex(counter_clockwise(corners_m)).sum(axis=1) > 1
+    """Whether each region crosses or touches itself; (N, 4, 2) -> (N,).
+
+    It crosses itself where two corners turn the wrong way, and touches itself where one turns back.
+    """
+    corners = counter_clockwise(corners_m)
+    turns_m2 = _turns_m2(corners)
+    ahead = ((corners - np.roll(corners, 1, 1)) * (np.roll(corners, -1, 1) - corners)).sum(axis=2)
+    turns_back = (turns_m2 == 0) & (ahead < 0)
+    crosses: BoolArray = ((turns_m2 < 0).sum(axis=1) > 1) | turns_back.any(axis=1)
     return crosses
 
 
-def _is_reflex(corners_m: FloatArray) -> BoolArray:
-    """Which corners turn right on a counter-clockwise boundary; (N, 4, 2) -> (N, 4)."""
+def _turns_m2(corners_m: FloatArray) -> FloatArray:
+    """Cross product of the sides at each corner, below 0 where a counter-clockwise boundary turns right; (N, 4)."""
     incoming = corners_m - np.roll(corners_m, 1, axis=1)
     outgoing = np.roll(corners_m, -1, axis=1) - corners_m
-    turns = incoming[..., 0] * outgoing[..., 1] - incoming[..., 1] * outgoing[..., 0]
-    reflex: BoolArray = turns < 0
-    return reflex
+    turns: FloatArray = incoming[..., 0] * outgoing[..., 1] - incoming[..., 1] * outgoing[..., 0]
+    return turns
 
 
 def counter_clockwise(corners_m: FloatArray) -> FloatArray:
@@ -83,7 +89,7 @@ def prepare_regions(regions_m: FloatArray) -> PreparedRegions:
         ValueError: A region crosses itself.
     """
     corners = counter_clockwise(np.asarray(regions_m, dtype=np.float64).reshape(-1, 4, 2))
-    reflex = _is_reflex(corners)
+    reflex = _turns_m2(corners) < 0
     if (reflex.sum(axis=1) > 1).any():
         raise ValueError("a hazard region crosses itself; the split has to be repaired")
     concave = np.flatnonzero(reflex.any(axis=1))

@@ -44,7 +44,7 @@ def register(app: typer.Typer) -> None:
 def lint_split(
     workshop: WorkshopFolder = Path(),
     file: Annotated[
-        Path | None, typer.Option(help="A split file, instead of the workshop.")
+        Path | None, typer.Option(help="A split file, in place of what the workshop would freeze.")
     ] = None,
     jury_folder: Annotated[
         Path | None, typer.Option("--jury", help="Folder with files of known planners.")

@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-import shapely
 
 from exceptiondrive_build.values import Corners
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -12,7 +11,13 @@ from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.clearance import clearance_m, touches_start
 from exceptiondrive_scoring.drawing import tube_pieces_m
 from exceptiondrive_scoring.footprint import footprints_m
-from exceptiondrive_scoring.region import is_far, is_small, prepare_regions
+from exceptiondrive_scoring.region import (
+    crosses_itself,
+    is_far,
+    is_small,
+    prepare_regions,
+    signed_area_m2,
+)
 
 
 def region_faults(corners: Corners | None, protocol: ProtocolDocument) -> tuple[str, ...]:
@@ -23,10 +28,10 @@ def region_faults(corners: Corners | None, protocol: ProtocolDocument) -> tuple[
     points = np.array(corners)
     if not np.isfinite(points).all():
         return ("a corner is not finite",)
-    if not shapely.is_valid(shapely.polygons(points)):
-        return ("it crosses or touches itself",)
     if is_far(points[None], geometry)[0]:
         return (f"a corner is more than {geometry.max_region_distance_m:g} m away",)
+    if crosses_itself(points[None])[0]:
+        return ("it crosses or touches itself",)
     faults = []
     if is_small(points[None], geometry)[0]:
         faults.append(f"it is smaller than {geometry.min_region_area_m2:g} m²")
@@ -38,13 +43,14 @@ def region_faults(corners: Corners | None, protocol: ProtocolDocument) -> tuple[
 def measured(
     corners: Corners, path: tuple[Waypoint, ...] | None, protocol: ProtocolDocument
 ) -> dict[str, Any]:
-    """Area, clearance of the recorded drive (None where it is not known), and faults of a region."""
+    """Area and clearance of the recorded drive, None where they are not known, and faults of a region."""
     area_m2 = drive_m = None
-    if shapely.is_valid(shapely.polygons(np.array(corners))):
-        area_m2 = float(shapely.Polygon(corners).area)
+    points = np.array([corners])
+    if not is_far(points, protocol.geometry)[0] and not crosses_itself(points)[0]:
+        area_m2 = float(np.abs(signed_area_m2(points))[0])
         if path:
-            regions = prepare_regions(np.array([corners]))
-            drive_m = float(clearance_m(_from_origin(path)[None], regions, protocol.geometry)[0])
+            drive = _from_origin(path)[None]
+            drive_m = float(clearance_m(drive, prepare_regions(points), protocol.geometry)[0])
     return {
         "faults": region_faults(corners, protocol),
         "area_m2": area_m2,

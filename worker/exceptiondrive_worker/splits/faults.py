@@ -9,13 +9,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import shapely
 
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 from exceptiondrive_schemas.split import Split, SplitSample
 from exceptiondrive_scoring.aliases import BoolArray, FloatArray
 from exceptiondrive_scoring.clearance import touches_start
-from exceptiondrive_scoring.region import is_far, is_small, prepare_regions
+from exceptiondrive_scoring.region import crosses_itself, is_far, is_small, prepare_regions
 
 Found = tuple[str, list[str]]
 """What is wrong, and the ids of the samples that have it."""
@@ -110,10 +109,7 @@ def _region_faults(samples: Sequence[SplitSample], geometry: GeometrySection) ->
         f"hazard regions with a corner more than {limit_m:g} m away",
         lambda regions: is_far(regions, geometry),
     )
-    ask(
-        "hazard regions that cross or touch themselves",
-        lambda regions: ~np.asarray(shapely.is_valid(shapely.polygons(regions)), dtype=np.bool_),
-    )
+    ask("hazard regions that cross or touch themselves", crosses_itself)
     ask(
         f"hazard regions smaller than {least_m2:g} m2",
         lambda regions: is_small(regions, geometry),
