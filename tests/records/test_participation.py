@@ -18,10 +18,12 @@ from exceptiondrive_records.accounts.people import (
     members_of,
     welcome_person,
 )
-from exceptiondrive_records.accounts.tables import Token
-from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
+from exceptiondrive_records.accounts.sessions import open_person_session, open_token_session
+from exceptiondrive_records.accounts.tables import BrowserSession, Membership, Person, Token
+from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token, verify_token
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.boards.standings import entries_for_board
+from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import (
     Conflict,
@@ -34,7 +36,7 @@ from exceptiondrive_records.db.errors import (
 from exceptiondrive_records.news.questions import answer_question, ask_question
 from exceptiondrive_records.notifications.contacts import add_contact, list_contacts
 from exceptiondrive_records.notifications.inbox import list_notifications
-from exceptiondrive_records.notifications.tables import Channel, Delivery
+from exceptiondrive_records.notifications.tables import Channel, ContactPoint, Delivery
 from exceptiondrive_records.participation.allowances import set_allowance
 from exceptiondrive_records.participation.changes import approve_team, change_team, merge_teams
 from exceptiondrive_records.participation.disqualification import (
@@ -390,6 +392,68 @@ def test_what_a_team_asked_is_answered_to_the_team_that_it_became_part_of(world:
     assert told(world)[0] == "Development: A question, answered"
 
 
+def with_all_that_a_team_has(world: World, slug: str) -> int:
+    """Make a team with a row of everything that forgetting or merging takes or moves."""
+    team_id = another(world, slug)
+    entry = world.submit(slug, team_id=team_id).submission.id
+    with world.database.write() as session:
+        find_submission(session, entry).description = f"By {slug}"
+        identity = Identity("https://login.example.org", slug, name=slug)
+        person = welcome_person(session, identity)
+        link, _ = invite(session, team_id, slug, actor=f"person:{person.id}")
+        accept_invitation(session, link, person.id, actor=WHO)
+        open_person_session(session, person)
+        invite(session, team_id, slug, actor=f"person:{person.id}")
+        text, _ = issue_token(session, team_id, slug, actor=WHO)
+        principal = verify_token(session, text)
+        assert principal is not None
+        open_token_session(session, principal)
+        hook = f"https://example.com/{slug}"
+        add_contact(session, team_id, Channel.WEBHOOK, hook, actor=WHO, wishes=())
+        ask_question(session, team_id, "dev", f"May {slug}?", actor=WHO)
+        send_message(session, "Hello", slug, actor=WHO, teams=[slug])
+    return team_id
+
+
+def rows_about(world: World, team_id: int) -> dict[str, Any]:
+    """All rows that name a team, and those of its people, sessions and messages on their way."""
+    tables = [table for table in Base.metadata.sorted_tables if "team_id" in table.columns]
+    with world.database.read() as session:
+        tokens = select(Token.id).where(Token.team_id == team_id)
+        people = select(Membership.person_id).where(Membership.team_id == team_id)
+        contacts = select(ContactPoint.id).where(ContactPoint.team_id == team_id)
+        by_token, by_person = (
+            BrowserSession.token_id.in_(tokens),
+            BrowserSession.person_id.in_(people),
+        )
+        queries = {table.name: select(table).where(table.c.team_id == team_id) for table in tables}
+        queries |= {
+            "people": select(Person.__table__).where(Person.id.in_(people)),
+            "sessions": select(BrowserSession.__table__).where(by_token | by_person),
+            "deliveries": select(Delivery.id, Delivery.state).where(
+                Delivery.contact_id.in_(contacts)
+            ),
+        }
+        found = {name: sorted(map(repr, session.execute(query))) for name, query in queries.items()}
+    return {name: rows for name, rows in found.items() if rows}
+
+
+@pytest.mark.parametrize(
+    "deed", [partial(forget_team, slug="beta"), partial(merge_teams, slug="beta", into="alpha")]
+)
+def test_what_is_forgotten_or_merged_takes_nothing_of_another_team(world: World, deed: Any) -> None:
+    with_all_that_a_team_has(world, "beta")
+    gamma = with_all_that_a_team_has(world, "gamma")
+    before = rows_about(world, gamma)
+    assert before.keys() >= {
+        "contact_points", "deliveries", "invitations", "memberships", "notifications", "people",
+        "questions", "sessions", "submissions", "tokens",
+    }  # fmt: skip
+    with world.database.write() as session:
+        deed(session, **WHY)
+    assert rows_about(world, gamma) == before
+
+
 def test_an_upload_in_the_air_makes_no_entry_of_a_team_that_is_none_any_more(
     world: World,
 ) -> None:
@@ -598,10 +662,10 @@ def test_many_teams_are_made_or_none(world: World) -> None:
     assert "Line 4" in str(refused.value)
     with world.database.read() as session:
         assert [team.slug for team in list_teams(session)] == ["alpha", "beta", "gamma"]
-    twice = "id,name\ndelta,Delta\nDelta2,Other\ndelta,Third\nepsilon,DELTA\n"
+    twice = "id,name\ndelta,Delta\nDelta2,Other\nzeta,Zeta\ndelta,Third\nepsilon,DELTA\n"
     with pytest.raises(InvalidRecord) as refused, world.database.write() as session:
         import_teams(session, twice, actor=WHO)
-    assert "Line 4, Line 5: It has the id or the name of line 2." in str(refused.value)
+    assert "Line 5, Line 6: It has the id or the name of line 2." in str(refused.value)
     long = f"id,name\ndelta,Delta\nepsilon,Delta{chr(0x301) * 90_000}\n"
     with pytest.raises(InvalidRecord) as refused, world.database.write() as session:
         import_teams(session, long, actor=WHO)
