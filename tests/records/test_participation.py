@@ -2,6 +2,7 @@
 
 import re
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from datetime import timedelta
 from functools import partial
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 from tests.records.world import World
+from tests.support.records import add_phase
 
 from exceptiondrive_records.accounts.people import (
     Identity,
@@ -120,8 +122,12 @@ def test_a_disqualified_entry_leaves_its_place_empty_and_comes_back(world: World
 def test_a_disqualified_team_stands_nowhere_and_submits_nothing(world: World) -> None:
     kept = world.scored("one", "Planner")
     with world.database.write() as session:
+        add_phase(session, "other")
+    other = replace(world, phase_id="other")
+    elsewhere = other.scored("one", "Planner")
+    with world.database.write() as session:
         number = disqualify_team(session, "alpha", phase_id="dev", **WHY).id
-    assert world.standing() == {}
+    assert (world.standing(), list(other.standing())) == ({}, [elsewhere])
     with pytest.raises(NotAllowed, match="Your team is disqualified in this phase"):
         world.submit("another file")
     with pytest.raises(Conflict), world.database.write() as session:
@@ -135,6 +141,7 @@ def test_a_disqualified_team_stands_nowhere_and_submits_nothing(world: World) ->
     with world.database.write() as session:
         disqualify_team(session, "alpha", **WHY)
     assert told(world)[0] == "Your team Alpha is disqualified in all phases"
+    assert world.standing() == other.standing() == {}
 
 
 def test_notes_of_an_anonymous_phase_join_with_no_other_by_phase_or_time(world: World) -> None:
