@@ -182,8 +182,11 @@ def test_a_later_deadline_holds_for_one_team_and_for_what_came_before_it(world: 
     with pytest.raises(PhaseClosed):
         world.submit("of nobody")
     with world.database.write() as session:
-        now = database_now(session)
-        set_allowance(session, "alpha", "dev", closes_at=now + timedelta(hours=1), **WHY)
+        until = database_now(session) + timedelta(hours=1)
+        set_allowance(session, "alpha", "dev", closes_at=until, **WHY)
+    with world.database.read() as session:
+        said = list_notifications(session, world.team_id)[0].what_changed
+    assert said[1:] == (f"Your deadline is {until:%Y-%m-%d %H:%M} UTC.",)
     later = world.scored("late", "Planner")
     assert list(world.standing()) == [later], "it is no late entry: it displaces the run before it"
     with world.database.read() as session:
@@ -501,7 +504,7 @@ def test_no_deed_of_a_season_is_done_to_a_team_that_is_none_any_more(world: Worl
             deed(session, "beta", **WHY)
 
 
-def test_teams_with_the_same_bytes_or_a_disqualification_are_not_merged(world: World) -> None:
+def test_teams_with_the_same_bytes_disqualified_or_forgotten_are_not_merged(world: World) -> None:
     beta = another(world)
     first = world.submit("one").submission.id
     with world.database.write() as session:
@@ -516,6 +519,11 @@ def test_teams_with_the_same_bytes_or_a_disqualification_are_not_merged(world: W
         disqualify_team(session, "gamma", **WHY)
     with pytest.raises(Conflict, match="disqualified"), world.database.write() as session:
         merge_teams(session, "gamma", "alpha", **WHY)
+    another(world, "delta")
+    with world.database.write() as session:
+        alias = forget_team(session, "delta", **WHY).slug
+    with pytest.raises(Conflict, match="is forgotten"), world.database.write() as session:
+        merge_teams(session, alias, "alpha", **WHY)
 
 
 def test_a_message_reaches_inbox_and_addresses_once(world: World) -> None:
