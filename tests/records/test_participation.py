@@ -65,6 +65,7 @@ from exceptiondrive_records.teams.teams import (
     list_teams,
     refuse_team,
 )
+from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.api.phase_settings import PhaseChange
 
 WHO = "token:o"
@@ -301,6 +302,23 @@ def test_a_team_is_renamed_and_no_two_look_alike(world: World) -> None:
     with world.database.write() as session:
         change_team(session, "alpha", name="GAMMA", **WHY)
     assert last_action(world) == "team changed"
+
+
+def test_boards_of_an_archived_phase_keep_the_name_that_a_team_had(world: World) -> None:
+    def asked() -> dict[str, int]:
+        with world.database.read() as session:
+            return {row.phase_id: row.asked for row in session.scalars(select(BoardRequest))}
+
+    with world.database.write() as session:
+        add_phase(session, "old")
+    for place in (world, replace(world, phase_id="old")):
+        place.scored("one", "Planner")
+    with world.database.write() as session:
+        session.get_one(Phase, "old").visibility = "archived"
+    before = asked()
+    with world.database.write() as session:
+        change_team(session, "alpha", name="Gamma", **WHY)
+    assert asked() == {"dev": before["dev"] + 1, "old": before["old"]}
 
 
 def test_two_teams_become_one_with_entries_people_and_addresses(world: World) -> None:
