@@ -2,6 +2,7 @@
 
 import re
 import subprocess
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,17 @@ from tests.chaos.suite import FAULTS
 from tests.hostile.rows import ROWS
 from typer.main import get_command
 
+from exceptiondrive import transport
 from exceptiondrive.cli import app as client
 from exceptiondrive_build.cli import app as build
+from exceptiondrive_records.accounts import people, sessions
+from exceptiondrive_records.entries import selection
+from exceptiondrive_records.news import questions
+from exceptiondrive_records.notifications import channels, contacts, events
+from exceptiondrive_records.teams import teams
+from exceptiondrive_records.work import heartbeats, jobs
 from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_server.accounts import oidc
 from exceptiondrive_server.operations.cli import app as server
 from exceptiondrive_worker.operator_cli import app as worker
 
@@ -255,3 +264,30 @@ def test_the_taxonomy_of_the_page_is_that_of_the_protocol() -> None:
         )
         for task in packaged_protocol("1.0").tasks
     ]
+
+
+@pytest.mark.parametrize(
+    ("document", "words", "limit", "value"),
+    [
+        ("access", "opens a session of twelve hours", sessions.LIFETIME, timedelta(hours=12)),
+        ("access", "once, within seven days", people.INVITATION_LIFETIME, timedelta(days=7)),
+        ("access", "ends within ten minutes", oidc.FLOW_S, 600),
+        ("access", "nobody looked at for three days", teams.PLACE_LASTS, timedelta(days=3)),
+        ("client", "longer than 30 s the command ends", transport.LONGEST_RETRY_AFTER_S, 30),
+        ("client", "*Submit it*, for 24 hours", jobs.CONFIRM_WITHIN, timedelta(hours=24)),
+        ("operating", "silent for two minutes has no line", heartbeats.MISSED_FOR_S, 120),
+        ("operating", "one above 15 s: see *lost worker*", heartbeats.HEARTBEAT_TTL_S, 15),
+        ("phases", "At most five questions of a team", questions.MAX_OPEN, 5),
+        ("phases", "50 times in 24 hours at most", selection.MAX_CHOICES_A_DAY, 50),
+        ("rescoring", "may add up to five addresses", contacts.MAX_CONTACTS, 5),
+        ("rescoring", "ends within a day", events._ENDS_SOON, timedelta(days=1)),
+        ("rescoring", "most once an hour and phase", events._PASSED_WITHIN, timedelta(hours=1)),
+        ("rescoring", "redirects not followed), for 20 s", channels._LONGEST_S, 20),
+        ("trust", "three a day at most to one mailbox", contacts.MAX_ASKED_A_DAY, 3),
+    ],
+)
+def test_a_limit_is_what_a_document_says(
+    document: str, words: str, limit: object, value: object
+) -> None:
+    assert words in " ".join((DOCS / f"{document}.md").read_text("utf-8").split())
+    assert limit == value

@@ -5,6 +5,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from tests.phases.browsing import send, visitor
 
+from exceptiondrive_records.news.news import list_news
+from exceptiondrive_records.news.questions import list_questions
+
 if TYPE_CHECKING:
     from tests.phases.life import Life
 
@@ -119,6 +122,27 @@ def test_a_question_is_answered_to_the_team_alone(open_phase: "Life", by: str) -
     assert life.json("/api/v1/phases/test/news") == []
     again = {"text": "No.", "to_all": True}
     assert "already" in life.refused(f"/questions/{question['id']}/answer", again, 409)
+
+
+def test_the_newest_stands_first_and_a_question_that_waits_longest_before_all(
+    open_phase: "Life",
+) -> None:
+    life = open_phase
+    life.make_phase("two", split="plain", title="Two")
+    asked = []
+    for words in ("One?", "Two?", "Three?"):
+        body, path = {"text": words}, "/api/v1/phases/test/questions"
+        asked.append(life.request("POST", path, "alpha", json=body).json()["id"])
+        life.done("/phases/test/news", {"title": words, "text": words})
+    life.done(f"/questions/{asked[1]}/answer", {"text": ANSWER})
+    with life.database.read() as session:
+        announced = [one.title for one in list_news(session)]
+        listed = [question.id for question, _ in list_questions(session, "test")]
+        elsewhere = list_questions(session, "two")
+    assert announced == ["Three?", "Two?", "One?"]
+    assert (listed, elsewhere) == ([asked[0], asked[2], asked[1]], [])
+    mine = life.json("/api/v1/phases/test/questions", "alpha")
+    assert [one["id"] for one in mine] == asked[::-1]
 
 
 def test_an_answer_to_all_does_not_say_who_asked(open_phase: "Life") -> None:

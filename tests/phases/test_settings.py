@@ -1,5 +1,6 @@
 """The settings of a phase: what fits together, what may still change, and that it is audited."""
 
+from datetime import timedelta
 from typing import TYPE_CHECKING
 
 import pytest
@@ -84,6 +85,29 @@ def test_what_teams_were_promised_does_not_change_under_them(
     life.submit("alpha", 1.0, "Planner", "plain")
     words = life.refused("/phases/test", {"policy": change}, 409, "PATCH")
     assert "The phase has submissions" in words
+
+
+def test_a_change_of_the_policy_keeps_the_board_and_every_pseudonym(life: "Life") -> None:
+    life.make_phase(split="plain", policy={"anonymous": True})
+    life.submit("alpha", 1.0, "Planner", "plain")
+    life.work()
+    before = life.board()
+    life.change({"policy": {"entries_shown": "chosen"}})
+    assert life.board() == before
+    life.submit("beta", 2.0, "Planner", "plain")
+    life.work()
+    after = {row["submission_id"]: row["team"] for row in life.board()["entries"]}
+    assert len(after) == 2
+    assert [after[row["submission_id"]] for row in before["entries"]] == [
+        row["team"] for row in before["entries"]
+    ]
+
+
+def test_after_a_freeze_beyond_the_deadline_other_settings_can_be_changed(life: "Life") -> None:
+    life.make_phase(split="plain", closes_at=LATER)
+    life.move(closes_at=life.now() - timedelta(minutes=1))
+    life.done("/phases/test/freeze", {"reason": "before the prizes"})
+    assert life.change({"quota_total": 7})["quota_total"] == 7
 
 
 def test_only_organizers_change_a_phase(life: "Life") -> None:

@@ -2,6 +2,7 @@
 
 import re
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from datetime import timedelta
 from functools import partial
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 from tests.records.world import World
+from tests.support.records import add_phase
 
 from exceptiondrive_records.accounts.people import (
     Identity,
@@ -18,10 +20,12 @@ from exceptiondrive_records.accounts.people import (
     members_of,
     welcome_person,
 )
-from exceptiondrive_records.accounts.tables import Token
-from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
+from exceptiondrive_records.accounts.sessions import open_person_session, open_token_session
+from exceptiondrive_records.accounts.tables import BrowserSession, Membership, Person, Token
+from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token, verify_token
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.boards.standings import entries_for_board
+from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import (
     Conflict,
@@ -34,7 +38,7 @@ from exceptiondrive_records.db.errors import (
 from exceptiondrive_records.news.questions import answer_question, ask_question
 from exceptiondrive_records.notifications.contacts import add_contact, list_contacts
 from exceptiondrive_records.notifications.inbox import list_notifications
-from exceptiondrive_records.notifications.tables import Channel, Delivery
+from exceptiondrive_records.notifications.tables import Channel, ContactPoint, Delivery
 from exceptiondrive_records.participation.allowances import set_allowance
 from exceptiondrive_records.participation.changes import approve_team, change_team, merge_teams
 from exceptiondrive_records.participation.disqualification import (
@@ -61,6 +65,7 @@ from exceptiondrive_records.teams.teams import (
     list_teams,
     refuse_team,
 )
+from exceptiondrive_records.work.tables import BoardRequest
 from exceptiondrive_schemas.api.phase_settings import PhaseChange
 
 WHO = "token:o"
@@ -118,8 +123,12 @@ def test_a_disqualified_entry_leaves_its_place_empty_and_comes_back(world: World
 def test_a_disqualified_team_stands_nowhere_and_submits_nothing(world: World) -> None:
     kept = world.scored("one", "Planner")
     with world.database.write() as session:
+        add_phase(session, "other")
+    other = replace(world, phase_id="other")
+    elsewhere = other.scored("one", "Planner")
+    with world.database.write() as session:
         number = disqualify_team(session, "alpha", phase_id="dev", **WHY).id
-    assert world.standing() == {}
+    assert (world.standing(), list(other.standing())) == ({}, [elsewhere])
     with pytest.raises(NotAllowed, match="Your team is disqualified in this phase"):
         world.submit("another file")
     with pytest.raises(Conflict), world.database.write() as session:
@@ -133,6 +142,7 @@ def test_a_disqualified_team_stands_nowhere_and_submits_nothing(world: World) ->
     with world.database.write() as session:
         disqualify_team(session, "alpha", **WHY)
     assert told(world)[0] == "Your team Alpha is disqualified in all phases"
+    assert world.standing() == other.standing() == {}
 
 
 def test_notes_of_an_anonymous_phase_join_with_no_other_by_phase_or_time(world: World) -> None:
@@ -173,8 +183,11 @@ def test_a_later_deadline_holds_for_one_team_and_for_what_came_before_it(world: 
     with pytest.raises(PhaseClosed):
         world.submit("of nobody")
     with world.database.write() as session:
-        now = database_now(session)
-        set_allowance(session, "alpha", "dev", closes_at=now + timedelta(hours=1), **WHY)
+        until = database_now(session) + timedelta(hours=1)
+        set_allowance(session, "alpha", "dev", closes_at=until, **WHY)
+    with world.database.read() as session:
+        said = list_notifications(session, world.team_id)[0].what_changed
+    assert said[1:] == (f"Your deadline is {until:%Y-%m-%d %H:%M} UTC.",)
     later = world.scored("late", "Planner")
     assert list(world.standing()) == [later], "it is no late entry: it displaces the run before it"
     with world.database.read() as session:
@@ -291,6 +304,23 @@ def test_a_team_is_renamed_and_no_two_look_alike(world: World) -> None:
     assert last_action(world) == "team changed"
 
 
+def test_boards_of_an_archived_phase_keep_the_name_that_a_team_had(world: World) -> None:
+    def asked() -> dict[str, int]:
+        with world.database.read() as session:
+            return {row.phase_id: row.asked for row in session.scalars(select(BoardRequest))}
+
+    with world.database.write() as session:
+        add_phase(session, "old")
+    for place in (world, replace(world, phase_id="old")):
+        place.scored("one", "Planner")
+    with world.database.write() as session:
+        session.get_one(Phase, "old").visibility = "archived"
+    before = asked()
+    with world.database.write() as session:
+        change_team(session, "alpha", name="Gamma", **WHY)
+    assert asked() == {"dev": before["dev"] + 1, "old": before["old"]}
+
+
 def test_two_teams_become_one_with_entries_people_and_addresses(world: World) -> None:
     beta = another(world)
     mine, theirs = world.scored("one", "Planner"), world.submit("two", "Theirs", beta)
@@ -390,6 +420,68 @@ def test_what_a_team_asked_is_answered_to_the_team_that_it_became_part_of(world:
     assert told(world)[0] == "Development: A question, answered"
 
 
+def with_all_that_a_team_has(world: World, slug: str) -> int:
+    """Make a team with a row of everything that forgetting or merging takes or moves."""
+    team_id = another(world, slug)
+    entry = world.submit(slug, team_id=team_id).submission.id
+    with world.database.write() as session:
+        find_submission(session, entry).description = f"By {slug}"
+        identity = Identity("https://login.example.org", slug, name=slug)
+        person = welcome_person(session, identity)
+        link, _ = invite(session, team_id, slug, actor=f"person:{person.id}")
+        accept_invitation(session, link, person.id, actor=WHO)
+        open_person_session(session, person)
+        invite(session, team_id, slug, actor=f"person:{person.id}")
+        text, _ = issue_token(session, team_id, slug, actor=WHO)
+        principal = verify_token(session, text)
+        assert principal is not None
+        open_token_session(session, principal)
+        hook = f"https://example.com/{slug}"
+        add_contact(session, team_id, Channel.WEBHOOK, hook, actor=WHO, wishes=())
+        ask_question(session, team_id, "dev", f"May {slug}?", actor=WHO)
+        send_message(session, "Hello", slug, actor=WHO, teams=[slug])
+    return team_id
+
+
+def rows_about(world: World, team_id: int) -> dict[str, Any]:
+    """All rows that name a team, and those of its people, sessions and messages on their way."""
+    tables = [table for table in Base.metadata.sorted_tables if "team_id" in table.columns]
+    with world.database.read() as session:
+        tokens = select(Token.id).where(Token.team_id == team_id)
+        people = select(Membership.person_id).where(Membership.team_id == team_id)
+        contacts = select(ContactPoint.id).where(ContactPoint.team_id == team_id)
+        by_token, by_person = (
+            BrowserSession.token_id.in_(tokens),
+            BrowserSession.person_id.in_(people),
+        )
+        queries = {table.name: select(table).where(table.c.team_id == team_id) for table in tables}
+        queries |= {
+            "people": select(Person.__table__).where(Person.id.in_(people)),
+            "sessions": select(BrowserSession.__table__).where(by_token | by_person),
+            "deliveries": select(Delivery.id, Delivery.state).where(
+                Delivery.contact_id.in_(contacts)
+            ),
+        }
+        found = {name: sorted(map(repr, session.execute(query))) for name, query in queries.items()}
+    return {name: rows for name, rows in found.items() if rows}
+
+
+@pytest.mark.parametrize(
+    "deed", [partial(forget_team, slug="beta"), partial(merge_teams, slug="beta", into="alpha")]
+)
+def test_what_is_forgotten_or_merged_takes_nothing_of_another_team(world: World, deed: Any) -> None:
+    with_all_that_a_team_has(world, "beta")
+    gamma = with_all_that_a_team_has(world, "gamma")
+    before = rows_about(world, gamma)
+    assert before.keys() >= {
+        "contact_points", "deliveries", "invitations", "memberships", "notifications", "people",
+        "questions", "sessions", "submissions", "tokens",
+    }  # fmt: skip
+    with world.database.write() as session:
+        deed(session, **WHY)
+    assert rows_about(world, gamma) == before
+
+
 def test_an_upload_in_the_air_makes_no_entry_of_a_team_that_is_none_any_more(
     world: World,
 ) -> None:
@@ -430,7 +522,7 @@ def test_no_deed_of_a_season_is_done_to_a_team_that_is_none_any_more(world: Worl
             deed(session, "beta", **WHY)
 
 
-def test_teams_with_the_same_bytes_or_a_disqualification_are_not_merged(world: World) -> None:
+def test_teams_with_the_same_bytes_disqualified_or_forgotten_are_not_merged(world: World) -> None:
     beta = another(world)
     first = world.submit("one").submission.id
     with world.database.write() as session:
@@ -445,6 +537,11 @@ def test_teams_with_the_same_bytes_or_a_disqualification_are_not_merged(world: W
         disqualify_team(session, "gamma", **WHY)
     with pytest.raises(Conflict, match="disqualified"), world.database.write() as session:
         merge_teams(session, "gamma", "alpha", **WHY)
+    another(world, "delta")
+    with world.database.write() as session:
+        alias = forget_team(session, "delta", **WHY).slug
+    with pytest.raises(Conflict, match="is forgotten"), world.database.write() as session:
+        merge_teams(session, alias, "alpha", **WHY)
 
 
 def test_a_message_reaches_inbox_and_addresses_once(world: World) -> None:
@@ -598,10 +695,10 @@ def test_many_teams_are_made_or_none(world: World) -> None:
     assert "Line 4" in str(refused.value)
     with world.database.read() as session:
         assert [team.slug for team in list_teams(session)] == ["alpha", "beta", "gamma"]
-    twice = "id,name\ndelta,Delta\nDelta2,Other\ndelta,Third\nepsilon,DELTA\n"
+    twice = "id,name\ndelta,Delta\nDelta2,Other\nzeta,Zeta\ndelta,Third\nepsilon,DELTA\n"
     with pytest.raises(InvalidRecord) as refused, world.database.write() as session:
         import_teams(session, twice, actor=WHO)
-    assert "Line 4, Line 5: It has the id or the name of line 2." in str(refused.value)
+    assert "Line 5, Line 6: It has the id or the name of line 2." in str(refused.value)
     long = f"id,name\ndelta,Delta\nepsilon,Delta{chr(0x301) * 90_000}\n"
     with pytest.raises(InvalidRecord) as refused, world.database.write() as session:
         import_teams(session, long, actor=WHO)

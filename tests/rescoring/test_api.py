@@ -22,7 +22,10 @@ def test_an_update_goes_from_document_to_rollback_over_the_api(
     }
     checked = api("POST", "/organizer/protocols/check?phase=dev", **toml).json()
     assert checked["sentence"] == "regrade only, 3 sheets"
+    against_the_last = "/organizer/protocols/check"
+    assert api("POST", against_the_last, **toml).json() == checked, "1.0 is the last"
     assert api("POST", "/organizer/protocols", **toml).status_code == 201
+    assert api("POST", against_the_last, **toml).json()["changes"] == [], "now it is the last"
     drafted = api(
         "POST", "/organizer/rescoring", json={"phase": "dev", "protocol": "1.1", **REASON}
     )

@@ -50,6 +50,14 @@ def test_what_becomes_of_an_entry(
     assert (found.change, found.metric_shifts) == (change, {"hcc": shift})
 
 
+def test_a_metric_without_a_value_on_one_of_the_boards_has_no_difference() -> None:
+    one = _entry("one", 1, 0.5)
+    without = one.model_copy(update={"metrics": {"hcc": None}})
+    for boards in ((one, without), (without, one)):
+        (found,) = compare_boards(*map(board_of, boards)).entries
+        assert (found.change, found.metric_shifts) == ("numbers", {"hcc": None})
+
+
 def test_the_preview_counts_every_rank_that_is_won_or_lost_and_who_newly_fails() -> None:
     old = board_of(_entry("fails", 1, 0.5), _entry("up", 2, 0.5), _entry("leaves", 3, 0.5))
     new = board_of(_entry("up", 1, 0.5), _entry("fails", None, 0.5), _entry("low", None, 0.1))

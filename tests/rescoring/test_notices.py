@@ -158,10 +158,11 @@ def test_a_webhook_is_signed_over_time_and_body_and_sent_once(
     assert delivery(stage).outcome.value == "sent"
 
 
+@pytest.mark.parametrize("status", [429, 500, 503])
 def test_a_webhook_that_stumbles_is_tried_again(
-    stage: Stage, make_protocol: Callable[..., str], receiver: Receiver
+    stage: Stage, make_protocol: Callable[..., str], receiver: Receiver, status: int
 ) -> None:
-    receiver.answers = [503, 204]
+    receiver.answers = [status, 204]
     told(stage, make_protocol, Channel.WEBHOOK, receiver.url)
     send_next(stage.database, settings())
     assert len(receiver.received) == 2

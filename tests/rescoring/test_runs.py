@@ -23,7 +23,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring import changes, fan_out
 from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.rescoring.runs import find_run
-from exceptiondrive_records.rescoring.views import board_history, public_run
+from exceptiondrive_records.rescoring.views import board_history, preview_of, public_run
 from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.teams import find_team
@@ -80,6 +80,9 @@ def test_apply_shows_the_previewed_board_and_rollback_the_exact_earlier_bytes(
     stage.apply(run_id)
     after = json.loads(stage.board())
     assert (after["board"], after["protocol"]["version"]) == (comparison.new_board, "1.1")
+    with stage.database.read() as session:
+        unfrozen_at = session.get_one(Phase, "dev").unfrozen_at
+    assert unfrozen_at is None, "an update of a board that moves reveals nothing"
     stage.rollback(run_id)
     assert stage.board() == before
     assert stage.view(run_id).state.value == "rolled_back"
@@ -166,7 +169,12 @@ def test_a_preview_is_stale_once_a_submission_has_come(
     run_id = stage.ready(make_protocol("1.1", *D_SAFE))
     seen = stage.preview(run_id).digest
     stage.submit(3.0, "newcomer")
+    stage.work(2)
+    assert stage.preview(run_id).is_stale, "a board with the newcomer is to be built"
     stage.work()
+    with stage.database.read() as session:
+        asked = [preview_of(session, run_id, digest).is_stale for digest in (None, seen)]
+    assert asked == [False, True]
     with pytest.raises(Conflict, match="stale"):
         stage.apply(run_id, seen)
     stage.apply(run_id)
@@ -218,8 +226,11 @@ def test_a_submission_that_waits_during_the_flip_is_scored_once_under_each(
     stage.work()
     with stage.database.read() as session:
         assert session.get_one(Submission, waiting).status.value == "scored"
+        shown = session.get_one(Phase, "dev").protocol_digest
         jobs = session.scalars(select(Job).where(Job.submission_id == waiting)).all()
-    assert sorted(job.is_first for job in jobs) == [False, True]
+    first, second = sorted(jobs, key=lambda job: job.is_first, reverse=True)
+    assert (first.is_first, first.lane, first.protocol_digest) == (True, Lane.LIVE, shown)
+    assert (second.is_first, second.lane) == (False, Lane.RESCORE), "it waits behind live work"
     assert "waiting" in {entry["method"] for entry in json.loads(stage.board())["entries"]}
 
 

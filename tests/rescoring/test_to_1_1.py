@@ -22,6 +22,7 @@ from tests.support.floors import write_floors
 from exceptiondrive_records.audit.log import audit_page
 from exceptiondrive_records.notifications.channels import text_of
 from exceptiondrive_records.notifications.inbox import list_notifications
+from exceptiondrive_records.rescoring.changes import CURE_OF_FLOORS
 from exceptiondrive_records.rescoring.views import board_history
 from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
@@ -135,3 +136,9 @@ def test_a_run_that_the_floors_of_the_split_forbid_stays_a_draft(
     organizer.refuse("The floors of the withheld split forbid it: it would be protocol", *start)
     (run,) = organizer.rescore("status")
     assert run["state"] == "draft"
+    assert CURE_OF_FLOORS in run["blockers"][0]
+    organizer.rescore("begin", run["id"], *REASON)
+    (run,) = organizer.rescore("status")
+    assert run["blockers"] == ["4 sheets of 4 are still missing."], (
+        "what was said of the draft is over"
+    )

@@ -26,9 +26,10 @@ from exceptiondrive_records.boards.boards import current_board
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.notifications.inbox import list_notifications
 from exceptiondrive_records.rescoring import changes
+from exceptiondrive_records.rescoring.comparison import split_steps
 from exceptiondrive_records.rescoring.views import board_history, public_run
 from exceptiondrive_records.splits.shown import shown_revision
-from exceptiondrive_records.splits.splits import publish_split
+from exceptiondrive_records.splits.splits import find_split, publish_split
 from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.teams.teams import create_team, find_team
 from exceptiondrive_schemas.base import bytes_digest
@@ -137,6 +138,22 @@ def test_a_run_over_two_revisions_tells_what_each_of_them_changed(stage: Stage) 
     with stage.database.read() as session:
         changes = public_run(session, run_id).changes
     assert changes == "The region of d lay too far. b failed the audit."
+
+
+def test_of_the_steps_from_one_revision_to_another_no_earlier_one_is_told_and_none_on_the_way_back(
+    stage: Stage,
+) -> None:
+    first, third = split_document(), revised(split_document())
+    near = third.samples[3]
+    second = first.model_copy(update={"samples": (*first.samples[:3], near)})
+    put_revision(stage, second, "The region of d lay too far.")
+    put_revision(stage, third, "b failed the audit.", 3)
+    with stage.database.read() as session:
+        rows = [find_split(session, "tiny", it.revision) for it in (first, second, third)]
+        ways = [[rows[1], rows[2]], [rows[2], rows[1]], [rows[0], rows[2]]]
+        told = [[step.words for step in split_steps(session, *way)] for way in ways]
+    both = ["The region of d lay too far.", "b failed the audit."]
+    assert told == [both[1:], [], both]
 
 
 def test_the_sheet_is_that_of_a_split_without_the_sample(stage: Stage) -> None:

@@ -307,6 +307,11 @@ def test_what_is_no_place_in_a_board_is_refused(
     assert problem["fields"] == {"after": "must be taken from the `Link` of the page before"}
 
 
+def test_without_a_limit_a_page_is_all_that_is_left(lively: "Api") -> None:
+    whole = methods(lively.get("/leaderboard?phase=dev"))
+    assert methods(lively.get("/leaderboard?phase=dev&after=1.2")) == whole[2:]
+
+
 def test_a_page_of_a_board_that_is_not_there_is_not_found(
     lively: "Api", as_problem: Problem
 ) -> None:

@@ -170,6 +170,20 @@ def test_an_address_that_said_no_is_asked_by_no_team_again(
     assert ask(api, "adam@example.org", "beta").status_code == 201
 
 
+def test_a_team_adds_so_many_addresses_a_day_and_goes_on_the_next(
+    api: "Api", as_problem: Problem
+) -> None:
+    for number in range(20):
+        asked = ask(api, f"a{number}@example.org")
+        assert api.post(f"/contacts/{asked.json()['id']}/remove", "alpha").status_code == 200
+    refused = as_problem(ask(api, "one@example.org"), 409, "conflict")
+    assert "may add 20 addresses in 24 hours" in refused["detail"]
+    with api.database.write() as session:
+        for contact in session.scalars(select(ContactPoint)):
+            contact.created_at -= timedelta(days=1)
+    assert ask(api, "one@example.org").status_code == 201
+
+
 def test_one_mailbox_is_asked_so_often_a_day_by_all_teams_together(
     api: "Api", as_problem: Problem
 ) -> None:

@@ -37,6 +37,7 @@ def entry(board: Board, method: str) -> Any:
         ("Kestrel", "nerve", "The ranks that each could have do not overlap."),
         ("nerve", "Kestrel", "nerve is flagged: Blind to the edit."),
         ("Kestrel", "half", "half-a-file has no HCC"),
+        ("half", "Kestrel", "half-a-file has no HCC"),
         ("CONSTANT", "Kestrel", "Their intervals do not overlap"),
     ],
 )
