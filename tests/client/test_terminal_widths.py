@@ -356,7 +356,7 @@ HELD_UNTIL = datetime(2026, 11, 26, 14, 4, 10, tzinfo=UTC)
     [
         ({"position": 3}, "3 ahead, about 12 s"),
         ({"position": 0, "attempts": 1}, "next, about 12 s, attempt 2"),
-        ({"workers_alive": 0}, "next, no worker is alive: it waits until one is"),
+        ({"workers_alive": 0}, "next, no worker can score it now: it waits until one can"),
         (
             {"attempts": 1, "lease_until": HELD_UNTIL},
             "again from 14:04:10 UTC if its worker is lost",

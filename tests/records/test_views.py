@@ -75,6 +75,21 @@ def test_no_wait_is_promised_without_a_worker_or_a_measurement(world: World) -> 
         assert recent_scoring_s(session) is None
 
 
+def test_a_worker_that_finds_no_file_of_the_split_is_none_to_wait_for(world: World) -> None:
+    world.score(world.submit("done").job_id)
+    waiting = world.submit("waiting")
+    with world.database.write() as session:
+        beat(session, "one", slots=2, missing_splits=["other", "sample"])
+    place = seen(world, waiting.submission.id).queue
+    assert place is not None
+    assert (place.expected_wait_s, place.workers_alive) == (None, 0)
+    with world.database.write() as session:
+        beat(session, "one", slots=2, missing_splits=["other"])
+    place = seen(world, waiting.submission.id).queue
+    assert place is not None
+    assert (place.expected_wait_s, place.workers_alive) == (0, 1)
+
+
 def test_a_submission_being_scored_shows_its_attempt(world: World) -> None:
     accepted = world.submit("file")
     world.claim(accepted.job_id)

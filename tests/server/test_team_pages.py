@@ -266,7 +266,7 @@ def test_my_lists_the_teams_own_with_status_and_place(api: "Api", alpha: "TeamBr
     page = alpha.get("/my").text
     assert f"/submissions/{mine}" in page
     assert theirs not in page
-    assert "next in line; no worker is running right now" in page
+    assert "next in line; no worker can score it right now" in page
     assert f'data-live="/submissions/{mine}/events' in page
     api.score(mine)
     page = alpha.get("/my").text

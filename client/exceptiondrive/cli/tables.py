@@ -124,7 +124,7 @@ def queue_text(queue: QueuePlace) -> str:
     """Say how long it will take."""
     place = f"{queue.position} ahead" if queue.position else "next"
     if queue.workers_alive == 0:
-        return f"{place}, no worker is alive: it waits until one is"
+        return f"{place}, no worker can score it now: it waits until one can"
     if queue.lease_until is not None:
         attempt = f"attempt {queue.attempts}, " if queue.attempts > 1 else ""
         return f"{attempt}again from {queue.lease_until:%H:%M:%S} UTC if its worker is lost"

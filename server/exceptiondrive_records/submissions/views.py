@@ -248,18 +248,21 @@ def queue_places(
     jobs = [job for job in found if not job.state.is_final]
     queued = [job for job in jobs if job.state is not WorkState.LEASED]
     ahead = jobs_ahead(session, queued) if queued else {}
-    alive = live_workers(session, Lane.LIVE)
+    split_of = {each.id: session.get_one(Phase, each.phase_id).split_name for each in submissions}
+    splits = {split_of[job.submission_id] for job in jobs}
+    alive = {name: live_workers(session, Lane.LIVE, name) for name in splits}
     scoring_s = recent_scoring_s(session)
-    return {
-        job.submission_id: QueuePlace(
-            position=ahead.get(job.id, 0),
-            expected_wait_s=_expected_wait_s(scoring_s, ahead.get(job.id, 0), alive),
+    places = {}
+    for job in jobs:
+        workers, position = alive[split_of[job.submission_id]], ahead.get(job.id, 0)
+        places[job.submission_id] = QueuePlace(
+            position=position,
+            expected_wait_s=_expected_wait_s(scoring_s, position, workers),
             attempts=job.attempts,
-            workers_alive=alive.workers,
+            workers_alive=workers.workers,
             lease_until=_lease_until(job, now),
         )
-        for job in jobs
-    }
+    return places
 
 
 def published_sheets(

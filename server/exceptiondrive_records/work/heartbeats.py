@@ -21,7 +21,9 @@ MISSED_FOR_S = 120.0
 
 
 _LIVES = WorkerHeartbeat.lives_until > NOW
-_LANES_AND_SLOTS = select(WorkerHeartbeat.lanes, WorkerHeartbeat.slots).where(_LIVES)
+_LIVING = select(
+    WorkerHeartbeat.lanes, WorkerHeartbeat.slots, WorkerHeartbeat.missing_splits
+).where(_LIVES)
 _MISSING = select(WorkerHeartbeat.missing_splits).where(_LIVES)
 _COUNTS_SINCE = seconds_from_now(-_SCORER_COUNTS_FOR_S)
 _SCORERS = (
@@ -64,10 +66,10 @@ def beat(
     do_last(session, _FORGET)
 
 
-def live_workers(session: Session, lane: Lane = Lane.LIVE) -> LiveWorkers:
-    """Return the workers of a lane whose last sign of life still holds."""
-    found = session.execute(_LANES_AND_SLOTS)
-    slots = [slots for lanes, slots in found if lane.value in lanes]
+def live_workers(session: Session, lane: Lane = Lane.LIVE, split: str | None = None) -> LiveWorkers:
+    """Return the workers of a lane whose last sign of life still holds; of those that find a split."""
+    found = session.execute(_LIVING)
+    slots = [n for lanes, n, missing in found if lane.value in lanes and split not in missing]
     return LiveWorkers(workers=len(slots), slots=sum(slots))
 
 

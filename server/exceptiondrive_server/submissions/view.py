@@ -73,7 +73,7 @@ def status_of(submission: SubmissionView) -> Status:
 def place_words(queue: QueuePlace) -> str:
     """Say how many stand ahead and how long that may take; of a file in work, what if its worker is lost."""
     if queue.workers_alive == 0:
-        return f"{_ahead(queue.position)}; no worker is running right now, it starts when one does"
+        return f"{_ahead(queue.position)}; no worker can score it right now, it starts when one can"
     if queue.lease_until is not None:
         return f"if its worker is lost, another begins again at {queue.lease_until:%H:%M:%S} UTC"
     if queue.expected_wait_s is None:
