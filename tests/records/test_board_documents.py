@@ -28,7 +28,7 @@ NASTY = 'a "entries":[{} \\ planner, "entries":[] \n \u2028 \U0001f697'
 N_ENTRIES = 500
 MOST_KEPT = 3
 """Bytes of a board in memory by byte of its document."""
-MOST_TO_READ = 3
+MOST_TO_READ = 3.5
 MOST_TO_WRITE = 2.5
 MOST_OF_RANKS = 0.5
 
