@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 import sys
+from datetime import timedelta
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,8 +11,10 @@ import pytest
 from fastapi import FastAPI
 
 from exceptiondrive_records.accounts.tokens import issue_token, list_tokens, verify_token
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_server.operations import cli as operator_cli
+from exceptiondrive_server.operations import records_commands
 from exceptiondrive_server.web.settings import ServerSettings
 
 
@@ -41,6 +44,21 @@ def test_an_organizer_gets_a_token_of_its_own(
     database = Database(f"sqlite:///{data}/records.sqlite3")
     with database.read() as session:
         assert verify_token(session, token) is not None
+    database.dispose()
+
+
+def test_a_token_ends_by_the_clock_of_the_database(
+    data: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """That of the machine where the command is given may be off."""
+    database = Database(f"sqlite:///{data}/records.sqlite3")
+    with database.read() as session:
+        ahead = database_now(session) + timedelta(days=2)
+    monkeypatch.setattr(records_commands, "database_now", lambda session: ahead)
+    command(monkeypatch, "create-organizer", "Ann", "--days", "3", "--data", str(data))
+    with database.read() as session:
+        (token,) = list_tokens(session)
+    assert token.expires_at == ahead + timedelta(days=3)
     database.dispose()
 
 

@@ -111,6 +111,7 @@ def test_a_split_whose_file_is_of_another_revision(life: Life, store: SplitStore
     revision = life.json("/api/v1/phases/plain")["split_revision"]
     with pytest.raises(SplitUnavailableError):
         store.find("plain", revision, packaged_protocol())
+    assert store.missing(["driven", "plain"]) == [f"plain@{revision}"]
     say_alive(life, store)
     assert ("split_without_file", "plain") in told(life)
 

@@ -108,6 +108,26 @@ def test_a_bucket_that_is_not_there_is_an_outage(server: Any) -> None:
     assert not store.takes_files()
 
 
+def test_whether_a_bucket_is_there_is_asked_without_a_list_of_its_files(
+    store: FileStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Health checks ask it, and a list of a full bucket is 1,000 names long."""
+    digest, _ = store.put_stream([b"hello"], limit_bytes=99)
+    obstore_list = obstore.list
+    listed: list[Any] = []
+
+    def note(*given: Any) -> Iterator[Any]:
+        for batch in obstore_list(*given):
+            listed.extend(batch)
+            yield batch
+
+    monkeypatch.setattr(obstore, "list", note)
+    assert store.takes_files()
+    assert listed == []
+    assert digest in [file.digest for file in store.stored()]
+    assert listed != []
+
+
 def test_a_store_that_nobody_reaches_is_told_after_few_attempts(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -75,19 +75,22 @@ def test_no_wait_is_promised_without_a_worker_or_a_measurement(world: World) -> 
         assert recent_scoring_s(session) is None
 
 
-def test_a_worker_that_finds_no_file_of_the_split_is_none_to_wait_for(world: World) -> None:
+def test_a_worker_that_does_not_find_the_split_is_none_to_wait_for(world: World) -> None:
+    """One that lacks another split, or another revision of this one, as an update may ask for, is."""
     world.score(world.submit("done").job_id)
     waiting = world.submit("waiting")
-    with world.database.write() as session:
-        beat(session, "one", slots=2, missing_splits=["other", "sample"])
-    place = seen(world, waiting.submission.id).queue
-    assert place is not None
-    assert (place.expected_wait_s, place.workers_alive) == (None, 0)
-    with world.database.write() as session:
-        beat(session, "one", slots=2, missing_splits=["other"])
-    place = seen(world, waiting.submission.id).queue
-    assert place is not None
-    assert (place.expected_wait_s, place.workers_alive) == (0, 1)
+    with world.database.read() as session:
+        revision = session.get_one(Job, waiting.job_id).split_revision
+    for lacks, expected in (
+        (["other", "sample"], (None, 0)),
+        ([f"sample@{revision}"], (None, 0)),
+        (["other", "sample@sha256:another"], (0, 1)),
+    ):
+        with world.database.write() as session:
+            beat(session, "one", slots=2, missing_splits=lacks)
+        place = seen(world, waiting.submission.id).queue
+        assert place is not None
+        assert (place.expected_wait_s, place.workers_alive) == expected
 
 
 def test_a_submission_being_scored_shows_its_attempt(world: World) -> None:

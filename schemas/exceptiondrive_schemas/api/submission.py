@@ -50,7 +50,7 @@ class QueuePlace(Document):
     attempts: int
     """How often a worker has begun to score it."""
     workers_alive: int
-    """Living workers that find the split: with none it waits."""
+    """Living workers that find the split at its revision: with none it waits."""
     lease_until: datetime | None = None
     """A worker is scoring it: if that worker is lost, another may begin again then."""
 

@@ -178,14 +178,14 @@ class FileStore:
         except OSError:
             return None
 
-    def stored(self) -> Iterator[StoredFile]:
-        """Yield every stored file, in no order; whatever else lies there is left alone.
+    def stored(self, folder: str | None = None) -> Iterator[StoredFile]:
+        """Yield every stored file, or those of a folder; in no order; whatever else lies there is left alone.
 
         Raises:
             StoreError: The store did not answer.
         """
         try:
-            for batch in obstore.list(self._store):
+            for batch in obstore.list(self._store, folder):
                 for meta in batch:
                     name = _NAME.fullmatch(meta["path"])
                     if name is not None:
@@ -227,8 +227,8 @@ class FileStore:
         So may what was kept in a folder that is empty, as one is on which nothing is mounted.
         """
         if self._folder is None:
-            # of a bucket that is not there no file is found either, but this is refused
-            next(self.stored(), None)
+            # of a bucket that is not there no file is found either, but a list is refused: here of nothing
+            next(self.stored("none"), None)
         elif not self._folder.is_dir() or (has_files and self.is_empty()):
             raise StoreError("The file store does not answer; try again later.")
 

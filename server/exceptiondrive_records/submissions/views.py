@@ -248,13 +248,13 @@ def queue_places(
     jobs = [job for job in found if not job.state.is_final]
     queued = [job for job in jobs if job.state is not WorkState.LEASED]
     ahead = jobs_ahead(session, queued) if queued else {}
-    split_of = {each.id: session.get_one(Phase, each.phase_id).split_name for each in submissions}
-    splits = {split_of[job.submission_id] for job in jobs}
-    alive = {name: live_workers(session, Lane.LIVE, name) for name in splits}
+    name_of = {each.id: session.get_one(Phase, each.phase_id).split_name for each in submissions}
+    split_of = {job.id: (name_of[job.submission_id], job.split_revision) for job in jobs}
+    alive = {each: live_workers(session, Lane.LIVE, each) for each in set(split_of.values())}
     scoring_s = recent_scoring_s(session)
     places = {}
     for job in jobs:
-        workers, position = alive[split_of[job.submission_id]], ahead.get(job.id, 0)
+        workers, position = alive[split_of[job.id]], ahead.get(job.id, 0)
         places[job.submission_id] = QueuePlace(
             position=position,
             expected_wait_s=_expected_wait_s(scoring_s, position, workers),

@@ -1,6 +1,5 @@
 """Signs of life: each says until when its worker counts as living."""
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -66,17 +65,23 @@ def beat(
     do_last(session, _FORGET)
 
 
-def live_workers(session: Session, lane: Lane = Lane.LIVE, split: str | None = None) -> LiveWorkers:
-    """Return the workers of a lane whose last sign of life still holds; of those that find a split."""
+def live_workers(
+    session: Session, lane: Lane = Lane.LIVE, split: tuple[str, str] | None = None
+) -> LiveWorkers:
+    """Return the workers of a lane whose last sign of life still holds.
+
+    Of a split, which is a name and a revision, those that find it.
+    """
+    names = set() if split is None else {split[0], "@".join(split)}
     found = session.execute(_LIVING)
-    slots = [n for lanes, n, missing in found if lane.value in lanes and split not in missing]
+    slots = [n for lanes, n, lacks in found if lane.value in lanes and names.isdisjoint(lacks)]
     return LiveWorkers(workers=len(slots), slots=sum(slots))
 
 
-def missing_splits(session: Session) -> dict[str, int]:
-    """Return the splits of which living workers find no file, with how many of them do not."""
+def missing_splits(session: Session) -> list[str]:
+    """Return the names of the splits of which a living worker finds no file, or not the revision."""
     lists = session.scalars(_MISSING)
-    return dict(sorted(Counter(name for names in lists for name in names).items()))
+    return sorted({split.partition("@")[0] for splits in lists for split in splits})
 
 
 def scorers_at_work(session: Session) -> list[str]:

@@ -232,4 +232,4 @@ class WorkerHeartbeat(Base):
     scorer_version: Mapped[str | None]
     """Whose scores it makes; None: a release that did not say."""
     missing_splits: Mapped[list[str]] = mapped_column(default=list)
-    """Names of splits in use of which it finds no file at the revision that is asked for."""
+    """Splits in use of which it finds no file: names, and `name@revision` where that revision was asked for."""

@@ -5,7 +5,7 @@ Every other deed is an organizer's: `exceptiondrive organizer ...`, over the API
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import UTC, datetime, timedelta
+from datetime import timedelta
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -58,8 +58,8 @@ def create_organizer(
     data: DataOption = None,
 ) -> None:
     """Issue a token of an organizer, by default one that may do everything; print it, once."""
-    expires_at = None if days is None else datetime.now(UTC) + timedelta(days=days)
     with opened(load_settings(RecordsSettings, data)) as database, database.write() as session:
+        expires_at = None if days is None else database_now(session) + timedelta(days=days)
         text, _ = tokens.issue_token(
             session,
             None,

@@ -8,7 +8,6 @@ here leaves the worker: the manifest carries sample ids only.
 
 import gzip
 import json
-import math
 import os
 import time
 import zlib
@@ -197,7 +196,7 @@ class SplitStore:
         self.folder = folder
         self._split_of_revision: dict[tuple[str, str], tuple[Split, SplitPart | None]] = {}
         self._loaded: dict[tuple[str, str, str], LoadedSplit] = {}
-        self._not_found_at_s: dict[str, float] = {}
+        self._not_found_at_s: dict[tuple[str, str], float] = {}
 
     def files(self) -> list[Path]:
         """Every split file, the current one of each split first."""
@@ -243,29 +242,27 @@ class SplitStore:
         return self._loaded[key]
 
     def missing(self, names: Iterable[str]) -> list[str]:
-        """Return which of these splits have no file, or had none at a revision just asked for.
+        """Return which of these splits have no file, and as `name@revision` what was just asked for in vain.
 
         No file is opened: what was asked for in vain is asked for again while something waits for it.
         """
-        since_s = time.monotonic() - NOT_FOUND_FOR_S
+        names, since_s = set(names), time.monotonic() - NOT_FOUND_FOR_S
         held = {path.parent.name for path in self.files()}
-        return [
-            name
-            for name in names
-            if name not in held or self._not_found_at_s.get(name, -math.inf) > since_s
-        ]
+        asked = self._not_found_at_s.copy().items()
+        in_vain = [split for split, at_s in asked if at_s > since_s and split[0] in names]
+        return [*sorted(names - held), *map("@".join, in_vain)]
 
     def _find_split(self, name: str, revision: str) -> tuple[Split, SplitPart | None]:
         if (name, revision) not in self._split_of_revision:
             seen = self._read_all_of(name)
             if revision not in seen:
-                self._not_found_at_s[name] = time.monotonic()
+                self._not_found_at_s[name, revision] = time.monotonic()
                 raise SplitUnavailableError(
                     f"no file holds split {name} at the registered revision {revision}; found "
                     f"{', '.join(sorted(seen)) or 'no readable file'}. Nothing is scored against "
                     "it until the file is back or the split is registered anew."
                 )
-        self._not_found_at_s.pop(name, None)
+        self._not_found_at_s.pop((name, revision), None)
         return self._split_of_revision[name, revision]
 
     def _read_all_of(self, name: str) -> set[str]:
