@@ -80,12 +80,12 @@ class Process:
 
     def supervise(self) -> None:
         """Start it again if it has ended by itself."""
-        if not self._is_wanted or self._running is None or self._running.poll() is None:
+        with self._lock:  # else a start under way would be taken for an end
+            running, is_wanted = self._running, self._is_wanted
+        if not is_wanted or running is None or (code := running.poll()) is None:
             return
-        code = self._running.returncode
-        assert code is not None
         self.exit_codes.append(code)
-        signal_group(self.pid, signal.SIGKILL)
+        signal_group(running.pid, signal.SIGKILL)
         time.sleep(_RESTART_AFTER_S)
         if self._is_wanted:
             self.start()
