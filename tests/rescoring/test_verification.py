@@ -2,11 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
 import pytest
 from sqlalchemy import delete, select, update
+from sqlalchemy.orm import Session
 from tests.rescoring.application import Organizer, Serve
 
 from exceptiondrive_records.boards.boards import current_board, entry_ids
@@ -158,6 +160,12 @@ def test_a_verification_is_a_run_that_can_only_be_cancelled(
     assert found.finished_at is not None
 
 
+def end_lease(session: Session) -> None:
+    """End the lease of the only sheet that is verified, a moment ago by the database's clock."""
+    one = session.scalars(select(Recheck)).one()
+    one.lease_until = database_now(session) - timedelta(seconds=1)
+
+
 @pytest.mark.parametrize("max_attempts", [2, 6])
 def test_a_sheet_that_no_attempt_answers_is_named(stage: Stage, max_attempts: int) -> None:
     few = stage.settings.model_copy(update={"max_attempts": max_attempts})
@@ -172,7 +180,7 @@ def test_a_sheet_that_no_attempt_answers_is_named(stage: Stage, max_attempts: in
         with stage.context.database.write() as session:
             assert claim_oldest(session, Recheck, 30, max_attempts) is not None
         with stage.owner.write() as session:
-            session.scalars(select(Recheck)).one().lease_until = database_now(session)
+            end_lease(session)
     stage.verify_all()
     with stage.database.read() as session:
         found = verification_view(session, run_id)
@@ -187,7 +195,7 @@ def test_who_lost_the_lease_records_nothing(stage: Stage) -> None:
         late = claim_oldest(session, Recheck, 30, 4)
     assert late is not None
     with stage.owner.write() as session:
-        session.scalars(select(Recheck)).one().lease_until = database_now(session)
+        end_lease(session)
     with stage.context.database.write() as session:
         assert claim_oldest(session, Recheck, 30, 4) is not None
         assert not finish_recheck(session, late, VerifyState.EQUAL, late.expected_digest)
