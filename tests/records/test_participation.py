@@ -377,7 +377,7 @@ def test_two_teams_that_become_one_are_told_once_at_an_address_that_both_had(
         for team_id in (world.team_id, beta):
             add_contact(session, team_id, Channel.WEBHOOK, both, actor=WHO)
             add_contact(session, team_id, Channel.EMAIL, unconfirmed, actor=WHO)
-        (_, theirs) = list_contacts(session, beta)
+        (theirs,) = (one for one in list_contacts(session, beta) if one.address == unconfirmed)
         theirs.confirmed_at = database_now(session)
         confirmed_id = theirs.id
     with world.database.write() as session:

@@ -362,8 +362,9 @@ def test_what_waits_stands_before_the_newest_answers(one: "TeamBrowser") -> None
             words = f"Answer {number}."
             answer_question(session, asked.id, words, plain=words, to_all=False, actor="test")
             asked.answered_at = database_now(session) + timedelta(seconds=number)
-        for text in ("First wait?", "Second wait?"):
-            ask_question(session, team_id, "dev", text, actor="test")
+        for minutes_ago, text in ((2, "First wait?"), (1, "Second wait?")):
+            waits = ask_question(session, team_id, "dev", text, actor="test")
+            waits.asked_at -= timedelta(minutes=minutes_ago)
     page = "/organize/news"
     rows = listed(one, page)
     assert rows[:3] == ["First wait?", "Second wait?", "Question 59?"]
