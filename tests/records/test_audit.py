@@ -7,22 +7,15 @@ from typing import Any
 import pytest
 from sqlalchemy import text
 from sqlalchemy.orm import Session
-from tests.support.processes import wait_until
+from tests.support.records import next_moment
 
 from exceptiondrive_records.audit.log import GENESIS, ISO_AT, audit, audit_page, verify_audit
-from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 
 
 def write_line(database: Database, number: int) -> None:
     with database.write() as session:
         audit(session, "test", "counted", f"subject {number}", {"number": number, "nested": [1.5]})
-
-
-def wait_for_the_next_millisecond(database: Database) -> None:
-    with database.read() as session:
-        now = database_now(session)
-        wait_until(lambda: database_now(session) > now, "the next millisecond")
 
 
 def test_an_empty_chain_is_whole(database: Database) -> None:
@@ -98,7 +91,7 @@ def test_pages_go_backwards_from_the_newest_line(database: Database) -> None:
 def test_lines_since_a_time_are_those_of_it_and_later(database: Database) -> None:
     for number in range(4):
         write_line(database, number)
-        wait_for_the_next_millisecond(database)  # which two lines may share on SQLite
+        next_moment(database)
     with database.read() as session:
         third = audit_page(session)[1]
         assert [line.id for line in audit_page(session, since=third.at)] == [4, 3]

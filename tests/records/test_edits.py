@@ -6,6 +6,7 @@ import pytest
 from sqlalchemy import select, text, update
 from sqlalchemy.exc import DatabaseError
 from tests.records.world import World
+from tests.support.records import next_moment
 
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
@@ -28,6 +29,7 @@ VLA = MethodFacts(type="vla", sensors=("lidar", "front_camera"), parameters_mill
 
 
 def edit(world: World, submission_id: str, **change: object) -> None:
+    next_moment(world.database)
     with world.database.write() as session:
         edit_submission(
             session, submission_id, SubmissionChange.model_validate(change), actor="team:1"

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from tests.support.documents import digest_of, make_board, make_sheet
-from tests.support.records import add_phase, add_sample_split, found
+from tests.support.records import add_phase, add_sample_split, found, next_moment
 from tests.support.work import claim_board_of, claim_this
 
 from exceptiondrive_records.boards.boards import publish_board
@@ -32,6 +32,7 @@ class World:
     phase_id: str = "dev"
 
     def submit(self, content: str, method: str = "method", team_id: int | None = None) -> Accepted:
+        next_moment(self.database)
         with self.database.write() as session:
             return accept(
                 session,

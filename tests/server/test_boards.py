@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from tests.records.statements import of_board_texts, statements
+from tests.support.records import next_moment
 
 from exceptiondrive_schemas.board import Board, BoardEntry
 
@@ -158,6 +159,7 @@ def test_a_phase_without_a_board_yet_is_404(api: "Api", as_problem: Problem) -> 
 
 def test_as_of_gives_the_board_that_was_current_then(lively: "Api", make_entry: MakeEntry) -> None:
     between = datetime.now(UTC)
+    next_moment(lively.database)
     lively.publish(make_entry("later"))
     today = between.date()
     assert methods(lively.get("/leaderboard", params={"as_of": between.isoformat()}))[0] == "first"

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from sqlalchemy import select
 from tests.records.statements import statements
+from tests.support.records import next_moment
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotAllowed
@@ -362,6 +363,7 @@ def test_a_team_is_told_what_an_organizer_does_with_its_submission(
     )
 
     def do(what: str, who: str = "organizer") -> None:
+        next_moment(api.database)
         if what == "edit":
             change = {"method": f"of {who}", "facts": {"sensors": ["lidar"]}}
             answer = api.request("PATCH", here, who, json=change)
@@ -535,6 +537,7 @@ def test_the_end_of_a_phase_is_told_to_who_takes_part_once_and_again_when_it_is_
         phase.closes_at, phase.title = phase.closes_at.replace(second=2), "Other words"
     assert tell_teams(api.database) == 0
     for minutes in (-90, 90):
+        next_moment(api.database)
         with api.database.write() as session:
             phase = session.get_one(Phase, "dev")
             assert phase.closes_at is not None

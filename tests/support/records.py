@@ -10,6 +10,8 @@ from tests.support.documents import make_manifest
 
 from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, TEAM_SCOPES, issue_token
 from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.phases import create_phase
 from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.splits.splits import register_split
@@ -52,6 +54,14 @@ def found(
         told, _ = issue_token(session, None, "organizer", ORGANIZER_SCOPES, actor=ACTOR)
         founded.tokens["organizer"] = told
     return founded
+
+
+def next_moment(database: Database) -> None:
+    """Wait until what is written next has a later time than what was: SQLite tells milliseconds."""
+    with database.read() as session:
+        now = database_now(session)
+        while database_now(session) == now:
+            pass
 
 
 def add_sample_split(session: Session, manifest: Manifest | None = None) -> None:

@@ -5,6 +5,7 @@ from typing import Any
 
 from sqlalchemy import select
 from tests.support.floors import leave_open
+from tests.support.records import next_moment
 from tests.support.work import claim_board_of
 
 from exceptiondrive_records.db.database import Database
@@ -61,6 +62,7 @@ def submit(
 ) -> Accepted:
     """Accept an upload as the server does; a team that is not there is made."""
     digest, size = files.put_stream([data], limit_bytes=2**24)
+    next_moment(database)
     with database.write() as session:
         if team not in [known.slug for known in list_teams(session)]:
             is_reference = team.startswith("reference")
