@@ -114,9 +114,9 @@ def test_a_draw_that_holds_no_sample_of_a_family_averages_the_others(
 def test_how_many_scenes_the_mean_of_families_is_worth(
     of_families: list[range], worth: float
 ) -> None:
-    counts = np.zeros((9, 6, 1))
+    counts = np.zeros((6, 1, 9))
     for family, scenes in enumerate(of_families):
-        counts[list(scenes), family] = 2
+        counts[family, 0, list(scenes)] = 2
     assert scene_counts(SceneSums(counts, counts)).macro_family[0] == pytest.approx(worth)
 
 
@@ -185,8 +185,8 @@ def test_scene_sums_lie_on_a_grid_finer_than_a_billionth(
     sums = scene_sums(scores, split, protocol.taxonomy)
     assert GRID < 1e-9
     np.testing.assert_array_equal(sums.sums / GRID, np.rint(sums.sums / GRID))
-    np.testing.assert_allclose(sums.sums.sum(axis=(0, 1)), scores.values.sum(axis=0), atol=1e-6)
-    np.testing.assert_array_equal(sums.counts.sum(axis=(0, 1)), np.full(6, N))
+    np.testing.assert_allclose(sums.sums.sum(axis=(0, 2)), scores.values.sum(axis=0), atol=1e-6)
+    np.testing.assert_array_equal(sums.counts.sum(axis=(0, 2)), np.full(6, N))
 
 
 def _entries(draws: list[list[float]], cut: int) -> list[Uncertainty]:
@@ -298,11 +298,11 @@ def _simulated_boards(
         is_unsafe = alike + np.sqrt(0.6) * rng.normal(size=len(scene)) < threshold[family]
         hcc = ~is_unsafe * rng.beta(2 * hcc_if_safe[family], 2 - 2 * hcc_if_safe[family])
         values = np.column_stack([hcc, is_unsafe])
-        sums, counts = np.zeros((2, n_scenes, 6, 2))
-        np.add.at(sums, (scene, family), values)
-        np.add.at(counts, (scene, family), 1)
+        sums, counts = np.zeros((2, 6, 2, n_scenes))
+        np.add.at(sums, (family, slice(None), scene), values)
+        np.add.at(counts, (family, slice(None), scene), 1)
         pick = [0, 1, 0, 0, 0, 0]
-        boards.append(SceneSums(np.rint(sums[..., pick] / GRID) * GRID, counts[..., pick]))
+        boards.append(SceneSums(np.rint(sums[:, pick] / GRID) * GRID, counts[:, pick]))
     means = np.column_stack([(1 - unsafe) * hcc_if_safe, unsafe])
     return boards, share / share.sum() @ means, means
 

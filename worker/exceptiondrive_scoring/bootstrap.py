@@ -36,11 +36,11 @@ GRID = 2.0**-30
 
 @dataclass(frozen=True)
 class SceneSums:
-    """Metric values of one entry, summed over the samples of each scene and family.
+    """Metric values of one entry, summed over the samples of each family and scene.
 
     Attributes:
-        sums: (S, F, M), multiples of `GRID`.
-        counts: (S, F, M) number of samples that define the metric.
+        sums: (F, M, S), multiples of `GRID`.
+        counts: (F, M, S) number of samples that define the metric.
         values: (N, K) of the K metrics that are no means, which no sum can stand for.
         scene_index: (N,).
         group_index: (N,) family.
@@ -66,15 +66,15 @@ def scene_sums_by_task(scores: SampleScores, split: SplitArrays, taxonomy: Taxon
 def _sums_by(
     scores: SampleScores, split: SplitArrays, group_index: IntArray, n_groups: int
 ) -> SceneSums:
-    shape = (split.n_scenes, n_groups, len(scores.metric_keys))
-    cell = split.scene_index * n_groups + group_index
+    shape = (n_groups, len(scores.metric_keys), split.n_scenes)
+    cell = group_index * split.n_scenes + split.scene_index
     defined = scores.defined
     filled = np.where(defined, scores.values, 0.0)
     sums, counts = np.empty(shape), np.empty(shape)
-    n_cells = shape[0] * shape[1]
-    for m in range(shape[2]):
-        sums[..., m] = np.bincount(cell, filled[:, m], n_cells).reshape(shape[:2])
-        counts[..., m] = np.bincount(cell, defined[:, m], n_cells).reshape(shape[:2])
+    n_cells = n_groups * split.n_scenes
+    for m in range(shape[1]):
+        sums[:, m] = np.bincount(cell, filled[:, m], n_cells).reshape(n_groups, -1)
+        counts[:, m] = np.bincount(cell, defined[:, m], n_cells).reshape(n_groups, -1)
     ordered = [m for m, metric in enumerate(scores.metrics) if metric.order_level is not None]
     values = scores.values[:, ordered]
     on_grid = np.rint(sums / GRID) * GRID
@@ -107,15 +107,15 @@ def scene_counts(entry: SceneSums) -> OfAggregates:
     independent. But a scene may lie in several, so it is never worth more than there are scenes.
     """
     occupied = entry.counts > 0
-    micro = occupied.any(axis=1).sum(axis=0, dtype=np.float64)
-    families = occupied.sum(axis=0, dtype=np.float64)
+    micro = occupied.any(axis=0).sum(axis=-1, dtype=np.float64)
+    families = occupied.sum(axis=-1, dtype=np.float64)
     present = families > 0
     harmonic = np.where(present, 1 / np.maximum(families, 1), 0.0).sum(axis=0)
     worth = present.sum(axis=0) ** 2 / np.where(harmonic > 0, harmonic, 1.0)
     return OfAggregates(micro, np.minimum(worth, micro), families)
 
 
-BLOCK_DRAWS = 16_000
+BLOCK_DRAWS = 64_000
 """Draws, of all entries of a block together, that are held at once."""
 
 
@@ -199,7 +199,7 @@ def resample(
     n_together = max(1, BLOCK_DRAWS // ranking.bootstrap_draws)
     while block := list(islice(entries, n_together)):
         if weights is None:
-            weights = scene_weights(len(block[0].sums), ranking)
+            weights = scene_weights(block[0].sums.shape[-1], ranking)
         for entry, draws in zip(block, _resample_block(block, weights), strict=True):
             for k, (m, level) in enumerate(levels):
                 _draw_order_statistic(draws, m, entry, entry.values[:, k], weights, level)
@@ -207,14 +207,14 @@ def resample(
 
 
 def _resample_block(block: list[SceneSums], weights: NDArray[np.uint16]) -> list[Draws]:
-    n_families, n_metrics = block[0].sums.shape[1:]
+    n_families, n_metrics, _ = block[0].sums.shape
     n_sums = len(block) * n_metrics
     kinds, kind = _distinct_counts(block)
     totals = np.empty((n_families, n_sums + len(kinds), weights.shape[1]))
     for family in range(n_families):
-        scenes = np.flatnonzero(kinds[:, :, family].any(axis=0))
-        sums = [entry.sums[scenes, family].T for entry in block]
-        rows = np.concatenate([*sums, kinds[:, scenes, family]])
+        scenes = np.flatnonzero(kinds[:, family].any(axis=0))
+        sums = [entry.sums[family][:, scenes] for entry in block]
+        rows = np.concatenate([*sums, kinds[:, family][:, scenes]])
         np.matmul(rows, weights[scenes].astype(np.float64), out=totals[family])
     counts = totals[:, n_sums:]
     return [
@@ -247,18 +247,17 @@ def _draw_order_statistic(
 
 
 def _distinct_counts(block: list[SceneSums]) -> tuple[FloatArray, IntArray]:
-    """Different counts by scene and family, (G, S, F), and which of them each metric has, (E, M).
+    """Different counts by family and scene, (G, F, S), and which of them each metric has, (E, M).
 
     Metrics defined for the same samples share their counts: mostly those of the split itself.
     """
-    kinds: dict[bytes, FloatArray] = {}
+    kinds: dict[bytes, tuple[int, FloatArray]] = {}
     kind: list[int] = []
     for entry in block:
-        for counts in np.moveaxis(entry.counts, -1, 0):
-            key = counts.tobytes()
-            kinds.setdefault(key, counts)
-            kind.append(list(kinds).index(key))
-    return np.stack(list(kinds.values())), np.array(kind).reshape(len(block), -1)
+        for counts in entry.counts.swapaxes(0, 1):
+            kind.append(kinds.setdefault(counts.tobytes(), (len(kinds), counts))[0])
+    different = np.stack([counts for _, counts in kinds.values()])
+    return different, np.array(kind).reshape(len(block), -1)
 
 
 def _means(sums: FloatArray, counts: FloatArray, kind: IntArray) -> Draws:
