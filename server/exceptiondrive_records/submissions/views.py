@@ -31,7 +31,7 @@ from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.board_requests import is_board_wanted
 from exceptiondrive_records.work.fair_share import jobs_ahead
-from exceptiondrive_records.work.heartbeats import LiveWorkers, live_workers
+from exceptiondrive_records.work.heartbeats import live_workers
 from exceptiondrive_records.work.profiles import profiles_coming
 from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.api.phase_settings import RunRule
@@ -259,7 +259,7 @@ def queue_places(
             position=position,
             expected_wait_s=_expected_wait_s(scoring_s, position, workers),
             attempts=job.attempts,
-            workers_alive=workers.workers,
+            workers_alive=workers,
             lease_until=_lease_until(job, now),
         )
     return places
@@ -294,11 +294,11 @@ def recent_scoring_s(session: Session) -> float | None:
     return median(durations_s) if durations_s else None
 
 
-def _expected_wait_s(scoring_s: float | None, position: int, alive: LiveWorkers) -> float | None:
-    """Until a slot is free: `position` jobs come first, and the slots work side by side."""
-    if scoring_s is None or alive.slots == 0:
+def _expected_wait_s(scoring_s: float | None, position: int, alive: int) -> float | None:
+    """Until a worker is free: `position` jobs come first, and the workers work side by side."""
+    if scoring_s is None or alive == 0:
         return None
-    return round(max(0, position - alive.slots + 1) * scoring_s / alive.slots, 1)
+    return round(max(0, position - alive + 1) * scoring_s / alive, 1)
 
 
 def _lease_until(job: Job, now: datetime) -> datetime | None:

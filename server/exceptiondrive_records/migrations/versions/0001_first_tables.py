@@ -608,7 +608,6 @@ def create_operations() -> None:
         sa.Column("at", TIME, nullable=False),
         sa.Column("lives_until", TIME, nullable=False),
         sa.Column("lanes", sa.JSON(), nullable=False),
-        sa.Column("slots", sa.Integer(), nullable=False),
         sa.Column("scorer_version", sa.String()),
         sa.Column("missing_splits", sa.JSON(), nullable=False),
     )
