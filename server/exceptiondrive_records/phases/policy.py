@@ -123,6 +123,11 @@ def hid_scores(session: Session, phase: Phase) -> bool:
     return has_revealed(session, phase, datetime.min.replace(tzinfo=UTC))
 
 
+def is_published(phase: Phase, submission: Submission) -> bool:
+    """Whether an entry is public: where a phase keeps entries private, its team has said so."""
+    return not phase.policy.entries_private or submission.published_at is not None
+
+
 def can_publish(session: Session, phase: Phase) -> bool:
     """Whether entries are private until their teams publish them, and no reveal has ended that."""
     if not phase.policy.entries_private:
