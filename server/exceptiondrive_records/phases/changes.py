@@ -158,7 +158,7 @@ def unfreeze(session: Session, phase: Phase, now: datetime) -> None:
     """Let the pointer move again, to the newest board of what the phase shows."""
     phase.unfrozen_at = now
     end_own_deadlines(session, phase, now)
-    row = latest_board(session, phase.id, *key_of_phase(phase))
+    row = latest_board(session, phase.id, key_of_phase(phase))
     if row is not None:
         flip_board(session, phase, row)
     renew_boards(session, phase)

@@ -46,12 +46,14 @@ def is_anonymous(phase: Phase) -> bool:
     return phase.policy.anonymous and phase.names_revealed_at is None
 
 
-def is_open(phase: Phase, now: datetime) -> bool:
-    """Whether a shown phase takes submissions: from `opens_at` until just before `closes_at`."""
-    if phase.visibility != "shown":
-        return False
+def is_open(phase: Phase, now: datetime, own_closes_at: datetime | None = None) -> bool:
+    """Whether a shown phase takes submissions: from `opens_at` until just before `closes_at`.
+
+    Of a team that was granted a deadline of its own, until just before that.
+    """
+    closes_at = own_closes_at or phase.closes_at
     has_opened = phase.opens_at is None or phase.opens_at <= now
-    return has_opened and (phase.closes_at is None or now < phase.closes_at)
+    return phase.visibility == "shown" and has_opened and (closes_at is None or now < closes_at)
 
 
 def scored_while_open(session: Session, split_name: str) -> list[str]:

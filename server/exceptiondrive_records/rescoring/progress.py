@@ -159,7 +159,7 @@ def fresh_board(session: Session, phase_id: str, key: ScoringKey) -> BoardRow | 
     """Return the newest board under a key if it holds exactly the entries that are due now."""
     if is_board_wanted(session, phase_id, *key):
         return None
-    row = latest_board(session, phase_id, *key)
+    row = latest_board(session, phase_id, key)
     due = entry_ids_for_board(session, phase_id, key)
     return row if row is not None and entry_ids(session, row.id) == due else None
 
