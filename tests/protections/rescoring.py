@@ -57,9 +57,7 @@ def _new_side_alone(_: Any) -> Callable[..., Any]:
 def _any_board(_: Any) -> Callable[..., Any]:
     from exceptiondrive_records.boards.boards import latest_board
 
-    return lambda session, phase_id, key: latest_board(
-        session, phase_id, key.protocol_digest, key.split_revision
-    )
+    return latest_board
 
 
 def _always_newer(_: Any) -> Callable[..., Any]:

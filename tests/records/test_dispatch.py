@@ -85,7 +85,7 @@ def test_a_frozen_broker_is_given_up_soon(
     assert dispatcher.wake(Lane.LIVE, at_most=2)
 
 
-def test_a_lane_is_woken_for_what_waits_in_it_and_at_most_once_a_slot(
+def test_a_lane_is_woken_for_what_waits_in_it_and_at_most_once_a_worker(
     world: World, broker: Broker, dispatcher: Dispatcher
 ) -> None:
     for i in range(30):
@@ -93,7 +93,8 @@ def test_a_lane_is_woken_for_what_waits_in_it_and_at_most_once_a_slot(
     assert wake_lanes(world.database, dispatcher, SETTINGS) == 31, "with the board of the phase"
     assert (broker.waiting(), broker.waiting("rescore")) == (1, 0), "no worker is alive yet"
     with world.database.write() as session:
-        beat(session, "worker-1", (Lane.LIVE,), slots=5)
+        for number in range(5):
+            beat(session, f"worker-{number}")
     wake_lanes(world.database, dispatcher, SETTINGS)
     assert broker.waiting() == 5
     wake_lanes(world.database, dispatcher, SETTINGS)

@@ -41,7 +41,7 @@ from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
 
 MAX_ATTEMPTS = 2
-SLOTS = 2
+N_WORKERS = 2
 REPORT = CheckReport(
     challenge=None, split=None, n_predictions=None, digest="sha256:x", size_bytes=1
 )
@@ -68,7 +68,8 @@ class Lifecycle(RuleBasedStateMachine):
         self.dispatcher = Dispatcher(self.broker.url)
         self.settings = RecordsSettings(max_attempts=MAX_ATTEMPTS)
         with self.database.write() as session:
-            beat(session, "worker", (Lane.LIVE,), slots=SLOTS)
+            for number in range(N_WORKERS):
+                beat(session, f"worker-{number}")
         self.held: list[Job] = []
         self.jobs: list[str] = []
         self.ended: dict[str, SubmissionStatus] = {}
@@ -157,7 +158,8 @@ class Lifecycle(RuleBasedStateMachine):
     def an_hour_passes(self) -> None:
         with self.database.write() as session:
             let_time_pass(session, timedelta(hours=1))
-            beat(session, "worker", (Lane.LIVE,), slots=SLOTS)
+            for number in range(N_WORKERS):
+                beat(session, f"worker-{number}")
 
     def the_team_withdraws(self, which: int) -> None:
         with self.database.write() as session:
@@ -208,8 +210,8 @@ class Lifecycle(RuleBasedStateMachine):
             assert set(session.scalars(scored)) <= sheets
 
     @invariant()
-    def no_more_messages_wait_than_there_are_slots(self) -> None:
-        assert self.client.llen("ed:live") <= SLOTS
+    def no_more_messages_wait_than_there_are_workers(self) -> None:
+        assert self.client.llen("ed:live") <= N_WORKERS
 
     def teardown(self) -> None:
         """Faults stop: everything ends within a bounded number of passes."""

@@ -21,7 +21,6 @@ from exceptiondrive_records.work.lease import claim_oldest, give_up_lead, take_l
 from exceptiondrive_records.work.profiles import ask_for_profile, profiles_coming
 from exceptiondrive_records.work.tables import Job, Leader, Profile, WorkState
 from exceptiondrive_schemas.api.submission import SubmissionStatus
-from exceptiondrive_schemas.jobs import Lane
 
 World = Any
 Broker = Any
@@ -68,13 +67,14 @@ def test_lost_messages_are_sent_again_in_the_next_pass(world: World, broker: Bro
     assert broker.waiting() == 1
 
 
-def test_however_often_it_passes_no_more_messages_wait_than_there_are_slots(
+def test_however_often_it_passes_no_more_messages_wait_than_there_are_workers(
     world: World, broker: Broker
 ) -> None:
     for i in range(7):
         world.submit(f"file {i}")
     with world.database.write() as session:
-        beat(session, "worker-1", (Lane.LIVE,), slots=3)
+        for number in range(3):
+            beat(session, f"worker-{number}")
     dispatcher = Dispatcher(broker.url)
     for _ in range(5):
         reconcile_once(world.database, dispatcher, SETTINGS)
@@ -180,7 +180,8 @@ def test_two_reconcilers_wake_no_more_than_one(world: World, broker: Broker) -> 
     for i in range(5):
         world.submit(f"file {i}")
     with world.database.write() as session:
-        beat(session, "worker-1", (Lane.LIVE,), slots=3)
+        for number in range(3):
+            beat(session, f"worker-{number}")
     stop = threading.Event()
     settings = RecordsSettings(reconcile_every_s=0.02)
     threads = [

@@ -152,10 +152,10 @@ def test_a_condition_that_fails_at_the_end_keeps_nothing(database: Database) -> 
     with pytest.raises(LookupError):
         change(2)
     with database.read() as session:
-        assert (verify_audit(session).n_lines, live_workers(session).workers) == (0, 0)
+        assert (verify_audit(session).n_lines, live_workers(session)) == (0, 0)
     change(1)
     with database.read() as session:
-        assert (verify_audit(session).n_lines, live_workers(session).workers) == (1, 1)
+        assert (verify_audit(session).n_lines, live_workers(session)) == (1, 1)
 
 
 def test_an_error_at_the_end_keeps_nothing_and_says_what_it_is(database: Database) -> None:
@@ -164,13 +164,13 @@ def test_an_error_at_the_end_keeps_nothing_and_says_what_it_is(database: Databas
             audit(session, "test", "tried", "x")
             for _ in range(2):
                 values = {"at": NOW, "lives_until": NOW, "lanes": [], "missing_splits": []}
-                do_last(session, insert(WorkerHeartbeat).values(worker_id="one", slots=1, **values))
+                do_last(session, insert(WorkerHeartbeat).values(worker_id="one", **values))
 
     with pytest.raises(DBAPIError) as error:
         change()
     assert type(error.value).__name__ == "IntegrityError"
     with database.read() as session:
-        assert (verify_audit(session).n_lines, live_workers(session).workers) == (0, 0)
+        assert (verify_audit(session).n_lines, live_workers(session)) == (0, 0)
 
 
 def test_what_reads_changes_nothing(world: World) -> None:
@@ -196,7 +196,7 @@ def test_a_session_asks_nothing_once_its_block_is_over(world: World, kind: str) 
 
 def test_many_changes_at_once_are_one_transaction(database: Database) -> None:
     """As the first statement, too: the driver opens no transaction by itself."""
-    rows = [{"worker_id": str(n), "lanes": [], "slots": 1, "missing_splits": []} for n in range(3)]
+    rows = [{"worker_id": str(n), "lanes": [], "missing_splits": []} for n in range(3)]
 
     def change() -> None:
         with database.write() as session:
@@ -208,7 +208,7 @@ def test_many_changes_at_once_are_one_transaction(database: Database) -> None:
     with pytest.raises(LookupError):
         change()
     with database.read() as session:
-        assert live_workers(session).workers == 0
+        assert live_workers(session) == 0
 
 
 def test_what_is_read_row_by_row_may_stand_beside_other_questions(database: Database) -> None:
@@ -244,7 +244,7 @@ def test_a_connection_that_its_server_ended_is_not_taken(
 def test_the_time_in_a_statement_is_that_of_the_database(database: Database) -> None:
     with database.write() as session:
         before = database_now(session)
-        values = {"at": NOW, "lives_until": NOW, "lanes": [], "slots": 1, "missing_splits": []}
+        values = {"at": NOW, "lives_until": NOW, "lanes": [], "missing_splits": []}
         session.execute(insert(WorkerHeartbeat).values(worker_id="one", **values))
         at = session.scalar(select(WorkerHeartbeat.at))
         assert at is not None

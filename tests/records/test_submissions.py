@@ -14,7 +14,7 @@ from exceptiondrive_records.rescoring.retry import retry_submission
 from exceptiondrive_records.submissions.submissions import (
     accept,
     find_submission,
-    list_submissions,
+    submission_page,
     withdraw,
 )
 from exceptiondrive_records.submissions.tables import Submission
@@ -218,13 +218,10 @@ def test_pages_list_every_submission_once_newest_first(world: World) -> None:
     with world.database.write() as session:  # the same moment for some: ids break the tie
         session.execute(update(Submission).values(received_at=Submission.status_at))
     seen: list[str] = []
+    after = None
     with world.database.read() as session:
-        while True:
-            page = list_submissions(
-                session, team_id=world.team_id, after=seen[-1] if seen else None, limit=3
-            )
-            if not page:
-                break
+        while not seen or after is not None:
+            page, after = submission_page(session, team_id=world.team_id, after=after, limit=3)
             seen += [row.id for row in page]
     assert sorted(seen) == sorted(ids)
     assert len(set(seen)) == 7
@@ -234,6 +231,7 @@ def test_lists_can_be_narrowed(world: World) -> None:
     done = world.scored("one")
     world.submit("two")
     with world.database.read() as session:
-        found = list_submissions(session, phase_id="dev", status=SubmissionStatus.SCORED)
+        scored = SubmissionStatus.SCORED
+        found, _ = submission_page(session, phase_id="dev", status=scored, limit=2)
         assert [row.id for row in found] == [done]
-        assert list_submissions(session, team_id=world.team_id + 1) == []
+        assert submission_page(session, team_id=world.team_id + 1, limit=2) == ([], None)

@@ -34,7 +34,7 @@ def test_a_waiting_submission_shows_how_many_stand_before_it(world: World) -> No
     assert last.position == 1
 
 
-def test_the_expected_wait_comes_from_measured_durations_and_live_slots(world: World) -> None:
+def test_the_expected_wait_comes_from_measured_durations_and_live_workers(world: World) -> None:
     done = [world.submit(f"done {i}") for i in range(3)]
     for one in done:
         world.score(one.job_id)
@@ -43,15 +43,15 @@ def test_the_expected_wait_comes_from_measured_durations_and_live_slots(world: W
             session.query(Job).order_by(Job.created_at), [2, 4, 90], strict=True
         ):
             job.leased_at = job.finished_at - timedelta(seconds=duration_s)
-        beat(session, "one", (Lane.LIVE,), slots=2)
-        beat(session, "two", (Lane.RESCORE,), slots=8)
+        for name, lane in (("one", Lane.LIVE), ("two", Lane.LIVE), ("three", Lane.RESCORE)):
+            beat(session, name, (lane,))
     waiting = [world.submit(f"waiting {i}") for i in range(4)]
     place = seen(world, waiting[3].submission.id).queue
     assert place is not None
-    assert (place.position, place.workers_alive) == (3, 1)
+    assert (place.position, place.workers_alive) == (3, 2)
     assert (
         place.expected_wait_s == 2 * 4 / 2
-    )  # two must end before a slot is free, x median / slots
+    )  # two must end before a worker is free, x median / workers
 
 
 def test_the_place_in_the_queue_goes_by_turns_not_by_arrival(world: World) -> None:
@@ -87,7 +87,7 @@ def test_a_worker_that_does_not_find_the_split_is_none_to_wait_for(world: World)
         (["other", "sample@sha256:another"], (0, 1)),
     ):
         with world.database.write() as session:
-            beat(session, "one", slots=2, missing_splits=lacks)
+            beat(session, "one", missing_splits=lacks)
         place = seen(world, waiting.submission.id).queue
         assert place is not None
         assert (place.expected_wait_s, place.workers_alive) == expected
@@ -151,17 +151,16 @@ def test_several_views_keep_their_order(world: World) -> None:
 
 def test_a_worker_lives_for_as_long_as_its_sign_of_life_says(world: World) -> None:
     with world.database.write() as session:
-        beat(session, "old", (Lane.LIVE,), slots=1)
-        beat(session, "young", (Lane.LIVE, Lane.RESCORE), slots=2, ttl_s=75)
+        beat(session, "old")
+        beat(session, "young", (Lane.LIVE, Lane.RESCORE), ttl_s=75)
     with world.database.write() as session:
         for row in session.query(WorkerHeartbeat):
             row.lives_until -= timedelta(seconds=60)
     with world.database.read() as session:
-        assert live_workers(session) == live_workers(session, Lane.RESCORE)
-        assert (live_workers(session).workers, live_workers(session).slots) == (1, 2)
+        assert live_workers(session) == live_workers(session, Lane.RESCORE) == 1
     with world.database.write() as session:
         forget_worker(session, "young")
-        assert live_workers(session).workers == 0
+        assert live_workers(session) == 0
 
 
 def test_a_cancelled_job_takes_no_place_in_the_queue(world: World) -> None:

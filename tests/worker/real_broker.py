@@ -37,9 +37,9 @@ def count_leased(world: World) -> int:
         return int(session.scalar(select(func.count()).where(Job.state == WorkState.LEASED)) or 0)
 
 
-def live_slots(world: World) -> int:
+def n_alive(world: World) -> int:
     with world.database.read() as session:
-        return live_workers(session, Lane.LIVE).slots
+        return live_workers(session, Lane.LIVE)
 
 
 def scored_lines(world: World) -> list[str]:

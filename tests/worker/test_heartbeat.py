@@ -10,9 +10,9 @@ from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_worker.heartbeat import Heartbeat, youngest_heartbeat_age_s
 
 
-def slots(database: Database, lane: Lane) -> int:
+def n_alive(database: Database, lane: Lane) -> int:
     with database.read() as session:
-        return live_workers(session, lane).slots
+        return live_workers(session, lane)
 
 
 def test_every_process_counts_until_it_signs_off(
@@ -22,12 +22,12 @@ def test_every_process_counts_until_it_signs_off(
     assert both[0].worker_id != both[1].worker_id
     for heartbeat in both:
         heartbeat.start()
-    wait_until(lambda: slots(database, Lane.LIVE) == 2, "two signs of life")
-    assert slots(database, Lane.RESCORE) == 0
+    wait_until(lambda: n_alive(database, Lane.LIVE) == 2, "two signs of life")
+    assert n_alive(database, Lane.RESCORE) == 0
     both[0].stop()
-    assert slots(database, Lane.LIVE) == 1
+    assert n_alive(database, Lane.LIVE) == 1
     both[1].stop()
-    assert slots(database, Lane.LIVE) == 0
+    assert n_alive(database, Lane.LIVE) == 0
 
 
 def test_a_sign_of_life_holds_for_as_long_as_the_worker_is_set_to(
@@ -35,7 +35,7 @@ def test_a_sign_of_life_holds_for_as_long_as_the_worker_is_set_to(
 ) -> None:
     heartbeat = Heartbeat(database, (Lane.LIVE,), every_s=0.05, ttl_s=600)
     heartbeat.start()
-    wait_until(lambda: slots(database, Lane.LIVE) == 1, "a sign of life")
+    wait_until(lambda: n_alive(database, Lane.LIVE) == 1, "a sign of life")
     with database.read() as session:
         (sign,) = session.query(WorkerHeartbeat)
         assert sign.lives_until - sign.at == timedelta(seconds=600)
@@ -68,5 +68,5 @@ def test_a_folder_of_splits_that_is_away_for_a_moment_ends_no_heartbeat(
 
     heartbeat = Heartbeat(database, (Lane.LIVE,), every_s=0.05, ttl_s=15, missing=missing)
     heartbeat.start()
-    wait_until(lambda: slots(database, Lane.LIVE) == 1, "a sign of life")
+    wait_until(lambda: n_alive(database, Lane.LIVE) == 1, "a sign of life")
     heartbeat.stop()

@@ -14,7 +14,7 @@ from tests.worker.real_broker import (
     QUICK,
     assert_all_scored_once,
     count_scored,
-    live_slots,
+    n_alive,
 )
 
 from exceptiondrive_records.boards.boards import current_board
@@ -55,10 +55,10 @@ def test_an_upload_becomes_an_entry_of_a_board(
 
     wait_until(ranks, "a board with the entry")
     assert ranks() == {submission_id: 1}
-    wait_until(lambda: live_slots(world) == 2, "both processes to give a sign of life")
+    wait_until(lambda: n_alive(world) == 2, "both processes to give a sign of life")
     assert worker.stop() == 0
     dispatcher.close()
-    assert live_slots(world) == 0, "a stopped worker signs off"
+    assert n_alive(world) == 0, "a stopped worker signs off"
 
 
 def test_a_worker_that_is_woken_five_times_scores_once(
@@ -176,7 +176,7 @@ def test_junk_in_a_queue_ends_no_worker(
     embedded.add_phase(tiny)
     embedded.submit(planning_file(tiny))
     worker = run_worker(embedded)
-    wait_until(lambda: live_slots(embedded) > 0, "the worker to begin")
+    wait_until(lambda: n_alive(embedded) > 0, "the worker to begin")
     with broker.client() as client:
         for junk in JUNK.values():
             client.lpush("ed:live", junk)

@@ -14,7 +14,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.drawings import find_public_split
 from exceptiondrive_records.submissions.sheets import is_scored
-from exceptiondrive_records.submissions.submissions import list_submissions
+from exceptiondrive_records.submissions.submissions import submission_page
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import views
 from exceptiondrive_records.work.fair_share import waits
@@ -182,7 +182,7 @@ def _require_nothing_to_ask(context: WorkerContext, target: Target, submission_i
     with context.database.read() as session:
         submission = session.get_one(Submission, submission_id)
         phase = session.get_one(Phase, submission.phase_id)
-        scored = list_submissions(
+        scored, _ = submission_page(
             session,
             team_id=submission.team_id,
             phase_id=phase.id,

@@ -28,17 +28,11 @@ class SubmissionStatus(StrEnum):
     @property
     def is_terminal(self) -> bool:
         """Whether scoring has ended."""
-        return self in _TERMINAL
+        return self not in WAITING
 
 
-_TERMINAL = frozenset(
-    {
-        SubmissionStatus.SCORED,
-        SubmissionStatus.REJECTED,
-        SubmissionStatus.FAILED,
-        SubmissionStatus.WITHDRAWN,
-    }
-)
+WAITING = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED, SubmissionStatus.SCORING)
+"""Before scoring has ended."""
 
 
 class QueuePlace(Document):

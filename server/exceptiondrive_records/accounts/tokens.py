@@ -24,7 +24,7 @@ from exceptiondrive_records.accounts.roles import OrganizerRole, checked_phases
 from exceptiondrive_records.accounts.tables import Person, Token
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.database import Database, find_row
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotAllowed, NotFound
 from exceptiondrive_records.db.identifiers import checked_text, random_id, secret_digest
 from exceptiondrive_records.teams.tables import Team
@@ -246,10 +246,7 @@ def find_token(session: Session, token_id: str) -> Token:
     Raises:
         NotFound: There is none with this id.
     """
-    token = session.get(Token, token_id)
-    if token is None:
-        raise NotFound("token", token_id)
-    return token
+    return find_row(session, Token, "token", token_id)
 
 
 def list_tokens(session: Session, team_id: int | None = None) -> list[Token]:

@@ -16,6 +16,7 @@ from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.db.memory import Memory
 from exceptiondrive_records.phases.phases import lock_phase
 from exceptiondrive_records.phases.policy import frozen_since, is_pseudonym, shown_board
+from exceptiondrive_records.phases.scoring_keys import ScoringKey, is_of_key
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.submissions.tables import Submission
@@ -77,8 +78,8 @@ def _kept_back(phase: Phase, request: BoardRequest, now: datetime) -> str:
 def _kept_or_appended(
     session: Session, request: BoardRequest, board: Board, view: BoardView, kept_back: str
 ) -> BoardRow:
-    key = (request.protocol_digest, request.split_revision)
-    row = latest_board(session, request.phase_id, *key, view=view)
+    key = ScoringKey(request.protocol_digest, request.split_revision)
+    row = latest_board(session, request.phase_id, key, view)
     digest = board.content_digest
     if row is not None and row.digest == digest:
         return row
@@ -234,20 +235,12 @@ def late_board(session: Session, phase_id: str) -> BoardRow | None:
 
 
 def latest_board(
-    session: Session,
-    phase_id: str,
-    protocol_digest: str,
-    split_revision: str | None = None,
-    view: BoardView = "main",
+    session: Session, phase_id: str, key: ScoringKey, view: BoardView = "main"
 ) -> BoardRow | None:
-    """Return the newest board of a phase under a protocol (and split revision), drafts too."""
+    """Return the newest board of a phase under a key, drafts too."""
     query = select(BoardRow).where(
-        BoardRow.phase_id == phase_id,
-        BoardRow.protocol_digest == protocol_digest,
-        BoardRow.view == view,
+        BoardRow.phase_id == phase_id, is_of_key(BoardRow, key), BoardRow.view == view
     )
-    if split_revision is not None:
-        query = query.where(BoardRow.split_revision == split_revision)
     return session.scalars(query.order_by(BoardRow.number.desc()).limit(1)).first()
 
 

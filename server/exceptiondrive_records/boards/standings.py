@@ -15,6 +15,7 @@ from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.policy import (
     is_anonymous,
     is_late,
+    is_published,
     is_split_revealed,
     pseudonym_of_method,
     pseudonym_of_team,
@@ -118,7 +119,7 @@ def entries_for_board(
     may_be_told = {
         each.submission.id: each
         for each in (due if tells_entries_alone(session, phase, key.split_revision) else scored)
-        if _is_public(phase, each.submission) and each.submission.id not in out
+        if is_published(phase, each.submission) and each.submission.id not in out
     }
     linked = [may_be_told.get(each.submission.linked_to or "") for each in due]
     told = [*due, *(each for each in linked if each is not None)]
@@ -160,9 +161,9 @@ def replacements(
 
     def counts(each: Submission) -> bool:
         is_told = score_kept_back_since(phase, each, now) is None
-        return is_told and _is_public(phase, each)
+        return is_told and is_published(phase, each)
 
-    asked = [each for each in submissions if _is_scored(each) and counts(each)]
+    asked = [each for each in submissions if each.is_scored and counts(each)]
     if not asked:
         return {}
     is_one_each = phase.policy.entries_shown == "chosen"
@@ -193,10 +194,6 @@ def replacements(
     }
     found = {each.id: standing.get(place_of[each.id]) for each in asked if each.id in place_of}
     return {name: one for name, one in found.items() if one is not None and one.id != name}
-
-
-def _is_scored(submission: Submission) -> bool:
-    return submission.status is SubmissionStatus.SCORED
 
 
 def _scored_under(session: Session, phase: Phase, key: ScoringKey) -> list[_Scored]:
@@ -257,7 +254,7 @@ def _due(
     view: BoardView,
     key: ScoringKey,
 ) -> list[_Scored]:
-    public = [each for each in scored if _is_public(phase, each.submission)]
+    public = [each for each in scored if is_published(phase, each.submission)]
     stood = sorted([*public, *_withdrawn_since(session, phase)], key=_by_arrival)
     in_time = [each for each in stood if not is_late(phase, each.submission)]
     shows_one = phase.policy.entries_shown == "chosen"
@@ -266,7 +263,7 @@ def _due(
     if view == "late" and not is_split_revealed(session, phase):
         due += _of_methods(each for each in public if is_late(phase, each.submission))
     out = disqualified_ids(session, phase.id)
-    stands = [each for each in due if _is_scored(each.submission) and each.submission.id not in out]
+    stands = [each for each in due if each.submission.is_scored and each.submission.id not in out]
     return sorted(stands, key=_by_arrival)
 
 
@@ -282,15 +279,11 @@ def _withdrawn_since(session: Session, phase: Phase) -> list[_Scored]:
         )
     )
     found = [_Scored(submission, team, "") for submission, team in session.execute(query)]
-    return [each for each in found if _is_public(phase, each.submission)]
+    return [each for each in found if is_published(phase, each.submission)]
 
 
 def _by_arrival(scored: _Scored) -> tuple[datetime, str]:
     return scored.submission.received_at, scored.submission.id
-
-
-def _is_public(phase: Phase, submission: Submission) -> bool:
-    return not phase.policy.entries_private or submission.published_at is not None
 
 
 def _newest(runs: Sequence[_Scored]) -> _Scored:

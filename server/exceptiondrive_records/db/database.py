@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from sqlalchemy import (
     Connection,
@@ -35,11 +35,12 @@ from sqlalchemy.orm.util import identity_key
 from exceptiondrive_records.audit.log import chain_audit_lines, chain_in_sql, take_audit_lines
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.errors import Conflict
+from exceptiondrive_records.db.errors import Conflict, NotFound
 from exceptiondrive_records.db.last import WRITES, take_last
 
 __all__ = ["Database", "database_now", "flush_or_refuse"]
 
+Row = TypeVar("Row", bound=Base)
 BUSY_TIMEOUT_MS = 15_000
 _AUTOCOMMIT = "AUTOCOMMIT"
 _BY_ITSELF = {"isolation_level": _AUTOCOMMIT}
@@ -367,6 +368,27 @@ def _upserting(
 
 def _insert(session: Session) -> Any:
     return sqlite_insert if session.get_bind().dialect.name == "sqlite" else postgres_insert
+
+
+def find_row(
+    session: Session,
+    table: type[Row],
+    kind: str,
+    key: str | int,
+    *,
+    lock: bool | dict[str, bool] = False,
+) -> Row:
+    """Return the row of a key, as it is now where it is locked; `kind` is what the refusal calls it.
+
+    `lock` says how, where it is not as usual (see `Session.get`).
+
+    Raises:
+        NotFound: There is none.
+    """
+    row = session.get(table, key, with_for_update=lock, populate_existing=bool(lock))
+    if row is None:
+        raise NotFound(kind, str(key))
+    return row
 
 
 def flush_or_refuse(session: Session, words: str) -> None:

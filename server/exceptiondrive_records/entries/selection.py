@@ -11,7 +11,8 @@ from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.boards.renewal import renew_boards
 from exceptiondrive_records.boards.standings import stood_at_deadline
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.errors import Conflict, NotFound
+from exceptiondrive_records.db.database import find_row
+from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.phases.policy import (
     can_change,
     can_publish,
@@ -21,7 +22,6 @@ from exceptiondrive_records.phases.policy import (
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.phase_settings import RunRule
-from exceptiondrive_schemas.api.submission import SubmissionStatus
 
 MAX_CHOICES_A_DAY = 50
 """Of a team, publications too."""
@@ -147,12 +147,8 @@ def _require_changes_left(session: Session, submission: Submission) -> None:
 
 
 def _scored(session: Session, submission_id: str) -> tuple[Submission, Phase]:
-    submission = session.get(
-        Submission, submission_id, with_for_update=True, populate_existing=True
-    )
-    if submission is None:
-        raise NotFound("submission", submission_id)
-    if submission.status is not SubmissionStatus.SCORED:
+    submission = find_row(session, Submission, "submission", submission_id, lock=True)
+    if not submission.is_scored:
         raise Conflict(f"The submission is {submission.status}; only a scored one is an entry.")
     return submission, session.get_one(Phase, submission.phase_id)
 

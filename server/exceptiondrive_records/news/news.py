@@ -5,7 +5,8 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.errors import Conflict, NotFound
+from exceptiondrive_records.db.database import find_row
+from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.db.identifiers import checked_reason, checked_text, random_id
 from exceptiondrive_records.news.tables import News
 from exceptiondrive_records.participation.messages import (
@@ -84,10 +85,7 @@ def find_news(session: Session, news_id: str, *, lock: bool = False) -> News:
     Raises:
         NotFound: There are none of this id.
     """
-    row = session.get(News, news_id, with_for_update=lock, populate_existing=lock)
-    if row is None:
-        raise NotFound("news", news_id)
-    return row
+    return find_row(session, News, "news", news_id, lock=lock)
 
 
 def news_of(session: Session, phase_id: str) -> list[News]:

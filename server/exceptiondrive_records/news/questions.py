@@ -8,7 +8,8 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.accounts.people import hold_team
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.errors import Conflict, NotFound
+from exceptiondrive_records.db.database import find_row
+from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.db.identifiers import checked_text, random_id
 from exceptiondrive_records.news.news import publish_news
 from exceptiondrive_records.news.tables import Question
@@ -130,10 +131,7 @@ def find_question(session: Session, question_id: str, *, lock: bool = False) -> 
     Raises:
         NotFound: There is none.
     """
-    row = session.get(Question, question_id, with_for_update=lock, populate_existing=lock)
-    if row is None:
-        raise NotFound("question", question_id)
-    return row
+    return find_row(session, Question, "question", question_id, lock=lock)
 
 
 def questions_of(session: Session, team_id: int, phase_id: str) -> list[Question]:

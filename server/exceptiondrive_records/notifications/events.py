@@ -20,6 +20,7 @@ from exceptiondrive_records.participation.tables import Allowance, TermsAcceptan
 from exceptiondrive_records.phases.allowances import is_revealed
 from exceptiondrive_records.phases.disqualified import team_disqualified_since
 from exceptiondrive_records.phases.policy import own_deadline
+from exceptiondrive_records.phases.scoring_keys import is_of_key, key_of_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.submissions.submissions import ids_of_team
@@ -249,8 +250,7 @@ def _best_ranks(
         )
         .join(BoardRow, BoardRow.id == BoardEntryRow.board_id)
         .where(
-            BoardRow.protocol_digest == phase.protocol_digest,
-            BoardRow.split_revision == phase.split_revision,
+            is_of_key(BoardRow, key_of_phase(phase)),
             BoardRow.id.in_(
                 select(BoardFlip.board_id).where(
                     BoardFlip.phase_id == phase.id, BoardFlip.at >= since

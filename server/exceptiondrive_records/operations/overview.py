@@ -46,7 +46,6 @@ class WorkerSign:
 
     worker_id: str
     lanes: tuple[str, ...]
-    slots: int
     age_s: float
     is_alive: bool
 
@@ -141,4 +140,4 @@ def worker_signs(session: Session) -> Iterable[WorkerSign]:
     for row in session.scalars(query):
         age_s = (now - row.at).total_seconds()
         is_alive = row.lives_until > now
-        yield WorkerSign(row.worker_id, tuple(row.lanes), row.slots, age_s, is_alive)
+        yield WorkerSign(row.worker_id, tuple(row.lanes), age_s, is_alive)

@@ -30,7 +30,7 @@ def scoring_delay(session: Session) -> str:
     It is delayed while workers are expected and none lives, and while something waits too long.
     """
     queue = lane_queue(session, Lane.LIVE)
-    if live_workers(session, Lane.LIVE).workers == 0:
+    if live_workers(session, Lane.LIVE) == 0:
         is_expected = session.scalar(select(WorkerHeartbeat.worker_id).limit(1)) is not None
         if queue.waiting or queue.running or is_expected:
             return (
@@ -51,8 +51,8 @@ def service_status(session: Session) -> ServiceStatus:
     return ServiceStatus(
         state="delayed" if delay else "up",
         sentence=delay or "Scoring keeps up: submissions are scored as they come.",
-        live_workers=alive.workers,
-        slots=alive.slots,
+        live_workers=alive,
+        slots=alive,
         waiting=queue.waiting,
         running=queue.running,
         oldest_wait_s=queue.oldest_s,

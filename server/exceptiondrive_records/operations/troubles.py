@@ -68,7 +68,7 @@ def troubles_of(session: Session, phase: Phase) -> tuple[Trouble, ...]:
 
 
 def _lanes(session: Session) -> Iterator[Trouble]:
-    idle = [lane for lane in Lane if live_workers(session, lane).workers == 0]
+    idle = [lane for lane in Lane if live_workers(session, lane) == 0]
     if idle == list(Lane):
         yield Trouble(
             "lane_without_worker",

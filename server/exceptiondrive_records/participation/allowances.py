@@ -15,7 +15,6 @@ from exceptiondrive_records.participation.tables import Allowance
 from exceptiondrive_records.phases.allowances import allowance_of, is_revealed
 from exceptiondrive_records.phases.phases import lock_phase, require_known_to
 from exceptiondrive_records.phases.policy import own_deadline
-from exceptiondrive_records.submissions.submissions import lock_team
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import find_team
 
@@ -46,7 +45,7 @@ def set_allowance(
             phase is hidden, and the team would learn of it.
     """
     phase = lock_phase(session, phase_id)
-    team = lock_team(session, find_team(session, slug).id)
+    team = find_team(session, slug, lock=True)
     team.require_there()
     row = allowance_of(session, team.id, phase.id)
     if closes_at is not None and own_deadline(phase, closes_at) is None:

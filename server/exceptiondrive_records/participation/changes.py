@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.accounts.tables import Invitation, Membership, Token
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.errors import Conflict, NotFound
+from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.db.identifiers import (
     checked_reason,
     checked_team,
@@ -39,11 +39,7 @@ def approve_team(session: Session, slug: str, *, actor: str) -> Team:
     Raises:
         NotFound: There is no such team.
     """
-    team = session.get(
-        Team, find_team(session, slug).id, with_for_update=True, populate_existing=True
-    )
-    if team is None:  # refused meanwhile
-        raise NotFound("team", slug)
+    team = find_team(session, slug, lock=True)
     if team.pending_since is not None:
         team.pending_since = team.registered_from = None
         audit(session, actor, "team approved", slug)
@@ -70,7 +66,7 @@ def change_team(
         InvalidRecord: A text cannot be used.
         Conflict: Another team has the name, or one that looks like it; or this one is gone.
     """
-    team = lock_team(session, find_team(session, slug).id)
+    team = find_team(session, slug, lock=True)
     team.require_there()
     before = {"name": team.name, "affiliation": team.affiliation}
     if name is not None:

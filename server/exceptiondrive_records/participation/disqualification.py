@@ -13,7 +13,8 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.boards.renewal import renew_boards
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.errors import Conflict, NotFound
+from exceptiondrive_records.db.database import find_row
+from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.db.identifiers import checked_reason, checked_text
 from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.participation.tables import Disqualification
@@ -44,7 +45,7 @@ def disqualify_team(
         Conflict: It is disqualified there already, waits for approval, or is part of another one; the
             phase is hidden, and the team would learn of it.
     """
-    team = lock_team(session, find_team(session, slug).id)
+    team = find_team(session, slug, lock=True)
     if team.pending_since is not None:
         raise Conflict("The team waits for approval: refuse its registration instead.")
     if team.merged_into_id is not None:
@@ -183,10 +184,7 @@ def find_disqualification(session: Session, disqualification_id: int) -> Disqual
     Raises:
         NotFound: There is none.
     """
-    row = session.get(Disqualification, disqualification_id)
-    if row is None:
-        raise NotFound("disqualification", str(disqualification_id))
-    return row
+    return find_row(session, Disqualification, "disqualification", disqualification_id)
 
 
 def disqualification_of(session: Session, submission_id: str) -> Disqualification | None:

@@ -26,11 +26,10 @@ from exceptiondrive_records.db.identifiers import checked_reason, skeleton
 from exceptiondrive_records.news.tables import Question
 from exceptiondrive_records.notifications.tables import ContactPoint, Delivery, Notification
 from exceptiondrive_records.participation.disqualification import want_boards_of_team
-from exceptiondrive_records.submissions.submissions import lock_team
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team
-from exceptiondrive_records.work.tables import OPEN_STATES, WorkState
+from exceptiondrive_records.work.lease import cancel
 from exceptiondrive_schemas.api.rescoring import NotificationView
 from exceptiondrive_schemas.base import canonical_json
 
@@ -49,7 +48,7 @@ def forget_team(session: Session, slug: str, *, reason: str, actor: str) -> Team
         InvalidRecord: The reason cannot be kept.
         Conflict: It is a reference team, part of another one, or forgotten already.
     """
-    team = lock_team(session, find_team(session, slug).id)
+    team = find_team(session, slug, lock=True)
     if team.is_reference:
         raise Conflict("A reference team stands for no people: there is nothing to forget.")
     if team.forgotten_at is not None:
@@ -146,12 +145,8 @@ def _forget_people(session: Session, team: Team) -> None:
 
 def _forget_notices(session: Session, team: Team) -> None:
     now = database_now(session)
-    contacts = select(ContactPoint.id).where(ContactPoint.team_id == team.id).scalar_subquery()
-    session.execute(
-        update(Delivery)
-        .where(Delivery.contact_id.in_(contacts), Delivery.state.in_(OPEN_STATES))
-        .values(state=WorkState.CANCELLED, finished_at=now, lease_until=None)
-    )
+    contacts = select(ContactPoint.id).where(ContactPoint.team_id == team.id)
+    cancel(session, Delivery, now, Delivery.contact_id.in_(contacts))
     session.execute(
         update(ContactPoint)
         .where(ContactPoint.team_id == team.id)

@@ -29,12 +29,9 @@ def is_open_to(
 
     A later deadline ends with the reveal of what was kept back: whoever knows it would answer it.
     """
-    if is_open(phase, now):
-        return True
-    if phase.visibility != "shown" or (phase.opens_at is not None and now < phase.opens_at):
-        return False
-    is_longer = own_closes_at is not None and now < own_closes_at
-    return is_longer and not is_revealed(session, phase)
+    return is_open(phase, now) or (
+        is_open(phase, now, own_closes_at) and not is_revealed(session, phase)
+    )
 
 
 def is_revealed(session: Session, phase: Phase) -> bool:

@@ -22,6 +22,7 @@ from exceptiondrive_records.phases.phases import (
     settings_of,
 )
 from exceptiondrive_records.phases.policy import (
+    families_shown_from,
     frozen_since,
     is_anonymous,
     new_salt,
@@ -158,7 +159,7 @@ def unfreeze(session: Session, phase: Phase, now: datetime) -> None:
     """Let the pointer move again, to the newest board of what the phase shows."""
     phase.unfrozen_at = now
     end_own_deadlines(session, phase, now)
-    row = latest_board(session, phase.id, *key_of_phase(phase))
+    row = latest_board(session, phase.id, key_of_phase(phase))
     if row is not None:
         flip_board(session, phase, row)
     renew_boards(session, phase)
@@ -197,7 +198,7 @@ def _set_policy(session: Session, phase: Phase, policy: PhasePolicy, now: dateti
             raise InvalidRecord(
                 "freezes_at lies in the past. To freeze now, use the action freeze."
             )
-    if _hides_families(policy, now) and not _hides_families(old, now):
+    if families_shown_from(policy, now) and families_shown_from(old, now) is None:
         _require_no_scores(session, phase)
     phase.policy = policy
     if policy.live_part != old.live_part:
@@ -226,10 +227,6 @@ def _require_no_scores(session: Session, phase: Phase) -> None:
     scores = select(ScoreSheetRow).join(Submission).where(Submission.phase_id == phase.id)
     if session.scalar(select(scores.exists())):
         raise Conflict("The families of this phase have been shown: they cannot be hidden now.")
-
-
-def _hides_families(policy: PhasePolicy, now: datetime) -> bool:
-    return policy.families_from is not None and policy.families_from > now
 
 
 def _document(phase: Phase) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from datetime import datetime
 
-from sqlalchemy import ColumnElement, and_, bindparam, exists, select
+from sqlalchemy import and_, bindparam, exists, func, select
 from sqlalchemy.orm import Session, aliased
 
 from exceptiondrive_records.db.errors import NotAllowed
@@ -18,18 +18,19 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_schemas.api.participation import DisqualificationNote
 
-
-def is_disqualified() -> ColumnElement[bool]:
-    """Condition on `Submission`: it, or its team in the phase, is disqualified."""
-    return exists().where(
-        Disqualification.team_id == Submission.team_id,
-        Disqualification.reinstated_at.is_(None),
-        Disqualification.phase_id.is_(None) | (Disqualification.phase_id == Submission.phase_id),
-        Disqualification.submission_id.is_(None)
-        | (Disqualification.submission_id == Submission.id),
-    )
-
-
+_IS_OF_SUBMISSION = and_(
+    Disqualification.team_id == Submission.team_id,
+    Disqualification.reinstated_at.is_(None),
+    Disqualification.phase_id.is_(None) | (Disqualification.phase_id == Submission.phase_id),
+    Disqualification.submission_id.is_(None) | (Disqualification.submission_id == Submission.id),
+)
+"""It, or its team in the phase, is disqualified."""
+_SINCE = (
+    select(Submission.id, func.min(Disqualification.disqualified_at))
+    .join(Disqualification, _IS_OF_SUBMISSION)
+    .where(Submission.id.in_(bindparam("submissions", expanding=True)))
+    .group_by(Submission.id)
+)
 _IN_FORCE = and_(
     Disqualification.team_id == bindparam("team"),
     Disqualification.reinstated_at.is_(None),
@@ -57,33 +58,19 @@ _OF_UPLOAD = (
     .limit(1)
 )
 """The whole team first, then these bytes of it."""
-_OF_TEAMS = select(Disqualification).where(
-    Disqualification.team_id.in_(bindparam("teams", expanding=True)),
-    Disqualification.reinstated_at.is_(None),
-)
 
 
 def disqualified_ids(session: Session, phase_id: str) -> frozenset[str]:
     """Return the submissions to a phase that stand on no board of it from now on."""
-    query = select(Submission.id).where(Submission.phase_id == phase_id, is_disqualified())
+    is_out = exists().where(_IS_OF_SUBMISSION)
+    query = select(Submission.id).where(Submission.phase_id == phase_id, is_out)
     return frozenset(session.scalars(query))
 
 
 def disqualified_since(session: Session, submissions: Sequence[Submission]) -> dict[str, datetime]:
     """Return since when submissions stand on no board, by their ids; left out are those that may stand."""
-    teams = list({each.team_id for each in submissions})
-    rows = session.scalars(_OF_TEAMS, {"teams": teams}).all()
-    found = {
-        each.id: [
-            row.disqualified_at
-            for row in rows
-            if row.team_id == each.team_id
-            and row.phase_id in (None, each.phase_id)
-            and row.submission_id in (None, each.id)
-        ]
-        for each in submissions
-    }
-    return {name: min(times) for name, times in found.items() if times}
+    found = session.execute(_SINCE, {"submissions": [each.id for each in submissions]})
+    return {submission_id: since for submission_id, since in found}
 
 
 def require_not_disqualified(

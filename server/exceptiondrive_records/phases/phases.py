@@ -7,7 +7,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.database import flush_or_refuse
+from exceptiondrive_records.db.database import find_row, flush_or_refuse
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.db.identifiers import checked_link, checked_slug, checked_text
 from exceptiondrive_records.phases.allowances import is_open_to
@@ -142,10 +142,7 @@ def find_phase(session: Session, phase_id: str) -> Phase:
     Raises:
         NotFound: There is none with this id.
     """
-    phase = session.get(Phase, phase_id)
-    if phase is None:
-        raise NotFound("phase", phase_id)
-    return phase
+    return find_row(session, Phase, "phase", phase_id)
 
 
 def titles_of_phases(session: Session) -> dict[str, str]:
@@ -163,11 +160,7 @@ def lock_phase(session: Session, phase_id: str) -> Phase:
     Raises:
         NotFound: There is none.
     """
-    weak = {"key_share": True}
-    phase = session.get(Phase, phase_id, with_for_update=weak, populate_existing=True)
-    if phase is None:
-        raise NotFound("phase", phase_id)
-    return phase
+    return find_row(session, Phase, "phase", phase_id, lock={"key_share": True})
 
 
 def shown_phase(session: Session, phase_id: str, *, with_hidden: bool = False) -> Phase:

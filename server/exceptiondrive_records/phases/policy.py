@@ -15,7 +15,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.splits.splits import part_revision
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
-from exceptiondrive_schemas.api.phase_settings import PhaseNow
+from exceptiondrive_schemas.api.phase_settings import PhaseNow, PhasePolicy
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.score_sheet import ScoreSheet
@@ -35,10 +35,10 @@ def frozen_since(phase: Phase, now: datetime) -> datetime | None:
     return freezes_at
 
 
-def families_shown_from(phase: Phase, now: datetime) -> datetime | None:
+def families_shown_from(policy: PhasePolicy, now: datetime) -> datetime | None:
     """Return from when families and tasks are shown; None when they are shown already."""
-    families_from = phase.policy.families_from
-    return families_from if families_from is not None and now < families_from else None
+    shown_from = policy.families_from
+    return shown_from if shown_from is not None and now < shown_from else None
 
 
 def is_anonymous(phase: Phase) -> bool:
@@ -46,12 +46,14 @@ def is_anonymous(phase: Phase) -> bool:
     return phase.policy.anonymous and phase.names_revealed_at is None
 
 
-def is_open(phase: Phase, now: datetime) -> bool:
-    """Whether a shown phase takes submissions: from `opens_at` until just before `closes_at`."""
-    if phase.visibility != "shown":
-        return False
+def is_open(phase: Phase, now: datetime, own_closes_at: datetime | None = None) -> bool:
+    """Whether a shown phase takes submissions: from `opens_at` until just before `closes_at`.
+
+    Of a team that was granted a deadline of its own, until just before that.
+    """
+    closes_at = own_closes_at or phase.closes_at
     has_opened = phase.opens_at is None or phase.opens_at <= now
-    return has_opened and (phase.closes_at is None or now < phase.closes_at)
+    return phase.visibility == "shown" and has_opened and (closes_at is None or now < closes_at)
 
 
 def scored_while_open(session: Session, split_name: str) -> list[str]:
@@ -123,6 +125,11 @@ def hid_scores(session: Session, phase: Phase) -> bool:
     return has_revealed(session, phase, datetime.min.replace(tzinfo=UTC))
 
 
+def is_published(phase: Phase, submission: Submission) -> bool:
+    """Whether an entry is public: where a phase keeps entries private, its team has said so."""
+    return not phase.policy.entries_private or submission.published_at is not None
+
+
 def can_publish(session: Session, phase: Phase) -> bool:
     """Whether entries are private until their teams publish them, and no reveal has ended that."""
     if not phase.policy.entries_private:
@@ -169,7 +176,7 @@ def phase_now(session: Session, phase: Phase) -> PhaseNow:
         part=split.part,
         n_counted=split.n_samples,
         frozen_since=frozen_since(phase, now),
-        families_shown_from=families_shown_from(phase, now),
+        families_shown_from=families_shown_from(phase.policy, now),
         is_anonymous=is_anonymous(phase),
         takes_late_entries=takes_late_entries(session, phase, now),
     )
@@ -216,7 +223,7 @@ def _keyed(phase: Phase, text: str, length: int) -> str:
 
 def shown_board(phase: Phase, board: Board, now: datetime) -> Board:
     """Return a board as it may be published now; without families before their date."""
-    if families_shown_from(phase, now) is None:
+    if families_shown_from(phase.policy, now) is None:
         return board
     return board.model_copy(
         update={
@@ -231,7 +238,7 @@ def shown_board(phase: Phase, board: Board, now: datetime) -> Board:
 
 def shown_sheet(phase: Phase, row: ScoreSheetRow, now: datetime) -> ScoreSheet:
     """Return a sheet as anybody may see it now; without families and tasks before their date."""
-    if families_shown_from(phase, now) is None:
+    if families_shown_from(phase.policy, now) is None:
         return row.sheet
     return without_breakdown(row.sheet)
 

@@ -18,13 +18,12 @@ from exceptiondrive_records.participation.tables import Allowance
 from exceptiondrive_records.phases.policy import own_deadline
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_schemas.api.submission import Quota, SubmissionStatus
+from exceptiondrive_schemas.api.submission import WAITING, Quota, SubmissionStatus
 
 COSTS_NOTHING = (SubmissionStatus.REJECTED, SubmissionStatus.FAILED)
 """A wrong file costs no quota, nor does our own failure: both count among the files of a day that may
 bring no score. A withdrawn submission costs, unless another one counts in its place, as its team
 confirmed."""
-WAITING = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED, SubmissionStatus.SCORING)
 
 
 def quota_of(session: Session, team_id: int, phase: Phase, day: datetime | None = None) -> Quota:

@@ -37,11 +37,12 @@ from exceptiondrive_records.rescoring.progress import (
 from exceptiondrive_records.rescoring.runs import find_run, list_runs
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.trials import ask_for_trial, trial_of
-from exceptiondrive_records.rescoring.verification import ask_for_rechecks, cancel_rechecks
+from exceptiondrive_records.rescoring.verification import ask_for_rechecks
 from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.submissions import find_submission
-from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_records.work.lease import cancel
+from exceptiondrive_records.work.tables import Job, Recheck, WorkState
 from exceptiondrive_schemas.api.rescoring import RETRIES, RunAction, RunKind, RunState, next_states
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.printable import counted
@@ -206,7 +207,7 @@ def cancel_run(session: Session, run_id: str, *, reason: str, actor: str) -> Res
     """End a run that was not applied; sheets that were made stay, and need not be made again."""
     run = move_run(session, run_id, RunAction.CANCEL, reason, actor)
     if run.kind is RunKind.VERIFICATION:
-        cancel_rechecks(session, run)
+        cancel(session, Recheck, run.state_at, Recheck.run_id == run.id)
     else:
         cancel_jobs(session, run, new_key(run))
     return run

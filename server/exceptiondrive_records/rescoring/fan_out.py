@@ -11,16 +11,16 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.phases.scoring_keys import (
     ScoringKey,
-    is_of_key,
     new_key,
     old_key,
     shadow_key,
 )
 from exceptiondrive_records.rescoring.progress import (
+    count_jobs,
     count_sheets,
     fresh_board,
+    jobs_in,
     left_out,
-    open_jobs,
     scored_left_out,
     want_fresh_board,
 )
@@ -28,7 +28,7 @@ from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.verification import end_verification
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.jobs import new_job
-from exceptiondrive_records.work.tables import WAITING_STATES, Job, WorkState
+from exceptiondrive_records.work.tables import OPEN_STATES, WAITING_STATES, Job, WorkState
 from exceptiondrive_schemas.api.rescoring import RunKind, RunState
 from exceptiondrive_schemas.jobs import Lane
 
@@ -81,7 +81,7 @@ def _sides(run: RescoringRun) -> tuple[ScoringKey, ...]:
 
 
 def _insert_missing(session: Session, run: RescoringRun, key: ScoringKey) -> int:
-    room = BATCH - open_jobs(session, run.phase_id, key)
+    room = BATCH - count_jobs(session, run.phase_id, key, OPEN_STATES)
     if room <= 0:
         return 0
     return _make_jobs(session, scored_left_out(run.phase_id, key, room), key)
@@ -135,13 +135,4 @@ def _move_jobs(
 
 
 def _waiting(run: RescoringRun, key: ScoringKey) -> Select[str]:
-    return (
-        select(Job.id)
-        .join(Submission, Submission.id == Job.submission_id)
-        .where(
-            Submission.phase_id == run.phase_id,
-            is_of_key(Job, key),
-            Job.lane == Lane.RESCORE,
-            Job.state.in_(WAITING_STATES),
-        )
-    )
+    return jobs_in(run.phase_id, key, WAITING_STATES).where(Job.lane == Lane.RESCORE)

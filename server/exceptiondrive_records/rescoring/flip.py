@@ -15,7 +15,6 @@ from exceptiondrive_records.notifications.inbox import notify_teams
 from exceptiondrive_records.phases.allowances import end_own_deadlines
 from exceptiondrive_records.phases.phases import lock_phase
 from exceptiondrive_records.phases.policy import frozen_since
-from exceptiondrive_records.phases.quotas import WAITING
 from exceptiondrive_records.phases.scoring_keys import (
     ScoringKey,
     is_of_key,
@@ -37,7 +36,12 @@ from exceptiondrive_records.rescoring.comparison import (
     what_changed,
 )
 from exceptiondrive_records.rescoring.fan_out import cancel_jobs
-from exceptiondrive_records.rescoring.progress import count_sheets, failed_sheets, fresh_board
+from exceptiondrive_records.rescoring.progress import (
+    count_sheets,
+    failed_sheets,
+    fresh_board,
+    jobs_in,
+)
 from exceptiondrive_records.rescoring.reveal import reveal_blockers
 from exceptiondrive_records.rescoring.runs import find_run
 from exceptiondrive_records.rescoring.tables import RescoringRun
@@ -46,6 +50,7 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.tables import WAITING_STATES, Job
 from exceptiondrive_schemas.api.rescoring import Comparison, NotificationKind, RunAction, RunState
+from exceptiondrive_schemas.api.submission import WAITING
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.printable import counted
 
@@ -264,13 +269,5 @@ def _turn_waiting_jobs(session: Session, phase_id: str, old: ScoringKey, new: Sc
 
 
 def _waiting_under(phase_id: str, key: ScoringKey) -> Select[str]:
-    return (
-        select(Job.submission_id)
-        .join(Submission, Submission.id == Job.submission_id)
-        .where(
-            Submission.phase_id == phase_id,
-            Submission.status.in_(WAITING),
-            is_of_key(Job, key),
-            Job.state.in_(WAITING_STATES),
-        )
-    )
+    found = jobs_in(phase_id, key, WAITING_STATES).where(Submission.status.in_(WAITING))
+    return found.with_only_columns(Job.submission_id)

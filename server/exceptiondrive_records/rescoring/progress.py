@@ -11,14 +11,13 @@ from exceptiondrive_records.boards.boards import entry_ids, latest_board
 from exceptiondrive_records.boards.standings import entry_ids_for_board
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.phases.quotas import WAITING
 from exceptiondrive_records.phases.scoring_keys import ScoringKey, is_of_key
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.board_requests import is_board_wanted, want_board
 from exceptiondrive_records.work.tables import OPEN_STATES, Job, WorkState
 from exceptiondrive_schemas.api.rescoring import Progress, RunState
-from exceptiondrive_schemas.api.submission import SubmissionStatus
+from exceptiondrive_schemas.api.submission import WAITING, SubmissionStatus
 
 _RATE_WINDOW = timedelta(seconds=30)
 _LEAST_S = 1.0
@@ -79,17 +78,21 @@ def failed_sheets(phase_id: str, key: ScoringKey) -> Select[Submission]:
     return _scored(phase_id).where(not_(_has_sheet(key)), ended)
 
 
-def open_jobs(
-    session: Session, phase_id: str, key: ScoringKey, states: Sequence[WorkState] = OPEN_STATES
-) -> int:
-    """Return how many jobs of this key wait or run."""
-    query = (
-        select(func.count())
-        .select_from(Job)
+def jobs_in(phase_id: str, key: ScoringKey, states: Sequence[WorkState]) -> Select[str]:
+    """Select the ids of the jobs of a phase under a key that are in one of these states."""
+    return (
+        select(Job.id)
         .join(Submission, Submission.id == Job.submission_id)
         .where(Submission.phase_id == phase_id, is_of_key(Job, key), Job.state.in_(states))
     )
-    return session.scalar(query) or 0
+
+
+def count_jobs(
+    session: Session, phase_id: str, key: ScoringKey, states: Sequence[WorkState]
+) -> int:
+    """Return how many jobs of a phase under a key are in one of these states."""
+    found = jobs_in(phase_id, key, states)
+    return session.scalar(found.with_only_columns(func.count())) or 0
 
 
 def progress_of(session: Session, run: RescoringRun, key: ScoringKey) -> Progress:
@@ -102,7 +105,7 @@ def progress_of(session: Session, run: RescoringRun, key: ScoringKey) -> Progres
     counts = count_sheets(session, run.phase_id, key)
     rate = _rate(session, run, key) if run.state is RunState.SCORING else None
     waiting = counts.missing - counts.failed
-    begun = open_jobs(session, run.phase_id, key, [WorkState.LEASED]) if rate else 0
+    begun = count_jobs(session, run.phase_id, key, [WorkState.LEASED]) if rate else 0
     return Progress(
         done=counts.done,
         total=counts.total,
@@ -156,7 +159,7 @@ def fresh_board(session: Session, phase_id: str, key: ScoringKey) -> BoardRow | 
     """Return the newest board under a key if it holds exactly the entries that are due now."""
     if is_board_wanted(session, phase_id, *key):
         return None
-    row = latest_board(session, phase_id, *key)
+    row = latest_board(session, phase_id, key)
     due = entry_ids_for_board(session, phase_id, key)
     return row if row is not None and entry_ids(session, row.id) == due else None
 

@@ -3,7 +3,7 @@
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.db.database import find_row
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_schemas.api.rescoring import RunKind, RunState
 
@@ -16,10 +16,7 @@ def find_run(session: Session, run_id: str, *, lock: bool = False) -> RescoringR
     Raises:
         NotFound: There is none.
     """
-    run = session.get(RescoringRun, run_id, with_for_update=lock, populate_existing=lock)
-    if run is None:
-        raise NotFound("rescoring run", run_id)
-    return run
+    return find_row(session, RescoringRun, "rescoring run", run_id, lock=lock)
 
 
 def list_runs(

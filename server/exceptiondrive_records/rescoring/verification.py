@@ -18,7 +18,7 @@ from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.runs import find_run, list_runs
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
-from exceptiondrive_records.work.lease import finish, is_free, new_item
+from exceptiondrive_records.work.lease import finish, give_up, new_item
 from exceptiondrive_records.work.tables import OPEN_STATES, Recheck, WorkState
 from exceptiondrive_schemas.api.rescoring import (
     RunKind,
@@ -94,30 +94,17 @@ def finish_recheck(
     return True
 
 
-def cancel_rechecks(session: Session, run: RescoringRun) -> None:
-    """Let nothing more of a verification be recomputed."""
-    session.execute(
-        update(Recheck)
-        .where(Recheck.run_id == run.id, Recheck.state.in_(OPEN_STATES))
-        .values(state=WorkState.CANCELLED, fence=Recheck.fence + 1, finished_at=run.state_at)
-        .execution_options(synchronize_session=False)
-    )
-
-
 def end_verification(session: Session, run: RescoringRun, max_attempts: int) -> None:
     """Give up what no attempt has answered; close the run once every sheet has come to an end."""
-    now = database_now(session)
-    lost = select(Recheck).where(
-        Recheck.run_id == run.id, Recheck.attempts >= max_attempts, is_free(Recheck, now)
-    )
-    for item in session.scalars(lost.with_for_update(skip_locked=True)):
-        item.state, item.note, item.finished_at = WorkState.DEAD, _UNANSWERED, now
+    for item in give_up(session, Recheck, max_attempts, Recheck.run_id == run.id):
+        item.note = _UNANSWERED
         _tell(session, item, VerifyState.FAILED, None, _UNANSWERED)
     session.flush()
     counts = _counts(session, run.id)
     if counts[VerifyState.WAITING]:
         return
-    run.state, run.state_at, run.ended_at = RunState.CLOSED, now, now
+    run.state = RunState.CLOSED
+    run.state_at = run.ended_at = database_now(session)
     outcome = {state.value: count for state, count in counts.items()}
     audit(session, "reconciler", "verification finished", run.id, outcome)
 

@@ -128,7 +128,7 @@ def preview_of(session: Session, run_id: str, seen: str | None = None) -> Previe
     compared = comparison_of(session, run) if run.state in _PREVIEWED else _applied(session, run)
     is_behind = compared is None and not run.state.is_final
     if compared is None:
-        draft = latest_board(session, run.phase_id, *shadow_key(run))
+        draft = latest_board(session, run.phase_id, shadow_key(run))
         compared = compare_to_shown(session, phase, draft)  # though submissions came since
     if compared is None:
         yet = "" if run.state.is_final else " yet"

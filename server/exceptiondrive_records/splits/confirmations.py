@@ -9,6 +9,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import find_row
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.splits.splits import find_split
@@ -33,9 +34,7 @@ def add_confirmation(session: Session, given: Confirmation, actor: str) -> Confi
         Conflict: This key signed it and took that back.
     """
     find_split(session, given.split.name, given.split.revision)
-    protocol = session.get(ProtocolRow, given.protocol)
-    if protocol is None:
-        raise NotFound("protocol", given.protocol)
+    protocol = find_row(session, ProtocolRow, "protocol", given.protocol)
     if not is_signed(given):
         raise InvalidRecord("The signature does not fit this split, protocol and key.")
     known = session.get(ConfirmationRow, given.id)

@@ -29,7 +29,8 @@ from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import require_approved
 from exceptiondrive_records.work.board_requests import want_board
-from exceptiondrive_records.work.jobs import cancel_jobs_of, new_job
+from exceptiondrive_records.work.jobs import new_job
+from exceptiondrive_records.work.lease import cancel
 from exceptiondrive_records.work.tables import Job
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.challenges import CHALLENGES
@@ -413,7 +414,7 @@ def withdraw(session: Session, submission_id: str, *, actor: str) -> Submission:
     now = database_now(session)
     submission.status = SubmissionStatus.WITHDRAWN
     submission.status_at = submission.withdrawn_at = now
-    cancel_jobs_of(session, submission_id, now)
+    cancel(session, Job, now, Job.submission_id == submission_id)
     for key in scored_under(session, submission_id):
         want_board(session, submission.phase_id, *key)
     audit(session, actor, "submission withdrawn", submission_id, {"was": before})
@@ -444,16 +445,18 @@ def ids_of_team(session: Session, team_id: int, phase_id: str) -> frozenset[str]
     return frozenset(session.scalars(query))
 
 
-def list_submissions(
+def submission_page(
     session: Session,
     *,
     team_id: int | None = None,
     phase_id: str | None = None,
     status: SubmissionStatus | None = None,
     after: str | None = None,
-    limit: int = 50,
-) -> list[Submission]:
-    """Return submissions, newest first, continuing after the submission `after`.
+    limit: int,
+) -> tuple[list[Submission], str | None]:
+    """Return submissions, newest first, and after which one the next page begins, if any.
+
+    This page begins after the submission `after`.
 
     Raises:
         NotFound: `after` is no submission that could be listed.
@@ -469,26 +472,7 @@ def list_submissions(
         last = find_submission(session, after, team_id=team_id)
         place = tuple_(Submission.received_at, Submission.id)
         query = query.where(place < tuple_(last.received_at, last.id))
-    return list(session.scalars(query.limit(limit)))
-
-
-def submission_page(
-    session: Session,
-    *,
-    team_id: int | None = None,
-    phase_id: str | None = None,
-    status: SubmissionStatus | None = None,
-    after: str | None,
-    limit: int,
-) -> tuple[list[Submission], str | None]:
-    """Return a page of `list_submissions`, and after which submission the next one begins, if any.
-
-    Raises:
-        NotFound: `after` is no submission that could be listed.
-    """
-    found = list_submissions(
-        session, team_id=team_id, phase_id=phase_id, status=status, after=after, limit=limit + 1
-    )
+    found = list(session.scalars(query.limit(limit + 1)))
     return found[:limit], found[limit - 1].id if len(found) > limit else None
 
 

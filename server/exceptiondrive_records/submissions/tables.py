@@ -83,6 +83,11 @@ class Submission(Base):
     """When the team last changed name, words, links or facts; `SubmissionEdit` says how."""
 
     @property
+    def is_scored(self) -> bool:
+        """Whether it has a score, and was not withdrawn."""
+        return self.status is SubmissionStatus.SCORED
+
+    @property
     def is_asked(self) -> bool:
         """Whether its file is sound, and its team has or had to say yes before it counts."""
         return self.status is SubmissionStatus.REJECTED and self.confirm_until is not None

@@ -19,26 +19,25 @@ from exceptiondrive_records.phases.policy import (
     frozen_since,
     is_anonymous,
     is_late,
+    is_published,
     is_split_revealed,
     pseudonym_of_team,
     score_kept_back_since,
     shown_sheet,
 )
-from exceptiondrive_records.phases.quotas import WAITING
 from exceptiondrive_records.phases.scoring_keys import key_of_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.board_requests import is_board_wanted
 from exceptiondrive_records.work.fair_share import jobs_ahead
-from exceptiondrive_records.work.heartbeats import LiveWorkers, live_workers
+from exceptiondrive_records.work.heartbeats import live_workers
 from exceptiondrive_records.work.profiles import profiles_coming
 from exceptiondrive_records.work.tables import Job, WorkState
 from exceptiondrive_schemas.api.phase_settings import RunRule
 from exceptiondrive_schemas.api.submission import (
     Failure,
     QueuePlace,
-    SubmissionStatus,
     SubmissionView,
 )
 from exceptiondrive_schemas.board import BoardEntry
@@ -89,7 +88,7 @@ def views(session: Session, submissions: Sequence[Submission]) -> tuple[Submissi
     }
     disqualified = disqualified_since(session, submissions)
     places = queue_places(session, submissions, now)
-    told = [each.id for each in submissions if _is_scored(each) and each.report is None]
+    told = [each.id for each in submissions if each.is_scored and each.report is None]
     awaited = profiles_coming(session, told) if told else set()
     return tuple(
         _view(
@@ -121,7 +120,7 @@ class _Seen:
     @cached_property
     def sheets(self) -> Mapping[str, ScoreSheet]:
         """Without those whose score is kept back."""
-        told = [each for each in self._submissions if _is_scored(each) and not self.hides(each)]
+        told = [each for each in self._submissions if each.is_scored and not self.hides(each)]
         return published_sheets(self._session, self.phase, {each.id for each in told}, self.now)
 
     @cached_property
@@ -165,26 +164,26 @@ def _view(
     disqualified_at: datetime | None,
     awaits_profile: bool,
 ) -> SubmissionView:
-    phase, is_scored = seen.phase, _is_scored(submission)
+    phase, is_scored = seen.phase, submission.is_scored
     can_be_confirmed = submission.can_be_confirmed(seen.now)
     shown = seen.entries.get(submission.id) if is_scored else None
     holder = seen.replaced_by.get(submission.id)
     run_rule, is_chosen = seen.rules.get(submission.id, ("newest", False))
-    is_published = not phase.policy.entries_private or submission.published_at is not None
+    is_public = is_published(phase, submission)
     is_to_come = (
         is_scored
         and shown is None
         and holder is None
-        and is_published
+        and is_public
         and disqualified_at is None
         and not is_late(phase, submission)
     )
     unranked_because = shown.unranked_because if shown else None
     if is_to_come and seen.is_frozen and not seen.hides(submission):
         unranked_because = "the board is frozen, and shows it when the organizers reveal the board"
-    elif is_scored and not is_published and not seen.can_publish:
+    elif is_scored and not is_public and not seen.can_publish:
         unranked_because = "it was private when hidden scores were revealed, and stays so"
-    elif holder is not None and not _is_scored(holder):
+    elif holder is not None and not holder.is_scored:
         unranked_because = (
             f"{holder.id} stood in its place at the deadline and was withdrawn later: the place "
             "stays empty"
@@ -218,20 +217,16 @@ def _view(
         confirm_until=submission.confirm_until if can_be_confirmed else None,
         confirmed_as=submission.confirmed_as,
         is_late=is_late(phase, submission),
-        replaced_by=holder.id if holder is not None and _is_scored(holder) else None,
+        replaced_by=holder.id if holder is not None and holder.is_scored else None,
         is_chosen=is_chosen,
         run_rule=run_rule,
-        is_published=is_published,
+        is_published=is_public,
         score_kept_back_since=seen.hides(submission),
         disqualified_at=disqualified_at,
         known_as=pseudonym_of_team(phase, team.id)
         if is_anonymous(phase) and not team.is_reference
         else None,
     )
-
-
-def _is_scored(submission: Submission) -> bool:
-    return submission.status is SubmissionStatus.SCORED
 
 
 def queue_places(
@@ -241,7 +236,7 @@ def queue_places(
 
     By the ids of submissions; left out are those that have ended.
     """
-    waiting = [each.id for each in submissions if each.status in WAITING]
+    waiting = [each.id for each in submissions if not each.status.is_terminal]
     if not waiting:
         return {}
     found = session.scalars(_FIRST_JOBS, {"submissions": waiting})
@@ -259,7 +254,7 @@ def queue_places(
             position=position,
             expected_wait_s=_expected_wait_s(scoring_s, position, workers),
             attempts=job.attempts,
-            workers_alive=workers.workers,
+            workers_alive=workers,
             lease_until=_lease_until(job, now),
         )
     return places
@@ -294,11 +289,11 @@ def recent_scoring_s(session: Session) -> float | None:
     return median(durations_s) if durations_s else None
 
 
-def _expected_wait_s(scoring_s: float | None, position: int, alive: LiveWorkers) -> float | None:
-    """Until a slot is free: `position` jobs come first, and the slots work side by side."""
-    if scoring_s is None or alive.slots == 0:
+def _expected_wait_s(scoring_s: float | None, position: int, alive: int) -> float | None:
+    """Until a worker is free: `position` jobs come first, and the workers work side by side."""
+    if scoring_s is None or alive == 0:
         return None
-    return round(max(0, position - alive.slots + 1) * scoring_s / alive.slots, 1)
+    return round(max(0, position - alive + 1) * scoring_s / alive, 1)
 
 
 def _lease_until(job: Job, now: datetime) -> datetime | None:

@@ -72,13 +72,16 @@ def names_that_look_alike(session: Session) -> list[tuple[str, ...]]:
     return [tuple(names) for names in alike.values() if len(names) > 1]
 
 
-def find_team(session: Session, slug: str) -> Team:
+def find_team(session: Session, slug: str, *, lock: bool = False) -> Team:
     """Return the team with this slug.
 
     Raises:
         NotFound: There is none.
     """
-    team = session.scalars(select(Team).where(Team.slug == slug)).first()
+    query = select(Team).where(Team.slug == slug)
+    if lock:
+        query = query.with_for_update().execution_options(populate_existing=True)
+    team = session.scalars(query).first()
     if team is None:
         raise NotFound("team", slug)
     return team
@@ -104,10 +107,7 @@ def refuse_team(session: Session, slug: str, *, reason: str, actor: str) -> None
         InvalidRecord: The reason cannot be kept.
         Conflict: It was approved, has submitted, or was disqualified.
     """
-    team_id = find_team(session, slug).id
-    team = session.get(Team, team_id, with_for_update=True, populate_existing=True)
-    if team is None:  # refused meanwhile
-        raise NotFound("team", slug)
+    team = find_team(session, slug, lock=True)
     if team.pending_since is None:
         raise Conflict("The team is approved; only a team that waits for approval can be refused.")
     detail = {"reason": checked_reason(reason), "name": team.name}
@@ -233,12 +233,9 @@ def self_registration_is_on(session: Session, environment: bool | None) -> bool:
 
 def switch_self_registration(session: Session, is_on: bool, *, actor: str) -> None:
     """Let teams register themselves, or no longer."""
-    row = session.get(SiteSetting, _SELF_REGISTRATION)
-    if row is not None and row.value == {"is_on": is_on}:
+    row, value = session.get(SiteSetting, _SELF_REGISTRATION), {"is_on": is_on}
+    if row is not None and row.value == value:
         return
     now = database_now(session)
-    if row is None:
-        session.add(SiteSetting(name=_SELF_REGISTRATION, value={"is_on": is_on}, changed_at=now))
-    else:
-        row.value, row.changed_at = {"is_on": is_on}, now
+    session.merge(SiteSetting(name=_SELF_REGISTRATION, value=value, changed_at=now))
     audit(session, actor, "self-registration switched", "on" if is_on else "off")

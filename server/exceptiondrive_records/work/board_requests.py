@@ -3,7 +3,7 @@
 A board costs more, the more entries it has. While live submissions wait or are scored, a board is built
 two seconds after the first score that it lacks, and as long after the last build, or several times what
 that one took. So boards go at the pace of readers, whose pages look every three seconds, and leave the
-slots to scoring; but none lags behind for long, and the last score of a rush is followed by a build at once.
+workers to scoring; but none lags behind for long, and the last score of a rush is followed by a build at once.
 """
 
 from functools import cache

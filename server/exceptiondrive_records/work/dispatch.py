@@ -1,8 +1,8 @@
 """Dispatch: wakes workers through the broker. The records are the queue; a message only wakes.
 
 A message carries no state and belongs to no item: whoever comes claims what is next in its lane.
-So messages may be lost or doubled; as many wait in a lane as it has work for, at most one a slot:
-an upload adds one where none waits, since a free slot takes it at once, and wakes others for what is left.
+So messages may be lost or doubled; as many wait in a lane as it has work for, at most one a worker:
+an upload adds one where none waits, since a free worker takes it at once, and wakes others for what is left.
 A message that the broker does not take is logged and forgotten: the reconciler wakes again. For a
 moment after a failure none is sent, so that a dead broker does not slow every upload down.
 """
@@ -123,15 +123,15 @@ class Dispatcher:
 
 
 def wake_lanes(database: Database, dispatcher: Dispatcher, settings: RecordsSettings) -> int:
-    """Wake workers for all that could be done now, at most one a slot; return for how much."""
+    """Wake workers for all that could be done now, at most one a worker; return for how much."""
     with database.read() as session:
         due = {
             lane: sum(session.execute(_number_due(lane, settings.max_attempts)).one())
             for lane in Lane
         }
-        slots = {lane: max(1, live_workers(session, lane).slots) for lane in due if due[lane]}
+        takers = {lane: max(1, live_workers(session, lane)) for lane in due if due[lane]}
     return sum(
-        due[lane] for lane in slots if dispatcher.wake(lane, at_most=min(due[lane], slots[lane]))
+        due[lane] for lane in takers if dispatcher.wake(lane, at_most=min(due[lane], takers[lane]))
     )
 
 

@@ -1,7 +1,6 @@
 """Signs of life: each says until when its worker counts as living."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from sqlalchemy import Double, bindparam, delete, select
 from sqlalchemy.orm import Session
@@ -20,9 +19,7 @@ MISSED_FOR_S = 120.0
 
 
 _LIVES = WorkerHeartbeat.lives_until > NOW
-_LIVING = select(
-    WorkerHeartbeat.lanes, WorkerHeartbeat.slots, WorkerHeartbeat.missing_splits
-).where(_LIVES)
+_LIVING = select(WorkerHeartbeat.lanes, WorkerHeartbeat.missing_splits).where(_LIVES)
 _MISSING = select(WorkerHeartbeat.missing_splits).where(_LIVES)
 _COUNTS_SINCE = seconds_from_now(-_SCORER_COUNTS_FOR_S)
 _SCORERS = (
@@ -33,19 +30,10 @@ _AT = (("at", NOW),)
 _MADE = (*_AT, ("lives_until", seconds_from_now(bindparam("ttl_s", type_=Double()))))
 
 
-@dataclass(frozen=True)
-class LiveWorkers:
-    """How many workers live, and how many jobs they take at once."""
-
-    workers: int
-    slots: int
-
-
 def beat(
     session: Session,
     worker_id: str,
     lanes: tuple[Lane, ...] = (Lane.LIVE,),
-    slots: int = 1,
     scorer_version: str | None = None,
     missing_splits: Sequence[str] = (),
     ttl_s: float = HEARTBEAT_TTL_S,
@@ -54,12 +42,11 @@ def beat(
     values = {
         "worker_id": worker_id,
         "lanes": [lane.value for lane in lanes],
-        "slots": slots,
         "scorer_version": scorer_version,
         "missing_splits": list(missing_splits),
         "ttl_s": ttl_s,
     }
-    takes = ("lives_until", "lanes", "slots", "scorer_version", "missing_splits")
+    takes = ("lives_until", "lanes", "scorer_version", "missing_splits")
     sign = upsert(session, WorkerHeartbeat, _MADE, _AT, takes=takes, keys=("worker_id",))
     do_last(session, sign, values)
     do_last(session, _FORGET)
@@ -67,15 +54,14 @@ def beat(
 
 def live_workers(
     session: Session, lane: Lane = Lane.LIVE, split: tuple[str, str] | None = None
-) -> LiveWorkers:
-    """Return the workers of a lane whose last sign of life still holds.
+) -> int:
+    """Return how many workers of a lane live; each does one thing at a time.
 
     Of a split, which is a name and a revision, those that find it.
     """
     names = set() if split is None else {split[0], "@".join(split)}
     found = session.execute(_LIVING)
-    slots = [n for lanes, n, lacks in found if lane.value in lanes and names.isdisjoint(lacks)]
-    return LiveWorkers(workers=len(slots), slots=sum(slots))
+    return sum(lane.value in lanes and names.isdisjoint(lacks) for lanes, lacks in found)
 
 
 def missing_splits(session: Session) -> list[str]:

@@ -16,18 +16,17 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.fair_share import fair_order, waits
-from exceptiondrive_records.work.lease import claim, finish, is_free, new_item, try_later
-from exceptiondrive_records.work.tables import OPEN_STATES, Job, WorkState
-from exceptiondrive_schemas.api.submission import SubmissionStatus
+from exceptiondrive_records.work.lease import claim, finish, give_up, new_item, try_later
+from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_schemas.api.submission import WAITING, SubmissionStatus
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 
 _ACTOR = "worker"
-_OPEN = (SubmissionStatus.RECEIVED, SubmissionStatus.QUEUED, SubmissionStatus.SCORING)
 _OPEN_SUBMISSION = (
     update(Submission)
-    .where(Submission.id == bindparam("submission"), is_one_of(Submission.status, _OPEN))
+    .where(Submission.id == bindparam("submission"), is_one_of(Submission.status, WAITING))
     .values(status_at=NOW)
     .execution_options(synchronize_session=False)
 )
@@ -204,29 +203,13 @@ def finish_failed(
 
 def give_up_exhausted(session: Session, max_attempts: int) -> int:
     """Give up jobs whose last lease expired without an answer; return how many."""
-    now = database_now(session)
-    dead = session.execute(
-        update(Job)
-        .where(Job.attempts >= max_attempts, is_free(Job, now))
-        .values(state=WorkState.DEAD, fence=Job.fence + 1, lease_until=None, finished_at=now)
-        .returning(Job.id, Job.submission_id, Job.is_first, Job.attempts)
-        .execution_options(synchronize_session=False)
-    ).all()
-    for job_id, submission_id, is_first, attempts in dead:
-        if is_first:
-            _set_failed(session, submission_id, EXHAUSTED_CODE, EXHAUSTED_MESSAGE)
-        detail = {"code": EXHAUSTED_CODE, "job": job_id, "attempts": attempts}
-        audit(session, "reconciler", "scoring failed", submission_id, detail)
+    dead = give_up(session, Job, max_attempts)
+    for job in dead:
+        if job.is_first:
+            _set_failed(session, job.submission_id, EXHAUSTED_CODE, EXHAUSTED_MESSAGE)
+        detail = {"code": EXHAUSTED_CODE, "job": job.id, "attempts": job.attempts}
+        audit(session, "reconciler", "scoring failed", job.submission_id, detail)
     return len(dead)
-
-
-def cancel_jobs_of(session: Session, submission_id: str, now: datetime) -> None:
-    """Cancel the unfinished jobs of a submission; whoever has one has lost the lease."""
-    session.execute(
-        update(Job)
-        .where(Job.submission_id == submission_id, Job.state.in_(OPEN_STATES))
-        .values(state=WorkState.CANCELLED, fence=Job.fence + 1, lease_until=None, finished_at=now)
-    )
 
 
 def queue_again(job: Job, now: datetime) -> None:

@@ -4,7 +4,7 @@ Every step is one compare-and-set by the database's clock. Choosing and claiming
 so that two that come at once take two items, and neither waits for the other.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import datetime
 from functools import cache, lru_cache
 from typing import Any, TypeVar
@@ -37,7 +37,7 @@ from exceptiondrive_records.db.columns import UtcDateTime
 from exceptiondrive_records.db.database import insert_if_absent, upsert
 from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.db.last import do_last, require_last
-from exceptiondrive_records.work.tables import Leader, WorkItem, WorkState
+from exceptiondrive_records.work.tables import OPEN_STATES, Leader, WorkItem, WorkState
 from exceptiondrive_schemas.jobs import Lane
 
 Item = TypeVar("Item", bound=WorkItem)
@@ -236,15 +236,27 @@ def try_later(
     return _leave(session, item, _LEAVE, rests_s=wait_s, **given)
 
 
-def give_up(session: Session, kind: type[WorkItem], max_attempts: int) -> None:
-    """Leave alone what ended whoever did it in each attempt."""
+def give_up(
+    session: Session, kind: type[Item], max_attempts: int, *which: ColumnElement[bool]
+) -> Sequence[Item]:
+    """Leave alone what ended whoever did it in each attempt; return it as it stands then."""
     now = database_now(session)
-    session.execute(
-        update(kind)
-        .where(kind.attempts >= max_attempts, is_free(kind, now))
-        .values(state=WorkState.DEAD, fence=kind.fence + 1, lease_until=None, finished_at=now)
-        .execution_options(synchronize_session=False)
-    )
+    is_exhausted = and_(kind.attempts >= max_attempts, is_free(kind, now))
+    given_up = _ending(kind, WorkState.DEAD, now).where(is_exhausted, *which).returning(kind)
+    return session.scalars(given_up, execution_options={"populate_existing": True}).all()
+
+
+def cancel(
+    session: Session, kind: type[WorkItem], now: datetime, *which: ColumnElement[bool]
+) -> None:
+    """Take back what has not ended; whoever has it has lost the lease."""
+    is_open = kind.state.in_(OPEN_STATES)
+    session.execute(_ending(kind, WorkState.CANCELLED, now).where(is_open, *which))
+
+
+def _ending(kind: type[WorkItem], state: WorkState, now: datetime) -> Update:
+    values = {"state": state, "fence": kind.fence + 1, "lease_until": None, "finished_at": now}
+    return update(kind).values(values).execution_options(synchronize_session=False)
 
 
 def _leave(session: Session, item: WorkItem, how: Update, **given: object) -> bool:

@@ -228,7 +228,6 @@ class WorkerHeartbeat(Base):
     lives_until: Mapped[datetime]
     """It counts as living until then, if it gives no other."""
     lanes: Mapped[list[str]]
-    slots: Mapped[int]
     scorer_version: Mapped[str | None]
     """Whose scores it makes; None: a release that did not say."""
     missing_splits: Mapped[list[str]] = mapped_column(default=list)

@@ -30,7 +30,7 @@ from exceptiondrive_records.participation.messages import (
 )
 from exceptiondrive_records.phases.allowances import allowance_of
 from exceptiondrive_records.phases.phases import find_phase, list_phases, lock_phase
-from exceptiondrive_records.submissions.submissions import find_submission, lock_team
+from exceptiondrive_records.submissions.submissions import find_submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team, list_teams
 from exceptiondrive_schemas.api.form_fields import FormField
@@ -128,7 +128,7 @@ def change(services: ServicesOf, team_id: TeamId) -> Step:
     """Change name or affiliation."""
 
     def kept(session: Session) -> dict[str, str]:
-        now = lock_team(session, find_team(session, team_id).id)
+        now = find_team(session, team_id, lock=True)
         session.refresh(now)
         return _names(now)
 
@@ -235,7 +235,7 @@ def allowance(services: ServicesOf, team_id: TeamId, phase_id: PhaseId) -> Step:
 
     def kept(session: Session) -> dict[str, str]:
         lock_phase(session, phase_id)
-        lock_team(session, find_team(session, team_id).id)
+        find_team(session, team_id, lock=True)
         return texts(session)
 
     with services.database.read() as session:

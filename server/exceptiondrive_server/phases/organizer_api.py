@@ -140,7 +140,7 @@ def get_live_board(services: ServicesOf, phase_id: PhaseId) -> LiveBoard:
     """Show the newest board, behind a freeze too, and who stands behind its pseudonyms."""
     with services.database.read() as session:
         phase = find_phase(session, phase_id)
-        row = latest_board(session, phase.id, *key_of_phase(phase))
+        row = latest_board(session, phase.id, key_of_phase(phase))
         if row is None:
             raise NotFound("board of the phase", phase_id)
         board = parsed_board(row)

@@ -17,11 +17,11 @@ from exceptiondrive_records.phases.policy import (
     is_late,
     is_split_revealed,
 )
-from exceptiondrive_records.phases.quotas import WAITING
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.splits.splits import part_revision
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.phase_report import PhaseReport, PlaceChange, ShakeUp
+from exceptiondrive_schemas.api.submission import WAITING
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_server.boards.entry_facts import is_listed
 from exceptiondrive_server.boards.queries import protocol_versions

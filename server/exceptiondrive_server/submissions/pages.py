@@ -28,7 +28,6 @@ from exceptiondrive_records.phases.policy import can_change, can_publish
 from exceptiondrive_records.submissions.edits import edits_of
 from exceptiondrive_records.submissions.submissions import (
     find_submission,
-    list_submissions,
     submission_page,
     withdraw,
 )
@@ -181,7 +180,7 @@ def _standing(session: Session, who: Principal) -> tuple[SubmissionView, ...]:
     """Return the team's entries that stand now, as far as it may see them: a later run replaces one."""
     if who.team_id is None or Scope.READ_OWN not in who.scopes:
         return ()
-    scored = list_submissions(
+    scored, _ = submission_page(
         session, team_id=who.team_id, status=SubmissionStatus.SCORED, limit=SHOWN
     )
     return tuple(each for each in views(session, scored) if each.replaced_by is None)

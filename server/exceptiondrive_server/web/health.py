@@ -97,7 +97,7 @@ def _workers(services: Services) -> int | None:
             return None
         with services.database.read() as session:
             session.execute(text("SELECT 1"))
-            return live_workers(session, Lane.LIVE).workers
+            return live_workers(session, Lane.LIVE)
     except SQLAlchemyError:
         return None
 

@@ -138,7 +138,7 @@ def _heartbeats(session: Session) -> Iterable[Metric]:
         if age_s < MISSED_FOR_S:
             gauge.add_metric([worker_id], age_s)
     for lane in Lane:
-        alive.add_metric([lane.value], live_workers(session, lane).workers)
+        alive.add_metric([lane.value], live_workers(session, lane))
     return gauge, alive
 
 

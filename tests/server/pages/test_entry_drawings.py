@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from exceptiondrive_records.boards.boards import latest_board
+from exceptiondrive_records.phases.scoring_keys import ScoringKey
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.board import Board
@@ -114,8 +115,9 @@ async def test_the_history_names_every_published_protocol_with_rank_score_and_bo
 
 async def test_a_draft_is_nowhere_to_be_seen(lively_site: Any, lively_board: Board) -> None:
     draft = lively_site.draft(lively_board, "9.87")
+    key = ScoringKey(draft.protocol.digest, draft.split.revision)
     with lively_site.database.read() as session:
-        assert latest_board(session, "sample", draft.protocol.digest) is not None
+        assert latest_board(session, "sample", key) is not None
     for path in (ENTRY, "/", "/feed.atom?phase=sample"):
         answer = await lively_site.get(path)
         assert answer.status_code == 200

@@ -139,7 +139,7 @@ def _board(
         key = ScoringKey(protocol.digest, claimed.split_revision)
         records = entries_for_board(session, phase.id, *key, view)
         part = find_split(session, phase.split_name, claimed.split_revision).part
-        rows = (latest_board(session, phase.id, *key, view), current_board(session, phase.id))
+        rows = (latest_board(session, phase.id, key, view), current_board(session, phase.id))
         latest, current = (None if row is None else row.body for row in rows)
         ref = SplitRef(name=phase.split_name, revision=claimed.split_revision)
         is_public = find_public_split(session, ref) is not None

@@ -39,6 +39,11 @@ TIME = sa.DateTime(timezone=True)
 OF_LIVING = sa.text("status NOT IN ('withdrawn', 'failed')")
 
 
+def goes_with(key: str) -> sa.ForeignKey:
+    """Return a reference to the row with which a row goes."""
+    return sa.ForeignKey(key, ondelete="CASCADE")
+
+
 def upgrade() -> None:
     """Apply."""
     create_teams()
@@ -405,12 +410,7 @@ def create_news() -> None:
     op.create_table(
         "news",
         sa.Column("id", sa.String(), primary_key=True),
-        sa.Column(
-            "phase_id",
-            sa.String(),
-            sa.ForeignKey("phases.id", ondelete="CASCADE"),
-            nullable=False,
-        ),
+        sa.Column("phase_id", sa.String(), goes_with("phases.id"), nullable=False),
         sa.Column("title", sa.String(), nullable=False),
         sa.Column("text", sa.Text(), nullable=False),
         sa.Column("published_at", TIME, nullable=False),
@@ -470,12 +470,7 @@ def create_boards() -> None:
     op.create_table(
         "boards",
         sa.Column("id", sa.Integer(), primary_key=True),
-        sa.Column(
-            "phase_id",
-            sa.String(),
-            sa.ForeignKey("phases.id", ondelete="CASCADE"),
-            nullable=False,
-        ),
+        sa.Column("phase_id", sa.String(), goes_with("phases.id"), nullable=False),
         sa.Column(
             "protocol_digest", sa.String(), sa.ForeignKey("protocols.digest"), nullable=False
         ),
@@ -499,18 +494,8 @@ def create_boards() -> None:
     op.create_table(
         "board_flips",
         sa.Column("id", sa.Integer(), primary_key=True),
-        sa.Column(
-            "phase_id",
-            sa.String(),
-            sa.ForeignKey("phases.id", ondelete="CASCADE"),
-            nullable=False,
-        ),
-        sa.Column(
-            "board_id",
-            sa.Integer(),
-            sa.ForeignKey("boards.id", ondelete="CASCADE"),
-            nullable=False,
-        ),
+        sa.Column("phase_id", sa.String(), goes_with("phases.id"), nullable=False),
+        sa.Column("board_id", sa.Integer(), goes_with("boards.id"), nullable=False),
         sa.Column("at", TIME, nullable=False),
         sa.Column("news", sa.Text(), nullable=False),
     )
@@ -519,12 +504,7 @@ def create_boards() -> None:
     op.create_table(
         "reported_boards",
         sa.Column("id", sa.String(), primary_key=True),
-        sa.Column(
-            "phase_id",
-            sa.String(),
-            sa.ForeignKey("phases.id", ondelete="CASCADE"),
-            nullable=False,
-        ),
+        sa.Column("phase_id", sa.String(), goes_with("phases.id"), nullable=False),
         sa.Column("title", sa.String(), nullable=False),
         sa.Column("cite", sa.String(), nullable=False),
         sa.Column("rows", sa.Text(), nullable=False),
@@ -608,7 +588,6 @@ def create_operations() -> None:
         sa.Column("at", TIME, nullable=False),
         sa.Column("lives_until", TIME, nullable=False),
         sa.Column("lanes", sa.JSON(), nullable=False),
-        sa.Column("slots", sa.Integer(), nullable=False),
         sa.Column("scorer_version", sa.String()),
         sa.Column("missing_splits", sa.JSON(), nullable=False),
     )
@@ -647,7 +626,7 @@ def create_work() -> None:
         sa.Column("note", sa.String()),
         sa.Column("submission_id", sa.String(), sa.ForeignKey("submissions.id")),
         sa.Column("team_id", sa.Integer(), sa.ForeignKey("teams.id")),
-        sa.Column("phase_id", sa.String(), sa.ForeignKey("phases.id", ondelete="CASCADE")),
+        sa.Column("phase_id", sa.String(), goes_with("phases.id")),
         sa.Column("protocol_digest", sa.String(), sa.ForeignKey("protocols.digest")),
         sa.Column("split_revision", sa.String()),
         sa.Column("is_first", sa.Boolean()),
