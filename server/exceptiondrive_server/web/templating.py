@@ -3,8 +3,8 @@
 Line breaks show a reader the elements, and are not sent. The rules are those of Vue's templates.
 Between two tags a line break is nothing; behind an opening and before a closing tag it is nothing;
 anywhere else, in running text, it is one space. A space that is to be seen between two tags stands
-between them on one line. A call, `{{ icon("up") }}`, writes markup and counts as a tag; `{% if %}`
-and its like are looked through.
+between them on one line. A call, `{{ icon("up") }}` or `{% call %}`, writes markup and counts as a tag;
+`{% if %}` and its like are looked through.
 """
 
 import re
@@ -120,6 +120,8 @@ def _next_shown(tokens: list[tuple[str | None, str]], index: int) -> tuple[str |
             depth -= bool(_ENDS.match(text))
         elif _LAST.match(text):
             return None
+        elif text.startswith("{% call"):
+            return "call", text
         elif kind != "statement" and not text.isspace():
             return kind, text
         index += 1
