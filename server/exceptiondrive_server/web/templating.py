@@ -19,7 +19,7 @@ from markupsafe import Markup, escape
 
 from exceptiondrive_schemas.api.rescoring import page_of
 from exceptiondrive_schemas.formulas import over_families
-from exceptiondrive_schemas.printable import printable
+from exceptiondrive_schemas.printable import counted, printable
 from exceptiondrive_server.web import numbers
 from exceptiondrive_server.web.glossary import TERMS
 from exceptiondrive_server.web.markdown import first_paragraph, markdown
@@ -160,6 +160,7 @@ def environment() -> Environment:
         iso=numbers.iso,
         short=numbers.short_digest,
         grouped=numbers.grouped,
+        counted=counted,
         px=px,
         size=numbers.size_text,
         https=https_only,
