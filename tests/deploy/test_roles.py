@@ -241,6 +241,18 @@ def test_the_server_asks_for_a_trial_and_never_says_what_was_tried(
     ask(Role.API, new_work("trial", "asked"))
 
 
+@pytest.mark.parametrize("column", ["protocol_digest", "split_name", "split_revision", "trial"])
+def test_the_reconciler_gives_up_a_trial_and_never_says_what_was_tried(
+    records_url: str, ask: Ask, column: str
+) -> None:
+    with psycopg.connect(records_url.replace("+psycopg", ""), autocommit=True) as owner:
+        owner.execute("ALTER TABLE work DROP CONSTRAINT IF EXISTS needed_for_trial")
+        owner.execute(new_work("trial", "there"))
+    assert ask(Role.RECONCILER, "UPDATE work SET state = 'dead' RETURNING id") == ("trial-there",)
+    with pytest.raises(errors.InsufficientPrivilege):
+        ask(Role.RECONCILER, f"UPDATE work SET {column} = NULL")
+
+
 def test_every_kind_of_work_has_its_rights() -> None:
     assert set(WORK_RIGHTS) == WorkItem.__mapper__.polymorphic_map.keys()
 

@@ -48,6 +48,9 @@ def _all_but(table: str, *fixed: str) -> str:
     return f"SELECT, INSERT, UPDATE ({', '.join(name for name in columns if name not in fixed)})"
 
 
+_WORK_BUT_WHAT_WAS_TRIED = "DELETE, " + _all_but(
+    "work", "id", "protocol_digest", "split_name", "split_revision", "trial"
+)
 _PHASES = "DELETE, " + _all_but("phases", "id", "challenge", "split_name", "created_at")
 _SUBMISSIONS = _all_but(
     "submissions",
@@ -95,7 +98,7 @@ RIGHTS = MappingProxyType(
         "terms_acceptances": (RID, NONE, R),
         "teams": (RIUD, R, R),
         "tokens": (RIUD, NONE, NONE),
-        "work": (RIUD, RIU, RIUD),  # by kind: `WORK_RIGHTS`
+        "work": (RIUD, RIU, _WORK_BUT_WHAT_WAS_TRIED),  # by kind: `WORK_RIGHTS`
         "worker_heartbeats": (R, RIUD, R),
     }
 )
@@ -110,7 +113,7 @@ WORK_RIGHTS = MappingProxyType(
         "lead": (R, NONE, RIUD),
         "profile": (RI, RU, RU),
         "recheck": (RIU, RU, RU),
-        "trial": (RI, RU, R),  # see `_ASKED_FOR`
+        "trial": (RI, RU, RU),  # see `_ASKED_FOR`; the reconciler gives it up
         "score": (RIUD, RU, RIUD),  # workers score what others ask for
     }
 )

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Query, Request
+from fastapi import APIRouter, Path, Query
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
@@ -28,16 +28,12 @@ PersonId = Annotated[str, Path(max_length=64)]
 
 @router.get("")
 def show_people(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    q: Annotated[str, Query(max_length=80)] = "",
+    browser: OrganizerBrowser, q: Annotated[str, Query(max_length=80)] = ""
 ) -> Response:
     """List everybody who ever signed in through the provider, or those with a text, with their roles."""
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         people = list_people(session)
     return organizer_page(
-        request,
         browser,
         "accounts/organizer_people.html",
         "people",

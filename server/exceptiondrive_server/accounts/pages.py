@@ -94,7 +94,7 @@ async def sign_out(request: Request, services: ServicesOf, browser: MaybeSignedI
     """End the session here and in the browser; where it had ended already, there is nothing to do."""
     require_same_origin(request)
     if browser is not None:
-        await posted_form(request, services, browser)
+        await posted_form(browser)
         await run_in_threadpool(_end, services, browser.secret)
     answer = go("/")
     forget_session(answer)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from datetime import timedelta
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Request
+from fastapi import APIRouter, Path
 from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
 from starlette.datastructures import FormData
@@ -28,10 +28,9 @@ from exceptiondrive_records.accounts.tokens import (
 from exceptiondrive_records.db.database import database_now
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_server.accounts.queries import team_token_views
-from exceptiondrive_server.web.auth import ServicesOf, team_of
+from exceptiondrive_server.web.auth import team_of
 from exceptiondrive_server.web.browser_session import Browser, PostedForm, SignedIn, require_scope
-from exceptiondrive_server.web.responses import private_page
-from exceptiondrive_server.web.services import Services
+from exceptiondrive_server.web.responses import my_page
 
 router = APIRouter(prefix="/my/tokens", include_in_schema=False)
 TokenId = Annotated[str, Path(max_length=64)]
@@ -40,13 +39,13 @@ MAX_DAYS = 3650
 
 
 @router.get("")
-def show_tokens(request: Request, services: ServicesOf, browser: Browser) -> Response:
+def show_tokens(browser: Browser) -> Response:
     """List the team's tokens."""
-    return _page(request, services, browser)
+    return _page(browser)
 
 
 @router.post("")
-def issue(request: Request, services: ServicesOf, browser: Browser, form: PostedForm) -> Response:
+def issue(browser: Browser, form: PostedForm) -> Response:
     """Issue a token and show it, once."""
     scopes = tuple(str(scope) for scope in form.getlist("scope"))
     days = _days(form, "days", None)
@@ -55,53 +54,45 @@ def issue(request: Request, services: ServicesOf, browser: Browser, form: Posted
         ends = None if days is None else database_now(session) + timedelta(days=days)
         return issue_team_token(session, keeper, str(form.get("name", "")), scopes, ends)
 
-    return _issued(request, services, browser, make)
+    return _issued(browser, make)
 
 
 @router.post("/{token_id}/rotate")
-def rotate(
-    request: Request, services: ServicesOf, browser: Browser, form: PostedForm, token_id: TokenId
-) -> Response:
+def rotate(browser: Browser, form: PostedForm, token_id: TokenId) -> Response:
     """Issue the successor of a token and show it, once."""
     days = _days(form, "keep_days", DEFAULT_KEEP_DAYS) or 0
-    return _issued(
-        request, services, browser, lambda s, keeper: rotate_team_token(s, keeper, token_id, days)
-    )
+    return _issued(browser, lambda s, keeper: rotate_team_token(s, keeper, token_id, days))
 
 
 @router.post("/{token_id}/revoke")
-def revoke(services: ServicesOf, browser: Browser, form: PostedForm, token_id: TokenId) -> Response:
+def revoke(browser: Browser, form: PostedForm, token_id: TokenId) -> Response:
     """Revoke a token; if it is the one of this session, the session ends with it."""
     require_scope(browser, Scope.TOKENS)
-    with services.database.write() as session:
+    with browser.services.database.write() as session:
         revoke_team_token(session, browser.principal, token_id)
     return RedirectResponse("/my/tokens", status_code=303)
 
 
-def _issued(request: Request, services: Services, browser: SignedIn, issue: Issue) -> Response:
+def _issued(browser: SignedIn, issue: Issue) -> Response:
     require_scope(browser, Scope.TOKENS)
     team_of(browser.principal)
-    with services.database.write() as session:
+    with browser.services.database.write() as session:
         text, _ = issue(session, browser.principal)
-    return _page(request, services, browser, issued=text)
+    return _page(browser, issued=text)
 
 
-def _page(
-    request: Request, services: Services, browser: SignedIn, issued: str | None = None
-) -> Response:
+def _page(browser: SignedIn, issued: str | None = None) -> Response:
     require_scope(browser, Scope.TOKENS)
     team_id = team_of(browser.principal)
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         now = database_now(session)
         tokens = team_tokens(session, browser.principal)
         views = team_token_views(session, team_id, tokens)
         actors = [f"token:{token.id}" for token in tokens]
         made_with = live_tokens_by_maker(session, actors, team_id)
-    return private_page(
-        request,
+    return my_page(
+        browser,
         "accounts/tokens.html",
-        "my",
-        who=browser.principal,
         tokens=sorted(tokens, key=lambda token: not is_live(token, now)),
         made_by={view.id: view.made_by for view in views},
         made_with=made_with,
@@ -110,7 +101,6 @@ def _page(
         chosen=PARTICIPANT_SCOPES,
         meaning=MEANING_OF_SCOPE,
         issued=issued,
-        form_token=browser.form_token,
         keep_days=DEFAULT_KEEP_DAYS,
         max_keep_days=MAX_KEEP_DAYS,
     )

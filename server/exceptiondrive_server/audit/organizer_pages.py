@@ -4,14 +4,13 @@ from datetime import date
 from typing import Annotated, Literal
 from urllib.parse import urlencode
 
-from fastapi import APIRouter, Query, Request
+from fastapi import APIRouter, Query
 from fastapi.responses import Response
 
 from exceptiondrive_records.audit.log import audit_actions, verify_audit
 from exceptiondrive_schemas.base import in_words
 from exceptiondrive_schemas.datetimes import first_moment, moment_after
 from exceptiondrive_server.audit.queries import history
-from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.organizer_frame import OrganizerBrowser, organizer_page
 
 router = APIRouter(prefix="/organize/audit", include_in_schema=False)
@@ -23,8 +22,6 @@ Day = Annotated[date | Literal[""], in_words("must be a day such as 2026-11-21")
 
 @router.get("")
 def show_audit(
-    request: Request,
-    services: ServicesOf,
     browser: OrganizerBrowser,
     actor: Filter = "",
     subject: Filter = "",
@@ -37,7 +34,7 @@ def show_audit(
 ) -> Response:
     """Show the log, newest first; with `verify` recompute the whole chain."""
     actor, subject = actor.strip(), subject.strip()
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         lines = history(
             session,
             subject,
@@ -57,7 +54,6 @@ def show_audit(
     if len(lines) > SHOWN:
         older["before"] = str(lines[SHOWN - 1].line.id)
     return organizer_page(
-        request,
         browser,
         "audit/organizer_audit.html",
         "audit",

@@ -3,7 +3,7 @@
 from functools import partial
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Path, Request
+from fastapi import APIRouter, Path
 from fastapi.responses import Response
 
 from exceptiondrive_records.boards.reported import (
@@ -34,15 +34,13 @@ ReportedId = Annotated[str, Path(max_length=64)]
 
 
 @router.get("")
-def show_reported_boards(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, phase_id: PhaseId
-) -> Response:
+def show_reported_boards(browser: OrganizerBrowser, phase_id: PhaseId) -> Response:
     """List the imported boards of a phase."""
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         phase = find_phase(session, phase_id)
         boards = reported_of(session, phase, with_withdrawn=True)
     template = "boards/organizer_reported.html"
-    return organizer_page(request, browser, template, "phases", phase=phase, boards=boards)
+    return organizer_page(browser, template, "phases", phase=phase, boards=boards)
 
 
 @step_at(router, "/new")

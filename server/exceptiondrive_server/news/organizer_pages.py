@@ -4,7 +4,7 @@ from functools import partial
 from typing import Annotated, Any
 from urllib.parse import urlencode
 
-from fastapi import APIRouter, Path, Query, Request
+from fastapi import APIRouter, Path, Query
 from fastapi.responses import Response
 
 from exceptiondrive_records.news.news import find_news, list_news, publish_news, withdraw_news
@@ -19,7 +19,6 @@ from exceptiondrive_records.phases.phases import find_phase, list_phases, titles
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_server.news.views import asked_question, news_view
-from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import SignedIn
 from exceptiondrive_server.web.forms import REASON
 from exceptiondrive_server.web.markdown import plain_text
@@ -39,14 +38,12 @@ _COMMAND = "exceptiondrive organizer news"
 
 @router.get("/news")
 def show_news(
-    request: Request,
-    services: ServicesOf,
     browser: OrganizerBrowser,
     phase: Annotated[str | None, Query(max_length=64)] = None,
     all_answered: bool = False,
 ) -> Response:
     """List questions, those that wait first, and news: of one phase or of all."""
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         of_phase = None if phase is None else find_phase(session, phase)
         found = list_questions(session, phase)
         n_waiting = count_waiting(session, phase)
@@ -56,7 +53,6 @@ def show_news(
         titles = titles_of_phases(session)
         phases = list_phases(session) if of_phase is None else [of_phase]
     return organizer_page(
-        request,
         browser,
         "news/organizer_news.html",
         "news",
@@ -71,9 +67,9 @@ def show_news(
 
 
 @step_at(router, "/phases/{phase_id}/news")
-def publication(services: ServicesOf, browser: OrganizerBrowser, phase_id: Id) -> Step:
+def publication(browser: OrganizerBrowser, phase_id: Id) -> Step:
     """Announce something of a phase; whoever is confined to it tells the teams of it alone."""
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         phase = find_phase(session, phase_id)
     of_site = browser.principal.is_organizer
     told = "every team is told" if of_site else "the teams that submitted to it are told"
@@ -99,9 +95,9 @@ def publication(services: ServicesOf, browser: OrganizerBrowser, phase_id: Id) -
 
 
 @step_at(router, "/news/{news_id}/withdraw")
-def withdrawal(services: ServicesOf, browser: OrganizerBrowser, news_id: Id) -> Step:
+def withdrawal(browser: OrganizerBrowser, news_id: Id) -> Step:
     """Withdraw news."""
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         found = find_news(session, news_id)
     return _step(
         browser,
@@ -119,9 +115,9 @@ def withdrawal(services: ServicesOf, browser: OrganizerBrowser, news_id: Id) -> 
 
 
 @step_at(router, "/news/questions/{question_id}")
-def answer(services: ServicesOf, browser: OrganizerBrowser, question_id: Id) -> Step:
+def answer(browser: OrganizerBrowser, question_id: Id) -> Step:
     """Answer a question."""
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         row = find_question(session, question_id)
         team = session.get_one(Team, row.team_id).slug
     of_site = browser.principal.is_organizer

@@ -29,8 +29,7 @@ from exceptiondrive_schemas.api.standing_words import standing_words
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_server.web.auth import ServicesOf, team_of
 from exceptiondrive_server.web.browser_session import Browser, PostedForm, SignedIn, require_scope
-from exceptiondrive_server.web.responses import private_page
-from exceptiondrive_server.web.services import Services
+from exceptiondrive_server.web.responses import my_page, private_page
 from exceptiondrive_server.web.templating import template_filter
 
 router = APIRouter(include_in_schema=False)
@@ -42,35 +41,30 @@ Key = Annotated[str, Query(max_length=100)]
 
 @router.get(HERE)
 def show_notices(
-    request: Request,
-    services: ServicesOf,
-    browser: Browser,
-    after: Annotated[str | None, Query(max_length=64)] = None,
+    browser: Browser, after: Annotated[str | None, Query(max_length=64)] = None
 ) -> Response:
     """Show the inbox of the team, newest first, and where it is told besides."""
-    return _page(request, services, browser, after=after)
+    return _page(browser, after=after)
 
 
 @router.post(f"{HERE}/read")
-def post_read(services: ServicesOf, browser: Browser, form: PostedForm) -> Response:
+def post_read(browser: Browser, form: PostedForm) -> Response:
     """Mark every message as read."""
     require_scope(browser, Scope.READ_OWN)
-    with services.database.write() as session:
+    with browser.services.database.write() as session:
         mark_all_read(session, team_of(browser.principal))
     return RedirectResponse(HERE, status_code=303)
 
 
 @router.post(f"{HERE}/add")
-def post_add(
-    request: Request, services: ServicesOf, browser: Browser, form: PostedForm
-) -> Response:
+def post_add(browser: Browser, form: PostedForm) -> Response:
     """Be told at another address; the secret of a webhook is shown this once."""
     require_scope(browser, Scope.SUBMIT)
     require_scope(browser, Scope.READ_OWN)
     address = str(form.get("address", "")).strip()
     channel = Channel.WEBHOOK if "://" in address else Channel.EMAIL
     try:
-        with services.database.write() as session:
+        with browser.services.database.write() as session:
             contact = add_contact(
                 session,
                 team_of(browser.principal),
@@ -78,37 +72,33 @@ def post_add(
                 address,
                 actor=browser.principal.actor,
                 wishes=_wishes(form),
-                may_be_private=services.settings.webhooks_may_be_private,
+                may_be_private=browser.services.settings.webhooks_may_be_private,
             )
             secret = contact.secret if channel is Channel.WEBHOOK else None
     except RecordsError as refusal:
-        return _page(request, services, browser, refusal=refusal, typed=address)
+        return _page(browser, refusal=refusal, typed=address)
     if secret is None:
         return RedirectResponse(HERE, status_code=303)
-    return _page(request, services, browser, secret=secret)
+    return _page(browser, secret=secret)
 
 
 @router.post(f"{HERE}/{{contact_id}}/wishes")
-def post_wishes(
-    services: ServicesOf, browser: Browser, form: PostedForm, contact_id: ContactId
-) -> Response:
+def post_wishes(browser: Browser, form: PostedForm, contact_id: ContactId) -> Response:
     """Set what an address is told of."""
     require_scope(browser, Scope.SUBMIT)
     require_scope(browser, Scope.READ_OWN)
     who = browser.principal
-    with services.database.write() as session:
+    with browser.services.database.write() as session:
         set_wishes(session, team_of(who), contact_id, _wishes(form), actor=who.actor)
     return RedirectResponse(HERE, status_code=303)
 
 
 @router.post(f"{HERE}/{{contact_id}}/remove")
-def post_remove(
-    services: ServicesOf, browser: Browser, form: PostedForm, contact_id: ContactId
-) -> Response:
+def post_remove(browser: Browser, form: PostedForm, contact_id: ContactId) -> Response:
     """Be told no longer at an address."""
     require_scope(browser, Scope.SUBMIT)
     who = browser.principal
-    with services.database.write() as session:
+    with browser.services.database.write() as session:
         remove_contact(session, team_of(who), contact_id, actor=who.actor)
     return RedirectResponse(HERE, status_code=303)
 
@@ -165,8 +155,6 @@ def _wishes(form: FormData) -> list[Wish]:
 
 
 def _page(
-    request: Request,
-    services: Services,
     browser: SignedIn,
     *,
     refusal: RecordsError | None = None,
@@ -176,18 +164,16 @@ def _page(
 ) -> Response:
     require_scope(browser, Scope.READ_OWN)
     team_id = team_of(browser.principal)
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         notices = list_notifications(session, team_id, after=after, limit=SHOWN + 1)
         has_unread = count_unread(session, team_id) > 0
         contacts = [
             (contact, newest_delivery(session, contact.id))
             for contact in list_contacts(session, team_id)
         ]
-    return private_page(
-        request,
+    return my_page(
+        browser,
         "notifications/notices.html",
-        "my",
-        who=browser.principal,
         notices=notices[:SHOWN],
         following=notices[SHOWN - 1].id if len(notices) > SHOWN else None,
         has_unread=has_unread,
@@ -197,5 +183,4 @@ def _page(
         refusal=refusal,
         typed=typed,
         secret=secret,
-        form_token=browser.form_token,
     )

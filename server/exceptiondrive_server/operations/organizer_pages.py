@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from urllib.parse import quote
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
@@ -20,7 +20,6 @@ from exceptiondrive_schemas.api.site import SiteLinks
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.rescoring.steps import RunLine, run_line
-from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import PostedForm, SignedIn
 from exceptiondrive_server.web.forms import changed, filled, made, read, text_of, typed
 from exceptiondrive_server.web.organizer_frame import (
@@ -29,7 +28,6 @@ from exceptiondrive_server.web.organizer_frame import (
     go,
     organizer_page,
 )
-from exceptiondrive_server.web.services import Services
 
 router = APIRouter(include_in_schema=False)
 SITE_FIELDS = fields_of(SiteLinks)
@@ -51,9 +49,9 @@ Task = tuple[str, str, str, str]
 
 
 @router.get("/organize")
-def show_overview(request: Request, services: ServicesOf, browser: OrganizerBrowser) -> Response:
+def show_overview(browser: OrganizerBrowser) -> Response:
     """Show what waits for an organizer, the queue, and the workers."""
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         found = overview(session)
         runs = [run_line(session, run_view(session, run)) for run in found.open_runs]
         teams = list_teams(session)
@@ -61,9 +59,8 @@ def show_overview(request: Request, services: ServicesOf, browser: OrganizerBrow
         is_new = all(team.is_reference or team.is_gone for team in teams)
         first = list(_first_steps(session)) if is_new else []
         titles = titles_of_phases(session)
-    tasks = _tasks(found, runs, titles, services.files.free_bytes())
+    tasks = _tasks(found, runs, titles, browser.services.files.free_bytes())
     return organizer_page(
-        request,
         browser,
         "operations/organizer_overview.html",
         "overview",
@@ -80,18 +77,16 @@ def show_overview(request: Request, services: ServicesOf, browser: OrganizerBrow
 
 
 @router.get("/organize/site")
-def show_site(request: Request, services: ServicesOf, browser: OrganizerBrowser) -> Response:
+def show_site(browser: OrganizerBrowser) -> Response:
     """Show the links of header and footer."""
-    return _site(request, services, browser)
+    return _site(browser)
 
 
 @router.post("/organize/site")
-def post_site(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, form: PostedForm
-) -> Response:
+def post_site(browser: OrganizerBrowser, form: PostedForm) -> Response:
     """Set the links of header and footer."""
     try:
-        with services.database.write() as session:
+        with browser.services.database.write() as session:
             kept = _site_texts(session)
             values = read(SITE_FIELDS, form, kept)
             if not changed(values, kept):
@@ -99,8 +94,8 @@ def post_site(
             links = made(SiteLinks, SITE_FIELDS, values)
             set_site_links(session, links, actor=browser.principal.actor)
     except RecordsError as refusal:
-        return _site(request, services, browser, typed(form), refusal)
-    services.site_state.forget()
+        return _site(browser, typed(form), refusal)
+    browser.services.site_state.forget()
     return go("/organize/site", "site_changed")
 
 
@@ -110,16 +105,11 @@ def _site_texts(session: Session) -> dict[str, str]:
 
 
 def _site(
-    request: Request,
-    services: Services,
-    browser: SignedIn,
-    texts: Mapping[str, str] | None = None,
-    refusal: RecordsError | None = None,
+    browser: SignedIn, texts: Mapping[str, str] | None = None, refusal: RecordsError | None = None
 ) -> Response:
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         kept = _site_texts(session)
     return organizer_page(
-        request,
         browser,
         "operations/organizer_site.html",
         "site",

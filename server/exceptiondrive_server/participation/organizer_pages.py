@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Path, Query, Request
+from fastapi import APIRouter, Path, Query
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
@@ -80,27 +80,24 @@ SHOWN_RECIPIENTS = 40
 
 
 @router.get("/teams/import")
-def show_import(request: Request, browser: OrganizerBrowser) -> Response:
+def show_import(browser: OrganizerBrowser) -> Response:
     """Ask for a table of teams."""
-    return _import_page(request, browser)
+    return _import_page(browser)
 
 
 @router.post("/teams/import")
-def post_import(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, form: PostedForm
-) -> Response:
+def post_import(browser: OrganizerBrowser, form: PostedForm) -> Response:
     """Make the teams of a table, and show their tokens this once."""
     try:
         text = read(TABLE, form)["csv"]
-        with services.database.write() as session:
+        with browser.services.database.write() as session:
             made = import_teams(session, text, actor=browser.principal.actor)
     except RecordsError as refusal:
-        return _import_page(request, browser, texts=typed(form), refusal=refusal)
-    return _import_page(request, browser, issued=tokens_table(made), n_made=len(made))
+        return _import_page(browser, texts=typed(form), refusal=refusal)
+    return _import_page(browser, issued=tokens_table(made), n_made=len(made))
 
 
 def _import_page(
-    request: Request,
     browser: OrganizerBrowser,
     *,
     texts: Mapping[str, str] | None = None,
@@ -109,7 +106,6 @@ def _import_page(
     n_made: int = 0,
 ) -> Response:
     return organizer_page(
-        request,
         browser,
         "participation/organizer_import.html",
         "teams",
@@ -345,31 +341,26 @@ def reinstatement(
 
 @router.get("/messages")
 def show_message(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    team: Annotated[str, Query(max_length=64)] = "",
+    browser: OrganizerBrowser, team: Annotated[str, Query(max_length=64)] = ""
 ) -> Response:
     """Ask for a message, and to whom."""
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         step = _message(session)
-    return step_page(request, browser, step, texts={"teams": team})
+    return step_page(browser, step, texts={"teams": team})
 
 
 @router.post("/messages")
-def post_message(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, form: PostedForm
-) -> Response:
+def post_message(browser: OrganizerBrowser, form: PostedForm) -> Response:
     """Show a message as teams read it, and whom it reaches; sent once that was seen."""
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         step = _message(session)
         try:
             seen = _preview(session, step, read(step.fields, form))
         except RecordsError as refusal:
-            return step_page(request, browser, step, texts=typed(form), refusal=refusal)
+            return step_page(browser, step, texts=typed(form), refusal=refusal)
     if form.get("is_seen") != "yes":
-        return step_page(request, browser, seen)
-    return take_step(request, services, browser, seen, form)
+        return step_page(browser, seen)
+    return take_step(browser, seen, form)
 
 
 def _message(session: Session) -> Step:

@@ -7,7 +7,7 @@ from functools import partial
 from types import MappingProxyType
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Path, Query, Request
+from fastapi import APIRouter, Path, Query
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
@@ -75,7 +75,6 @@ from exceptiondrive_server.web.organizer_frame import (
 from exceptiondrive_server.web.organizer_rights import may_change, require_order_right
 from exceptiondrive_server.web.path_ids import PhaseId
 from exceptiondrive_server.web.responses import origin_of
-from exceptiondrive_server.web.services import Services
 from exceptiondrive_server.web.templating import template_filter
 
 
@@ -175,10 +174,10 @@ def stage(phase: PhaseView, at: datetime) -> str:
 
 
 @router.get("")
-def show_phases(request: Request, services: ServicesOf, browser: OrganizerBrowser) -> Response:
+def show_phases(browser: OrganizerBrowser) -> Response:
     """List the phases."""
-    limit = services.settings.max_upload_bytes
-    with services.database.read() as session:
+    limit = browser.services.settings.max_upload_bytes
+    with browser.services.database.read() as session:
         phases = [
             phase_view(session, one, max_upload_bytes=limit)
             for one in list_phases(session, with_hidden=True)
@@ -187,7 +186,6 @@ def show_phases(request: Request, services: ServicesOf, browser: OrganizerBrowse
         counts = counts_by_phase(session)
         seen_at = database_now(session)
     return organizer_page(
-        request,
         browser,
         "phases/organizer_phases.html",
         "phases",
@@ -200,10 +198,7 @@ def show_phases(request: Request, services: ServicesOf, browser: OrganizerBrowse
 
 @router.get("/new")
 def show_new(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    like: Annotated[str | None, Query(max_length=64)] = None,
+    browser: OrganizerBrowser, like: Annotated[str | None, Query(max_length=64)] = None
 ) -> Response:
     """Show a form with what is usual, or with what another phase is made of and settled."""
     if like is None:
@@ -211,8 +206,8 @@ def show_new(
             field.name: "" if field.name in WITHHELD_DEFAULTS else text_of(field.default)
             for field in SETTINGS
         }
-        return _new(request, services, browser, usual)
-    with services.database.read() as session:
+        return _new(browser, usual)
+    with browser.services.database.read() as session:
         phase = find_phase(session, like)
         texts = _texts(phase)
         protocol = find_protocol(session, phase.protocol_digest).version
@@ -220,47 +215,37 @@ def show_new(
     made_of = {"challenge": phase.challenge, "split": whole.name, "split_revision": whole.revision}
     made_of["protocol"] = protocol
     dates = dict.fromkeys((f.name for f in SETTINGS if f.kind == "moment"), "")
-    return _new(request, services, browser, {**texts, **made_of, **dates, "position": ""})
+    return _new(browser, {**texts, **made_of, **dates, "position": ""})
 
 
 @router.post("/new")
-def post_new(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, form: PostedForm
-) -> Response:
+def post_new(browser: OrganizerBrowser, form: PostedForm) -> Response:
     """Make a phase."""
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         fields = (*_made_of(session), *_of_new())
     try:
         values = read(fields, form)
         told = {k: v for k, v in values.items() if v is not None or k not in WITHHELD_DEFAULTS}
         new = made(NewPhase, fields, told)
-        with services.database.write() as session:
+        with browser.services.database.write() as session:
             phase = create_phase(session, new, actor=browser.principal.actor)
             is_over = phase.closes_at is not None and phase.closes_at <= phase.created_at
     except RecordsError as refusal:
-        return _new(request, services, browser, typed(form), refusal)
+        return _new(browser, typed(form), refusal)
     return go(f"{HERE}/{new.id}", "phase_created_over" if is_over else "phase_created")
 
 
 @router.get("/{phase_id}")
-def show_phase(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, phase_id: PhaseId
-) -> Response:
+def show_phase(browser: OrganizerBrowser, phase_id: PhaseId) -> Response:
     """Show a phase: where it stands, its settings, its history."""
-    return _phase(request, services, browser, phase_id)
+    return _phase(browser, phase_id)
 
 
 @router.post("/{phase_id}")
-def post_phase(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    form: PostedForm,
-    phase_id: PhaseId,
-) -> Response:
+def post_phase(browser: OrganizerBrowser, form: PostedForm, phase_id: PhaseId) -> Response:
     """Change what was changed on the page; what would take back a promise is refused."""
     try:
-        with services.database.write() as session:
+        with browser.services.database.write() as session:
             phase = lock_phase(session, phase_id)
             kept = _texts(phase)
             values = changed(read(SETTINGS, form, kept), kept)
@@ -270,16 +255,14 @@ def post_phase(
             require_order_right(browser.principal, change)
             change_phase(session, phase_id, change, actor=browser.principal.actor)
     except RecordsError as refusal:
-        return _phase(request, services, browser, phase_id, typed(form), refusal)
+        return _phase(browser, phase_id, typed(form), refusal)
     return go(f"{HERE}/{phase_id}", "phase_changed")
 
 
 @router.get("/{phase_id}/export")
-def get_export(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, phase_id: PhaseId
-) -> Response:
+def get_export(browser: OrganizerBrowser, phase_id: PhaseId) -> Response:
     """Download what readers may see of a phase, as a tar for a paper or an archive."""
-    return export_phase(services, browser.principal, phase_id, origin_of(request))
+    return export_phase(browser.services, browser.principal, phase_id, origin_of(browser.request))
 
 
 @step_at(router, "/{phase_id}/{step}")
@@ -349,17 +332,12 @@ def _of_new() -> tuple[FormField, ...]:
 
 
 def _new(
-    request: Request,
-    services: Services,
-    browser: SignedIn,
-    texts: Mapping[str, str],
-    refusal: RecordsError | None = None,
+    browser: SignedIn, texts: Mapping[str, str], refusal: RecordsError | None = None
 ) -> Response:
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         made_of = filled(_made_of(session), texts)
     may_make = may_change(browser.principal, f"{HERE}/new")
     return _page(
-        request,
         browser,
         texts,
         refusal,
@@ -371,17 +349,17 @@ def _new(
 
 
 def _phase(
-    request: Request,
-    services: Services,
     browser: SignedIn,
     phase_id: str,
     texts: Mapping[str, str] | None = None,
     refusal: RecordsError | None = None,
 ) -> Response:
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         phase = find_phase(session, phase_id)
         kept, has_board = _texts(phase), phase.current_board_id is not None
-        seen = phase_view(session, phase, max_upload_bytes=services.settings.max_upload_bytes)
+        seen = phase_view(
+            session, phase, max_upload_bytes=browser.services.settings.max_upload_bytes
+        )
         seen_at = database_now(session)
         lines = history(session, phase_id, limit=HISTORY)
         n_questions = count_waiting(session, phase_id)
@@ -389,7 +367,6 @@ def _phase(
         is_used = bool(counts_by_phase(session).get(phase_id) or runs)
         found = troubles_of(session, phase)
     return _page(
-        request,
         browser,
         kept if texts is None else texts,
         refusal,
@@ -416,7 +393,6 @@ def _phase(
 
 
 def _page(
-    request: Request,
     browser: SignedIn,
     texts: Mapping[str, str],
     refusal: RecordsError | None,
@@ -425,7 +401,6 @@ def _page(
 ) -> Response:
     settings = _of_new() if values["phase"] is None else SETTINGS
     return organizer_page(
-        request,
         browser,
         "phases/organizer_phase.html",
         "phases",

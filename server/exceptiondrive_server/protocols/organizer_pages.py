@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Path, Query, Request
+from fastapi import APIRouter, Path, Query
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response
 from pydantic import ValidationError
@@ -48,7 +48,6 @@ from exceptiondrive_server.web.organizer_frame import (
     organizer_page,
     step_at,
 )
-from exceptiondrive_server.web.services import Services
 
 router = APIRouter(prefix="/organize/protocols", include_in_schema=False)
 HERE = "/organize/protocols"
@@ -69,9 +68,9 @@ class Verdict:
 
 
 @router.get("")
-def show_protocols(request: Request, services: ServicesOf, browser: OrganizerBrowser) -> Response:
+def show_protocols(browser: OrganizerBrowser) -> Response:
     """List the protocols, newest first, and the phases that show each."""
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         rows = list_protocol_rows(session)[::-1]
         protocols = {row.digest: find_protocol(session, row.digest) for row in rows}
         phases = list_phases(session, with_hidden=True)
@@ -79,7 +78,6 @@ def show_protocols(request: Request, services: ServicesOf, browser: OrganizerBro
         shown, users = shown_digests(session), protocol_users(session)
         start = _starts(session)[:1]
     return organizer_page(
-        request,
         browser,
         "protocols/organizer_protocols.html",
         "protocols",
@@ -140,25 +138,22 @@ def withdrawal(confirmation_id: ConfirmationId) -> Step:
 
 @router.get("/new")
 def show_new(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    start: Annotated[str, Query(max_length=100)] = "",
+    browser: OrganizerBrowser, start: Annotated[str, Query(max_length=100)] = ""
 ) -> Response:
     """Show the form, empty or with the text of a protocol to start from."""
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         toml = find_protocol_row(session, start).toml if start else ""
-    return _form(request, services, browser, toml)
+    return _form(browser, toml)
 
 
 @router.post("/new")
-async def post_new(request: Request, services: ServicesOf, browser: OrganizerBrowser) -> Response:
+async def post_new(browser: OrganizerBrowser) -> Response:
     """Check a document and say what it changes, or add it; what was typed stays.
 
     It comes in the text field, or as a file, which replaces that.
     """
-    require_same_origin(request)
-    async with request.form(
+    require_same_origin(browser.request)
+    async with browser.request.form(
         max_files=1, max_fields=MAX_FIELDS, max_part_size=4 * MAX_PROTOCOL_CHARACTERS
     ) as form:
         require_form_token(browser.secret, str(form.get(FORM_TOKEN, "")))
@@ -167,14 +162,14 @@ async def post_new(request: Request, services: ServicesOf, browser: OrganizerBro
             toml = _checked(await _text(form))
         except InvalidRecord as fault:
             typed = str(form.get("toml", ""))
-            return await run_in_threadpool(_form, request, services, browser, typed, fault)
-    return await run_in_threadpool(_answer, request, services, browser, toml, shall_add)
+            return await run_in_threadpool(_form, browser, typed, fault)
+    return await run_in_threadpool(_answer, browser, toml, shall_add)
 
 
 @router.get("/{version}/toml")
-def show_toml(services: ServicesOf, _browser: OrganizerBrowser, version: Version) -> Response:
+def show_toml(browser: OrganizerBrowser, version: Version) -> Response:
     """Give the document of a protocol, of a draft too."""
-    return get_any_protocol(services, version)
+    return get_any_protocol(browser.services, version)
 
 
 @step_at(router, "/{version}/delete")
@@ -220,21 +215,19 @@ def _checked(toml: str) -> str:
     return toml
 
 
-def _answer(
-    request: Request, services: Services, browser: SignedIn, toml: str, shall_add: bool
-) -> Response:
+def _answer(browser: SignedIn, toml: str, shall_add: bool) -> Response:
     try:
         if shall_add:
-            return _add(services, browser, toml)
-        with services.database.read() as session:
+            return _add(browser, toml)
+        with browser.services.database.read() as session:
             verdict = _verdict(session, toml)
     except RecordsError as refusal:
-        return _form(request, services, browser, toml, refusal)
-    return _form(request, services, browser, toml, verdict=verdict)
+        return _form(browser, toml, refusal)
+    return _form(browser, toml, verdict=verdict)
 
 
-def _add(services: Services, browser: SignedIn, toml: str) -> Response:
-    with services.database.write() as session:
+def _add(browser: SignedIn, toml: str) -> Response:
+    with browser.services.database.write() as session:
         n_before = len(list_protocol_rows(session))
         add_protocol(session, toml, browser.principal.actor)
         is_new = len(list_protocol_rows(session)) > n_before
@@ -266,19 +259,16 @@ def _starts(session: Session) -> list[str]:
 
 
 def _form(
-    request: Request,
-    services: Services,
     browser: SignedIn,
     toml: str,
     refusal: RecordsError | None = None,
     verdict: Verdict | None = None,
 ) -> Response:
     """Show the form; each line of a refusal but its head is a problem."""
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         starts = _starts(session)
     lines = [] if refusal is None else str(refusal).splitlines()
     return organizer_page(
-        request,
         browser,
         "protocols/organizer_new.html",
         "protocols",

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Query, Request
+from fastapi import APIRouter, Path, Query
 from fastapi.responses import Response
 
 from exceptiondrive_records.accounts.tokens import names_of_actors
@@ -42,7 +42,6 @@ from exceptiondrive_server.web.organizer_frame import (
     step_page,
     take_step,
 )
-from exceptiondrive_server.web.services import Services
 
 router = APIRouter(prefix="/organize", include_in_schema=False)
 HERE = "/organize/rescoring"
@@ -55,12 +54,10 @@ SHOWN = 20
 
 
 @router.get("/rescoring")
-def show_runs(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, all_runs: bool = False
-) -> Response:
+def show_runs(browser: OrganizerBrowser, all_runs: bool = False) -> Response:
     """List runs and verifications, newest first: the newest of each, or all."""
     limit = None if all_runs else SHOWN + 1
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         runs = run_views(session, limit=limit)
         verifications = list_verifications(session, limit=limit)
         is_cut = not all_runs and max(len(runs), len(verifications)) > SHOWN
@@ -68,7 +65,6 @@ def show_runs(
         lines = [run_line(session, run) for run in runs[:shown]]
         titles = titles_of_phases(session)
     return organizer_page(
-        request,
         browser,
         "rescoring/organizer_runs.html",
         "rescoring",
@@ -137,21 +133,13 @@ def _revision_words(split: SplitRow, phases: Sequence[str]) -> str:
 
 
 @router.get("/rescoring/{run_id}")
-def show_run(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, run_id: RunId
-) -> Response:
+def show_run(browser: OrganizerBrowser, run_id: RunId) -> Response:
     """Show state, progress, what stands in the way, and what may be done."""
-    return _run_page(request, services, browser, run_id)
+    return _run_page(browser, run_id)
 
 
-def _run_page(
-    request: Request,
-    services: Services,
-    browser: SignedIn,
-    run_id: str,
-    refusal: RecordsError | None = None,
-) -> Response:
-    with services.database.read() as session:
+def _run_page(browser: SignedIn, run_id: str, refusal: RecordsError | None = None) -> Response:
+    with browser.services.database.read() as session:
         run = find_run(session, run_id)
         if run.kind is RunKind.VERIFICATION:
             return go(f"/organize/verifications/{run_id}")
@@ -160,7 +148,6 @@ def _run_page(
         lines = history(session, run_id, limit=HISTORY)
         names, titles = names_of_actors(session, [seen.actor]), titles_of_phases(session)
     return organizer_page(
-        request,
         browser,
         "rescoring/organizer_run.html",
         "rescoring",
@@ -175,15 +162,11 @@ def _run_page(
 
 @router.get("/rescoring/{run_id}/preview")
 def show_preview(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    run_id: RunId,
-    page: Annotated[int, Query(ge=1, le=100_000)] = 1,
+    browser: OrganizerBrowser, run_id: RunId, page: Annotated[int, Query(ge=1, le=100_000)] = 1
 ) -> Response:
     """Compare every entry before and after, worst movers first; the run's page says why not."""
     try:
-        with services.database.read() as session:
+        with browser.services.database.read() as session:
             seen = run_view(session, find_run(session, run_id))
             line = run_line(session, seen)
             preview = preview_of(session, run_id)
@@ -191,11 +174,10 @@ def show_preview(
             protocol = find_protocol(session, comparison.to_protocol.digest)
             titles = titles_of_phases(session)
     except Conflict as refusal:
-        return _run_page(request, services, browser, run_id, refusal)
+        return _run_page(browser, run_id, refusal)
     steps = offered(seen)
     flips = [step.in_a_terminal(run_id, preview.digest) for step in steps if step.is_flip]
     return organizer_page(
-        request,
         browser,
         "rescoring/organizer_preview.html",
         "rescoring",
@@ -209,9 +191,9 @@ def show_preview(
 
 
 @router.get("/rescoring/{run_id}/preview.csv")
-def download_csv(services: ServicesOf, browser: OrganizerBrowser, run_id: RunId) -> Response:
+def download_csv(browser: OrganizerBrowser, run_id: RunId) -> Response:
     """Download the comparison: a line per entry."""
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         preview = preview_of(session, run_id)
     text = comparison_csv(preview.comparison, preview.direction)
     headers = attachment(f"preview-{run_id}.csv")
@@ -219,9 +201,9 @@ def download_csv(services: ServicesOf, browser: OrganizerBrowser, run_id: RunId)
 
 
 @router.get("/rescoring/{run_id}/preview.json")
-def download_json(services: ServicesOf, browser: OrganizerBrowser, run_id: RunId) -> Response:
+def download_json(browser: OrganizerBrowser, run_id: RunId) -> Response:
     """Download the preview as the API gives it."""
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         text = preview_of(session, run_id).model_dump_json()
     headers = attachment(f"preview-{run_id}.json")
     return Response(text, media_type="application/json", headers=headers)
@@ -229,39 +211,29 @@ def download_json(services: ServicesOf, browser: OrganizerBrowser, run_id: RunId
 
 @router.get("/rescoring/{run_id}/{step}")
 def show_step(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    run_id: RunId,
-    step: StepKey,
-    preview: Choice = "",
+    browser: OrganizerBrowser, run_id: RunId, step: StepKey, preview: Choice = ""
 ) -> Response:
     """Ask for a step; what readers will see is looked at before it is applied."""
     known = _known(step)
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         content = page_of_step(session, known, run_id, preview)
     if known.needs_preview and not preview:
         return go(f"{HERE}/{run_id}/preview")
-    return step_page(request, browser, content)
+    return step_page(browser, content)
 
 
 @router.post("/rescoring/{run_id}/{step}")
 def post_step(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    form: PostedForm,
-    run_id: RunId,
-    step: StepKey,
+    browser: OrganizerBrowser, form: PostedForm, run_id: RunId, step: StepKey
 ) -> Response:
     """Take a step."""
     known = _known(step)
     preview = str(form.get("preview", ""))[:100]
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         page = page_of_step(session, known, run_id, preview)
     if known.is_flip:
-        flip.work_out(services.database, run_id)
-    return take_step(request, services, browser, page, form)
+        flip.work_out(browser.services.database, run_id)
+    return take_step(browser, page, form)
 
 
 @step_at(router, "/verifications/new")
@@ -292,17 +264,13 @@ def verification(services: ServicesOf, phase: Choice = "") -> Step:
 
 @router.get("/verifications/{verification_id}")
 def show_verification(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    verification_id: Annotated[str, Path(max_length=64)],
+    browser: OrganizerBrowser, verification_id: Annotated[str, Path(max_length=64)]
 ) -> Response:
     """Show what a verification has come to."""
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         seen = verification_view(session, verification_id)
         names, titles = names_of_actors(session, [seen.actor]), titles_of_phases(session)
     return organizer_page(
-        request,
         browser,
         "rescoring/organizer_verification.html",
         "rescoring",

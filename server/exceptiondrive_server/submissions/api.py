@@ -54,6 +54,8 @@ IdempotencyKey = Annotated[
 _LOCATION = {"description": "Where the submission is shown.", "schema": {"type": "string"}}
 _TAKEN = {"headers": {"Location": _LOCATION, **QUOTA_HEADERS["headers"]}}
 _SIGNED_IN = (ProblemCode.NOT_SIGNED_IN, ProblemCode.NOT_ALLOWED)
+_OF_OWN = problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND)
+_OF_DECISIONS = problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND, ProblemCode.CONFLICT)
 
 
 @router.post(
@@ -117,7 +119,7 @@ async def submit(
 @router.get(
     "",
     operation_id="listSubmissions",
-    responses={200: QUOTA_HEADERS, **problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND)},
+    responses={200: QUOTA_HEADERS, **_OF_OWN},
 )
 def get_submissions(
     response: Response,
@@ -150,7 +152,7 @@ def get_submissions(
 @router.get(
     "/{submission_id}",
     operation_id="showSubmission",
-    responses={200: QUOTA_HEADERS, **problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND)},
+    responses={200: QUOTA_HEADERS, **_OF_OWN},
 )
 def get_submission(
     response: Response,
@@ -183,7 +185,7 @@ def get_submission(
             "content": {"application/octet-stream": {}},
             "description": "The bytes that were sent; the ETag is their digest.",
         },
-        **problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND),
+        **_OF_OWN,
     },
 )
 def get_file(services: ServicesOf, principal: Reader, submission_id: SubmissionId) -> Response:
@@ -191,11 +193,7 @@ def get_file(services: ServicesOf, principal: Reader, submission_id: SubmissionI
     return own_upload(services, principal, submission_id)
 
 
-@router.patch(
-    "/{submission_id}",
-    operation_id="editSubmission",
-    responses=problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND, ProblemCode.CONFLICT),
-)
+@router.patch("/{submission_id}", operation_id="editSubmission", responses=_OF_DECISIONS)
 def patch_submission(
     services: ServicesOf,
     principal: Submitter,
@@ -210,11 +208,7 @@ def patch_submission(
     return _decide(services, principal, submission_id, partial(edit_submission, change=change))
 
 
-@router.get(
-    "/{submission_id}/edits",
-    operation_id="listEdits",
-    responses=problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND),
-)
+@router.get("/{submission_id}/edits", operation_id="listEdits", responses=_OF_OWN)
 def get_edits(
     services: ServicesOf, principal: Reader, submission_id: SubmissionId
 ) -> tuple[SubmissionEditView, ...]:
@@ -225,9 +219,7 @@ def get_edits(
 
 
 @router.post(
-    "/{submission_id}/withdraw",
-    operation_id="withdrawSubmission",
-    responses=problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND, ProblemCode.CONFLICT),
+    "/{submission_id}/withdraw", operation_id="withdrawSubmission", responses=_OF_DECISIONS
 )
 def withdraw_submission(
     services: ServicesOf, principal: Submitter, submission_id: SubmissionId
@@ -259,11 +251,7 @@ def confirm_submission(
     return confirmed_upload(services, principal, submission_id)
 
 
-@router.post(
-    "/{submission_id}/choose",
-    operation_id="chooseSubmission",
-    responses=problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND, ProblemCode.CONFLICT),
-)
+@router.post("/{submission_id}/choose", operation_id="chooseSubmission", responses=_OF_DECISIONS)
 def choose_submission(
     services: ServicesOf,
     principal: Submitter,
@@ -278,11 +266,7 @@ def choose_submission(
     return _decide(services, principal, submission_id, partial(choose, rule=rule))
 
 
-@router.post(
-    "/{submission_id}/publish",
-    operation_id="publishSubmission",
-    responses=problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND, ProblemCode.CONFLICT),
-)
+@router.post("/{submission_id}/publish", operation_id="publishSubmission", responses=_OF_DECISIONS)
 def publish_submission(
     services: ServicesOf, principal: Submitter, submission_id: SubmissionId
 ) -> SubmissionView:
@@ -291,9 +275,7 @@ def publish_submission(
 
 
 @router.post(
-    "/{submission_id}/unpublish",
-    operation_id="unpublishSubmission",
-    responses=problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND, ProblemCode.CONFLICT),
+    "/{submission_id}/unpublish", operation_id="unpublishSubmission", responses=_OF_DECISIONS
 )
 def unpublish_submission(
     services: ServicesOf, principal: Submitter, submission_id: SubmissionId

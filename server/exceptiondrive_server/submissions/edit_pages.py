@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from functools import partial
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter
 from fastapi.responses import RedirectResponse, Response
 
 from exceptiondrive_records.accounts.tokens import Scope
@@ -17,12 +17,11 @@ from exceptiondrive_schemas.method_facts import LABELS, MethodFacts, SubmissionC
 from exceptiondrive_server.submissions.decisions import decide
 from exceptiondrive_server.submissions.download import own_upload
 from exceptiondrive_server.submissions.facts_form import FACT_FIELDS, facts_of_form, texts_of_facts
-from exceptiondrive_server.web.auth import ServicesOf, own_team
+from exceptiondrive_server.web.auth import own_team
 from exceptiondrive_server.web.browser_session import Browser, PostedForm, SignedIn, require_scope
 from exceptiondrive_server.web.forms import filled, read, typed
 from exceptiondrive_server.web.path_ids import SubmissionId
-from exceptiondrive_server.web.responses import private_page
-from exceptiondrive_server.web.services import Services
+from exceptiondrive_server.web.responses import my_page
 from exceptiondrive_server.web.templating import template_filter
 
 router = APIRouter(include_in_schema=False)
@@ -35,51 +34,41 @@ WORDS = (
 
 
 @router.get("/submissions/{submission_id}/edit")
-def show_edit(
-    request: Request, services: ServicesOf, browser: Browser, submission_id: SubmissionId
-) -> Response:
+def show_edit(browser: Browser, submission_id: SubmissionId) -> Response:
     """Show what the team says of a submission, to be changed."""
-    return _page(request, services, browser, submission_id)
+    return _page(browser, submission_id)
 
 
 @router.post("/submissions/{submission_id}/edit")
-def post_edit(
-    request: Request,
-    services: ServicesOf,
-    browser: Browser,
-    form: PostedForm,
-    submission_id: SubmissionId,
-) -> Response:
+def post_edit(browser: Browser, form: PostedForm, submission_id: SubmissionId) -> Response:
     """Change it, and go back to the page of the submission."""
     require_scope(browser, Scope.SUBMIT)
     try:
         change = SubmissionChange(**read(WORDS, form), facts=facts_of_form(form))
         edit = partial(edit_submission, change=change)
-        decide(services, browser.principal, submission_id, edit)
+        decide(browser.services, browser.principal, submission_id, edit)
     except NotFound:
         raise
     except RecordsError as refusal:
-        return _page(request, services, browser, submission_id, typed(form), refusal)
+        return _page(browser, submission_id, typed(form), refusal)
     return RedirectResponse(f"/submissions/{submission_id}", status_code=303)
 
 
 @router.get("/submissions/{submission_id}/file")
-def download(services: ServicesOf, browser: Browser, submission_id: SubmissionId) -> Response:
+def download(browser: Browser, submission_id: SubmissionId) -> Response:
     """Give a team its own upload again."""
     require_scope(browser, Scope.READ_OWN)
-    return own_upload(services, browser.principal, submission_id)
+    return own_upload(browser.services, browser.principal, submission_id)
 
 
 def _page(
-    request: Request,
-    services: Services,
     browser: SignedIn,
     submission_id: str,
     texts: Mapping[str, str] | None = None,
     refusal: RecordsError | None = None,
 ) -> Response:
     require_scope(browser, Scope.SUBMIT)
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         found = find_submission(session, submission_id, team_id=own_team(browser.principal))
         seen = view(session, found)
         phase = find_phase(session, seen.phase)
@@ -94,17 +83,15 @@ def _page(
     }
     if texts is not None:
         now = {**dict.fromkeys(now, ""), **texts}
-    return private_page(
-        request,
+    return my_page(
+        browser,
         "submissions/edit.html",
-        "my",
         one=seen,
         phase_title=phase.title,
         texts=now,
         facts=filled(FACT_FIELDS, now),
         edits=edits,
         refusal=refusal,
-        form_token=browser.form_token,
     )
 
 

@@ -5,7 +5,7 @@ from functools import partial
 from typing import Annotated, Literal
 from urllib.parse import urlencode
 
-from fastapi import APIRouter, Query, Request
+from fastapi import APIRouter, Query
 from fastapi.responses import HTMLResponse, Response
 
 from exceptiondrive_records.participation.disqualification import disqualification_of
@@ -59,8 +59,6 @@ WORDS = FormField(
 
 @router.get("/submissions")
 def show_submissions(
-    request: Request,
-    services: ServicesOf,
     browser: OrganizerBrowser,
     team: Choice = "",
     phase: Choice = "",
@@ -70,7 +68,7 @@ def show_submissions(
     """List submissions, newest first, narrowed to a team, a phase and a status."""
     known = SubmissionStatus(status) if status in list(SubmissionStatus) else None
     who = browser.principal
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         found, following = submission_page(
             session,
             team_id=find_team(session, team).id if team else None,
@@ -86,7 +84,6 @@ def show_submissions(
     chosen = {"team": team, "phase": phase, "status": known or ""}
     older = {**chosen, "after": following} if following else {}
     return organizer_page(
-        request,
         browser,
         "submissions/organizer_submissions.html",
         "submissions",
@@ -106,25 +103,19 @@ def show_submissions(
 
 @router.get("/submissions/archive")
 def get_archive(
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    team: Choice = "",
-    phase: Choice = "",
-    status: Choice = "",
+    browser: OrganizerBrowser, team: Choice = "", phase: Choice = "", status: Choice = ""
 ) -> Response:
     """Download the uploads of the list as a tar with a manifest."""
     known = SubmissionStatus(status) if status in list(SubmissionStatus) else None
     return archive(
-        services, browser.principal, team=team or None, phase=phase or None, status=known
+        browser.services, browser.principal, team=team or None, phase=phase or None, status=known
     )
 
 
 @router.get("/submissions/{submission_id}")
-def show_submission(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, submission_id: SubmissionId
-) -> Response:
+def show_submission(browser: OrganizerBrowser, submission_id: SubmissionId) -> Response:
     """Show where a submission stands, and everything that ever happened to it."""
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         story = story_of(session, submission_id)
         seen = story.submission
         sheet = score_tables(session, seen)
@@ -132,7 +123,6 @@ def show_submission(
         phase = find_phase(session, seen.phase)
         disqualified = disqualification_of(session, seen.id)
     return organizer_page(
-        request,
         browser,
         "submissions/organizer_submission.html",
         "submissions",
@@ -149,27 +139,21 @@ def show_submission(
 
 
 @router.get("/submissions/{submission_id}/file")
-def get_file(
-    services: ServicesOf, browser: OrganizerBrowser, submission_id: SubmissionId
-) -> Response:
+def get_file(browser: OrganizerBrowser, submission_id: SubmissionId) -> Response:
     """Give the bytes that the team sent."""
-    return any_upload(services, browser.principal, submission_id)
+    return any_upload(browser.services, browser.principal, submission_id)
 
 
 @router.get("/submissions/{submission_id}/folder")
-def get_folder(
-    services: ServicesOf, browser: OrganizerBrowser, submission_id: SubmissionId
-) -> Response:
+def get_folder(browser: OrganizerBrowser, submission_id: SubmissionId) -> Response:
     """Download the whole story for a committee."""
-    return story_folder(services, browser.principal, submission_id)
+    return story_folder(browser.services, browser.principal, submission_id)
 
 
 @router.get("/submissions/{submission_id}/story")
-def show_story(
-    services: ServicesOf, _browser: OrganizerBrowser, submission_id: SubmissionId
-) -> Response:
+def show_story(browser: OrganizerBrowser, submission_id: SubmissionId) -> Response:
     """Show the whole story on one page, to be printed or kept as a PDF."""
-    text = story_page(services, submission_id)
+    text = story_page(browser.services, submission_id)
     return HTMLResponse(text, headers={"Cache-Control": "no-store"})
 
 
@@ -233,15 +217,12 @@ def deed_on(services: ServicesOf, submission_id: SubmissionId, deed: Deed) -> St
 
 
 @router.get("/similar/{phase_id}")
-def show_similar(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, phase_id: PhaseId
-) -> Response:
+def show_similar(browser: OrganizerBrowser, phase_id: PhaseId) -> Response:
     """Show teams whose submissions are alike, and those that probe: reasons to ask, not proof."""
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         phase = find_phase(session, phase_id)
         report = similarity_report(session, phase_id)
     return organizer_page(
-        request,
         browser,
         "submissions/organizer_similar.html",
         "phases",

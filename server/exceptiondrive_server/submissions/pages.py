@@ -53,7 +53,7 @@ from exceptiondrive_server.submissions.upload import (
     take_upload,
 )
 from exceptiondrive_server.submissions.view import actions_of, policy_sentences, status_of, steps_of
-from exceptiondrive_server.web.auth import ServicesOf, own_team
+from exceptiondrive_server.web.auth import own_team
 from exceptiondrive_server.web.browser_session import (
     Browser,
     MaybeSignedIn,
@@ -68,8 +68,8 @@ from exceptiondrive_server.web.forms import NOTHING_KEPT, filled, typed
 from exceptiondrive_server.web.path_ids import SubmissionId
 from exceptiondrive_server.web.problem_vocabulary import PROBLEMS, ApiProblem
 from exceptiondrive_server.web.problems import problem_of, wants_page
-from exceptiondrive_server.web.responses import origin_of, page, private_page
-from exceptiondrive_server.web.services import Services
+from exceptiondrive_server.web.responses import my_page, origin_of, page, private_page
+from exceptiondrive_server.web.services import Services, services_of
 
 router = APIRouter(include_in_schema=False)
 SHOWN = 50
@@ -81,31 +81,31 @@ _DECISIONS = {"publish": publish, "unpublish": unpublish}
 
 
 @router.get("/submit")
-def show_submit(
-    request: Request, services: ServicesOf, browser: MaybeSignedIn, phase: str | None = None
-) -> Response:
+def show_submit(request: Request, browser: MaybeSignedIn, phase: str | None = None) -> Response:
     """Show how to submit; to a team that may, the form too."""
-    return _submit_page(request, services, browser, phase)
+    return _submit_page(request, browser, phase)
 
 
 @router.post("/submit")
-async def submit(request: Request, services: ServicesOf, browser: Browser) -> Response:
+async def submit(browser: Browser) -> Response:
     """Take an upload as the API does, and lead to the page of the submission."""
     began_s = time.monotonic()
-    require_same_origin(request)
+    require_same_origin(browser.request)
     require_scope(browser, Scope.SUBMIT)
     who = browser.principal
     try:
-        async with received_upload(request, services, who, has_form_token=True) as upload:
+        async with received_upload(
+            browser.request, browser.services, who, has_form_token=True
+        ) as upload:
             require_form_token(browser.secret, upload.form_token)
-            taken, _ = await run_in_threadpool(take_upload, services, who, upload, began_s)
+            taken, _ = await run_in_threadpool(take_upload, browser.services, who, upload, began_s)
     except (RecordsError, RequestValidationError) as error:
-        if not wants_page(request):
+        if not wants_page(browser.request):
             raise
         problem = problem_of(error)
-        form = typed(await request.form())
+        form = typed(await browser.request.form())
         return await run_in_threadpool(
-            _submit_page, request, services, browser, form.get("phase"), form, problem
+            _submit_page, browser.request, browser, form.get("phase"), form, problem
         )
     address = f"/submissions/{taken.id}" + ("?again=1" if taken.is_duplicate else "")
     return RedirectResponse(address, status_code=303)
@@ -113,13 +113,13 @@ async def submit(request: Request, services: ServicesOf, browser: Browser) -> Re
 
 def _submit_page(
     request: Request,
-    services: Services,
     browser: SignedIn | None,
     wanted: str | None,
     texts: Mapping[str, str] = NOTHING_KEPT,
     refusal: ApiProblem | None = None,
 ) -> Response:
     """Show the quick start for a phase, and the form again with what was typed before a refusal."""
+    services = services_of(request)
     with services.database.read() as session:
         links = tuple(phase_link(session, phase) for phase in list_phases(session))
         protocol = featured_protocol(session)
@@ -225,17 +225,14 @@ def _phases(session: Session, services: Services, who: Principal | None) -> tupl
 
 @router.get("/my")
 def show_my_submissions(
-    request: Request,
-    services: ServicesOf,
-    browser: Browser,
-    after: Annotated[str | None, Query(max_length=64)] = None,
+    browser: Browser, after: Annotated[str | None, Query(max_length=64)] = None
 ) -> Response:
     """List the team's submissions, newest first, and what is left of its quotas."""
     require_scope(browser, Scope.READ_OWN)
     who = browser.principal
     if who.phases:
         raise PhaseNeeded(min(who.phases))
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         team_id = own_team(who)
         found, following = submission_page(session, team_id=team_id, after=after, limit=SHOWN)
         seen = views(session, found)
@@ -247,15 +244,13 @@ def show_my_submissions(
         if who.team_id is not None:
             unread = list_notifications(session, who.team_id, only_unread=True, limit=SHOWN_NOTICES)
             n_unread = count_unread(session, who.team_id)
-        quotas = [phase for phase in _phases(session, services, who) if phase.is_open]
+        quotas = [phase for phase in _phases(session, browser.services, who) if phase.is_open]
     can_decide = Scope.SUBMIT in who.scopes and who.team_id is not None
     lines = run_lines(seen, rules, ended=ended, can_decide=can_decide)
     has_tokens = Scope.TOKENS in who.scopes and who.team_id is not None
-    return private_page(
-        request,
+    return my_page(
+        browser,
         "submissions/my.html",
-        "my",
-        who=who,
         lines=lines,
         unread=unread,
         n_unread=n_unread,
@@ -264,23 +259,16 @@ def show_my_submissions(
         quotas=quotas,
         following=following,
         followed=[one.id for one in seen if not one.status.is_terminal][:MAX_FOLLOWED],
-        form_token=browser.form_token,
         has_tokens=has_tokens,
         has_team_page=who.person_id is not None or has_tokens,
     )
 
 
 @router.get("/submissions/{submission_id}")
-def show_submission(
-    request: Request,
-    services: ServicesOf,
-    browser: Browser,
-    submission_id: SubmissionId,
-    again: bool = False,
-) -> Response:
+def show_submission(browser: Browser, submission_id: SubmissionId, again: bool = False) -> Response:
     """Show where a submission stands: this address stays the same from upload to rank."""
     require_scope(browser, Scope.READ_OWN)
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         found = find_submission(session, submission_id, team_id=own_team(browser.principal))
         seen = view(session, found)
         phase = find_phase(session, seen.phase)
@@ -289,10 +277,10 @@ def show_submission(
         sheet = score_tables(session, seen)
         edits = edits_of(session, seen.id)
         notices = notices_about(session, seen.id)
-    seen = asked_for_profile(services, seen)
+    seen = asked_for_profile(browser.services, seen)
     without_score = (SubmissionStatus.REJECTED, SubmissionStatus.FAILED, SubmissionStatus.WITHDRAWN)
     return private_page(
-        request,
+        browser.request,
         "submissions/submission.html",
         "my",
         one=seen,
@@ -314,11 +302,11 @@ def show_submission(
 
 
 @router.get("/submissions/{submission_id}/receipt")
-def show_receipt(services: ServicesOf, browser: Browser, submission_id: SubmissionId) -> Response:
+def show_receipt(browser: Browser, submission_id: SubmissionId) -> Response:
     """Give the signed receipt as a file, as the API gives it."""
     require_scope(browser, Scope.READ_OWN)
     return Response(
-        get_receipt(services, browser.principal, submission_id).model_dump_json(
+        get_receipt(browser.services, browser.principal, submission_id).model_dump_json(
             indent=2, by_alias=True
         ),
         media_type="application/json",
@@ -327,35 +315,32 @@ def show_receipt(services: ServicesOf, browser: Browser, submission_id: Submissi
 
 
 @router.get("/submissions/{submission_id}/events")
-async def follow(services: ServicesOf, browser: Browser, submission_id: SubmissionId) -> Response:
+async def follow(browser: Browser, submission_id: SubmissionId) -> Response:
     """Send each change of a submission to the page that shows it."""
     require_scope(browser, Scope.READ_OWN)
-    return await follow_submission(services, browser.principal, submission_id)
+    return await follow_submission(browser.services, browser.principal, submission_id)
 
 
 @router.post("/submissions/{submission_id}/withdraw")
 def withdraw_submission(
-    services: ServicesOf, browser: Browser, form: PostedForm, submission_id: SubmissionId
+    browser: Browser, form: PostedForm, submission_id: SubmissionId
 ) -> Response:
     """Take a submission off the board."""
     require_scope(browser, Scope.SUBMIT)
-    decide(services, browser.principal, submission_id, withdraw)
+    decide(browser.services, browser.principal, submission_id, withdraw)
     return RedirectResponse(f"/submissions/{submission_id}", status_code=303)
 
 
 @router.post("/submissions/{submission_id}/confirm")
-def confirm_submission(
-    services: ServicesOf, browser: Browser, form: PostedForm, submission_id: SubmissionId
-) -> Response:
+def confirm_submission(browser: Browser, form: PostedForm, submission_id: SubmissionId) -> Response:
     """Let what the team was asked about count, and lead to what counts in its place."""
     require_scope(browser, Scope.SUBMIT)
-    confirmed = confirmed_upload(services, browser.principal, submission_id)
+    confirmed = confirmed_upload(browser.services, browser.principal, submission_id)
     return RedirectResponse(f"/submissions/{confirmed.id}", status_code=303)
 
 
 @router.post("/submissions/{submission_id}/{what}")
 def post_decision(
-    services: ServicesOf,
     browser: Browser,
     form: PostedForm,
     submission_id: SubmissionId,
@@ -365,6 +350,6 @@ def post_decision(
     """Choose a submission for the board, publish it, or make it private again; then go back."""
     decision = partial(choose, rule=rule) if what == "choose" else _DECISIONS[what]
     require_scope(browser, Scope.SUBMIT)
-    decide(services, browser.principal, submission_id, decision)
+    decide(browser.services, browser.principal, submission_id, decision)
     back = "/my" if form.get("back") == "my" else f"/submissions/{submission_id}"
     return RedirectResponse(back, status_code=303)

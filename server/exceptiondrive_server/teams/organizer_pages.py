@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Path, Query, Request
+from fastapi import APIRouter, Path, Query
 from fastapi.responses import Response
 
 from exceptiondrive_records.accounts.tokens import (
@@ -42,7 +42,6 @@ from exceptiondrive_server.web.organizer_frame import (
     step_at,
 )
 from exceptiondrive_server.web.path_ids import TeamId
-from exceptiondrive_server.web.services import Services
 
 NEW_TEAM = (
     FormField("id", "Id", hint="small letters, digits, hyphens; never changes", is_required=True,
@@ -71,51 +70,39 @@ TokenId = Annotated[str, Path(max_length=64)]
 
 @router.get("/teams")
 def show_teams(
-    request: Request,
-    services: ServicesOf,
     browser: OrganizerBrowser,
     show: Annotated[str, Query(max_length=20)] = "",
     q: Annotated[str, Query(max_length=80)] = "",
 ) -> Response:
     """List the teams, or those with a text; those that wait for approval come first."""
-    return _list(request, services, browser, only_pending=show == "pending", find=q)
+    return _list(browser, only_pending=show == "pending", find=q)
 
 
 @router.post("/teams")
-def post_team(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, form: PostedForm
-) -> Response:
+def post_team(browser: OrganizerBrowser, form: PostedForm) -> Response:
     """Make a team."""
     try:
         values = read(NEW_TEAM, form)
-        with services.database.write() as session:
+        with browser.services.database.write() as session:
             slug = values.pop("id")
             make_team(session, slug, **values, actor=browser.principal.actor)
     except RecordsError as refusal:
-        return _list(request, services, browser, texts=typed(form), refusal=refusal)
+        return _list(browser, texts=typed(form), refusal=refusal)
     return go(f"/organize/teams/{slug}", "team_created")
 
 
 @router.get("/teams/{team_id}")
-def show_team(
-    request: Request, services: ServicesOf, browser: OrganizerBrowser, team_id: TeamId
-) -> Response:
+def show_team(browser: OrganizerBrowser, team_id: TeamId) -> Response:
     """Show a team and its tokens."""
-    return _team(request, services, browser, team_id)
+    return _team(browser, team_id)
 
 
 @router.post("/teams/{team_id}/tokens")
-def post_token(
-    request: Request,
-    services: ServicesOf,
-    browser: OrganizerBrowser,
-    form: PostedForm,
-    team_id: TeamId,
-) -> Response:
+def post_token(browser: OrganizerBrowser, form: PostedForm, team_id: TeamId) -> Response:
     """Issue a token for a team, and show its text this once."""
     try:
         values = read(NEW_TOKEN, form)
-        with services.database.write() as session:
+        with browser.services.database.write() as session:
             text, _ = issue_token(
                 session,
                 find_team(session, team_id).id,
@@ -125,13 +112,11 @@ def post_token(
                 actor=browser.principal.actor,
             )
     except RecordsError as refusal:
-        return _team(request, services, browser, team_id, texts=typed(form), refusal=refusal)
-    return _team(request, services, browser, team_id, issued=text)
+        return _team(browser, team_id, texts=typed(form), refusal=refusal)
+    return _team(browser, team_id, issued=text)
 
 
 def _list(
-    request: Request,
-    services: Services,
     browser: SignedIn,
     *,
     only_pending: bool = False,
@@ -139,7 +124,7 @@ def _list(
     texts: Mapping[str, str] | None = None,
     refusal: RecordsError | None = None,
 ) -> Response:
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         standings = standings_of_teams(session)
         by_id = {one.id: one for one in list_teams(session)}
         teams = [
@@ -150,7 +135,6 @@ def _list(
         ]
         n_tokens, n_submissions = live_tokens_by_team(session), counts_by_team(session)
     return organizer_page(
-        request,
         browser,
         "teams/organizer_teams.html",
         "teams",
@@ -168,8 +152,6 @@ def _list(
 
 
 def _team(
-    request: Request,
-    services: Services,
     browser: SignedIn,
     slug: str,
     *,
@@ -178,7 +160,7 @@ def _team(
     refusal: RecordsError | None = None,
 ) -> Response:
     """Show a team; `issued` is the text of a new token, shown this once."""
-    with services.database.read() as session:
+    with browser.services.database.read() as session:
         team = find_team(session, slug)
         now = database_now(session)
         tokens = [(token, is_live(token, now)) for token in list_tokens(session, team.id)]
@@ -192,7 +174,6 @@ def _team(
         phases = list_phases(session, with_hidden=True)
         part_of = session.get(Team, team.merged_into_id) if team.merged_into_id else None
     return organizer_page(
-        request,
         browser,
         "teams/organizer_team.html",
         "teams",

@@ -43,7 +43,7 @@ from exceptiondrive_server.web.browser_session import (
 )
 from exceptiondrive_server.web.forms import NOTHING_KEPT, typed
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
-from exceptiondrive_server.web.responses import origin_of, private_page
+from exceptiondrive_server.web.responses import my_page, origin_of, private_page
 from exceptiondrive_server.web.services import Services
 
 router = APIRouter(include_in_schema=False)
@@ -53,32 +53,28 @@ _BACK = "/my/team"
 
 
 @router.get("/my/team")
-def show_team(request: Request, services: ServicesOf, browser: Browser) -> Response:
+def show_team(browser: Browser) -> Response:
     """Show who belongs to the team; to somebody without one, how to get one."""
-    return _page(request, services, browser)
+    return _page(browser)
 
 
 @router.post("/my/team/act-for")
-def choose_team(
-    request: Request, services: ServicesOf, browser: Browser, form: PostedForm
-) -> Response:
+def choose_team(browser: Browser, form: PostedForm) -> Response:
     """Let the signed-in person act for another of their teams, or as an organizer."""
     person_id = _person_of(browser)
     text = str(form.get("team", ""))
     if text and not (text.isascii() and text.isdigit() and len(text) < 10):
         raise InvalidRecord("There is no such team to act for.")
-    with services.database.write() as session:
+    with browser.services.database.write() as session:
         act_for(session, browser.secret, person_id, int(text) if text else None)
         is_organizer = not text and find_person(session, person_id).is_organizer
     answer = RedirectResponse("/organize" if is_organizer else "/my", status_code=303)
-    keep_session(request, answer, browser.secret, is_organizer=is_organizer)
+    keep_session(browser.request, answer, browser.secret, is_organizer=is_organizer)
     return answer
 
 
 @router.post("/my/team/invitations")
-def make_invitation(
-    request: Request, services: ServicesOf, browser: Browser, form: PostedForm
-) -> Response:
+def make_invitation(browser: Browser, form: PostedForm) -> Response:
     """Make an invitation and show its link, once."""
     who = browser.principal
     require_scope(browser, Scope.TOKENS)
@@ -87,53 +83,49 @@ def make_invitation(
         detail = "To invite takes a token with all scopes of a team that does not end: who joins gets both."
         raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
     invited_by = who.person_name or f'the token "{who.token_name}"'
-    with services.database.write() as session:
+    with browser.services.database.write() as session:
         text, _ = invite(session, team_id, invited_by, actor=who.actor)
-    return _page(request, services, browser, link=f"{origin_of(request)}/join/{text}")
+    return _page(browser, link=f"{origin_of(browser.request)}/join/{text}")
 
 
 @router.post("/my/team/invitations/{invitation_id}/withdraw")
-def withdraw(
-    services: ServicesOf, browser: Browser, form: PostedForm, invitation_id: Id
-) -> Response:
+def withdraw(browser: Browser, form: PostedForm, invitation_id: Id) -> Response:
     """Make an invitation useless."""
     require_scope(browser, Scope.TOKENS)
     who = browser.principal
-    with services.database.write() as session:
+    with browser.services.database.write() as session:
         withdraw_invitation(session, team_of(who), invitation_id, actor=who.actor)
     return RedirectResponse(_BACK, status_code=303)
 
 
 @router.post("/my/team/members/{person_id}/remove")
-def remove(services: ServicesOf, browser: Browser, form: PostedForm, person_id: Id) -> Response:
+def remove(browser: Browser, form: PostedForm, person_id: Id) -> Response:
     """Take somebody out of the team, oneself included."""
     require_scope(browser, Scope.TOKENS)
     who = browser.principal
-    with services.database.write() as session:
+    with browser.services.database.write() as session:
         remove_member(session, team_of(who), person_id, actor=who.actor)
     return RedirectResponse(_BACK, status_code=303)
 
 
 @router.post("/my/team/register")
-def register(
-    request: Request, services: ServicesOf, browser: Browser, form: PostedForm
-) -> Response:
+def register(browser: Browser, form: PostedForm) -> Response:
     """Register a team for the signed-in person; it submits when an organizer approves."""
     person_id, actor = _person_of(browser), browser.principal.actor
-    if not _may_register(services):
+    if not _may_register(browser.services):
         raise ApiProblem(ProblemCode.NOT_ALLOWED, "Teams do not register themselves here.")
-    address = address_of(request)
-    with services.database.write() as session:
+    address = address_of(browser.request)
+    with browser.services.database.write() as session:
         count_attempt(session, registration_keys_of(address))
     texts = (str(form.get(field, "")) for field in ("id", "name", "note"))
     try:
-        with services.database.write() as session:
+        with browser.services.database.write() as session:
             team = make_pending_team(session, *texts, actor=actor, address=address)
             add_member(session, team, person_id, actor=actor)
             act_for(session, browser.secret, person_id, team.id)
     except RecordsError as refusal:
-        return _page(request, services, browser, refusal=refusal, texts=typed(form))
-    return _as_member(request, browser)
+        return _page(browser, refusal=refusal, texts=typed(form))
+    return _as_member(browser)
 
 
 @router.get("/join/{text}")
@@ -161,27 +153,23 @@ def show_invitation(
 
 
 @router.post("/join/{text}")
-def join(
-    request: Request, services: ServicesOf, browser: Browser, form: PostedForm, text: LinkText
-) -> Response:
+def join(browser: Browser, form: PostedForm, text: LinkText) -> Response:
     """Join the team of an invitation, and act for it."""
     person_id = _person_of(browser)
-    with services.database.write() as session:
+    with browser.services.database.write() as session:
         team = accept_invitation(session, text, person_id, actor=f"person:{person_id}")
         act_for(session, browser.secret, person_id, team.id)
-    return _as_member(request, browser)
+    return _as_member(browser)
 
 
-def _as_member(request: Request, browser: SignedIn) -> Response:
+def _as_member(browser: SignedIn) -> Response:
     """Lead to the team's page; an organizer's links are theirs no longer."""
     answer = RedirectResponse(_BACK, status_code=303)
-    keep_session(request, answer, browser.secret, is_organizer=False)
+    keep_session(browser.request, answer, browser.secret, is_organizer=False)
     return answer
 
 
 def _page(
-    request: Request,
-    services: Services,
     browser: SignedIn,
     link: str | None = None,
     refusal: RecordsError | None = None,
@@ -191,17 +179,15 @@ def _page(
     if who.person_id is None:
         require_scope(browser, Scope.TOKENS)
         team_of(who)
-    may_register = who.person_id is not None and _may_register(services)
-    with services.database.read() as session:
+    may_register = who.person_id is not None and _may_register(browser.services)
+    with browser.services.database.read() as session:
         team = None if who.team_id is None else session.get_one(Team, who.team_id)
         person = None if who.person_id is None else find_person(session, who.person_id)
         members = [] if team is None else members_of(session, team.id)
         people = [f"person:{member.id}" for member, _ in members]
-        return private_page(
-            request,
+        return my_page(
+            browser,
             "teams/team.html",
-            "my",
-            who=who,
             team=team,
             **({} if team is None else _facts(session, team)),
             members=members,
@@ -211,11 +197,10 @@ def _page(
             may_invite=may_invite(who),
             roles=[] if person is None else _roles(person, who, teams_of(session, person.id)),
             may_register=may_register and team is None,
-            provider=None if services.provider is None else services.provider.name,
+            provider=None if browser.services.provider is None else browser.services.provider.name,
             link=link,
             refusal=refusal,
             texts=texts,
-            form_token=browser.form_token,
         )
 
 

@@ -7,7 +7,7 @@ these functions read it, for pages alone.
 import hashlib
 import hmac
 import secrets
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Annotated
 from urllib.parse import urlencode, urlsplit
@@ -24,7 +24,7 @@ from exceptiondrive_records.accounts.tokens import Principal, Scope
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_server.web.auth import ServicesOf, sees_hidden
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
-from exceptiondrive_server.web.services import services_of
+from exceptiondrive_server.web.services import Services, services_of
 from exceptiondrive_server.web.settings import LOOPBACK
 
 COOKIES = ("__Host-session", "session")
@@ -54,10 +54,16 @@ _FORGED = (
 
 @dataclass(frozen=True)
 class SignedIn:
-    """Who signed in, with a token or through the provider, and the secret of the session."""
+    """Who signed in, with a token or through the provider, the secret of the session, and the request."""
 
     principal: Principal
     secret: str
+    request: Request = field(compare=False, repr=False)
+
+    @property
+    def services(self) -> Services:
+        """The services of the application that is asked."""
+        return services_of(self.request)
 
     @property
     def form_token(self) -> str:
@@ -103,7 +109,7 @@ def signed_in_or_none(request: Request, services: ServicesOf) -> SignedIn | None
         return None
     with services.database.read() as session:
         principal = find_session(session, secret)
-    return None if principal is None else SignedIn(principal, secret)
+    return None if principal is None else SignedIn(principal, secret, request)
 
 
 MaybeSignedIn = Annotated[SignedIn | None, Depends(signed_in_or_none)]
@@ -123,17 +129,17 @@ async def signed_in(found: MaybeSignedIn) -> SignedIn:
 Browser = Annotated[SignedIn, Depends(signed_in)]
 
 
-async def posted_form(request: Request, services: ServicesOf, browser: Browser) -> FormData:
+async def posted_form(browser: Browser) -> FormData:
     """Return the small form that a signed-in browser sent.
 
     Raises:
         ApiProblem: It comes from another site, or without the token of this session.
         SignInNeeded: The session ended, or its rights changed, while the form came: that may take a while.
     """
-    require_same_origin(request)
-    form = await request.form(max_files=0, max_fields=MAX_FIELDS)
+    require_same_origin(browser.request)
+    form = await browser.request.form(max_files=0, max_fields=MAX_FIELDS)
     require_form_token(browser.secret, str(form.get(FORM_TOKEN, "")))
-    if await run_in_threadpool(signed_in_or_none, request, services) != browser:
+    if await run_in_threadpool(signed_in_or_none, browser.request, browser.services) != browser:
         raise SignInNeeded
     return form
 

@@ -6,7 +6,7 @@ from functools import partial
 from types import MappingProxyType
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, Request
+from fastapi import APIRouter, Depends
 from fastapi.responses import RedirectResponse, Response
 from sqlalchemy.orm import Session
 from starlette.datastructures import FormData
@@ -15,12 +15,10 @@ from exceptiondrive_records.accounts.tokens import Principal
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import Browser, PhaseNeeded, PostedForm, SignedIn
 from exceptiondrive_server.web.forms import changed, filled, read, typed
 from exceptiondrive_server.web.organizer_rights import may_change, require_right, what_lacks
 from exceptiondrive_server.web.responses import private_page
-from exceptiondrive_server.web.services import Services
 
 DONE: Mapping[str, str] = MappingProxyType(
     {
@@ -84,7 +82,7 @@ SECTIONS = (
 )
 
 
-def organizing(request: Request, services: ServicesOf, browser: Browser) -> SignedIn:
+def organizing(browser: Browser) -> SignedIn:
     """Return the organizer who signed in, if this page is for the role that they have.
 
     Raises:
@@ -92,9 +90,9 @@ def organizing(request: Request, services: ServicesOf, browser: Browser) -> Sign
         PhaseNeeded: The overview of the site was asked for, with a role for single phases.
         ApiProblem: The session is not an organizer's, or the role is not enough: 403, as the API.
     """
-    if request.url.path == "/organize" and browser.principal.phases:
+    if browser.request.url.path == "/organize" and browser.principal.phases:
         raise PhaseNeeded(min(browser.principal.phases))
-    require_right(request, services, browser.principal)
+    require_right(browser.request, browser.services, browser.principal)
     return browser
 
 
@@ -102,7 +100,6 @@ OrganizerBrowser = Annotated[SignedIn, Depends(organizing)]
 
 
 def organizer_page(
-    request: Request,
     browser: SignedIn,
     template: str,
     section: str,
@@ -121,10 +118,12 @@ def organizer_page(
         "organizer": browser.principal.person_name or browser.principal.token_name,
         "form_token": browser.form_token,
         "may": partial(may_change, browser.principal),
-        "lacks": what_lacks(request, browser.principal),
-        "done": DONE.get(request.query_params.get("done", "")),
+        "lacks": what_lacks(browser.request, browser.principal),
+        "done": DONE.get(browser.request.query_params.get("done", "")),
     }
-    return private_page(request, template, "organize", refusal=refusal, frame=frame, **values)
+    return private_page(
+        browser.request, template, "organize", refusal=refusal, frame=frame, **values
+    )
 
 
 def _sections(principal: Principal) -> tuple[tuple[str, str, str], ...]:
@@ -184,20 +183,14 @@ def step_at(router: APIRouter, path: str) -> Callable[[Callable[..., Step]], Cal
 
     def register(step_of: Callable[..., Step]) -> Callable[..., Step]:
         @router.get(path, name=f"show_{step_of.__name__}")
-        def show(
-            request: Request, browser: OrganizerBrowser, step: Annotated[Step, Depends(step_of)]
-        ) -> Response:
-            return step_page(request, browser, step)
+        def show(browser: OrganizerBrowser, step: Annotated[Step, Depends(step_of)]) -> Response:
+            return step_page(browser, step)
 
         @router.post(path, name=f"post_{step_of.__name__}")
         def post(
-            request: Request,
-            services: ServicesOf,
-            browser: OrganizerBrowser,
-            form: PostedForm,
-            step: Annotated[Step, Depends(step_of)],
+            browser: OrganizerBrowser, form: PostedForm, step: Annotated[Step, Depends(step_of)]
         ) -> Response:
-            return take_step(request, services, browser, step, form)
+            return take_step(browser, step, form)
 
         return step_of
 
@@ -205,7 +198,6 @@ def step_at(router: APIRouter, path: str) -> Callable[[Callable[..., Step]], Cal
 
 
 def step_page(
-    request: Request,
     browser: SignedIn,
     step: Step,
     *,
@@ -214,7 +206,6 @@ def step_page(
 ) -> Response:
     """Show a step; after a refusal with its sentence, and with what was typed."""
     return organizer_page(
-        request,
         browser,
         "web/organizer_step.html",
         step.section,
@@ -226,12 +217,10 @@ def step_page(
     )
 
 
-def take_step(
-    request: Request, services: Services, browser: SignedIn, step: Step, form: FormData
-) -> Response:
+def take_step(browser: SignedIn, step: Step, form: FormData) -> Response:
     """Take a step in one transaction, and lead on; a refusal shows the step again."""
     try:
-        with services.database.write() as session:
+        with browser.services.database.write() as session:
             kept = {} if step.kept is None else step.kept(session)
             step = replace(step, texts=kept or step.texts)
             values = read(step.fields, form, kept)
@@ -240,7 +229,7 @@ def take_step(
             came = step.take(session, **values, actor=browser.principal.actor)
             address = step.back if step.onward is None else step.onward(came)
     except RecordsError as refusal:
-        return step_page(request, browser, step, texts=typed(form), refusal=refusal)
+        return step_page(browser, step, texts=typed(form), refusal=refusal)
     return go(address, step.done)
 
 

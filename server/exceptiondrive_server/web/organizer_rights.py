@@ -26,40 +26,21 @@ from exceptiondrive_server.web.middleware import route_of
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
 from exceptiondrive_server.web.services import Services
 
-_READING = frozenset({"/api/v1/organizer/protocols/check"})
+_READING = frozenset({"/protocols/check"})
 """What is sent by POST and changes nothing."""
 HELPER_DEEDS = frozenset(
     {
-        "/api/v1/organizer/submissions/{submission_id}/note",
-        "/api/v1/organizer/submissions/{submission_id}/retry",
-        "/api/v1/organizer/submissions/{submission_id}/verify",
-        "/api/v1/organizer/teams/{team_id}/approve",
-        "/api/v1/organizer/teams/{team_id}/refuse",
-        "/organize/submissions/{submission_id}/note",
-        "/organize/submissions/{submission_id}/retry",
-        "/organize/submissions/{submission_id}/verify",
-        "/organize/teams/{team_id}/approve",
-        "/organize/teams/{team_id}/refuse",
+        "/submissions/{submission_id}/note",
+        "/submissions/{submission_id}/retry",
+        "/submissions/{submission_id}/verify",
+        "/teams/{team_id}/approve",
+        "/teams/{team_id}/refuse",
     }
 )
-"""Paths of what a helper may do: none lets anybody act for a team, or moves a score or a board."""
-_OF_THE_SITE = frozenset(
-    {
-        "/api/v1/organizer/phases/{phase_id}/feature",
-        "/organize/phases/{phase_id}/feature",
-    }
-)
+"""What a helper may do: none lets anybody act for a team, or moves a score or a board."""
+_OF_THE_SITE = frozenset({"/phases/{phase_id}/feature"})
 """Paths that name a phase and move all others."""
-_NARROWED = frozenset(
-    {
-        "/api/v1/organizer/news",
-        "/api/v1/organizer/questions",
-        "/api/v1/organizer/submissions/archive",
-        "/organize/news",
-        "/organize/submissions",
-        "/organize/submissions/archive",
-    }
-)
+_NARROWED = frozenset({"/news", "/questions", "/submissions", "/submissions/archive"})
 """Lists that hold what is of the phase `?phase=` alone."""
 
 
@@ -76,10 +57,7 @@ _OWNED: Mapping[str, type[_Owned]] = MappingProxyType(
 
 
 def role_needed(method: str, path: str) -> OrganizerRole:
-    """Return the role that a route asks for.
-
-    The path is that of the route, with the names of its parameters.
-    """
+    """Return the role that a route asks for; its path is that of the tables."""
     if method in ("GET", "HEAD") or path in _READING:
         return OrganizerRole.READ_ONLY
     return OrganizerRole.HELPER if path in HELPER_DEEDS else OrganizerRole.OWNER
@@ -132,7 +110,7 @@ def may_change(principal: Principal, path: str, phase_id: str | None = None) -> 
     The path is that of the route, with the names of its parameters; `phase_id` is the phase that it
     names, if any.
     """
-    role = principal.role
+    role, path = principal.role, _as_in_tables(path)
     is_theirs = principal.organizes(None if path in _OF_THE_SITE else phase_id)
     return role is not None and role.includes(role_needed("POST", path)) and is_theirs
 
@@ -147,9 +125,14 @@ def require_order_right(principal: Principal, change: PhaseChange) -> None:
         raise NotAllowed("The order of all phases is set by organizers of the whole site.")
 
 
+def _as_in_tables(path: str) -> str:
+    """Return a path as it stands below those of API and pages: a deed is the same by both."""
+    return path.removeprefix("/api/v1/organizer").removeprefix("/organize")
+
+
 def _path_of(request: Request) -> str:
-    """Return the path of the route; a parameter that names the deed stands for it."""
-    path = route_of(request.scope)
+    """Return the path of the route, as in the tables; a parameter that names the deed stands for it."""
+    path = _as_in_tables(route_of(request.scope))
     for name in ("deed", "step"):
         path = path.replace(f"{{{name}}}", str(request.path_params.get(name)))
     return path

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.api.site import SiteLinks
-from exceptiondrive_server.web.browser_session import MAX_BACK, Holder, holder_of
+from exceptiondrive_server.web.browser_session import MAX_BACK, Holder, SignedIn, holder_of
 from exceptiondrive_server.web.compression import takes_gzip
 from exceptiondrive_server.web.etag import PROXY_KEEPS, conditional
 from exceptiondrive_server.web.kept_pages import KeptPage, Made
@@ -117,6 +117,18 @@ def private_page(
     body = render(template, site=site, refusal=words, **values)
     headers = {**SECURITY_HEADERS, "Cache-Control": "no-store"}
     return HTMLResponse(body, status_code=status, headers=headers)
+
+
+def my_page(browser: SignedIn, template: str, **values: Any) -> Response:
+    """Fill a template of a team's own pages; its forms carry the token of the session."""
+    return private_page(
+        browser.request,
+        template,
+        "my",
+        who=browser.principal,
+        form_token=browser.form_token,
+        **values,
+    )
 
 
 def page(

@@ -3,8 +3,8 @@
 Line breaks show a reader the elements, and are not sent. The rules are those of Vue's templates.
 Between two tags a line break is nothing; behind an opening and before a closing tag it is nothing;
 anywhere else, in running text, it is one space. A space that is to be seen between two tags stands
-between them on one line. A call, `{{ icon("up") }}`, writes markup and counts as a tag; `{% if %}`
-and its like are looked through.
+between them on one line. A call, `{{ icon("up") }}` or `{% call %}`, writes markup and counts as a tag;
+`{% if %}` and its like are looked through.
 """
 
 import re
@@ -19,7 +19,7 @@ from markupsafe import Markup, escape
 
 from exceptiondrive_schemas.api.rescoring import page_of
 from exceptiondrive_schemas.formulas import over_families
-from exceptiondrive_schemas.printable import printable
+from exceptiondrive_schemas.printable import counted, printable
 from exceptiondrive_server.web import numbers
 from exceptiondrive_server.web.glossary import TERMS
 from exceptiondrive_server.web.markdown import first_paragraph, markdown
@@ -120,6 +120,8 @@ def _next_shown(tokens: list[tuple[str | None, str]], index: int) -> tuple[str |
             depth -= bool(_ENDS.match(text))
         elif _LAST.match(text):
             return None
+        elif text.startswith("{% call"):
+            return "call", text
         elif kind != "statement" and not text.isspace():
             return kind, text
         index += 1
@@ -158,6 +160,7 @@ def environment() -> Environment:
         iso=numbers.iso,
         short=numbers.short_digest,
         grouped=numbers.grouped,
+        counted=counted,
         px=px,
         size=numbers.size_text,
         https=https_only,

@@ -56,6 +56,7 @@ def test_a_template_has_short_lines_and_one_block_a_line(path: Path) -> None:
         ("a.\n{% if x %}\n  b.\n{% endif %}\nc", "a. {% if x %}b. {% endif %}c"),
         ("<b>a</b>\n{% if x %}\n  <i>b</i>\n{% endif %}\n<u>c</u>", "<b>a</b>{% if x %}<i>b</i>{% endif %}<u>c</u>"),
         ('<b>a</b>\n{{ icon("up") }}\n<i>b</i>', '<b>a</b>{{ icon("up") }}<i>b</i>'),
+        ("<b>a</b>\n{% call c() %}\n  text\n{% endcall %}", "<b>a</b>{% call c() %}text{% endcall %}"),
         ("<b>a</b>\n{{ text }}\n<i>b</i>", "<b>a</b> {{ text }} <i>b</i>"),
         ('<a\n  href="{{ at(">") }}"\n  {% if x > 1 %}hidden{% endif %}\n>', '<a href="{{ at(">") }}" {% if x > 1 %}hidden{% endif %} >'),
         ("<pre>\n a\n <b>b</b>\n</pre>\n<p>", "<pre>\n a\n <b>b</b>\n</pre><p>"),
