@@ -298,9 +298,10 @@ def _simulated_boards(
         is_unsafe = alike + np.sqrt(0.6) * rng.normal(size=len(scene)) < threshold[family]
         hcc = ~is_unsafe * rng.beta(2 * hcc_if_safe[family], 2 - 2 * hcc_if_safe[family])
         values = np.column_stack([hcc, is_unsafe])
-        sums, counts = np.zeros((2, 6, 2, n_scenes))
-        np.add.at(sums, (family, slice(None), scene), values)
-        np.add.at(counts, (family, slice(None), scene), 1)
+        sums, counts = np.zeros((2, 6, n_scenes, 2))
+        np.add.at(sums, (family, scene), values)
+        np.add.at(counts, (family, scene), 1)
+        sums, counts = sums.swapaxes(1, 2), counts.swapaxes(1, 2)
         pick = [0, 1, 0, 0, 0, 0]
         boards.append(SceneSums(np.rint(sums[:, pick] / GRID) * GRID, counts[:, pick]))
     means = np.column_stack([(1 - unsafe) * hcc_if_safe, unsafe])
