@@ -286,7 +286,7 @@ def test_an_answer_that_leads_elsewhere_says_where_and_is_not_followed(
 
 
 @pytest.mark.parametrize(
-    ("wait_s", "told"), [("45", "in 45 s,"), ("600", "in 10 minutes,"), ("", "Wait a little")]
+    ("wait_s", "told"), [("45", "in 45 s,"), ("181", "in 4 minutes,"), ("", "Wait a little")]
 )
 @pytest.mark.parametrize(
     ("status", "code"), [(429, "too_many_requests"), (503, "store_unavailable")]

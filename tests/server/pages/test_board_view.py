@@ -187,6 +187,21 @@ def test_exactly_one_column_is_marked_as_sorted_and_clicking_it_turns_it_round()
     assert ur.sort_url == "/?sort=-ur#s-ur"
 
 
+@pytest.mark.parametrize(
+    ("sort", "said"),
+    [
+        (BY_RANK, "Sorted by rank: HCC, then UR."),
+        ("-ur", "UR sorted, worst first; ranks stay as they are."),
+        ("-family.lane_blockage", "Sorted by one family; ranks stay as they are."),
+        ("-date", "Sorted by date; ranks stay as they are."),
+    ],
+)
+def test_a_board_says_by_what_it_is_sorted(
+    lively_board: Board, protocol: ProtocolDocument, sort: str, said: str
+) -> None:
+    assert view(lively_board, protocol, sort=sort).sort_sentence == said
+
+
 def test_an_untouched_board_is_marked_as_sorted_by_the_metric_that_ranks() -> None:
     columns = metric_columns(PLANNING, BoardQuery())
     assert [(c.key, c.aria_sort) for c in columns if c.aria_sort] == [("hcc", "descending")]

@@ -129,6 +129,7 @@ def test_linked_submissions_are_joined_by_an_arrow_with_the_interval_of_the_chan
     assert top <= float(with_it.y) <= top + height
     per_point = (float(without.x) - float(with_it.x)) / (44.0 - 28.75)
     assert width == pytest.approx(13 * per_point, abs=0.2)  # -22 to -9 points
+    assert height == pytest.approx(8 * per_point, abs=0.2)  # -5 to 3 points
 
 
 def test_there_is_no_arrow_without_both_ends_or_under_the_other_average(
@@ -155,6 +156,7 @@ def test_two_parts_of_one_whole_are_drawn_on_one_scale(strategy_board: Board, wi
     (y0, at_y0), (y1, at_y1), *_ = up
     assert (at_x1 - at_x0) / (x1 - x0) == pytest.approx((at_y0 - at_y1) / (y1 - y0), abs=0.02)
     assert float(chart.y_ticks[-1].at) >= chart.frame.top
+    assert chart.y_ticks[-1].text == "20", "the first above all that it holds"
 
 
 def test_what_a_lower_corner_means_stands_below_the_axis_and_its_numbers(
