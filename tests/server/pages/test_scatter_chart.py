@@ -121,7 +121,10 @@ def test_linked_submissions_are_joined_by_an_arrow_with_the_interval_of_the_chan
     (arrow,) = chart.arrows
     with_it, without = chart.points[:2]
     start, end = (float(arrow.line[0]), float(arrow.line[1])), (arrow.line[2], arrow.line[3])
-    assert math.dist(start, (float(without.x), float(without.y))) < 10
+    assert math.dist(start, (float(without.x), float(without.y))) == pytest.approx(9, abs=0.1)
+    _, *sides = ([float(at) for at in corner.split(",")] for corner in arrow.head.split())
+    foot = [sum(both) / 2 for both in zip(*sides, strict=True)]
+    assert foot == pytest.approx([float(at) for at in end], abs=0.1)
     assert math.dist([float(at) for at in end], (float(with_it.x), float(with_it.y))) < 20
     assert arrow.box is not None
     left, top, width, height = (float(at) for at in arrow.box)
