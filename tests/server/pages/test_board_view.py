@@ -11,7 +11,7 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.families import Hardness, families_of
 from exceptiondrive_server.boards.queries import without_reported
 from exceptiondrive_server.boards.query import BY_RANK, BoardQuery
-from exceptiondrive_server.boards.table import BoardTable, board_table, metric_columns
+from exceptiondrive_server.boards.table import BoardTable, board_table, metric_columns, short_title
 from exceptiondrive_server.web.templating import macro
 
 
@@ -205,6 +205,19 @@ def test_a_board_says_by_what_it_is_sorted(
 def test_an_untouched_board_is_marked_as_sorted_by_the_metric_that_ranks() -> None:
     columns = metric_columns(PLANNING, BoardQuery())
     assert [(c.key, c.aria_sort) for c in columns if c.aria_sort] == [("hcc", "descending")]
+
+
+@pytest.mark.parametrize(
+    ("title", "short"),
+    [
+        ("Bypass and Gap Conflict", "Bypass and gap"),
+        ("Intersection Conflict", "Intersection"),
+        ("Lane Blockage", "Lane blockage"),
+        ("Road-Surface Hazard", "Road-surface"),
+    ],
+)
+def test_a_narrow_column_has_a_short_title(title: str, short: str) -> None:
+    assert short_title(title) == short
 
 
 def test_small_families_are_marked_with_their_size(

@@ -79,15 +79,19 @@ def test_a_line_changes_where_the_clearance_passes_what_is_required_and_ends_red
             x, y = run.axes
             required_y = y.at(sample.d_safe_m)
             for stretch in run.stretches:
-                heights = [float(point.split(",")[1]) for point in stretch.points.split()]
+                points = [
+                    [float(at) for at in point.split(",")] for point in stretch.points.split()
+                ]
+                heights = [height for _, height in points]
+                for at, height in points:
+                    value = np.interp(at, [x.at(step) for step in range(7)], sample.clearances_m)
+                    assert height == pytest.approx(y.clamped(float(value)), abs=0.3)
                 if stretch.level == "clear":
                     assert max(heights) <= required_y + 0.06
                 else:
                     assert min(heights) >= required_y - 0.06
                 if stretch.level == "hit":
-                    assert {float(point.split(",")[1]) for point in stretch.points.split()} == {
-                        y.at(0)
-                    }
+                    assert set(heights) == {y.at(0)}
             assert [mark.level for mark in run.marks] == run.levels.split()
             assert [float(mark.x) for mark in run.marks] == pytest.approx(
                 [x.at(step) for step in range(7)], abs=0.06
