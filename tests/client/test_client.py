@@ -161,6 +161,13 @@ def test_a_server_that_is_busy_for_a_moment_is_asked_again(canned_server: "Canne
     assert len(canned_server.requests) == 3
 
 
+def test_what_would_be_made_twice_is_sent_once(canned_server: "CannedServer") -> None:
+    canned_server.answer("POST /phases/dev/questions", 503, b"", {"retry-after": "0"})
+    with Client(canned_server.url) as client, pytest.raises(ServerError, match="answered 503"):
+        client.ask("When does it end?", "dev")
+    assert len(canned_server.requests) == 1
+
+
 def test_a_long_retry_after_is_not_sat_out(canned_server: "CannedServer") -> None:
     body = {
         "type": "/problems/store_unavailable",
@@ -651,6 +658,13 @@ def test_who_speaks_in_the_clear_trusts_no_certificate_at_all() -> None:
     assert context.verify_mode is ssl.CERT_REQUIRED
     assert context.check_hostname
     assert not context.get_ca_certs()
+
+
+def test_a_request_waits_as_long_as_the_client_is_told_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+    monkeypatch.setattr(httpx, "Client", lambda **given: seen.append(given.get("timeout")))
+    Client("http://a.example", timeout_s=7)
+    assert seen == [httpx.Timeout(7)]
 
 
 @pytest.mark.parametrize(

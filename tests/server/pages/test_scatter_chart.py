@@ -9,7 +9,13 @@ from hypothesis import strategies as st
 from tests.server.pages.invented_board import PROTOCOL
 
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_server.boards.charts import Box, _text_box, place_labels, scatter_chart
+from exceptiondrive_server.boards.charts import (
+    Box,
+    _text_box,
+    labels_of,
+    place_labels,
+    scatter_chart,
+)
 from exceptiondrive_server.boards.page import BoardPage
 from exceptiondrive_server.boards.query import BoardQuery
 from exceptiondrive_server.web.numbers import px
@@ -95,6 +101,37 @@ def test_no_two_points_carry_one_label(lively_board: Board, width: int) -> None:
     assert len(texts) > 2
     assert len(set(texts)) == len(texts)
     assert max(map(len, texts)) <= 24
+
+
+def test_what_an_entry_is_called_in_a_picture(lively_board: Board) -> None:
+    called = [
+        ("Twin", "T"),
+        ("Twin", "T"),
+        ("Twin", "U"),
+        ("x" * 21, "T"),
+        ("x" * 22, "T"),
+        ("One", "T"),
+    ]
+    entries = [
+        lively_board.entries[0].model_copy(update={"method": method, "team": team})
+        for method, team in called
+    ]
+    alike = "x" * 15 + "…"
+    assert labels_of(entries, 20) == (
+        *("Twin, T (1)", "Twin, T (2)", "Twin, U"),
+        *(f"{alike} (1)", f"{alike} (2)", "One"),
+    )
+
+
+def test_a_point_is_marked_as_what_its_entry_is(lively_board: Board) -> None:
+    first, *others = lively_board.entries
+    listed = first.model_copy(update={"rank": None})
+    chart = scatter_chart(
+        lively_board.model_copy(update={"entries": (listed, *others)}), "macro_family"
+    )
+    assert chart is not None
+    kinds = [point.kind for point in chart.points]
+    assert kinds == ["listed", *["scored"] * 5, *["reference"] * 2]
 
 
 def test_axes_stay_where_they_are_however_the_board_is_sorted_or_paged(
