@@ -152,6 +152,13 @@ def test_the_token_travels_as_a_bearer(canned_server: "CannedServer", token: str
     assert headers["user-agent"].startswith("exceptiondrive/")
 
 
+@pytest.mark.parametrize("token", ["edk_t_\u00fc", "edk_t\n1", "edk_t\x001"])
+def test_what_has_signs_that_no_token_has_is_refused_and_not_repeated(token: str) -> None:
+    with pytest.raises(InvalidArgumentError, match="This is no token") as refused:
+        Client("http://127.0.0.1:9", token)
+    assert token not in str(refused.value)
+
+
 def test_a_server_that_is_busy_for_a_moment_is_asked_again(canned_server: "CannedServer") -> None:
     canned_server.answer("GET /me", 503, b"", {"retry-after": "0"})
     canned_server.problem("GET /me", 429, "too_many_requests", retry_after_s=0)

@@ -13,7 +13,7 @@ CURVE = ClearanceCurve(step=0.5, micro=(0.95, 0.9, 0.4, 0.1), macro_family=(0.75
 def test_a_curve_runs_through_its_shares_and_is_told_at_the_required_clearance(
     lively_board: Board,
 ) -> None:
-    chart = curve_chart([(lively_board.entries[0], CURVE)], "macro_family")
+    chart = curve_chart(((lively_board.entries[0], CURVE),), "macro_family")
     assert chart is not None
     across = {tick.text: float(tick.at) for tick in chart.x_ticks}
     up = {tick.text: float(tick.at) for tick in chart.y_ticks}
@@ -34,7 +34,7 @@ def test_a_curve_runs_through_its_shares_and_is_told_at_the_required_clearance(
 def test_the_description_says_the_share_that_keeps_all_of_it(
     lively_board: Board, average: Average, said: str
 ) -> None:
-    chart = curve_chart([(lively_board.entries[0], CURVE)], average)
+    chart = curve_chart(((lively_board.entries[0], CURVE),), average)
     assert chart is not None
     assert chart.description.endswith(f"the whole required clearance: Kestrel-2 {said}")
 
