@@ -11,9 +11,11 @@ from sqlalchemy import select, update
 from exceptiondrive_records.accounts.people import (
     MAX_INVITATIONS_A_DAY,
     MAX_MEMBERS,
+    MAX_OPEN_INVITATIONS,
     Identity,
     accept_invitation,
     add_member,
+    find_invitation,
     invite,
     is_member,
     members_of,
@@ -148,6 +150,35 @@ def test_a_team_invites_only_so_often_a_day(small_site: "Api") -> None:
             invite(session, team_id, "Ada", actor="test")
         made.created_at -= timedelta(days=1)
         assert invite(session, team_id, "Ada", actor="test")
+
+
+def test_a_team_has_only_so_many_open_invitations(small_site: "Api") -> None:
+    team_id = small_site.team_ids["alpha"]
+    with small_site.database.write() as session:
+        for _ in range(MAX_OPEN_INVITATIONS):
+            _, made = invite(session, team_id, "Ada", actor="test")
+        with pytest.raises(Conflict, match="withdraw one first"):
+            invite(session, team_id, "Ada", actor="test")
+        withdraw_invitation(session, team_id, made.id, actor="test")
+        assert invite(session, team_id, "Ada", actor="test")
+
+
+def test_who_was_removed_comes_not_back_by_the_link_that_they_joined_by(small_site: "Api") -> None:
+    team_id = small_site.team_ids["alpha"]
+    with small_site.database.write() as session:
+        stays, goes = (
+            welcome_person(session, Identity("https://provider.test", name)).id
+            for name in ("stays", "goes")
+        )
+        add_member(session, find_team(session, "alpha"), stays, actor="test")
+        link, _ = invite(session, team_id, "Ada", actor="test")
+        assert accept_invitation(session, link, goes, actor="test").id == team_id
+        assert accept_invitation(session, link, goes, actor="test").id == team_id
+        remove_member(session, team_id, goes, actor="test")
+        with pytest.raises(NotFound):
+            find_invitation(session, link, goes)
+        with pytest.raises(NotFound):
+            accept_invitation(session, link, goes, actor="test")
 
 
 def test_a_team_is_full_of_its_own_members_alone_each_of_whom_joins_once(

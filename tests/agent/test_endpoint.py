@@ -126,6 +126,16 @@ def test_what_is_no_chat_completion_is_quoted(
     assert f"the response is no chat completion: {said}." in " ".join(result.stderr.split())
 
 
+def test_where_there_is_no_key_nothing_is_left_out_of_the_words(
+    bench: Bench, endpoint: "ChatEndpoint", monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("EXCEPTIONDRIVE_AGENT_KEY")
+    bench.add_samples(1)
+    endpoint.answer = Sequence(endpoint.fails(429, "slow down."))
+    report = bench.report("decide", "--max-retries", "0", exit_code=5)
+    assert report["failure"] == "HTTP 429: slow down"
+
+
 @pytest.mark.parametrize("usage", ["many", {"prompt_tokens": -1}, {"prompt_tokens": "few"}])
 def test_counts_that_cannot_be_read_spoil_no_answer(
     bench: Bench, endpoint: "ChatEndpoint", usage: object
@@ -219,15 +229,16 @@ def test_what_no_sample_can_survive_stops_the_run(
     assert said in result.stderr
 
 
+@pytest.mark.parametrize("at_a_time", [1, 2])
 def test_an_endpoint_that_has_gone_stops_the_run_after_twenty_samples_in_a_row(
-    bench: Bench, endpoint: "ChatEndpoint"
+    bench: Bench, endpoint: "ChatEndpoint", at_a_time: int
 ) -> None:
     bench.add_samples(40)
     endpoint.answer = Sequence(endpoint.fails(503))
-    result = bench.run("decide", "--max-retries", "0", "--concurrency", "2")
+    result = bench.run("decide", "--max-retries", "0", "--concurrency", str(at_a_time))
     assert result.exit_code == 5
     assert "20 samples in a row" in result.stderr
-    assert len(endpoint.seen) <= 21
+    assert 20 <= len(endpoint.seen) < 20 + at_a_time
 
 
 def test_unusable_answers_do_not_stop_a_run(bench: Bench, endpoint: "ChatEndpoint") -> None:

@@ -49,6 +49,7 @@ def test_another_protocol_brings_its_own_taxonomy(tmp_path: Path) -> None:
     [
         ("base_url", "localhost:8000", "--base-url: expected http"),
         ("base_url", "https://me:secret@host/v1", "no user or password"),
+        ("base_url", "https://me@host/v1", "no user or password"),
         ("base_url", "http://[bad/v1", "--base-url: expected http"),
         ("base_url", "http://localhost:99999/v1", "--base-url: expected http"),
         ("base_url", "http://local host/v1", "--base-url: expected http"),

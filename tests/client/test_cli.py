@@ -109,17 +109,18 @@ def test_a_proxy_or_certificates_that_cannot_be_used_are_named(
 
 
 @pytest.mark.parametrize(
-    ("proxy", "spared", "is_named"),
+    ("variable", "proxy", "spared", "is_named"),
     [
-        ("http://me:hush@127.0.0.1:9/", "", True),
-        ("127.0.0.1:9", "", True),
-        ("http://me:hush@127.0.0.1:9", "127.0.0.1", False),
+        ("http_proxy", "http://me:hush@127.0.0.1:9/", "", True),
+        ("http_proxy", "127.0.0.1:9", "", True),
+        ("http_proxy", "http://me:hush@127.0.0.1:9", "127.0.0.1", False),
+        ("all_proxy", "http://me:hush@127.0.0.1:9", "", True),
     ],
 )
 def test_a_proxy_that_does_not_answer_is_named_without_its_password(
-    monkeypatch: pytest.MonkeyPatch, proxy: str, spared: str, is_named: bool
+    monkeypatch: pytest.MonkeyPatch, variable: str, proxy: str, spared: str, is_named: bool
 ) -> None:
-    monkeypatch.setenv("http_proxy", proxy)
+    monkeypatch.setenv(variable, proxy)
     monkeypatch.setenv("no_proxy", spared)
     done = run("whoami", "--server", "http://127.0.0.1:10")
     assert done.exit_code == 5

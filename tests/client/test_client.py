@@ -152,6 +152,13 @@ def test_the_token_travels_as_a_bearer(canned_server: "CannedServer", token: str
     assert headers["user-agent"].startswith("exceptiondrive/")
 
 
+@pytest.mark.parametrize("token", ["edk_t_\u00fc", "edk_t\n1", "edk_t\x001"])
+def test_what_has_signs_that_no_token_has_is_refused_and_not_repeated(token: str) -> None:
+    with pytest.raises(InvalidArgumentError, match="This is no token") as refused:
+        Client("http://127.0.0.1:9", token)
+    assert token not in str(refused.value)
+
+
 def test_a_server_that_is_busy_for_a_moment_is_asked_again(canned_server: "CannedServer") -> None:
     canned_server.answer("GET /me", 503, b"", {"retry-after": "0"})
     canned_server.problem("GET /me", 429, "too_many_requests", retry_after_s=0)
@@ -159,6 +166,13 @@ def test_a_server_that_is_busy_for_a_moment_is_asked_again(canned_server: "Canne
     with Client(canned_server.url) as client:
         assert client.me().team == "alpha"
     assert len(canned_server.requests) == 3
+
+
+def test_what_would_be_made_twice_is_sent_once(canned_server: "CannedServer") -> None:
+    canned_server.answer("POST /phases/dev/questions", 503, b"", {"retry-after": "0"})
+    with Client(canned_server.url) as client, pytest.raises(ServerError, match="answered 503"):
+        client.ask("When does it end?", "dev")
+    assert len(canned_server.requests) == 1
 
 
 def test_a_long_retry_after_is_not_sat_out(canned_server: "CannedServer") -> None:
@@ -286,7 +300,7 @@ def test_an_answer_that_leads_elsewhere_says_where_and_is_not_followed(
 
 
 @pytest.mark.parametrize(
-    ("wait_s", "told"), [("45", "in 45 s,"), ("600", "in 10 minutes,"), ("", "Wait a little")]
+    ("wait_s", "told"), [("45", "in 45 s,"), ("181", "in 4 minutes,"), ("", "Wait a little")]
 )
 @pytest.mark.parametrize(
     ("status", "code"), [(429, "too_many_requests"), (503, "store_unavailable")]
@@ -651,6 +665,13 @@ def test_who_speaks_in_the_clear_trusts_no_certificate_at_all() -> None:
     assert context.verify_mode is ssl.CERT_REQUIRED
     assert context.check_hostname
     assert not context.get_ca_certs()
+
+
+def test_a_request_waits_as_long_as_the_client_is_told_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+    monkeypatch.setattr(httpx, "Client", lambda **given: seen.append(given.get("timeout")))
+    Client("http://a.example", timeout_s=7)
+    assert seen == [httpx.Timeout(7)]
 
 
 @pytest.mark.parametrize(

@@ -169,6 +169,7 @@ def test_reversing_turns_the_order_round() -> None:
 def test_source_and_edited_change_places() -> None:
     result = convert((RawPair("s1", straight(6), None),), replace(PLAN, exchange=True))
     assert result.pairs == (RawPair("s1", None, straight(6)),)
+    assert result.done == ("exchanged source and edited",)
 
 
 def test_what_is_invalid_becomes_null_and_is_listed() -> None:
@@ -201,6 +202,16 @@ def test_headings_are_left_out_and_said_so() -> None:
     assert result.done == (
         "kept the first two columns as x and y, of 2 trajectories, and left out the rest",
     )
+
+
+def test_a_trajectory_of_two_columns_stays_beside_those_with_times() -> None:
+    slow, fast = straight(6), tuple((2.0 * x, y) for x, y in straight(6))
+    timed = [
+        tuple((0.5 * step, *point) for step, point in enumerate(points)) for points in (slow, fast)
+    ]
+    result = convert((RawPair("s1", *timed), RawPair("s2", slow, None)), PLAN)
+    assert result.pairs == (RawPair("s1", slow, fast), RawPair("s2", slow, None))
+    assert result.done[0].startswith("kept x and y behind a column of times, of 2 trajectories,")
 
 
 def test_headings_in_front_are_told_from_an_x_by_the_columns_behind() -> None:

@@ -139,7 +139,15 @@ def test_a_manifest_is_the_same_in_every_form(
     missing = planning_file(predictions=[])
     exact = check_file(missing, manifest=path)
     assert not exact.is_valid
-    for form in (str(path), text.encode(), json.loads(text), manifest, given_split(split_file)):
+    newer = {**json.loads(text), "of_a_newer_server": 1}
+    for form in (
+        str(path),
+        text.encode(),
+        json.loads(text),
+        newer,
+        manifest,
+        given_split(split_file),
+    ):
         assert check_file(missing, manifest=form).faults == exact.faults
     assert given_manifest(manifest) is manifest
 

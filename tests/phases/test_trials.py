@@ -245,12 +245,12 @@ def test_samples_of_a_withheld_split_are_never_counted_out(scored: "Life") -> No
         scored.done(f"/rescoring/{run['id']}/cancel", {"reason": "no"})
 
 
-def test_samples_of_a_public_split_are_counted(scored: "Life") -> None:
+def test_samples_of_a_public_split_are_counted_and_no_floor_holds(scored: "Life") -> None:
     split = split_document({"s": {"region": region_ahead(10.0)}}, "open")
     scored.add_split(split)
     scored.make_phase("open", split="open")
     context, protocol = scored.context, parse_protocol(packaged_protocol_toml())
     publish_split_file(scored.database, context.files, context.splits, "open", protocol)
-    run = draft(scored, "1.2", "open", footprint_length_m=20.0)
+    run = draft(scored, "1.2", "open", footprint_length_m=40.0)
     scored.work()
     assert seen(scored, run)["trial"]["found"] == [{"what": TOUCH, "n": 1}]

@@ -89,6 +89,14 @@ def test_a_run_in_work_says_until_when_its_worker_has_it() -> None:
     assert place_words(queue) == "if its worker is lost, another begins again at 14:04:10 UTC"
 
 
+def test_a_run_that_failed_by_our_fault_says_why(
+    api: "Api", browse: Callable[..., "TeamBrowser"]
+) -> None:
+    api.fail(api.submit("a").json()["id"], "The split is not here.")
+    (row,) = my_rows(api, browse)
+    assert "The split is not here." in row
+
+
 def test_what_is_not_ranked_says_why(
     api: "Api", browse: Callable[..., "TeamBrowser"], make_entry: MakeEntry
 ) -> None:

@@ -85,6 +85,9 @@ def test_rotating_keeps_the_old_token_for_a_while(api_on_both: "Api") -> None:
     assert api.get("/me", "new").json()["scopes"] == api.get("/me", "alpha").json()["scopes"]
     ends = datetime.fromisoformat(api.get("/me", "alpha").json()["expires_at"])
     assert timedelta(days=1, hours=23) < ends - datetime.now(UTC) < timedelta(days=2, minutes=1)
+    (line,) = api.get("/organizer/audit?action=token rotated", "organizer").json()
+    successor = new.json()["view"]["id"]
+    assert (line["subject"], line["detail"]) == (own_id(api), {"successor": successor})
     at_once = api.post(f"/tokens/{own_id(api)}/rotate", "new", json={"keep_days": 0})
     assert at_once.status_code == 201
     assert api.get("/me", "alpha").status_code == 401

@@ -140,6 +140,16 @@ def test_a_run_that_takes_the_place_of_an_entry_is_asked_about_and_a_new_method_
     assert seen(on_both, first).replaced_by == counted_id
 
 
+def test_an_entry_of_another_phase_is_not_replaced(
+    world: World, tiny: Split, planning_file: MakeFile
+) -> None:
+    world.add_phase(tiny)
+    world.add_phase(tiny, "other")
+    world.score(planning_file(tiny), method="Kestrel", phase_id="other")
+    later = world.score(planning_file(tiny, 1.2), method="Kestrel", asks_first=True)
+    assert seen(world, later).status is SubmissionStatus.SCORED
+
+
 def test_where_the_best_run_stands_nothing_is_replaced(
     world: World, tiny: Split, planning_file: MakeFile
 ) -> None:

@@ -213,6 +213,31 @@ def test_a_fault_is_found_by_both_readers(old: bytes, new: bytes, code: FaultCod
     assert code in {group.code for group in report.faults}
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "code"),
+    [
+        (b'"strategy": "A"', b'"strategy": "F"', FaultCode.UNKNOWN_STRATEGY),
+        (b'"strategy": "A"', b'"strategy": 1', FaultCode.WRONG_TYPE),
+        (b'"reminder": {}', b'"reminder": "stop"', FaultCode.WRONG_TYPE),
+        (b'"reminder": {}', b'"reminder": {"colour": "red"}', FaultCode.UNKNOWN_KEY),
+        (b'"SE1"', b'"XX1"', FaultCode.UNKNOWN_HAZARD_TYPE),
+        (b'"low"', b'"extreme"', FaultCode.UNKNOWN_RISK_LEVEL),
+        (b'"left"', b'"' + b"x" * 2001 + b'"', FaultCode.TEXT_TOO_LONG),
+        (b'"left"', b'"\\u001b[31m"', FaultCode.INVALID_TEXT),
+    ],
+)
+def test_a_fault_of_strategies_is_found_by_both_readers(
+    old: bytes, new: bytes, code: FaultCode
+) -> None:
+    text = json.dumps(strategy_file()).encode()
+    assert old in text
+    broken = text.replace(old, new, 1)
+    assert not assert_one_verdict(broken, STRATEGY)
+    report = read_upload(broken, challenge=STRATEGY, manifest=MANIFEST, protocol=PROTOCOL)
+    assert isinstance(report, CheckReport)
+    assert code in {group.code for group in report.faults}
+
+
 @pytest.mark.parametrize("challenge", CHALLENGES.values(), ids=tuple(CHALLENGES))
 def test_a_prediction_that_is_too_long_for_its_blanks_gets_one_verdict(
     challenge: Challenge,

@@ -379,7 +379,7 @@ class BoardPage:
             first = self.current_protocol
             unnamed = Choice("", f"{first} (current)", shown == first)
         others = [version for version in self.protocol_versions if version != first]
-        return [unnamed, *(Choice(each, each, each == shown != first) for each in others)]
+        return [unnamed, *(Choice(each, each, each == shown) for each in others)]
 
     @property
     def averages(self) -> list[Choice]:

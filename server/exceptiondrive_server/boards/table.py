@@ -280,21 +280,9 @@ class RowBuilder:
         return HEAT_STEPS - 1 - step if metric.better == "lower" else step
 
 
-_SHORT = {
-    "and gap conflict": "and gap",
-    "and rule conflict": "and rule",
-    "conflict": "",
-    "hazard": "",
-}
-
-
 def short_title(title: str) -> str:
     """Return a family title for a narrow column: `Road-Surface Hazard` -> `Road-surface`."""
-    words = title.capitalize()
-    for ending, replacement in _SHORT.items():
-        if words.endswith(f" {ending}"):
-            return words.removesuffix(ending).strip() + (f" {replacement}" if replacement else "")
-    return words
+    return title.capitalize().removesuffix(" conflict").removesuffix(" hazard")
 
 
 def _axis(board: Board, average: Average, metric: Metric) -> Scale:

@@ -360,6 +360,31 @@ async def test_the_quick_start_says_so_where_a_phase_takes_nothing(lively_site: 
     assert "What follows is for Sample." in text
 
 
+@pytest.mark.parametrize(
+    ("dates", "word"),
+    [
+        ({}, None),
+        ({"opens_at": AGO}, None),
+        ({"opens_at": AHEAD}, "opens 5 May 2090"),
+        ({"opens_at": AGO, "closes_at": AGO_TOO}, "closed"),
+    ],
+)
+async def test_a_phase_is_offered_with_a_word_where_it_is_not_open(
+    lively_site: Any, dates: dict[str, datetime], word: str | None
+) -> None:
+    lively_site.create_phase("other", **dates)
+    page = " ".join((await lively_site.get("/")).text.split())
+    assert ("Other <small>" in page) == (word is not None)
+    assert word is None or f"Other <small>{word}</small>" in page
+
+
+async def test_the_quick_start_of_a_phase_that_opens_later_is_its_own(lively_site: Any) -> None:
+    lively_site.create_phase("later", opens_at=AHEAD)
+    text = " ".join((await lively_site.get("/submit?phase=later")).text.split())
+    assert "Later takes no submissions now: it opens 5 May 2090, 09:30 UTC." in text
+    assert "What follows is for" not in text
+
+
 async def test_each_font_is_asked_for_under_one_address(lively_site: Any) -> None:
     text = (await lively_site.get("/")).text
     preloaded = set(re.findall(r'<link\s+rel="preload"[^>]*\shref="([^"]+)"', text))

@@ -1,17 +1,18 @@
 """The board as a page shows it."""
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
 from tests.server.pages.invented_board import BLIND, KEYS, STILL
 
 from exceptiondrive_schemas.board import Board, FamilyCell
-from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, Challenge
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.families import Hardness, families_of
 from exceptiondrive_server.boards.queries import without_reported
 from exceptiondrive_server.boards.query import BY_RANK, BoardQuery
-from exceptiondrive_server.boards.table import BoardTable, board_table, metric_columns
+from exceptiondrive_server.boards.table import BoardTable, board_table, metric_columns, short_title
 from exceptiondrive_server.web.templating import macro
 
 
@@ -24,6 +25,30 @@ def test_the_columns_of_a_planning_board() -> None:
     assert columns == [metric.key for metric in PLANNING.columns]
     assert tuple(columns[: len(KEYS)]) == KEYS
     assert not {"progress", "clear", "source_l2_m"}.intersection(columns)
+
+
+@pytest.mark.parametrize(("challenge", "with_letters"), [(PLANNING, {"CTS"}), (STRATEGY, set())])
+def test_what_stands_small_behind_a_label_is_the_component_of_cts(
+    challenge: Challenge, with_letters: set[str]
+) -> None:
+    columns = metric_columns(challenge, BoardQuery())
+    labels = [challenge.metric(column.key).label for column in columns]
+    assert [f"{column.label}{column.subscript}" for column in columns] == labels
+    assert {column.label for column in columns if column.subscript} == with_letters
+
+
+@pytest.mark.parametrize(
+    ("query", "said"),
+    [
+        ({}, ""),
+        ({"source": "reference"}, "2 planners of 9 found."),
+        ({"search": "kestrel"}, "1 planner of 9 found for \u201ckestrel\u201d."),
+    ],
+)
+def test_a_search_says_how_many_it_finds(
+    lively_board: Board, protocol: ProtocolDocument, query: dict[str, str], said: str
+) -> None:
+    assert view(lively_board, protocol, **query).found_sentence == said
 
 
 def test_the_outcome_bar_draws_shares_of_samples_one_beside_the_other(
@@ -187,9 +212,53 @@ def test_exactly_one_column_is_marked_as_sorted_and_clicking_it_turns_it_round()
     assert ur.sort_url == "/?sort=-ur#s-ur"
 
 
+@pytest.mark.parametrize(
+    ("sort", "said"),
+    [
+        (BY_RANK, "Sorted by rank: HCC, then UR."),
+        ("-ur", "UR sorted, worst first; ranks stay as they are."),
+        ("-family.lane_blockage", "Sorted by one family; ranks stay as they are."),
+        ("-date", "Sorted by date; ranks stay as they are."),
+    ],
+)
+def test_a_board_says_by_what_it_is_sorted(
+    lively_board: Board, protocol: ProtocolDocument, sort: str, said: str
+) -> None:
+    assert view(lively_board, protocol, sort=sort).sort_sentence == said
+
+
+@pytest.mark.parametrize(
+    ("number", "n_pages", "numbers"),
+    [
+        (1, 1, [1]),
+        (2, 4, [1, 2, 3, 4]),
+        (5, 9, [1, None, 3, 4, 5, 6, 7, None, 9]),
+        (9, 9, [1, None, 7, 8, 9]),
+    ],
+)
+def test_pages_that_are_not_named_are_one_gap(
+    lively_board: Board, protocol: ProtocolDocument, number: int, n_pages: int, numbers: list[Any]
+) -> None:
+    table = replace(view(lively_board, protocol), number=number, n_pages=n_pages)
+    assert table.page_numbers == numbers
+
+
 def test_an_untouched_board_is_marked_as_sorted_by_the_metric_that_ranks() -> None:
     columns = metric_columns(PLANNING, BoardQuery())
     assert [(c.key, c.aria_sort) for c in columns if c.aria_sort] == [("hcc", "descending")]
+
+
+@pytest.mark.parametrize(
+    ("title", "short"),
+    [
+        ("Bypass and Gap Conflict", "Bypass and gap"),
+        ("Intersection Conflict", "Intersection"),
+        ("Lane Blockage", "Lane blockage"),
+        ("Road-Surface Hazard", "Road-surface"),
+    ],
+)
+def test_a_narrow_column_has_a_short_title(title: str, short: str) -> None:
+    assert short_title(title) == short
 
 
 def test_small_families_are_marked_with_their_size(

@@ -118,6 +118,22 @@ async def test_the_compare_page_takes_two_keys(lively_site: Any) -> None:
     assert (await lively_site.get("/compare?a=unknown")).status_code == 404
 
 
+@pytest.mark.parametrize(
+    ("given", "pair"),
+    [
+        ("a=s0000000kq", "Kestrel-2 against LaneKeeper XL"),
+        ("b=s0000001kq", "Kestrel-2 against LaneKeeper XL"),
+        ("a=s0000001kq", "LaneKeeper XL (bypass head, 3 s) against Kestrel-2"),
+        ("b=s0000000kq", "LaneKeeper XL (bypass head, 3 s) against Kestrel-2"),
+        ("a=s0000005kq", "nerve against Kestrel-2"),
+    ],
+)
+async def test_one_that_is_named_alone_stands_beside_the_best_other(
+    lively_site: Any, given: str, pair: str
+) -> None:
+    assert pair in (await lively_site.get(f"/compare?phase=sample&{given}")).text
+
+
 async def test_without_a_board_there_is_nothing_to_compare(site: Any) -> None:
     answer = await site.get("/compare")
     assert answer.status_code == 200

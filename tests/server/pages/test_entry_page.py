@@ -54,6 +54,13 @@ async def test_what_the_paper_reports_has_a_page_of_its_own_and_no_other(
     assert "ST-P3" not in board
 
 
+async def test_families_of_few_samples_are_set_apart(lively_site: Any) -> None:
+    text = (await lively_site.get("/entries/s0000000kq")).text
+    assert "Numbers from few samples are set in italics." in text
+    assert len(re.findall(r'class="fam few"', text)) == 2
+    assert len(re.findall(r'class="fam"', text)) == 4
+
+
 async def test_a_reference_has_a_page_and_is_compared_though_nobody_submitted_it(
     lively_site: Any,
 ) -> None:

@@ -199,6 +199,17 @@ async def test_the_feed_lists_boards_newest_first(lively_site: Any, empty_board:
     assert said[1].startswith(newly)
     assert "Of 6 ranked planners, Kestrel-2 leads, though 1 other could be first: it" in said[1]
     assert feed.findtext("a:id", "", name) == "http://site.test/feed.atom?phase=sample"
+    assert feed.findtext("a:title", "", name) == "ExceptionDrive: Sample"
+
+
+def test_a_feed_is_as_new_as_the_newest_that_it_tells() -> None:
+    opened, newer = datetime(2026, 11, 1, tzinfo=UTC), datetime(2026, 11, 9, tzinfo=UTC)
+    board = exports.BoardNote(1, "sha256:00", "1.1", newer, "", "")
+    history = exports.History(
+        "sample", "Sample", (board,), (exports.PhaseDate("opened", opened, "It opened"),)
+    )
+    feed = Xml.fromstring(exports.atom_feed(history, "http://site.test"))
+    assert feed.findtext("{*}updated") == "2026-11-09T00:00:00Z"
 
 
 async def test_a_feed_that_has_not_changed_is_not_sent_again(

@@ -1,6 +1,7 @@
 """Scenes in motion: whose they are, what they say, and that the scorer says the same."""
 
 import re
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from exceptiondrive_server.entries.motion import motion
 
 LEADER, SECOND = "s0000000kq", "s0000003kq"
 SCENES = "/scenes?phase=sample"
+MOVING = ("edited", "footprints", "tube", "clearances_m")
 HIT_FROM_M = PROTOCOL.geometry.contact_tolerance_m
 
 
@@ -77,19 +79,25 @@ def test_a_line_changes_where_the_clearance_passes_what_is_required_and_ends_red
             x, y = run.axes
             required_y = y.at(sample.d_safe_m)
             for stretch in run.stretches:
-                heights = [float(point.split(",")[1]) for point in stretch.points.split()]
+                points = [
+                    [float(at) for at in point.split(",")] for point in stretch.points.split()
+                ]
+                heights = [height for _, height in points]
+                for at, height in points:
+                    value = np.interp(at, [x.at(step) for step in range(7)], sample.clearances_m)
+                    assert height == pytest.approx(y.clamped(float(value)), abs=0.3)
                 if stretch.level == "clear":
                     assert max(heights) <= required_y + 0.06
                 else:
                     assert min(heights) >= required_y - 0.06
                 if stretch.level == "hit":
-                    assert {float(point.split(",")[1]) for point in stretch.points.split()} == {
-                        y.at(0)
-                    }
+                    assert set(heights) == {y.at(0)}
             assert [mark.level for mark in run.marks] == run.levels.split()
             assert [float(mark.x) for mark in run.marks] == pytest.approx(
                 [x.at(step) for step in range(7)], abs=0.06
             )
+            levels = [stretch.level for stretch in run.stretches]
+            assert all(one != other for one, other in pairwise(levels))
             has_hit = any(stretch.level == "hit" for stretch in run.stretches)
             assert has_hit == (sample.metrics["ur"] == 1)
 
@@ -105,6 +113,22 @@ async def test_the_leader_stands_first_and_up_to_two_more_are_laid_over(drawn_si
     assert f'<option value="{LEADER}"' not in both  # it is there already
     unknown = await drawn_site.get(f"{SCENES}&with=s0000005kq")  # on the board, not drawn
     assert unknown.status_code == 404
+
+
+async def test_where_the_leader_is_not_drawn_the_best_that_is_stands_alone(
+    lively_site: Any,
+) -> None:
+    lively_site.publish_split()
+    lively_site.keep_drawings(SECOND, 0)
+    told = readings((await lively_site.get(SCENES)).text)
+    assert {name for name, _, _ in told} == {"Møller–Ruiz world model"}
+
+
+def test_who_answered_nothing_is_told_so_beside_the_clearances_of_the_others() -> None:
+    sample = scenes_of(real_drawings(1))[0]
+    silent = sample.model_copy(update=dict.fromkeys(MOVING, ()))
+    words = motion([("one", sample), ("none", silent)], PROTOCOL).line_words
+    assert words.endswith("; none no answer.")
 
 
 async def test_what_was_withdrawn_drives_no_more_on_an_old_board(

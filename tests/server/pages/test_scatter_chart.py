@@ -9,7 +9,13 @@ from hypothesis import strategies as st
 from tests.server.pages.invented_board import PROTOCOL
 
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_server.boards.charts import Box, _text_box, place_labels, scatter_chart
+from exceptiondrive_server.boards.charts import (
+    Box,
+    _text_box,
+    labels_of,
+    place_labels,
+    scatter_chart,
+)
 from exceptiondrive_server.boards.page import BoardPage
 from exceptiondrive_server.boards.query import BoardQuery
 from exceptiondrive_server.web.numbers import px
@@ -97,6 +103,37 @@ def test_no_two_points_carry_one_label(lively_board: Board, width: int) -> None:
     assert max(map(len, texts)) <= 24
 
 
+def test_what_an_entry_is_called_in_a_picture(lively_board: Board) -> None:
+    called = [
+        ("Twin", "T"),
+        ("Twin", "T"),
+        ("Twin", "U"),
+        ("x" * 21, "T"),
+        ("x" * 22, "T"),
+        ("One", "T"),
+    ]
+    entries = [
+        lively_board.entries[0].model_copy(update={"method": method, "team": team})
+        for method, team in called
+    ]
+    alike = "x" * 15 + "…"
+    assert labels_of(entries, 20) == (
+        *("Twin, T (1)", "Twin, T (2)", "Twin, U"),
+        *(f"{alike} (1)", f"{alike} (2)", "One"),
+    )
+
+
+def test_a_point_is_marked_as_what_its_entry_is(lively_board: Board) -> None:
+    first, *others = lively_board.entries
+    listed = first.model_copy(update={"rank": None})
+    chart = scatter_chart(
+        lively_board.model_copy(update={"entries": (listed, *others)}), "macro_family"
+    )
+    assert chart is not None
+    kinds = [point.kind for point in chart.points]
+    assert kinds == ["listed", *["scored"] * 5, *["reference"] * 2]
+
+
 def test_axes_stay_where_they_are_however_the_board_is_sorted_or_paged(
     lively_board: Board,
 ) -> None:
@@ -121,7 +158,10 @@ def test_linked_submissions_are_joined_by_an_arrow_with_the_interval_of_the_chan
     (arrow,) = chart.arrows
     with_it, without = chart.points[:2]
     start, end = (float(arrow.line[0]), float(arrow.line[1])), (arrow.line[2], arrow.line[3])
-    assert math.dist(start, (float(without.x), float(without.y))) < 10
+    assert math.dist(start, (float(without.x), float(without.y))) == pytest.approx(9, abs=0.1)
+    _, *sides = ([float(at) for at in corner.split(",")] for corner in arrow.head.split())
+    foot = [sum(both) / 2 for both in zip(*sides, strict=True)]
+    assert foot == pytest.approx([float(at) for at in end], abs=0.1)
     assert math.dist([float(at) for at in end], (float(with_it.x), float(with_it.y))) < 20
     assert arrow.box is not None
     left, top, width, height = (float(at) for at in arrow.box)
@@ -129,6 +169,7 @@ def test_linked_submissions_are_joined_by_an_arrow_with_the_interval_of_the_chan
     assert top <= float(with_it.y) <= top + height
     per_point = (float(without.x) - float(with_it.x)) / (44.0 - 28.75)
     assert width == pytest.approx(13 * per_point, abs=0.2)  # -22 to -9 points
+    assert height == pytest.approx(8 * per_point, abs=0.2)  # -5 to 3 points
 
 
 def test_there_is_no_arrow_without_both_ends_or_under_the_other_average(
@@ -155,6 +196,7 @@ def test_two_parts_of_one_whole_are_drawn_on_one_scale(strategy_board: Board, wi
     (y0, at_y0), (y1, at_y1), *_ = up
     assert (at_x1 - at_x0) / (x1 - x0) == pytest.approx((at_y0 - at_y1) / (y1 - y0), abs=0.02)
     assert float(chart.y_ticks[-1].at) >= chart.frame.top
+    assert chart.y_ticks[-1].text == "20", "the first above all that it holds"
 
 
 def test_what_a_lower_corner_means_stands_below_the_axis_and_its_numbers(
