@@ -377,7 +377,7 @@ def as_toml(_: SerializationContext, value: Any) -> bytes:
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize(
-    ("who", "examples"), [("an organizer", 10), ("a team", 4), ("a visitor", 4)]
+    ("who", "examples"), [("an organizer", 6), ("a team", 4), ("a visitor", 4)]
 )
 def test_generated_requests_are_answered_as_the_document_says(
     make_api: Callable[..., "Api"],
