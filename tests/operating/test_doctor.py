@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import pytest
+import redis
 from sqlalchemy import make_url, select, text
 from sqlalchemy.exc import DBAPIError
 from tests.chaos.story import Lived
@@ -163,7 +164,7 @@ def test_of_a_stopped_run_its_one_command_is_advised_not_the_single_processes(
 
 def be_doctor(words: Sequence[str]) -> None:
     """Be the command, as the user who is named first."""
-    doctor.redis.Redis()  # imports more while it can read: another user may not enter this Python
+    redis.Redis()  # imports more while it can read: another user may not enter this Python
     if (user := int(words[0])) != os.getuid():
         os.setgroups([])
         os.setgid(user)
