@@ -1,11 +1,9 @@
 """The embedded default for real: what dies is started again, and all ends with the launcher."""
 
 import os
-import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -165,15 +163,6 @@ def is_any(before: dict[str, int], running: Running) -> bool:
 
 
 _READ = "import pathlib, sys; print(len(pathlib.Path(sys.argv[1]).read_bytes()))"
-
-
-@pytest.fixture
-def open_folder() -> Iterator[Path]:
-    """A folder that every user may enter, unlike those of pytest."""
-    folder = Path(tempfile.mkdtemp(prefix="ed-run-"))
-    folder.chmod(0o755)
-    yield folder
-    shutil.rmtree(folder)
 
 
 @pytest.mark.skipif(not can_change_user(), reason="only root can give the server another user")

@@ -2,11 +2,10 @@
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from datetime import datetime, timedelta, tzinfo
 from pathlib import Path
 from typing import Any, Self
@@ -374,15 +373,6 @@ def test_an_old_schema_is_an_error(healthy: ServerSettings, empty_database_url: 
     assert "migrate" in finding.do
 
 
-@pytest.fixture
-def open_folder() -> Iterator[Path]:
-    """A folder that every user may enter, unlike pytest's own."""
-    folder = Path(tempfile.mkdtemp(prefix="ed-wall-"))
-    folder.chmod(0o755)
-    yield folder
-    shutil.rmtree(folder)
-
-
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can become another user")
 def test_a_wall_that_stands_and_one_that_does_not(open_folder: Path) -> None:
     withheld = open_folder / "splits"
@@ -415,10 +405,9 @@ def test_root_is_told_that_it_cannot_tell_and_no_more(
 
 
 def test_the_command_ends_with_1_on_errors(tmp_path: Path) -> None:
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("EXCEPTIONDRIVE_")}
     done = subprocess.run(
         [BIN / "exceptiondrive-server", "doctor", "--data", str(tmp_path)],
-        env=environment,
+        env=plain_environment(),
         capture_output=True,
         text=True,
         check=False,
@@ -442,12 +431,10 @@ def test_a_disk_that_is_low_is_a_warning_and_one_that_refuses_uploads_an_error(
 
 
 def test_backup_restore_and_verify_by_command(lived: Lived, tmp_path: Path) -> None:
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("EXCEPTIONDRIVE_")}
-
     def run(*arguments: str, **settings: str) -> "subprocess.CompletedProcess[str]":
         return subprocess.run(
             [BIN / "exceptiondrive-server", *arguments],
-            env=environment | settings,
+            env=plain_environment(**settings),
             capture_output=True,
             text=True,
             check=False,
