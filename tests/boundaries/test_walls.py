@@ -5,8 +5,6 @@ import os
 import re
 import subprocess
 import sys
-import tempfile
-from collections.abc import Iterator
 from fnmatch import fnmatch
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -232,14 +230,6 @@ def test_git_ignores_a_real_split_secrets_and_records(path: str) -> None:
     if done.returncode == 128:
         pytest.skip("not a git checkout")
     assert done.stdout.strip() == path
-
-
-@pytest.fixture
-def open_folder() -> Iterator[Path]:
-    """A folder that every user may enter, unlike pytest's own."""
-    with tempfile.TemporaryDirectory() as name:
-        Path(name).chmod(0o755)
-        yield Path(name)
 
 
 def read_as_nobody(path: Path) -> subprocess.CompletedProcess[str]:

@@ -1,6 +1,7 @@
 """Proposals for regions: detectors' files in both forms, in the right frame, and by hand."""
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +18,21 @@ from exceptiondrive_build.values import Screened
 BOX = np.array([[2.0, 1.0], [-2.0, 1.0], [-2.0, -1.0], [2.0, -1.0]])
 
 
+@pytest.fixture(scope="module")
+def once_reviewed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the first workshop of this file is kept, to copy."""
+    return tmp_path_factory.mktemp("reviewed") / "shop"
+
+
 @pytest.fixture
-def reviewed(shop: Path) -> Path:
+def reviewed(request: pytest.FixtureRequest, once_reviewed: Path, tmp_path: Path) -> Path:
     """A workshop whose candidates are all reviewed."""
-    for stage in ("screen", "edit", "review"):
-        report(shop, stage)
-    return shop
+    if not once_reviewed.exists():
+        shop: Path = request.getfixturevalue("shop")
+        for stage in ("screen", "edit", "review"):
+            report(shop, stage)
+        shutil.move(shop, once_reviewed)
+    return Path(shutil.copytree(once_reviewed, tmp_path / "shop"))
 
 
 def accepted(shop: Path) -> list[Candidate]:

@@ -26,6 +26,7 @@ CANARY = str(CANARY_M)
 
 @pytest.mark.parametrize("spelling", spellings(), ids=repr)
 def test_every_spelling_is_found(spelling: bytes) -> None:
+    assert PATTERN.search(spelling)
     assert PATTERN.search(b'{"x": ' + spelling + b"}")
 
 

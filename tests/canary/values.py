@@ -8,11 +8,11 @@ CANARY_M = 72.7194836
 it. Above 60, so no second of a time looks like it; nor do the last digits of a longer number, such
 as a broker's seconds since 1970."""
 
-_TEXTS = (
-    rb"72[.,]7194(?:8|9(?![0-9]))",  # rounded to five decimals or more, or cut; decimal comma
-    rb"7[.,]2719[45]?[0-9]*[eE]\+?0?1",
-    rb"72719[.,](?:48|5)",  # millimetres
-    rb"7271[.,]9(?:48|5)",  # centimetres
+_TEXTS_AFTER_7 = (
+    rb"2[.,]7194(?:8|9(?![0-9]))",  # rounded to five decimals or more, or cut; decimal comma
+    rb"[.,]2719[45]?[0-9]*[eE]\+?0?1",
+    rb"2719[.,](?:48|5)",  # millimetres
+    rb"271[.,]9(?:48|5)",  # centimetres
 )
 
 
@@ -27,7 +27,7 @@ _FLOAT_HEX = CANARY_M.hex().removeprefix("0x").encode()
 PATTERN = re.compile(
     b"|".join(
         [
-            rb"(?<![0-9])(?:%b)" % b"|".join(_TEXTS),
+            rb"7(?<![0-9]7)(?:%b)" % b"|".join(_TEXTS_AFTER_7),
             re.escape(_FLOAT_HEX),
             *(re.escape(bits) for bits in _DOUBLES),
             *(rb"%b.{0,24}?%b" % (re.escape(bits), re.escape(bits)) for bits in _SINGLES),
@@ -36,7 +36,8 @@ PATTERN = re.compile(
     re.DOTALL,
 )
 """A single of four bytes counts where it stands twice, as in every region: alone it comes up by
-chance in the gigabytes of files and the million digests of a run."""
+chance in the gigabytes of files and the million digests of a run. Each alternative begins with a
+character: these are looked for ten times as fast as a condition on what stands before."""
 REACH_BYTES = 64
 """No spelling is longer: so much of a stream is looked at again with what follows."""
 

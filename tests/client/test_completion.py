@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from typer.main import get_command
+from typer.testing import CliRunner
 
-from exceptiondrive.cli import app
+from exceptiondrive.cli import app, completion
 
 if TYPE_CHECKING:
     from tests.client.servers import Running
@@ -28,17 +29,22 @@ main()
 """The command; a shell at a prompt waits for a server no longer than a second, which a busy machine takes."""
 
 
-def completed(shell: str, line: str, **environment: str) -> "subprocess.CompletedProcess[str]":
-    """Ask as the script of a shell does, at the end of a line."""
+def asked_by(shell: str, line: str) -> dict[str, str]:
+    """The environment in which the script of a shell asks, at the end of a line."""
     words = line.split(" ")
     asked = {
         "bash": {"COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)},
         "zsh": {"_TYPER_COMPLETE_ARGS": line},
         "fish": {"_TYPER_COMPLETE_ARGS": line, "_TYPER_COMPLETE_FISH_ACTION": "get-args"},
     }[shell]
+    return {"_EXCEPTIONDRIVE_COMPLETE": f"complete_{shell}", **asked}
+
+
+def completed(shell: str, line: str, **environment: str) -> "subprocess.CompletedProcess[str]":
+    """Ask as the script of a shell does."""
     return subprocess.run(
         [sys.executable, "-c", PATIENT],
-        env={**os.environ, "_EXCEPTIONDRIVE_COMPLETE": f"complete_{shell}", **asked, **environment},
+        env={**os.environ, **asked_by(shell, line), **environment},
         capture_output=True,
         text=True,
         check=False,
@@ -73,8 +79,15 @@ def test_every_shell_gets_the_phases(running: "Running", shell: str) -> None:
         ("exceptiondrive organizer phases create --frozen-scores ", {"shown", "hidden"}),
     ],
 )
-def test_commands_names_and_choices(running: "Running", line: str, words: set[str]) -> None:
-    done = completed("bash", line, EXCEPTIONDRIVE_SERVER=running.url)
+def test_commands_names_and_choices(
+    running: "Running", monkeypatch: pytest.MonkeyPatch, line: str, words: set[str]
+) -> None:
+    monkeypatch.setattr(completion, "LONGEST_WAIT_S", 60.0)
+    done = CliRunner().invoke(
+        app,
+        prog_name="exceptiondrive",
+        env={**asked_by("bash", line), "EXCEPTIONDRIVE_SERVER": running.url},
+    )
     assert (done.stderr, set(done.stdout.split())) == ("", words)
 
 

@@ -277,7 +277,7 @@ class SaysWhomItIsAskedAs(BaseHTTPRequestHandler):
 @pytest.fixture
 def named_site() -> Iterator[Nginx]:
     server = ThreadingHTTPServer(("127.0.0.1", 0), SaysWhomItIsAskedAs)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
+    threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True).start()
     names = Names("127.0.0.1")
     started = Nginx(names, server.server_port)
     yield started

@@ -1,11 +1,9 @@
 """The embedded default for real: what dies is started again, and all ends with the launcher."""
 
 import os
-import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -36,6 +34,7 @@ class Running:
         self, data: Path, port: int, *, command: list[str] | None = None, **environment: str
     ) -> None:
         self.data = data
+        self.port = port
         self.said = data.parent / "said.txt"
         with self.said.open("wb") as said:
             self.process = subprocess.Popen(
@@ -70,14 +69,20 @@ class Running:
                 found[name] = int(stat.parent.name)
         return found
 
+    def pages(self) -> list[str]:
+        """What board and form say as soon as it answers."""
+        self.wait_until(lambda _: answers(self.port))
+        return [httpx.get(f"http://127.0.0.1:{self.port}{path}").text for path in ("/", "/submit")]
+
     def end(self) -> int:
         self.process.send_signal(signal.SIGINT)
         return self.process.wait(60)
 
 
 @contextmanager
-def started(data: Path) -> Iterator[Running]:
-    running = Running(data, free_port())
+def started(data: Path, *more: str) -> Iterator[Running]:
+    port = free_port()
+    running = Running(data, port, command=[*run_command(data, port), *more])
     try:
         yield running
     finally:
@@ -86,9 +91,17 @@ def started(data: Path) -> Iterator[Running]:
 
 
 @pytest.fixture(scope="module")
-def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
-    """One launcher for all tests that only look at it."""
-    with started(tmp_path_factory.mktemp("launched") / "data") as running:
+def before_the_sample(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
+    """The folder of a launcher that was ended before its sample was made, and what its pages said."""
+    data = tmp_path_factory.mktemp("launched") / "data"
+    with started(data, "--sample") as running:
+        return data, running.pages()
+
+
+@pytest.fixture(scope="module")
+def running(before_the_sample: tuple[Path, list[str]]) -> Iterator[Running]:
+    """The next launcher in that folder, for all tests that only look at it."""
+    with started(before_the_sample[0]) as running:
         yield running
 
 
@@ -127,24 +140,15 @@ def test_a_server_that_can_take_no_uploads_says_where_to_learn_why(tmp_path: Pat
     assert not has_started(said)
 
 
-def test_pages_say_that_the_sample_is_being_made_and_only_while_it_is(tmp_path: Path) -> None:
-    for page in first_pages(tmp_path / "data", "--sample"):
+def test_pages_say_that_the_sample_is_being_made_and_only_while_it_is(
+    before_the_sample: tuple[Path, list[str]], running: Running
+) -> None:
+    for page in before_the_sample[1]:
         assert "The sample is being made" in page
         assert "There is no phase yet" not in page
-    for page in first_pages(tmp_path / "data"):
+    for page in running.pages():
         assert "The sample is being made" not in page, "the launcher that made it was ended"
         assert "There is no phase yet" in page
-
-
-def first_pages(data: Path, *more: str) -> list[str]:
-    """Return what board and form say as soon as a new launcher answers; it ends then."""
-    port = free_port()
-    started = Running(data, port, command=[*run_command(data, port), *more])
-    try:
-        started.wait_until(lambda _: answers(port))
-        return [httpx.get(f"http://127.0.0.1:{port}{path}").text for path in ("/", "/submit")]
-    finally:
-        started.end()
 
 
 def answers(port: int) -> bool:
@@ -159,15 +163,6 @@ def is_any(before: dict[str, int], running: Running) -> bool:
 
 
 _READ = "import pathlib, sys; print(len(pathlib.Path(sys.argv[1]).read_bytes()))"
-
-
-@pytest.fixture
-def open_folder() -> Iterator[Path]:
-    """A folder that every user may enter, unlike those of pytest."""
-    folder = Path(tempfile.mkdtemp(prefix="ed-run-"))
-    folder.chmod(0o755)
-    yield folder
-    shutil.rmtree(folder)
 
 
 @pytest.mark.skipif(not can_change_user(), reason="only root can give the server another user")

@@ -2,21 +2,22 @@
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Sequence
 from datetime import datetime, timedelta, tzinfo
 from pathlib import Path
 from typing import Any, Self
 
 import pytest
+import redis
 from sqlalchemy import make_url, select, text
 from sqlalchemy.exc import DBAPIError
 from tests.chaos.story import Lived
 from tests.support.broker import PrivateBroker
 from tests.support.databases import as_role, read_only
+from tests.support.forked import Forked
 from tests.support.processes import plain_environment, wait_until
 
 from exceptiondrive_records.audit.log import audit_page
@@ -34,6 +35,7 @@ from exceptiondrive_records.work.lease import take_lead
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_server.launcher.broker import broker_command, find_broker_binary, socket_path
 from exceptiondrive_server.operations import doctor
+from exceptiondrive_server.operations.cli import main
 from exceptiondrive_server.operations.doctor import Finding, Severity, examine
 from exceptiondrive_server.web.metrics import RequestMetrics, exposition
 from exceptiondrive_server.web.settings import ServerSettings
@@ -159,13 +161,31 @@ def test_of_a_stopped_run_its_one_command_is_advised_not_the_single_processes(
     assert "exceptiondrive-worker run" not in said
 
 
-def doctor_of(data: Path) -> str:
-    """What the command says of a data folder, with no address of a broker in the environment."""
-    words = [str(BIN / "exceptiondrive-server"), "doctor", "--data", str(data)]
-    done = subprocess.run(
-        words, env=plain_environment(), capture_output=True, text=True, check=False
-    )
-    return done.stdout
+def be_doctor(words: Sequence[str]) -> None:
+    """Be the command, as the user who is named first."""
+    redis.Redis()  # imports more while it can read: another user may not enter this Python
+    if (user := int(words[0])) != os.getuid():
+        os.setgroups([])
+        os.setgid(user)
+        os.setuid(user)
+    sys.argv = ["exceptiondrive-server", "doctor", *words[1:]]
+    main()
+
+
+def doctor_of(data: Path, *words: str, user: int = os.getuid(), **settings: str) -> str:
+    """What the command says of a data folder that lacks much, to a user of the machine."""
+    asked = [str(user), "--data", str(data), *words]
+    with tempfile.NamedTemporaryFile("r") as log:
+        code = Forked(be_doctor, asked, plain_environment(**settings), Path(log.name)).wait(60)
+        said = log.read()
+    assert code == 1, said
+    return said
+
+
+def doctor_as(user: int, *words: str, **settings: str) -> str:
+    """What the command says to a user of the machine where there are no records."""
+    away = {"EXCEPTIONDRIVE_BROKER_URL": "redis+socket:///nowhere/broker.sock"}
+    return doctor_of(Path("/nowhere"), *words, user=user, **away, **settings)
 
 
 def test_a_broker_that_evicts_is_named(healthy: ServerSettings, broker: Any) -> None:
@@ -353,35 +373,6 @@ def test_an_old_schema_is_an_error(healthy: ServerSettings, empty_database_url: 
     assert "migrate" in finding.do
 
 
-@pytest.fixture
-def open_folder() -> Iterator[Path]:
-    """A folder that every user may enter, unlike pytest's own."""
-    folder = Path(tempfile.mkdtemp(prefix="ed-wall-"))
-    folder.chmod(0o755)
-    yield folder
-    shutil.rmtree(folder)
-
-
-def doctor_as(user: int, *words: str, **settings: str) -> str:
-    """What the command says to a user of the machine."""
-    code = (
-        "import os, sys; from exceptiondrive_server.operations.cli import main;"
-        # whatever is imported later, while it can read: the other user may not enter this Python
-        "from exceptiondrive_server.operations.doctor import redis; redis.Redis();"
-        "user = int(sys.argv.pop(1)); os.setgroups([]); os.setgid(user); os.setuid(user); main()"
-    )
-    away = {"EXCEPTIONDRIVE_BROKER_URL": "redis+socket:///nowhere/broker.sock"}
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(user), "doctor", "--data", "/nowhere", *words],
-        env=plain_environment(**away, **settings),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 1, done.stderr  # there are no records
-    return done.stdout
-
-
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can become another user")
 def test_a_wall_that_stands_and_one_that_does_not(open_folder: Path) -> None:
     withheld = open_folder / "splits"
@@ -414,10 +405,9 @@ def test_root_is_told_that_it_cannot_tell_and_no_more(
 
 
 def test_the_command_ends_with_1_on_errors(tmp_path: Path) -> None:
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("EXCEPTIONDRIVE_")}
     done = subprocess.run(
         [BIN / "exceptiondrive-server", "doctor", "--data", str(tmp_path)],
-        env=environment,
+        env=plain_environment(),
         capture_output=True,
         text=True,
         check=False,
@@ -441,12 +431,10 @@ def test_a_disk_that_is_low_is_a_warning_and_one_that_refuses_uploads_an_error(
 
 
 def test_backup_restore_and_verify_by_command(lived: Lived, tmp_path: Path) -> None:
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("EXCEPTIONDRIVE_")}
-
     def run(*arguments: str, **settings: str) -> "subprocess.CompletedProcess[str]":
         return subprocess.run(
             [BIN / "exceptiondrive-server", *arguments],
-            env=environment | settings,
+            env=plain_environment(**settings),
             capture_output=True,
             text=True,
             check=False,

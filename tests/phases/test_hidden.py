@@ -111,6 +111,7 @@ def show_a_picture(life: "Life") -> str:
     return row.file_digest.removeprefix("sha256:")
 
 
+@pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)
 def test_no_public_address_tells_a_hidden_phase_from_none(
     life: "Life", veiled: dict[str, str]
 ) -> None:

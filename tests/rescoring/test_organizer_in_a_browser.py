@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
-from tests.support.browser import axe_violations
+from tests.support.browser import Look, axe_violations, look_at
 from tests.support.serving import served
 
 from exceptiondrive_records.accounts.tokens import ORGANIZER_SCOPES, issue_token
@@ -118,21 +118,14 @@ def test_a_walk_from_document_to_rollback(
     assert complaints == []
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(1360, "light"), (390, "dark")])
 def test_axe_finds_nothing_wrong_and_no_page_scrolls_sideways(
-    stage: Stage, browser: Browser, site: str, make_protocol: Make, width: int, scheme: Any
+    stage: Stage, browser: Browser, site: str, make_protocol: Make
 ) -> None:
+    looks: tuple[Look, ...] = ((1360, "light"), (390, "dark"))
     run_id = stage.ready(make_protocol("1.1", *D_SAFE))
     with stage.database.write() as session:
         register_team(session, "newcomers", "New Comers", "We are new.")
-    page = signed_in(
-        stage,
-        browser,
-        site,
-        bypass_csp=True,
-        color_scheme=scheme,
-        viewport={"width": width, "height": 900},
-    )
+    page = signed_in(stage, browser, site, bypass_csp=True)
     run = f"/organize/rescoring/{run_id}"
     for path in (
         "/organize",
@@ -156,9 +149,9 @@ def test_axe_finds_nothing_wrong_and_no_page_scrolls_sideways(
         "/organize/audit?verify=true",
     ):
         page.goto(site + path)
-        found = axe_violations(page)
-        assert [f"{one['id']}: {one['nodes'][0]['html'][:120]}" for one in found] == [], path
-        for narrow in (width, 360):
-            page.set_viewport_size({"width": narrow, "height": 900})
+        for width, scheme in (*looks, (360, "dark")):
+            look_at(page, (width, scheme))
             wider = page.evaluate("document.documentElement.scrollWidth - window.innerWidth")
-            assert wider <= 0, f"{path} is {wider} px wider than {narrow} px"
+            assert wider <= 0, f"{path} is {wider} px wider than {width} px"
+            found = axe_violations(page) if (width, scheme) in looks else []
+            assert [f"{one['id']}: {one['nodes'][0]['html'][:120]}" for one in found] == [], path

@@ -3,7 +3,7 @@
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
@@ -30,9 +30,20 @@ def browser() -> Iterator[Browser]:
         browser.close()
 
 
+Look = tuple[int, Literal["light", "dark"]]
+
+
+def look_at(page: Page, look: Look) -> None:
+    """Give a page that is open another width, and another theme of the system."""
+    width, scheme = look
+    page.set_viewport_size({"width": width, "height": 900})
+    page.emulate_media(color_scheme=scheme)
+
+
 def axe_violations(page: Page) -> list[dict[str, Any]]:
     """Return what axe finds wrong on a page."""
-    page.add_script_tag(path=AXE)
+    if not page.evaluate("'axe' in window"):
+        page.add_script_tag(path=AXE)
     found: list[dict[str, Any]] = page.evaluate("axe.run(document, {resultTypes: ['violations']})")[
         "violations"
     ]

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Page, ViewportSize, expect
-from tests.support.browser import axe_violations
+from tests.support.browser import Look, axe_violations, look_at
 
 from exceptiondrive_server.boards.charts import _text_box
 
@@ -525,28 +525,22 @@ def test_no_page_scrolls_sideways_at_any_width(visit: Visit) -> None:
             assert wider <= 0, f"{path} is {wider} px wider than {width} px"
 
 
-def test_axe_finds_nothing_wrong(visit: Visit) -> None:
-    page = visit.open("/", bypass_csp=True)
-    for path in PATHS:
-        page.goto(visit.address + path)
-        assert violations(page) == [], path
-
-
-@pytest.mark.parametrize(("width", "scheme"), [(1360, "dark"), (390, "light")])
-def test_axe_finds_nothing_wrong_in_the_dark_nor_on_a_phone(
-    visit: Visit, width: int, scheme: str
-) -> None:
-    page = visit.open("/", width=width, color_scheme=scheme, bypass_csp=True)
+def test_axe_finds_nothing_wrong_nor_in_the_dark_nor_on_a_phone(visit: Visit) -> None:
     sample = "/entries/s0000000kq/samples/worst-bypass_and_gap_conflict"
-    for path in ("/", "/entries/s0000000kq", sample, "/protocols/1.0", "/splits/sample"):
+    in_each_look = ("/", "/entries/s0000000kq", sample, "/protocols/1.0", "/splits/sample")
+    assert set(in_each_look) <= set(PATHS)
+    page = visit.open("/", bypass_csp=True)
+    wide: Look = (1360, "light")
+    for path in PATHS:
+        look_at(page, wide)
         page.goto(visit.address + path)
-        assert violations(page) == [], path
-
-
-def violations(page: Page) -> list[str]:
-    """What axe finds on a page: rule and place."""
-    found = axe_violations(page)
-    return [f"{one['id']}: {one['nodes'][0]['html'][:160]}" for one in found]
+        others: tuple[Look, ...] = ((1360, "dark"), (390, "light"))
+        for look in (wide, *(others if path in in_each_look else ())):
+            look_at(page, look)
+            found = [
+                f"{one['id']}: {one['nodes'][0]['html'][:160]}" for one in axe_violations(page)
+            ]
+            assert found == [], (path, look)
 
 
 def test_nothing_is_fetched_from_elsewhere_and_the_console_stays_silent(visit: Visit) -> None:
