@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
-from exceptiondrive_schemas.base import Document, content_digest
+from exceptiondrive_schemas.base import Document, content_digest, in_words
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import GeometrySection
@@ -37,9 +37,14 @@ class SplitSample(Document):
     """The path that was really driven in the source scene: waypoints as a submission has them."""
     control: bool = Field(default=False, exclude_if=lambda it: not it)
     """The region lies where no good driver would heed it: only over-caution is taken from it."""
-    withdrawn: Annotated[str, Field(min_length=1, max_length=500)] | None = Field(
-        default=None, exclude_if=lambda it: it is None
-    )
+    withdrawn: (
+        Annotated[
+            str,
+            Field(min_length=1, max_length=500),
+            in_words("must say why the sample counts no more, in at most 500 characters"),
+        ]
+        | None
+    ) = Field(default=None, exclude_if=lambda it: it is None)
     """Why it counts no more."""
 
     @property

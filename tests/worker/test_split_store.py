@@ -277,9 +277,10 @@ def test_what_is_no_split_is_unreadable(tmp_path: Path, data: bytes) -> None:
 
 
 def test_problems_name_samples_and_no_values(tmp_path: Path, make_split: MakeSplit) -> None:
-    document: dict[str, Any] = json.loads(text_of(make_split({"a": {}, "b": {}, "c": {}})))
+    document: dict[str, Any] = json.loads(text_of(make_split({name: {} for name in "abcd"})))
     document["samples"][1]["region"][2][0] = float("nan")
     document["samples"][2]["region"].append([77.125, 1.0])
+    document["samples"][3]["withdrawn"] = True
     path = tmp_path / "split.json"
     path.write_text(json.dumps(document))
     with pytest.raises(SplitUnreadableError) as caught:
@@ -287,6 +288,7 @@ def test_problems_name_samples_and_no_values(tmp_path: Path, make_split: MakeSpl
     message = str(caught.value)
     assert "sample b.region.2.0: Input should be a finite number" in message
     assert "sample c.region" in message
+    assert "sample d.withdrawn: must say why the sample counts no more" in message
     assert "77.125" not in message
 
 

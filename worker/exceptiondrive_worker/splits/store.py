@@ -23,7 +23,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from exceptiondrive_schemas.api.phase_settings import SplitPart
-from exceptiondrive_schemas.base import content_digest
+from exceptiondrive_schemas.base import content_digest, fault_words
 from exceptiondrive_schemas.check.inflate import GZIP_MAGIC
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest, Split
@@ -124,7 +124,8 @@ def _problems(error: ValidationError, data: bytes) -> list[str]:
     if items[0]["type"] == "json_invalid":
         return ["not JSON"]
     document = json.loads(data)
-    return [f"{_place(item['loc'], document) or 'file'}: {item['msg']}" for item in items]
+    places = (_place(item["loc"], document) or "file" for item in items)
+    return [f"{at}: {fault_words(item['msg'])}" for at, item in zip(places, items, strict=True)]
 
 
 def _place(location: tuple[int | str, ...], document: Any) -> str:
