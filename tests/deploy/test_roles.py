@@ -219,7 +219,7 @@ def test_a_role_changes_work_of_its_kinds_alone(
     may_insert = "INSERT" in given
     with nullcontext() if may_insert else pytest.raises(errors.InsufficientPrivilege):
         ask(role, new_work(kind, "new"))
-    change = f"work SET note = 'mine' WHERE id = '{kind}-there' RETURNING id"
+    change = f"work SET state = 'dead' WHERE id = '{kind}-there' RETURNING id"
     if "UPDATE" in rights_of(role)["work"]:
         assert (ask(role, f"UPDATE {change}") is not None) == ("UPDATE" in given)
     if "DELETE" in rights_of(role)["work"]:
@@ -241,16 +241,21 @@ def test_the_server_asks_for_a_trial_and_never_says_what_was_tried(
     ask(Role.API, new_work("trial", "asked"))
 
 
-@pytest.mark.parametrize("column", ["protocol_digest", "split_name", "split_revision", "trial"])
+@pytest.mark.parametrize("change", [
+    *(f"{column} = NULL" for column in (
+        "protocol_digest", "split_name", "split_revision", "trial", "run_id", "phase_id",
+    )),
+    "kind = 'score'", "state = 'queued'",
+])  # fmt: skip
 def test_the_reconciler_gives_up_a_trial_and_never_says_what_was_tried(
-    records_url: str, ask: Ask, column: str
+    records_url: str, ask: Ask, change: str
 ) -> None:
     with psycopg.connect(records_url.replace("+psycopg", ""), autocommit=True) as owner:
         owner.execute("ALTER TABLE work DROP CONSTRAINT IF EXISTS needed_for_trial")
         owner.execute(new_work("trial", "there"))
     assert ask(Role.RECONCILER, "UPDATE work SET state = 'dead' RETURNING id") == ("trial-there",)
     with pytest.raises(errors.InsufficientPrivilege):
-        ask(Role.RECONCILER, f"UPDATE work SET {column} = NULL")
+        ask(Role.RECONCILER, f"UPDATE work SET {change}")
 
 
 def test_every_kind_of_work_has_its_rights() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 from tests.records.world import World
-from tests.support.records import add_phase
+from tests.support.records import add_phase, next_moment
 
 from exceptiondrive_records.accounts.people import (
     Identity,
@@ -52,7 +52,7 @@ from exceptiondrive_records.participation.importing import import_teams
 from exceptiondrive_records.participation.messages import recipients, send_message, write_about
 from exceptiondrive_records.phases.allowances import is_open_to
 from exceptiondrive_records.phases.changes import update_phase
-from exceptiondrive_records.phases.disqualified import disqualification_notes
+from exceptiondrive_records.phases.disqualified import disqualification_notes, disqualified_since
 from exceptiondrive_records.phases.phases import find_phase, phase_view
 from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.phases.tables import Phase
@@ -92,6 +92,19 @@ def last_action(world: World) -> str:
 def another(world: World, slug: str = "beta") -> int:
     with world.database.write() as session:
         return create_team(session, slug, slug.title(), actor=WHO).id
+
+
+def test_an_entry_is_disqualified_since_it_or_its_team_first_was(world: World) -> None:
+    one, other = world.scored("one", "Planner"), world.scored("two", "Other")
+    with world.database.write() as session:
+        first = disqualify_submission(session, one, **WHY).disqualified_at
+    next_moment(world.database)
+    with world.database.write() as session:
+        second = disqualify_team(session, "alpha", phase_id="dev", **WHY).disqualified_at
+        of_both = [find_submission(session, each) for each in (one, other)]
+        assert disqualified_since(session, of_both) == {one: first, other: second}
+        assert disqualified_since(session, []) == {}
+    assert first < second
 
 
 def test_a_disqualified_entry_leaves_its_place_empty_and_comes_back(world: World) -> None:

@@ -49,7 +49,15 @@ def _all_but(table: str, *fixed: str) -> str:
 
 
 _WORK_BUT_WHAT_WAS_TRIED = "DELETE, " + _all_but(
-    "work", "id", "protocol_digest", "split_name", "split_revision", "trial"
+    "work",
+    "id",
+    "kind",
+    "run_id",
+    "phase_id",
+    "protocol_digest",
+    "split_name",
+    "split_revision",
+    "trial",
 )
 _PHASES = "DELETE, " + _all_but("phases", "id", "challenge", "split_name", "created_at")
 _SUBMISSIONS = _all_but(
@@ -113,7 +121,7 @@ WORK_RIGHTS = MappingProxyType(
         "lead": (R, NONE, RIUD),
         "profile": (RI, RU, RU),
         "recheck": (RIU, RU, RU),
-        "trial": (RI, RU, RU),  # see `_ASKED_FOR`; the reconciler gives it up
+        "trial": (RI, RU, RU),  # see `_ASKED_FOR` and `_GIVEN_UP`
         "score": (RIUD, RU, RIUD),  # workers score what others ask for
     }
 )
@@ -122,6 +130,8 @@ WORK_RIGHTS = MappingProxyType(
 
 _ASKED_FOR = "(kind <> 'trial' OR protocol_digest IS NULL AND split_name IS NULL AND trial IS NULL)"
 """The server asks for trials; workers alone say what was tried, which counts, and what came of it."""
+_GIVEN_UP = "(kind <> 'trial' OR state = 'dead')"
+"""The reconciler gives trials up; one that waited again could try something else, and count it instead."""
 
 
 def rights_of(role: Role) -> dict[str, str]:
@@ -230,6 +240,8 @@ def _work_policies(role: Role) -> Iterator[str]:
         if verb == "INSERT":
             rows = f"{rows} AND {_ASKED_FOR}"
         clause = f"WITH CHECK ({rows})" if verb == "INSERT" else f"USING ({rows})"
+        if verb == "UPDATE" and role is Role.RECONCILER:
+            clause += f" WITH CHECK ({rows} AND {_GIVEN_UP})"
         name = f"{role}_{verb.lower()}"
         yield f"DROP POLICY IF EXISTS {name} ON work"
         yield f"CREATE POLICY {name} ON work FOR {verb} TO {role} {clause}"

@@ -21,7 +21,7 @@ from exceptiondrive_schemas.jobs import Lane
 LEAST_PAUSE_S = 2.0
 """What is built in between is seen by few, and costs as much."""
 PAUSE_FACTOR = 4
-"""In a rush the builds of a board take at most 1 / (1 + PAUSE_FACTOR) of one slot ..."""
+"""In a rush the builds of a board take at most 1 / (1 + PAUSE_FACTOR) of one worker ..."""
 LONGEST_PAUSE_S = 10.0
 """... unless they take so long that readers would wait longer than this for the next one."""
 

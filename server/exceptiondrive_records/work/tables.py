@@ -24,7 +24,7 @@ class WorkState(StrEnum):
     DEAD = "dead"
     """Every attempt ended without an answer."""
     CANCELLED = "cancelled"
-    """The submission was withdrawn first."""
+    """It was taken back first."""
 
     @property
     def is_final(self) -> bool:

@@ -124,9 +124,7 @@ def change(services: ServicesOf, team_id: TeamId) -> Step:
     """Change name or affiliation."""
 
     def kept(session: Session) -> dict[str, str]:
-        now = find_team(session, team_id, lock=True)
-        session.refresh(now)
-        return _names(now)
+        return _names(find_team(session, team_id, lock=True))
 
     with services.database.read() as session:
         team = find_team(session, team_id)
