@@ -30,6 +30,12 @@ def option(
     return typer.Option(name, metavar=metavar, help=words, autocompletion=offer, **bounds)
 
 
+def one_of(name: str, values: Iterable[object], words: str, metavar: str = "") -> Any:
+    """Return an option that takes one of some values; its metavar shows them, unless one is given."""
+    known = [*map(str, values)]
+    return option(name, metavar or "|".join(known), words, offer=completion.choices(*known))
+
+
 def text(name: str, words: str) -> Any:
     """Return an option whose text may stand in a file."""
     hint = f"{words} `@FILE` reads it from a file."
