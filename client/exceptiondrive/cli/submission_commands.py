@@ -17,7 +17,6 @@ from exceptiondrive.cli.output import (
     cut_words,
     saved,
     say,
-    say_view,
     show,
     show_json,
     upload_name,
@@ -96,7 +95,7 @@ def submit(
     told = facts_of_pairs(fact or (), facts)
 
     def consent(outlook: Outlook) -> None:
-        say_view(*file_view(outlook.report), *outlook_view(outlook, phase))
+        show(file_view(outlook.report), outlook_view(outlook, phase), stderr=True)
         _require_consent(outlook, replace=replace, allow_unranked=allow_unranked)
 
     phase, given = default_phase(phase), options.given(file, context)
