@@ -99,14 +99,14 @@ class Group(TyperGroup):
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write what each command does, in as many lines as that takes."""
-        commands = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
-        rows = [
-            (name, " ".join((each.help or "").partition("\n\n")[0].split()))
-            for name, each in commands
-            if each is not None and not each.hidden
-        ]
+        rows = [(name, self.summary_of(ctx, name)) for name in self.list_commands(ctx)]
         with formatter.section("Commands"):
             formatter.write_dl(rows)
+
+    def summary_of(self, ctx: Any, name: str) -> str:
+        """Return the first paragraph of a command's help."""
+        command: Any = self.get_command(ctx, name)
+        return " ".join((command.help or "").partition("\n\n")[0].split())
 
 
 def _group(words: str, commands: Mapping[str, Any]) -> typer.Typer:
@@ -120,7 +120,7 @@ def _group(words: str, commands: Mapping[str, Any]) -> typer.Typer:
     return made
 
 
-class _Commands(TyperGroup):
+class _Commands(Group):
     """The commands of the table; `--help` imports none of them. Their errors become words and an exit code."""
 
     def invoke(self, ctx: Any) -> Any:
@@ -159,11 +159,9 @@ class _Commands(TyperGroup):
             self.commands.update(get_group(part).commands)
         return self.commands.get(cmd_name)
 
-    def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write what each command does, in as many lines as that takes."""
-        rows = [(name, words) for name, (_, words) in COMMANDS.items()]
-        with formatter.section("Commands"):
-            formatter.write_dl(rows)
+    def summary_of(self, ctx: Any, name: str) -> str:
+        """Return what the table says of a command."""
+        return COMMANDS[name][1]
 
 
 def _say_how_a_phase_is_named(error: Any) -> None:
