@@ -359,9 +359,8 @@ _SOURCE_L2 = (
     "Mean distance of the path in the original scene from the drive that was recorded there: "
     "whether the file plans for these scenes at all."
 )
-_outcome = partial(
-    Metric, unit="fraction", aggregation="share", shown="details", cells="of public regions"
-)
+_share = partial(Metric, unit="fraction", aggregation="share")
+_outcome = partial(_share, shown="details", cells="of public regions")
 """Of what became of the samples: a part of the bar (`ChallengeWords.outcome`)."""
 
 PLANNING = Challenge(
@@ -385,15 +384,13 @@ PLANNING = Challenge(
             "required clearance is met.",
             formula=formulas.HCC,
         ),
-        Metric(
+        _share(
             key="ur",
             label="UR",
             plain="Drives into it",
             title="Unsafe Rate",
-            unit="fraction",
             better="lower",
             role="primary",
-            aggregation="share",
             meaning="Share of samples in which the area that the car sweeps touches the hazard.",
             formula=formulas.UR,
         ),
@@ -506,13 +503,11 @@ PLANNING = Challenge(
         ),
     ),
     of_controls=(
-        Metric(
+        _share(
             key="over_caution",
             label="Over-caution",
             title="Over-caution",
-            unit="fraction",
             better="lower",
-            aggregation="share",
             shown="details",
             meaning="Of the controls, where no good driver would heed the hazard, the share in which "
             "the planner gives up more than half of its way.",
@@ -528,47 +523,39 @@ STRATEGY = Challenge(
     is_ordered_by_protocol=True,
     counterpart="the same agent without reminder",
     metrics=(
-        Metric(
+        _share(
             key="accuracy",
             label="Accuracy",
             plain="Acceptable answer",
             title="Strategy accuracy",
-            unit="fraction",
             better="higher",
             role="primary",
-            aggregation="share",
             meaning="Share of samples whose answer is in the acceptable set.",
             formula=formulas.ACCURACY,
         ),
-        Metric(
+        _share(
             key="under_warning",
             label="Under-warning",
             plain="Too careless",
             title="Under-warning rate",
-            unit="fraction",
             better="lower",
             role="primary",
-            aggregation="share",
             meaning="Wrong, and less cautious than the least cautious acceptable strategy.",
             formula=formulas.UNDER_WARNING,
         ),
-        Metric(
+        _share(
             key="over_warning",
             label="Over-warning",
             plain="Wrong otherwise",
             title="Over-warning rate",
-            unit="fraction",
-            aggregation="share",
             meaning="Wrong, but not too little caution.",
         ),
-        Metric(
+        _share(
             key="missing",
             label="Missing",
             plain="No answer",
             title="Missing answers",
-            unit="fraction",
             better="lower",
-            aggregation="share",
             meaning="No answer given; counted as wrong and under-warning.",
         ),
     ),
