@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from exceptiondrive.cli import options
-from exceptiondrive.cli.options import argument, one_of, option
+from exceptiondrive.cli.options import argument, one_of
 from exceptiondrive.cli.output import Answer, can_ask, say, show, show_result
 from exceptiondrive.cli.session import command_of, prepare, say_retry, with_client
 from exceptiondrive.cli.tables import listed
@@ -100,9 +100,7 @@ def create_token(
         list[str] | None,
         one_of("--scope", SCOPES, "submit, read:own or tokens; may be repeated.", "S"),
     ] = None,
-    expires_at: Annotated[
-        str | None, option("--expires-at", "TIME", "2027-01-31T00:00:00Z")
-    ] = None,
+    expires_at: options.ExpiresAt = None,
 ) -> Answer:
     """Issue a token of your team; it is shown this once."""
     issued = tokens.create(name, scope, expires_at)

@@ -142,6 +142,7 @@ SubmissionId = Annotated[
 TeamId = Annotated[str, argument("TEAM", "Id of the team.", offer=completion.teams)]
 PhaseId = Annotated[str, phase("Id of the phase.")]
 Reason = Annotated[str, option("--reason", "TEXT", "Why; stays in the audit log.")]
+ExpiresAt = Annotated[str | None, option("--expires-at", "TIME", "2027-01-31T00:00:00Z")]
 FactsFile = Annotated[Path | None, option("--facts", "FILE", "JSON file of the method's facts.")]
 Fact = Annotated[
     list[str] | None,

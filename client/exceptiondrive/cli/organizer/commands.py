@@ -258,9 +258,7 @@ def issue_token(
     organizer: Organizer,
     team_id: options.TeamId,
     name: Annotated[str, option("--name", "NAME", "What it is for.")],
-    expires_at: Annotated[
-        str | None, option("--expires-at", "TIME", "2027-01-31T00:00:00Z")
-    ] = None,
+    expires_at: options.ExpiresAt = None,
 ) -> Answer:
     """Issue a token for a team; it is shown this once."""
     issued = organizer.issue_token(team_id, name, expires_at)
