@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import date, datetime
 from difflib import get_close_matches
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 from uuid import uuid4
 
@@ -248,12 +247,10 @@ def _quota_error(quota: Quota | None) -> QuotaError | None:
     return QuotaError("quota_exceeded", sentence, quota.resets_at)
 
 
-RUN_RULES: Mapping[RunRule, str] = MappingProxyType(
-    {
-        "best": "Of this method the best run stands, as your team said.",
-        "this": "Of this method the run stands that your team chose: this one will not take its place.",
-    }
-)
+RUN_RULES: Mapping[RunRule, str] = {
+    "best": "Of this method the best run stands, as your team said.",
+    "this": "Of this method the run stands that your team chose: this one will not take its place.",
+}
 SENT_ANEW = (SubmissionStatus.REJECTED, SubmissionStatus.FAILED, SubmissionStatus.WITHDRAWN)
 """Where the same bytes are another submission."""
 BeforeUpload = Callable[[Outlook], None]

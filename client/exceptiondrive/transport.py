@@ -178,15 +178,6 @@ def _bound(response: httpx.Response) -> None:
     response.headers.pop("content-encoding", None)
 
 
-def raise_problem(response: httpx.Response) -> NoReturn:
-    """Raise the error that this answer stands for."""
-    try:
-        problem = Problem.read(response.content)
-    except ValidationError:
-        raise _newer_problem(response) or _unknown_answer(response) from None
-    raise error_of(problem, retry_after_s(response))
-
-
 def _said_at(response: httpx.Response) -> datetime | None:
     """Return when the server answered, by its own clock; that of this machine may be wrong."""
     try:
@@ -320,14 +311,9 @@ def _require_sendable(attempts: object, timeout_s: object) -> None:
 
 
 class Transport:
-    """Sends requests to one server.
+    """Sends requests to one server, whose address has no slash at the end.
 
-    Args:
-        server: Address, without a slash at the end.
-        token: Bearer token, or None.
-        attempts: How often a request is sent at most.
-        timeout_s: Longest time without a byte, per request.
-        on_retry: Told of each pause before a further attempt, in seconds.
+    Its arguments are those of `Client`; without a token none is sent.
     """
 
     def __init__(
@@ -481,25 +467,25 @@ class Transport:
             ) from error
         self.said_at = _said_at(response)
         if not response.is_success:
-            self._refuse(response)
+            raise self._refusal(response)
         if response.headers.get("content-type", "").startswith("text/html"):
             raise _unknown_answer(response)
         return response
 
-    def _refuse(self, response: httpx.Response) -> NoReturn:
-        """Raise the error of an answer; where nothing is found, name an address that has a path."""
+    def _refusal(self, response: httpx.Response) -> ExceptionDriveError:
+        """Return the error of an answer; where nothing is found, name an address that has a path."""
         try:
-            raise_problem(response)
-        except NotFoundError as error:
-            path = urlsplit(self.server).path
-            if not path:
-                raise
-            raise NotFoundError(
-                error.code,
-                error.sentence,
+            error = error_of(Problem.read(response.content), retry_after_s(response))
+        except ValidationError:
+            error = _newer_problem(response) or _unknown_answer(response)
+        path = urlsplit(self.server).path
+        if path and isinstance(error, NotFoundError):
+            advice = (
                 f"Asked was {response.request.url}: if {path} is too much in the address of the "
-                "server, leave it out (--server, EXCEPTIONDRIVE_SERVER, `exceptiondrive config`).",
-            ) from None
+                "server, leave it out (--server, EXCEPTIONDRIVE_SERVER, `exceptiondrive config`)."
+            )
+            return NotFoundError(error.code, error.sentence, advice)
+        return error
 
     def _with_retries(self, request: Callable[[], httpx.Response], attempts: int) -> httpx.Response:
         """Send again after a fault of the network, and where the server asks to come back soon."""

@@ -7,6 +7,7 @@ Upload, jobs, records, rescoring, boards and pages are the same code.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
+from functools import partial
 from typing import Annotated, Any, Literal, NewType, TypeVar
 
 from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler, model_validator
@@ -251,8 +252,10 @@ class Metric(Document):
     """The label in everyday words, over a column; empty where the label is everyday."""
     title: str
     unit: Literal["fraction", "metre"]
-    better: Literal["higher", "lower"] | None
-    role: Literal["primary", "diagnostic"]
+    better: Literal["higher", "lower"] | None = None
+    """None: neither way."""
+    role: Literal["primary", "diagnostic"] = "diagnostic"
+    """A primary one may rank entries."""
     meaning: str
     formula: str = ""
     """Its equation as MathML; empty where words are enough."""
@@ -356,6 +359,9 @@ _SOURCE_L2 = (
     "Mean distance of the path in the original scene from the drive that was recorded there: "
     "whether the file plans for these scenes at all."
 )
+_share = partial(Metric, unit="fraction", aggregation="share")
+_outcome = partial(_share, shown="details", cells="of public regions")
+"""Of what became of the samples: a part of the bar (`ChallengeWords.outcome`)."""
 
 PLANNING = Challenge(
     id=ChallengeId("planning"),
@@ -378,15 +384,13 @@ PLANNING = Challenge(
             "required clearance is met.",
             formula=formulas.HCC,
         ),
-        Metric(
+        _share(
             key="ur",
             label="UR",
             plain="Drives into it",
             title="Unsafe Rate",
-            unit="fraction",
             better="lower",
             role="primary",
-            aggregation="share",
             meaning="Share of samples in which the area that the car sweeps touches the hazard.",
             formula=formulas.UR,
         ),
@@ -396,8 +400,6 @@ PLANNING = Challenge(
             plain="Right distance",
             title="Hazard Proximity Response",
             unit="fraction",
-            better=None,
-            role="diagnostic",
             meaning="Peaks where clearance equals the required clearance; too close and too far "
             "both cost. Not a safety score.",
             formula=formulas.HPR,
@@ -408,8 +410,6 @@ PLANNING = Challenge(
             plain="Path moved",
             title="Counterfactual Trajectory Shift",
             unit="metre",
-            better=None,
-            role="diagnostic",
             may_be_undefined=True,
             meaning="How far the trajectory moved once the hazard appeared. Moving is not the "
             "same as avoiding.",
@@ -421,8 +421,6 @@ PLANNING = Challenge(
             plain="ahead",
             title="CTS, longitudinal",
             unit="metre",
-            better=None,
-            role="diagnostic",
             may_be_undefined=True,
             meaning="Longitudinal part of the shift.",
             part_of="cts",
@@ -433,8 +431,6 @@ PLANNING = Challenge(
             plain="aside",
             title="CTS, lateral",
             unit="metre",
-            better=None,
-            role="diagnostic",
             may_be_undefined=True,
             meaning="Lateral part of the shift.",
             part_of="cts",
@@ -445,8 +441,6 @@ PLANNING = Challenge(
             plain="Still drives on",
             title="Progress along the source path",
             unit="fraction",
-            better=None,
-            role="diagnostic",
             may_be_undefined=True,
             shown="extra column",
             meaning="How far along its own path of the original scene the planner still gets: 0 for "
@@ -454,53 +448,32 @@ PLANNING = Challenge(
             "safely.",
             formula=formulas.PROGRESS,
         ),
-        Metric(
+        _outcome(
             key="clear",
             label="Clear",
             title="Keeps the required clearance",
-            unit="fraction",
             better="higher",
-            role="diagnostic",
-            aggregation="share",
-            shown="details",
-            cells="of public regions",
             meaning="Share of samples whose clearance is the required one or more.",
         ),
-        Metric(
+        _outcome(
             key="close",
             label="Close",
             title="Clear but too close",
-            unit="fraction",
-            better=None,
-            role="diagnostic",
-            aggregation="share",
-            shown="details",
-            cells="of public regions",
             meaning="Share of samples clear of the hazard whose clearance is below the required one.",
         ),
-        Metric(
+        _outcome(
             key="hit_reacting",
             label="Hit, reacting",
             title="In the hazard although it reacted",
-            unit="fraction",
             better="lower",
-            role="diagnostic",
-            aggregation="share",
-            shown="details",
-            cells="of public regions",
             meaning="Share of samples in the hazard whose trajectory moved once the hazard appeared, "
             "but not enough or the wrong way.",
         ),
-        Metric(
+        _outcome(
             key="hit_unmoved",
             label="Hit, unmoved",
             title="In the hazard, unmoved",
-            unit="fraction",
             better="lower",
-            role="diagnostic",
-            aggregation="share",
-            shown="details",
-            cells="of public regions",
             meaning="Share of samples in the hazard whose trajectory hardly moved, or is missing.",
         ),
         *(
@@ -510,7 +483,6 @@ PLANNING = Challenge(
                 title=f"Source trajectory against the recorded drive{at}",
                 unit="metre",
                 better="lower",
-                role="diagnostic",
                 may_be_undefined=True,
                 shown="details",
                 cells="of public drives",
@@ -531,14 +503,11 @@ PLANNING = Challenge(
         ),
     ),
     of_controls=(
-        Metric(
+        _share(
             key="over_caution",
             label="Over-caution",
             title="Over-caution",
-            unit="fraction",
             better="lower",
-            role="diagnostic",
-            aggregation="share",
             shown="details",
             meaning="Of the controls, where no good driver would heed the hazard, the share in which "
             "the planner gives up more than half of its way.",
@@ -554,50 +523,39 @@ STRATEGY = Challenge(
     is_ordered_by_protocol=True,
     counterpart="the same agent without reminder",
     metrics=(
-        Metric(
+        _share(
             key="accuracy",
             label="Accuracy",
             plain="Acceptable answer",
             title="Strategy accuracy",
-            unit="fraction",
             better="higher",
             role="primary",
-            aggregation="share",
             meaning="Share of samples whose answer is in the acceptable set.",
             formula=formulas.ACCURACY,
         ),
-        Metric(
+        _share(
             key="under_warning",
             label="Under-warning",
             plain="Too careless",
             title="Under-warning rate",
-            unit="fraction",
             better="lower",
             role="primary",
-            aggregation="share",
             meaning="Wrong, and less cautious than the least cautious acceptable strategy.",
             formula=formulas.UNDER_WARNING,
         ),
-        Metric(
+        _share(
             key="over_warning",
             label="Over-warning",
             plain="Wrong otherwise",
             title="Over-warning rate",
-            unit="fraction",
-            better=None,
-            role="diagnostic",
-            aggregation="share",
             meaning="Wrong, but not too little caution.",
         ),
-        Metric(
+        _share(
             key="missing",
             label="Missing",
             plain="No answer",
             title="Missing answers",
-            unit="fraction",
             better="lower",
-            role="diagnostic",
-            aggregation="share",
             meaning="No answer given; counted as wrong and under-warning.",
         ),
     ),

@@ -1,7 +1,6 @@
 """What can be wrong with an uploaded file: the codes, a sentence for each, and the report of all."""
 
 from collections.abc import Mapping
-from types import MappingProxyType
 
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenges import ChallengeId
@@ -49,24 +48,22 @@ class FaultCode(StrEnum):
     INVALID_TEXT = "invalid_text"
 
 
-NOUNS: Mapping[FaultCode, str] = MappingProxyType(
-    {
-        FaultCode.DUPLICATE_KEY: "key",
-        FaultCode.UNKNOWN_KEY: "key",
-        FaultCode.MISSING_KEY: "key",
-        FaultCode.WRONG_TYPE: "value",
-        FaultCode.UNKNOWN_SAMPLE: "sample",
-        FaultCode.MISSING_SAMPLE: "sample",
-        FaultCode.DUPLICATE_SAMPLE: "prediction",
-        FaultCode.WRONG_WAYPOINT_COUNT: "trajectory",
-        FaultCode.WRONG_WAYPOINT_SHAPE: "waypoint",
-        FaultCode.NON_FINITE: "number",
-        FaultCode.OUT_OF_BOUNDS: "number",
-        FaultCode.STEP_TOO_LONG: "step",
-    }
-)
+NOUNS: Mapping[FaultCode, str] = {
+    FaultCode.DUPLICATE_KEY: "key",
+    FaultCode.UNKNOWN_KEY: "key",
+    FaultCode.MISSING_KEY: "key",
+    FaultCode.WRONG_TYPE: "value",
+    FaultCode.UNKNOWN_SAMPLE: "sample",
+    FaultCode.MISSING_SAMPLE: "sample",
+    FaultCode.DUPLICATE_SAMPLE: "prediction",
+    FaultCode.WRONG_WAYPOINT_COUNT: "trajectory",
+    FaultCode.WRONG_WAYPOINT_SHAPE: "waypoint",
+    FaultCode.NON_FINITE: "number",
+    FaultCode.OUT_OF_BOUNDS: "number",
+    FaultCode.STEP_TOO_LONG: "step",
+}
 """What is counted; else it is a fault."""
-PLURALS: Mapping[str, str] = MappingProxyType({"trajectory": "trajectories"})
+PLURALS: Mapping[str, str] = {"trajectory": "trajectories"}
 
 
 class Fault(Document):
@@ -139,59 +136,57 @@ class CheckReport(Document):
         return self.model_copy(update={"faults": groups})
 
 
-MESSAGES: Mapping[FaultCode, str] = MappingProxyType(
-    {
-        FaultCode.FILE_TOO_LARGE: "The file is larger than an upload may be: compress it with gzip "
-        "and write no more than four decimals.",
-        FaultCode.EMPTY_FILE: "The file is empty: check that your program finished writing it.",
-        FaultCode.WRONG_FILE_KIND: "The file is of another kind: send JSON, plain or gzip-compressed.",
-        FaultCode.DAMAGED_GZIP: "The gzip data is damaged: compress the JSON file again, as one gzip "
-        "stream with nothing behind it.",
-        FaultCode.INFLATES_TOO_LARGE: "The file inflates to more than is accepted: write only the "
-        "samples of the split, with no more than four decimals.",
-        FaultCode.BYTE_ORDER_MARK: "The file begins with a byte order mark: save it as UTF-8 without "
-        "one.",
-        FaultCode.NOT_UTF8: "The file is not UTF-8 text: save it as UTF-8.",
-        FaultCode.NOT_JSON: "The file is not valid JSON: write it with a JSON library.",
-        FaultCode.NESTED_TOO_DEEPLY: "Lists or objects are nested too deeply: write the values as "
-        "the format shows them.",
-        FaultCode.VALUE_TOO_LONG: "One value or prediction is longer than any legal one: write one "
-        "short object per sample into the list `predictions`.",
-        FaultCode.TRAILING_DATA: "Something follows the end of the JSON document: write exactly one "
-        "JSON object into the file.",
-        FaultCode.DUPLICATE_KEY: "A key stands twice in one object: write every key once.",
-        FaultCode.UNKNOWN_KEY: "A key does not belong to the format: remove it; method, team and "
-        "links travel with the upload, not in the file.",
-        FaultCode.MISSING_KEY: "A key is missing: write every key; where the planner gave nothing, "
-        "its value is null.",
-        FaultCode.WRONG_TYPE: "A value has the wrong type: write numbers as numbers, without quotes, "
-        "and lists as lists.",
-        FaultCode.WRONG_SCHEMA: "The file does not name the schema that is expected here: set "
-        "`schema`, or choose a phase of the right challenge.",
-        FaultCode.WRONG_SPLIT: "The file is not for this split: set `split` to the split's name, or "
-        "choose the phase that the file was made for.",
-        FaultCode.UNKNOWN_SAMPLE: "A sample id does not belong to the split: take the ids from the "
-        "split's manifest.",
-        FaultCode.MISSING_SAMPLE: "A sample of the split has no prediction: write one for every "
-        "sample; where the planner gave nothing, its values are null.",
-        FaultCode.DUPLICATE_SAMPLE: "A sample stands twice: write one prediction per sample.",
-        FaultCode.WRONG_WAYPOINT_COUNT: "A trajectory has the wrong number of waypoints: write "
-        "exactly those that the protocol asks for, without t = 0; nothing is padded or cut.",
-        FaultCode.WRONG_WAYPOINT_SHAPE: "A waypoint is not a pair of numbers: write [x, y].",
-        FaultCode.NON_FINITE: "A coordinate is not a finite number: where the planner gave no "
-        "trajectory, write null in place of the whole trajectory.",
-        FaultCode.OUT_OF_BOUNDS: "A coordinate is out of bounds: write metres in the ego frame at "
-        "t = 0, not global or pixel coordinates.",
-        FaultCode.STEP_TOO_LONG: "Two waypoints in a row are further apart than any car drives: "
-        "write metres, in order of time, the first step from (0, 0).",
-        FaultCode.WRONG_FRAME: "The trajectories are not in the ego frame, x forward and y left.",
-        FaultCode.UNKNOWN_STRATEGY: "A strategy is not one of the five: write A, B, C, D, E or null.",
-        FaultCode.UNKNOWN_HAZARD_TYPE: "A hazard type is not a task of the protocol: write a task id "
-        "such as SE1, or null.",
-        FaultCode.UNKNOWN_RISK_LEVEL: "A risk level is not one of the four: write none, low, medium, "
-        "high or null.",
-        FaultCode.TEXT_TOO_LONG: "A text is too long: shorten it.",
-        FaultCode.INVALID_TEXT: "A text holds characters that cannot be kept: remove control "
-        "characters, and escape surrogates in pairs only.",
-    }
-)
+MESSAGES: Mapping[FaultCode, str] = {
+    FaultCode.FILE_TOO_LARGE: "The file is larger than an upload may be: compress it with gzip "
+    "and write no more than four decimals.",
+    FaultCode.EMPTY_FILE: "The file is empty: check that your program finished writing it.",
+    FaultCode.WRONG_FILE_KIND: "The file is of another kind: send JSON, plain or gzip-compressed.",
+    FaultCode.DAMAGED_GZIP: "The gzip data is damaged: compress the JSON file again, as one gzip "
+    "stream with nothing behind it.",
+    FaultCode.INFLATES_TOO_LARGE: "The file inflates to more than is accepted: write only the "
+    "samples of the split, with no more than four decimals.",
+    FaultCode.BYTE_ORDER_MARK: "The file begins with a byte order mark: save it as UTF-8 without "
+    "one.",
+    FaultCode.NOT_UTF8: "The file is not UTF-8 text: save it as UTF-8.",
+    FaultCode.NOT_JSON: "The file is not valid JSON: write it with a JSON library.",
+    FaultCode.NESTED_TOO_DEEPLY: "Lists or objects are nested too deeply: write the values as "
+    "the format shows them.",
+    FaultCode.VALUE_TOO_LONG: "One value or prediction is longer than any legal one: write one "
+    "short object per sample into the list `predictions`.",
+    FaultCode.TRAILING_DATA: "Something follows the end of the JSON document: write exactly one "
+    "JSON object into the file.",
+    FaultCode.DUPLICATE_KEY: "A key stands twice in one object: write every key once.",
+    FaultCode.UNKNOWN_KEY: "A key does not belong to the format: remove it; method, team and "
+    "links travel with the upload, not in the file.",
+    FaultCode.MISSING_KEY: "A key is missing: write every key; where the planner gave nothing, "
+    "its value is null.",
+    FaultCode.WRONG_TYPE: "A value has the wrong type: write numbers as numbers, without quotes, "
+    "and lists as lists.",
+    FaultCode.WRONG_SCHEMA: "The file does not name the schema that is expected here: set "
+    "`schema`, or choose a phase of the right challenge.",
+    FaultCode.WRONG_SPLIT: "The file is not for this split: set `split` to the split's name, or "
+    "choose the phase that the file was made for.",
+    FaultCode.UNKNOWN_SAMPLE: "A sample id does not belong to the split: take the ids from the "
+    "split's manifest.",
+    FaultCode.MISSING_SAMPLE: "A sample of the split has no prediction: write one for every "
+    "sample; where the planner gave nothing, its values are null.",
+    FaultCode.DUPLICATE_SAMPLE: "A sample stands twice: write one prediction per sample.",
+    FaultCode.WRONG_WAYPOINT_COUNT: "A trajectory has the wrong number of waypoints: write "
+    "exactly those that the protocol asks for, without t = 0; nothing is padded or cut.",
+    FaultCode.WRONG_WAYPOINT_SHAPE: "A waypoint is not a pair of numbers: write [x, y].",
+    FaultCode.NON_FINITE: "A coordinate is not a finite number: where the planner gave no "
+    "trajectory, write null in place of the whole trajectory.",
+    FaultCode.OUT_OF_BOUNDS: "A coordinate is out of bounds: write metres in the ego frame at "
+    "t = 0, not global or pixel coordinates.",
+    FaultCode.STEP_TOO_LONG: "Two waypoints in a row are further apart than any car drives: "
+    "write metres, in order of time, the first step from (0, 0).",
+    FaultCode.WRONG_FRAME: "The trajectories are not in the ego frame, x forward and y left.",
+    FaultCode.UNKNOWN_STRATEGY: "A strategy is not one of the five: write A, B, C, D, E or null.",
+    FaultCode.UNKNOWN_HAZARD_TYPE: "A hazard type is not a task of the protocol: write a task id "
+    "such as SE1, or null.",
+    FaultCode.UNKNOWN_RISK_LEVEL: "A risk level is not one of the four: write none, low, medium, "
+    "high or null.",
+    FaultCode.TEXT_TOO_LONG: "A text is too long: shorten it.",
+    FaultCode.INVALID_TEXT: "A text holds characters that cannot be kept: remove control "
+    "characters, and escape surrogates in pairs only.",
+}

@@ -6,7 +6,6 @@ named by no headline, card or badge as the best.
 """
 
 from collections.abc import Iterable, Mapping
-from types import MappingProxyType
 
 from exceptiondrive_schemas.base import Document
 
@@ -74,7 +73,7 @@ _KINDS = (
     ),
 )
 
-FLAGS: Mapping[str, FlagKind] = MappingProxyType({kind.code: kind for kind in _KINDS})
+FLAGS: Mapping[str, FlagKind] = {kind.code: kind for kind in _KINDS}
 """All flags by their code. An answer of a newer server may carry others."""
 
 

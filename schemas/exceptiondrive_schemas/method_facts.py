@@ -7,7 +7,6 @@ published, so that no board holds them: whoever shows a board joins the facts of
 
 from collections.abc import Mapping
 from datetime import datetime
-from types import MappingProxyType
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
@@ -21,36 +20,34 @@ MethodType = Literal[
 Sensor = Literal["front_camera", "surround_cameras", "lidar", "radar", "gnss_imu", "ego_state"]
 YesNo = Literal["yes", "no"]
 
-LABELS: Mapping[str, Mapping[str, str]] = MappingProxyType(
-    {
-        "type": {
-            "end_to_end": "End-to-end",
-            "modular": "Modular",
-            "vla": "VLA",
-            "vlm_zero_shot": "VLM, zero-shot",
-            "vlm_tuned": "VLM, fine-tuned",
-            "world_model": "World model",
-            "rule": "Rule-based",
-            "other": "Other",
-        },
-        "sensors": {
-            "front_camera": "Front camera",
-            "surround_cameras": "Surround cameras",
-            "lidar": "Lidar",
-            "radar": "Radar",
-            "gnss_imu": "GNSS/IMU",
-            "ego_state": "Ego state",
-        },
-        "map": {"none": "No map", "sd": "Navigation map", "hd": "HD map"},
-        "extra_data": {
-            "none": "No extra data",
-            "public": "Public extra data",
-            "private": "Private extra data",
-        },
-        "open_code": {"yes": "Open code", "no": "Closed code"},
-        "open_weights": {"yes": "Open weights", "no": "Closed weights"},
-    }
-)
+LABELS: Mapping[str, Mapping[str, str]] = {
+    "type": {
+        "end_to_end": "End-to-end",
+        "modular": "Modular",
+        "vla": "VLA",
+        "vlm_zero_shot": "VLM, zero-shot",
+        "vlm_tuned": "VLM, fine-tuned",
+        "world_model": "World model",
+        "rule": "Rule-based",
+        "other": "Other",
+    },
+    "sensors": {
+        "front_camera": "Front camera",
+        "surround_cameras": "Surround cameras",
+        "lidar": "Lidar",
+        "radar": "Radar",
+        "gnss_imu": "GNSS/IMU",
+        "ego_state": "Ego state",
+    },
+    "map": {"none": "No map", "sd": "Navigation map", "hd": "HD map"},
+    "extra_data": {
+        "none": "No extra data",
+        "public": "Public extra data",
+        "private": "Private extra data",
+    },
+    "open_code": {"yes": "Open code", "no": "Closed code"},
+    "open_weights": {"yes": "Open weights", "no": "Closed weights"},
+}
 """What each value is called, by field: the words of form, page and filter."""
 
 
@@ -209,7 +206,7 @@ class EntryFacts(Document):
 
 FactsOfBoard = Mapping[str, EntryFacts]
 """By submission; an entry that tells nothing is left out."""
-NO_FACTS: FactsOfBoard = MappingProxyType({})
+NO_FACTS: FactsOfBoard = {}
 
 
 class PhaseFacts(Document):

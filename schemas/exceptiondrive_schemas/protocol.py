@@ -10,7 +10,6 @@ import json
 from collections.abc import Collection, Mapping
 from functools import cache, cached_property
 from pathlib import Path
-from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
@@ -272,18 +271,16 @@ def _stated(value: Any) -> Any:
     return [_stated(item) for item in value] if isinstance(value, tuple) else value
 
 
-_MODELS: Mapping[str, type[Document]] = MappingProxyType(
-    {
-        "": ProtocolDocument,
-        "geometry": GeometrySection,
-        "grading": GradingSection,
-        "ranking": RankingSection,
-        "plausibility": PlausibilitySection,
-        "publication": PublicationSection,
-        "families": Family,
-        "tasks": Task,
-    }
-)
+_MODELS: Mapping[str, type[Document]] = {
+    "": ProtocolDocument,
+    "geometry": GeometrySection,
+    "grading": GradingSection,
+    "ranking": RankingSection,
+    "plausibility": PlausibilitySection,
+    "publication": PublicationSection,
+    "families": Family,
+    "tasks": Task,
+}
 
 
 def _listed(strategies: Collection[Strategy]) -> str:

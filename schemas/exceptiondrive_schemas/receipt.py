@@ -16,8 +16,6 @@ from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.score_sheet import BreakdownRow, MetricRow, ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
 
-ALGORITHM: Literal["ed25519"] = "ed25519"
-
 
 class ReceiptStatement(Document):
     """What is signed: one submission under one protocol and split revision, as published.
@@ -59,7 +57,7 @@ class Receipt(Document):
     digests: dict[str, str]
     """Field of the statement to the digest of its value: `sha256:` and the hex digest of its canonical JSON (keys
     sorted, no blanks, UTF-8 unescaped, numbers as they stand here: `0.0` is not `0`)."""
-    algorithm: Literal["ed25519"] = ALGORITHM
+    algorithm: Literal["ed25519"] = "ed25519"
     key_id: str
     """Which of `/api/v1/receipt-keys` signed."""
     signature: str
@@ -72,7 +70,7 @@ class ReceiptKey(Document):
 
     key_id: str
     """The first 16 hex digits of the SHA-256 of the public key."""
-    algorithm: Literal["ed25519"] = ALGORITHM
+    algorithm: Literal["ed25519"] = "ed25519"
     public_key: str
     """Base64 of the 32 bytes."""
     first_used_at: datetime

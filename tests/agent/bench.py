@@ -9,7 +9,7 @@ from typing import Any, cast
 from tests.support.chat_endpoint import ChatEndpoint, Seen
 from typer.testing import CliRunner, Result
 
-from exceptiondrive_agent.__main__ import app
+from exceptiondrive.cli import app
 
 KEY = "key-of-the-tests-0123456789"
 

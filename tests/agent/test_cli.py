@@ -18,16 +18,17 @@ def python(program: str) -> "subprocess.CompletedProcess[str]":
 
 def test_mounting_the_commands_loads_neither_openai_nor_the_agent() -> None:
     result = python(
-        "import sys; from exceptiondrive_agent.__main__ import app;"
-        "print([m for m in sys.modules if m == 'openai' or m == 'exceptiondrive_agent.run'])"
+        "import sys; from typer.main import get_command; from exceptiondrive.cli import app;"
+        "made = [get_command(app).get_command(None, name).name for name in ('remind', 'decide')];"
+        "print(made, [m for m in sys.modules if m in ('openai', 'exceptiondrive_agent.run')])"
     )
-    assert result.stdout == "[]\n", result.stderr
+    assert result.stdout == "['remind', 'decide'] []\n", result.stderr
 
 
 def test_without_the_extra_the_error_says_what_to_install() -> None:
     result = python(
         "import sys; sys.modules['openai'] = None;"
-        "from exceptiondrive_agent.__main__ import app;"
+        "from exceptiondrive.cli import app;"
         "sys.argv = 'x remind images --out o --base-url http://127.0.0.1:1 --model m'.split();"
         "app()"
     )

@@ -17,10 +17,7 @@ if TYPE_CHECKING:
 PAGE = Path(__file__).parents[2] / "docs" / "strategy-quickstart.md"
 LOCAL = ("remind", "decide", "check")
 PROGRAM = """#!/bin/sh
-case $1 in
-    remind | decide) exec {python} -m exceptiondrive_agent "$@" ;;
-    *) exec {python} -c 'from exceptiondrive.cli import main; main()' "$@" ;;
-esac
+exec {python} -m exceptiondrive "$@"
 """
 
 

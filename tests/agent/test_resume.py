@@ -27,7 +27,7 @@ def test_after_sigkill_midway_the_same_command_finishes_and_asks_only_what_is_op
         return endpoint.says(json.dumps(record))
 
     endpoint.answer = answer
-    command = [sys.executable, "-m", "exceptiondrive_agent"]
+    command = [sys.executable, "-m", "exceptiondrive"]
     process = subprocess.Popen(
         [*command, *bench.arguments("remind", "--concurrency", "2")],
         env=os.environ | {"NO_PROXY": "127.0.0.1"},

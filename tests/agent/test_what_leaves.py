@@ -179,7 +179,7 @@ def note(event, arguments):
     if event == "socket.getaddrinfo":
         print("look up", arguments[:2], file=log)
 sys.addaudithook(note)
-runpy.run_module("exceptiondrive_agent", run_name="__main__", alter_sys=True)
+runpy.run_module("exceptiondrive", run_name="__main__", alter_sys=True)
 """
     result = subprocess.run(
         [sys.executable, "-c", program, *secretive.arguments("remind")],

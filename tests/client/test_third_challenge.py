@@ -16,7 +16,6 @@ from tests.client.servers import run
 
 from exceptiondrive import ServerError
 from exceptiondrive.challenges import challenge_of
-from exceptiondrive_schemas import check
 from exceptiondrive_schemas.challenges import (
     CHALLENGES,
     STRATEGY,
@@ -28,7 +27,7 @@ from exceptiondrive_schemas.challenges import (
 from exceptiondrive_schemas.check import CheckedDocument
 from exceptiondrive_schemas.check.fault_list import FaultList
 from exceptiondrive_schemas.check.fault_list import Path as Place
-from exceptiondrive_schemas.check.rules import RULES, SCORED_BY
+from exceptiondrive_schemas.check.rules import RULES, SCORED_BY, register
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.file_profile import FileProfile
@@ -180,7 +179,7 @@ def gaps(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Cha
     """Register the challenge, for the time of a test; some challenges have a fast reader too."""
     for registry in (CHALLENGES, RULES, SCORED_BY):
         monkeypatch.setattr(registry, "_registered", dict(registry))
-    check.register(GAPS, GapRules, f"{__name__}:GapScoring")
+    register(GAPS, GapRules, f"{__name__}:GapScoring")
     if request.param == "fast":
         monkeypatch.setitem(upload_reader.FAST_READERS, GAPS.id, read_fast)
     return GAPS
@@ -299,7 +298,7 @@ def test_a_fault_of_its_own_is_told(phase: "Running", tmp_path: Path) -> None:
 @pytest.mark.usefixtures("gaps")
 def test_a_second_of_the_same_name_is_refused() -> None:
     with pytest.raises(ValueError, match="registered already"):
-        check.register(GAPS, GapRules, f"{__name__}:GapScoring")
+        register(GAPS, GapRules, f"{__name__}:GapScoring")
 
 
 def test_an_unknown_challenge_is_named_and_the_known_ones_too() -> None:

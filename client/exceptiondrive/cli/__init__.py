@@ -99,14 +99,14 @@ class Group(TyperGroup):
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write what each command does, in as many lines as that takes."""
-        commands = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
-        rows = [
-            (name, " ".join((each.help or "").partition("\n\n")[0].split()))
-            for name, each in commands
-            if each is not None and not each.hidden
-        ]
+        rows = [(name, self.summary_of(ctx, name)) for name in self.list_commands(ctx)]
         with formatter.section("Commands"):
             formatter.write_dl(rows)
+
+    def summary_of(self, ctx: Any, name: str) -> str:
+        """Return the first paragraph of a command's help."""
+        command: Any = self.get_command(ctx, name)
+        return " ".join((command.help or "").partition("\n\n")[0].split())
 
 
 def _group(words: str, commands: Mapping[str, Any]) -> typer.Typer:
@@ -120,8 +120,8 @@ def _group(words: str, commands: Mapping[str, Any]) -> typer.Typer:
     return made
 
 
-class Commands(Group):
-    """Commands whose errors become words and an exit code."""
+class _Commands(Group):
+    """The commands of the table; `--help` imports none of them. Their errors become words and an exit code."""
 
     def invoke(self, ctx: Any) -> Any:
         """Run a command; the one place where errors end."""
@@ -137,22 +137,6 @@ class Commands(Group):
             raise
         except typer.Abort:  # Ctrl-C at a question ends as it does anywhere else
             raise KeyboardInterrupt from None
-
-
-def _say_how_a_phase_is_named(error: Any) -> None:
-    """Add to a refusal how its command takes a phase: as an option, or as its argument."""
-    asked = error.ctx.command.params if error.ctx else ()
-    if "extra argument" in error.message and any("--phase" in each.opts for each in asked):
-        error.message += "; a phase is named by --phase PHASE"
-    elif getattr(error, "option_name", "") == "--phase" and any(
-        each.name.startswith("phase") for each in asked
-    ):
-        error.message += "; this command takes the phase without it"
-        error.possibilities = None
-
-
-class _LazyCommands(Commands):
-    """The commands of the table; `--help` imports none of them."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names, in the order of the docs."""
@@ -175,16 +159,26 @@ class _LazyCommands(Commands):
             self.commands.update(get_group(part).commands)
         return self.commands.get(cmd_name)
 
-    def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write what each command does, in as many lines as that takes."""
-        rows = [(name, words) for name, (_, words) in COMMANDS.items()]
-        with formatter.section("Commands"):
-            formatter.write_dl(rows)
+    def summary_of(self, ctx: Any, name: str) -> str:
+        """Return what the table says of a command."""
+        return COMMANDS[name][1]
+
+
+def _say_how_a_phase_is_named(error: Any) -> None:
+    """Add to a refusal how its command takes a phase: as an option, or as its argument."""
+    asked = error.ctx.command.params if error.ctx else ()
+    if "extra argument" in error.message and any("--phase" in each.opts for each in asked):
+        error.message += "; a phase is named by --phase PHASE"
+    elif getattr(error, "option_name", "") == "--phase" and any(
+        each.name.startswith("phase") for each in asked
+    ):
+        error.message += "; this command takes the phase without it"
+        error.possibilities = None
 
 
 app = typer.Typer(
     name="exceptiondrive",
-    cls=_LazyCommands,
+    cls=_Commands,
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,

@@ -7,11 +7,10 @@ from typing import Annotated
 import typer
 
 from exceptiondrive.cli import options
-from exceptiondrive.cli.completion import choices
-from exceptiondrive.cli.options import argument, option
+from exceptiondrive.cli.options import argument, one_of
 from exceptiondrive.cli.output import Answer, can_ask, say, show, show_result
 from exceptiondrive.cli.session import command_of, prepare, say_retry, with_client
-from exceptiondrive.cli.tables import records_table
+from exceptiondrive.cli.tables import listed
 from exceptiondrive.client import Client, TeamTokens
 from exceptiondrive.credentials import find_server, forget_token, is_sent_in_clear, keep_token
 from exceptiondrive.errors import NotSignedInError, utc_text
@@ -19,6 +18,7 @@ from exceptiondrive.transport import Record
 from exceptiondrive_schemas.api.submission import Me
 
 TokenId = Annotated[str, argument("ID", "Id of the token: see `tokens list`.")]
+SCOPES = ("submit", "read:own", "tokens")
 TOKEN_COLUMNS = (
     *("id", "name", "scopes", "created_at", "expires_at"),
     *("revoked_at", "last_used_at", "made_by"),
@@ -89,8 +89,7 @@ with_tokens = command_of(_tokens)
 @with_tokens
 def list_tokens(tokens: TeamTokens) -> Answer:
     """List the team's tokens, without their secrets."""
-    found = tokens.all()
-    return found, records_table(found, TOKEN_COLUMNS)
+    return listed(tokens.all(), TOKEN_COLUMNS)
 
 
 @with_tokens
@@ -99,16 +98,9 @@ def create_token(
     name: Annotated[str, argument("NAME", "What it is for.")],
     scope: Annotated[
         list[str] | None,
-        option(
-            "--scope",
-            "S",
-            "submit, read:own or tokens; may be repeated.",
-            offer=choices("submit", "read:own", "tokens"),
-        ),
+        one_of("--scope", SCOPES, "submit, read:own or tokens; may be repeated.", "S"),
     ] = None,
-    expires_at: Annotated[
-        str | None, option("--expires-at", "TIME", "2027-01-31T00:00:00Z")
-    ] = None,
+    expires_at: options.ExpiresAt = None,
 ) -> Answer:
     """Issue a token of your team; it is shown this once."""
     issued = tokens.create(name, scope, expires_at)

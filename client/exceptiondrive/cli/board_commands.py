@@ -8,9 +8,8 @@ import typer
 
 from exceptiondrive.challenges import challenge_of
 from exceptiondrive.cli import options
-from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.fitted_table import Column, FittedTable
-from exceptiondrive.cli.options import flag, option
+from exceptiondrive.cli.options import flag, one_of, option
 from exceptiondrive.cli.output import Answer, show_result
 from exceptiondrive.cli.session import open_client, with_client
 from exceptiondrive.cli.tables import board_view, left_words
@@ -27,17 +26,15 @@ if TYPE_CHECKING:
     from exceptiondrive.client import Client
     from exceptiondrive_schemas.api.phase_report import PhaseReport
 
+METRIC_KEYS = [key for each in CHALLENGES.values() for key in each.metric_keys]
+VIEWS = get_args(BoardView)
+
 
 def leaderboard(
     phase: options.DefaultPhase = None,
     challenge: Annotated[
         str | None,
-        option(
-            "--challenge",
-            "planning|strategy",
-            "Its first phase; where no phase is meant.",
-            offer=choices(*CHALLENGES),
-        ),
+        one_of("--challenge", CHALLENGES, "Its first phase; where no phase is meant."),
     ] = None,
     protocol: Annotated[
         str | None, option("--protocol", "V", "Version; else the one in force.")
@@ -47,21 +44,10 @@ def leaderboard(
     ] = None,
     sort: Annotated[
         str | None,
-        option(
-            "--sort",
-            "METRIC",
-            "Order of rows, by hcc or another; ranks stay.",
-            offer=choices(*(key for each in CHALLENGES.values() for key in each.metric_keys)),
-        ),
+        one_of("--sort", METRIC_KEYS, "Order of rows, by hcc or another; ranks stay.", "METRIC"),
     ] = None,
     view: Annotated[
-        str | None,
-        option(
-            "--view",
-            "main|late",
-            "late: with what came after the deadline.",
-            offer=choices(*get_args(BoardView)),
-        ),
+        str | None, one_of("--view", VIEWS, "late: with what came after the deadline.")
     ] = None,
     csv: Annotated[bool, flag("--csv", "The server's CSV on stdout.")] = False,
     server: options.Server = None,
@@ -70,7 +56,7 @@ def leaderboard(
     """Show a ranked board."""
     if csv and json:
         raise InvalidArgumentError("too_many_choices", "Give only one of --csv and --json.")
-    options.require_one_of("--view", view, get_args(BoardView))
+    options.require_one_of("--view", view, VIEWS)
     if challenge is None:
         phase = find_setting("phase", phase).value
     asked: dict[str, Any] = {

@@ -5,9 +5,8 @@ from typing import Annotated, cast, get_args
 
 from exceptiondrive.checking import write_file
 from exceptiondrive.cli import options
-from exceptiondrive.cli.completion import choices
 from exceptiondrive.cli.file_tables import report_view
-from exceptiondrive.cli.options import argument, flag, option, require_one_of
+from exceptiondrive.cli.options import argument, flag, one_of, option, require_one_of
 from exceptiondrive.cli.output import replacing, say, show_result
 from exceptiondrive.conversion import (
     Angles,
@@ -30,7 +29,7 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 
 MAX_OFFSET_M = 20.0
 ROTATIONS_DEG = (90, -90, 180)
-ANGLES = get_args(Angles)
+ANGLES, FOLLOWED = get_args(Angles), get_args(FollowedPoint)
 
 
 def convert(
@@ -49,12 +48,7 @@ def convert(
     ] = None,
     planner: Annotated[
         str | None,
-        option(
-            "--from",
-            "PLANNER",
-            f"With two runs: whose form; {', '.join(FORMS)}.",
-            offer=choices(*FORMS),
-        ),
+        one_of("--from", FORMS, f"With two runs: whose form; {', '.join(FORMS)}.", "PLANNER"),
     ] = None,
     source_run: Annotated[
         list[Path] | None, option("--source-run", "FILE", "A run on the source inputs.")
@@ -69,27 +63,17 @@ def convert(
     swap: Annotated[bool, flag("--swap", "Exchange x and y.")] = False,
     polar: Annotated[
         str | None,
-        option(
-            "--polar",
-            "|".join(ANGLES),
-            "Columns are range and bearing (counter-clockwise), in these angles.",
-            offer=choices(*ANGLES),
+        one_of(
+            "--polar", ANGLES, "Columns are range and bearing (counter-clockwise), in these angles."
         ),
     ] = None,
     unit: Annotated[
         str | None,
-        option(
-            "--unit", "UNIT", f"What the numbers are: {', '.join(UNITS)}.", offer=choices(*UNITS)
-        ),
+        one_of("--unit", UNITS, f"What the numbers are: {', '.join(UNITS)}.", "UNIT"),
     ] = None,
     rotate: Annotated[
         int | None,
-        option(
-            "--rotate",
-            "90|-90|180",
-            "Turn counter-clockwise; -90 for x right / y forward.",
-            offer=choices("90", "-90", "180"),
-        ),
+        one_of("--rotate", ROTATIONS_DEG, "Turn counter-clockwise; -90 for x right / y forward."),
     ] = None,
     mirror: Annotated[bool, flag("--mirror", "y points to the right.")] = False,
     reverse: Annotated[bool, flag("--reverse", "The last waypoint stands first.")] = False,
@@ -111,11 +95,10 @@ def convert(
     ] = 0.0,
     follows: Annotated[
         str,
-        option(
+        one_of(
             "--follows",
-            "sensor|rear-axle",
+            FOLLOWED,
             "Whose path the waypoints are: of that origin, or of the rear axle.",
-            offer=choices("sensor", "rear-axle"),
         ),
     ] = "sensor",
     time_step_s: Annotated[
@@ -138,7 +121,7 @@ def convert(
     """
     rules = given_protocol(protocol)
     require_one_of("--rotate", rotate, ROTATIONS_DEG)
-    require_one_of("--follows", follows, get_args(FollowedPoint))
+    require_one_of("--follows", follows, FOLLOWED)
     require_one_of("--polar", polar, ANGLES)
     require_one_of("--unit", unit, UNITS)
     if not abs(origin_offset_m) <= MAX_OFFSET_M:

@@ -7,7 +7,7 @@ from exceptiondrive.cli import options
 from exceptiondrive.cli.options import argument, flag, option
 from exceptiondrive.cli.output import Answer
 from exceptiondrive.cli.session import with_client, with_organizer
-from exceptiondrive.cli.tables import records_table
+from exceptiondrive.cli.tables import listed, records_table
 from exceptiondrive.settings import default_phase
 
 if TYPE_CHECKING:
@@ -47,9 +47,7 @@ def news(client: "Client", phase: options.DefaultPhase = None) -> Answer:
 @with_organizer
 def list_news(organizer: "Organizer", phase: options.Phase = None) -> Answer:
     """List the news of all phases or of one, newest first."""
-    found = organizer.news(phase)
-    columns = ("id", "phase", "title", "published_at", "withdrawn_at")
-    return found, records_table(found, columns)
+    return listed(organizer.news(phase), ("id", "phase", "title", "published_at", "withdrawn_at"))
 
 
 @with_organizer
@@ -78,9 +76,8 @@ def withdraw_news(
 @with_organizer
 def list_questions(organizer: "Organizer", phase: options.Phase = None) -> Answer:
     """List the questions of all teams, those that wait first."""
-    found = organizer.questions(phase)
     columns = ("id", "team", "phase", "text", "asked_at", "answered_at")
-    return found, records_table(found, columns)
+    return listed(organizer.questions(phase), columns)
 
 
 @with_organizer

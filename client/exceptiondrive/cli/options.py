@@ -30,6 +30,12 @@ def option(
     return typer.Option(name, metavar=metavar, help=words, autocompletion=offer, **bounds)
 
 
+def one_of(name: str, values: Iterable[object], words: str, metavar: str = "") -> Any:
+    """Return an option that takes one of some values; its metavar shows them, unless one is given."""
+    known = [*map(str, values)]
+    return option(name, metavar or "|".join(known), words, offer=completion.choices(*known))
+
+
 def text(name: str, words: str) -> Any:
     """Return an option whose text may stand in a file."""
     hint = f"{words} `@FILE` reads it from a file."
@@ -136,6 +142,7 @@ SubmissionId = Annotated[
 TeamId = Annotated[str, argument("TEAM", "Id of the team.", offer=completion.teams)]
 PhaseId = Annotated[str, phase("Id of the phase.")]
 Reason = Annotated[str, option("--reason", "TEXT", "Why; stays in the audit log.")]
+ExpiresAt = Annotated[str | None, option("--expires-at", "TIME", "2027-01-31T00:00:00Z")]
 FactsFile = Annotated[Path | None, option("--facts", "FILE", "JSON file of the method's facts.")]
 Fact = Annotated[
     list[str] | None,

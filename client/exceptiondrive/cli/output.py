@@ -57,9 +57,9 @@ def console(stderr: bool = False) -> Console:
     return found
 
 
-def show(*parts: RenderableType | Iterator[RenderableType]) -> None:
-    """Write a result for people on stdout; of a view, all that it yields."""
-    out = console()
+def show(*parts: RenderableType | Iterator[RenderableType], stderr: bool = False) -> None:
+    """Write a result for people on stdout, or remarks on stderr; of a view, all that it yields."""
+    out = console(stderr)
     for part in parts:
         for each in part if isinstance(part, Iterator) else (part,):
             out.print(each)
@@ -141,13 +141,6 @@ def cut_words(found: Sized, limit: int, more: str = "--limit N shows more") -> t
 def say(text: str) -> None:
     """Write a remark on stderr."""
     typer.echo(printable(text), err=True)
-
-
-def say_view(*parts: RenderableType) -> None:
-    """Write remarks on stderr."""
-    out = console(stderr=True)
-    for part in parts:
-        out.print(part)
 
 
 def has_terminal() -> bool:

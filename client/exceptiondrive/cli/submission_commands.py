@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from exceptiondrive.cli import options
-from exceptiondrive.cli.completion import choices, submission_ids
+from exceptiondrive.cli.completion import submission_ids
 from exceptiondrive.cli.file_tables import file_view
-from exceptiondrive.cli.options import flag, option
+from exceptiondrive.cli.options import flag, one_of, option
 from exceptiondrive.cli.output import (
     Answer,
     be_sure,
@@ -17,7 +17,6 @@ from exceptiondrive.cli.output import (
     cut_words,
     saved,
     say,
-    say_view,
     show,
     show_json,
     upload_name,
@@ -96,7 +95,7 @@ def submit(
     told = facts_of_pairs(fact or (), facts)
 
     def consent(outlook: Outlook) -> None:
-        say_view(*file_view(outlook.report), *outlook_view(outlook, phase))
+        show(file_view(outlook.report), outlook_view(outlook, phase), stderr=True)
         _require_consent(outlook, replace=replace, allow_unranked=allow_unranked)
 
     phase, given = default_phase(phase), options.given(file, context)
@@ -172,12 +171,7 @@ def submissions(
     phase: options.Phase = None,
     only: Annotated[
         str | None,
-        option(
-            "--status",
-            "STATUS",
-            f"Only {', '.join(SubmissionStatus)}.",
-            offer=choices(*SubmissionStatus),
-        ),
+        one_of("--status", SubmissionStatus, f"Only {', '.join(SubmissionStatus)}.", "STATUS"),
     ] = None,
     limit: Annotated[int, option("--limit", "N", "At most so many.", min=1)] = 100,
 ) -> Answer:

@@ -19,6 +19,7 @@ from exceptiondrive.cli.file_tables import (
     sheet_view,
 )
 from exceptiondrive.cli.fitted_table import ByWidth, Column, FittedTable
+from exceptiondrive.cli.output import Answer
 from exceptiondrive.errors import utc_text
 from exceptiondrive.outlook import Outlook
 from exceptiondrive_schemas.api.own_entries import entry_words, question_of
@@ -33,6 +34,7 @@ from exceptiondrive_schemas.method_facts import SubmissionEditView, Told
 from exceptiondrive_schemas.score_sheet import HEADLINE, metric_text
 
 if TYPE_CHECKING:
+    from exceptiondrive.transport import Record
     from exceptiondrive_schemas.api.rescoring import NotificationView
     from exceptiondrive_schemas.board import Board
 
@@ -55,6 +57,11 @@ def records_table(records: Iterable[Mapping[str, Any]], columns: tuple[str, ...]
     for record in records:
         table.add_row(*(_cell(name, record.get(name)) for name in columns))
     return table
+
+
+def listed(records: "list[Record]", columns: tuple[str, ...]) -> Answer:
+    """Return the answer of a command that shows records of the API as they are."""
+    return records, records_table(records, columns)
 
 
 def _kind_of(name: str) -> Literal["id", "words"]:

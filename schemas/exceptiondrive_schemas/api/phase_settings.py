@@ -6,8 +6,8 @@ does not fit together. A further setting is a field of `PhasePolicy`, which is k
 and the place that heeds it. The fields of `PhaseSettings` are columns, since queries read them.
 """
 
+from collections.abc import Mapping
 from datetime import datetime
-from types import MappingProxyType
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -230,7 +230,7 @@ class PhaseChange(PhaseSettings):
     title: Title = Field(default="", title="Title", description="Shown to readers.")
 
 
-WITHHELD_DEFAULTS = MappingProxyType({"quota_per_day": 1, "quota_total": 20})
+WITHHELD_DEFAULTS: Mapping[str, int] = {"quota_per_day": 1, "quota_total": 20}
 """What a new phase on a withheld split has where nothing is said (docs/leakage.md)."""
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from datetime import datetime
-from types import MappingProxyType
 from typing import Literal
 
 from pydantic import Field
@@ -59,35 +58,31 @@ class RunAction(StrEnum):
     CANCEL = "cancel"
 
 
-RETRIES: Mapping[RunState, RunState] = MappingProxyType(
-    {
-        RunState.READY: RunState.SCORING,
-        RunState.APPLIED: RunState.APPLIED,
-    }
-)
+RETRIES: Mapping[RunState, RunState] = {
+    RunState.READY: RunState.SCORING,
+    RunState.APPLIED: RunState.APPLIED,
+}
 """Where `resume` is possible for failed sheets alone, and the state after it."""
-TRANSITIONS: Mapping[RunAction, Mapping[RunState, RunState]] = MappingProxyType(
-    {
-        RunAction.START: {RunState.DRAFT: RunState.SCORING},
-        RunAction.PAUSE: {RunState.SCORING: RunState.PAUSED},
-        RunAction.RESUME: {
-            RunState.PAUSED: RunState.SCORING,
-            RunState.SCORING: RunState.SCORING,
-        },
-        RunAction.APPLY: {
-            RunState.SCORING: RunState.APPLIED,
-            RunState.READY: RunState.APPLIED,
-        },
-        RunAction.ROLLBACK: {RunState.APPLIED: RunState.ROLLED_BACK},
-        RunAction.CLOSE: {RunState.APPLIED: RunState.CLOSED},
-        RunAction.CANCEL: {
-            RunState.DRAFT: RunState.CANCELLED,
-            RunState.SCORING: RunState.CANCELLED,
-            RunState.PAUSED: RunState.CANCELLED,
-            RunState.READY: RunState.CANCELLED,
-        },
-    }
-)
+TRANSITIONS: Mapping[RunAction, Mapping[RunState, RunState]] = {
+    RunAction.START: {RunState.DRAFT: RunState.SCORING},
+    RunAction.PAUSE: {RunState.SCORING: RunState.PAUSED},
+    RunAction.RESUME: {
+        RunState.PAUSED: RunState.SCORING,
+        RunState.SCORING: RunState.SCORING,
+    },
+    RunAction.APPLY: {
+        RunState.SCORING: RunState.APPLIED,
+        RunState.READY: RunState.APPLIED,
+    },
+    RunAction.ROLLBACK: {RunState.APPLIED: RunState.ROLLED_BACK},
+    RunAction.CLOSE: {RunState.APPLIED: RunState.CLOSED},
+    RunAction.CANCEL: {
+        RunState.DRAFT: RunState.CANCELLED,
+        RunState.SCORING: RunState.CANCELLED,
+        RunState.PAUSED: RunState.CANCELLED,
+        RunState.READY: RunState.CANCELLED,
+    },
+}
 """From which state an action leads to which: records, API and pages go by this table.
 
 Besides, scoring becomes `ready` by itself, when every sheet is there and the new board is built.

@@ -9,7 +9,6 @@ from exceptiondrive_schemas.check.answers import (
     PlanningDocument,
     StrategyAnswer,
     StrategyDocument,
-    TrajectoryPair,
 )
 from exceptiondrive_schemas.check.checker import Checked, check
 from exceptiondrive_schemas.check.inflate import (
@@ -18,7 +17,6 @@ from exceptiondrive_schemas.check.inflate import (
     UnreadableFileError,
     inflate,
 )
-from exceptiondrive_schemas.check.rules import PredictionRules, register
 
 __all__ = [
     "MAX_INFLATED_BYTES",
@@ -26,12 +24,9 @@ __all__ = [
     "Checked",
     "CheckedDocument",
     "PlanningDocument",
-    "PredictionRules",
     "StrategyAnswer",
     "StrategyDocument",
-    "TrajectoryPair",
     "UnreadableFileError",
     "check",
     "inflate",
-    "register",
 ]

@@ -5,7 +5,6 @@ import re
 from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any
 
 from exceptiondrive_schemas.base import bytes_digest
@@ -51,13 +50,11 @@ from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import SPLIT_NAME_PATTERN, Manifest
 
-OTHER_DOCUMENTS: Mapping[str, str] = MappingProxyType(
-    {
-        "exceptiondrive.split/1": "a split file, which says what is scored",
-        "exceptiondrive.manifest/1": "the manifest, which lists the samples to answer",
-        "exceptiondrive.receipt/1": "a receipt",
-    }
-)
+OTHER_DOCUMENTS: Mapping[str, str] = {
+    "exceptiondrive.split/1": "a split file, which says what is scored",
+    "exceptiondrive.manifest/1": "the manifest, which lists the samples to answer",
+    "exceptiondrive.receipt/1": "a receipt",
+}
 """Documents of ours that are no submissions, by their schema."""
 
 
@@ -161,22 +158,18 @@ AFTER_A_COMMA = (
 """What is expected where one stood before a closing bracket."""
 COMMENTS = ('"//', '"/*', '"#')
 MAX_HEADER_BYTES = 1024
-CSV_DELIMITERS: Mapping[bytes, str] = MappingProxyType(
-    {b",": "commas", b";": "semicolons", b"\t": "tabs"}
-)
+CSV_DELIMITERS: Mapping[bytes, str] = {b",": "commas", b";": "semicolons", b"\t": "tabs"}
 CSV_COLUMNS = ("sample_id", "trajectory", "step", "x_m", "y_m")
 """Of the CSV files that `exceptiondrive convert` reads."""
 MIN_CSV_DELIMITERS = 2
 MIN_IDS_AS_KEYS = 2
 """So many objects under keys that do not belong there, and none that does: ids stand as keys."""
-OTHER_NAMES: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "sample_id": ("id", "token", "sample", "sample_token"),
-        "source": ("src", "original", "clean", "before", "trajectory", "prediction", "pred"),
-        "edited": ("edit", "counterfactual", "hazard", "after", "target"),
-        "strategy": ("answer", "action", "decision"),
-    }
-)
+OTHER_NAMES: Mapping[str, tuple[str, ...]] = {
+    "sample_id": ("id", "token", "sample", "sample_token"),
+    "source": ("src", "original", "clean", "before", "trajectory", "prediction", "pred"),
+    "edited": ("edit", "counterfactual", "hazard", "after", "target"),
+    "strategy": ("answer", "action", "decision"),
+}
 YAML = re.compile(
     rb"(?:---[^\n]*\n|[ \t]*(?:#[^\n]*)?\n)*(?:- +)?(?:schema|split|predictions|sample_id) *:"
 )

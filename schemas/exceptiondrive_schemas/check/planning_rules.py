@@ -6,7 +6,6 @@ import math
 from array import array
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from types import MappingProxyType
 from typing import Any, ClassVar
 
 from exceptiondrive_schemas.check.answers import (
@@ -40,12 +39,10 @@ _RUN_BOTH = (
     "run it on both; `exceptiondrive convert --source-run FILE --edited-run FILE` makes a submission "
     "of two runs"
 )
-SIDES_MISSING: Mapping[str, str] = MappingProxyType(
-    {
-        "source": f"what the planner answered to the scene as it was recorded: {_RUN_BOTH}",
-        "edited": f"what the planner answered to the edited scene: {_RUN_BOTH}",
-    }
-)
+SIDES_MISSING: Mapping[str, str] = {
+    "source": f"what the planner answered to the scene as it was recorded: {_RUN_BOTH}",
+    "edited": f"what the planner answered to the edited scene: {_RUN_BOTH}",
+}
 """What is not there, and how it is had, where a whole file lacks one side of its pairs."""
 _COVERED = {"edited": "edited scenes", "source": "original scenes"}
 """A file does not tell controls from scenes with hazard, of which a score sheet tells the share."""

@@ -81,6 +81,7 @@ MAX_COMPARED = 300
 FIRST_LOOK, FAR_OFF = 12, 0.5
 """A transformation that is so far off on every twelfth of them is not tried on all."""
 SECONDS_SHOWN = (1.0, 2.0, 3.0)
+WITH_ITS_ID = "write each trajectory with its own sample id"
 
 
 def file_profile(
@@ -131,7 +132,13 @@ def file_profile(
         _start_mend((at_source, at_edit), geometry, plausibility)
         or best
         or _row_mend(whole, tracks, recorded)
-        or _id_mend(beside, driven)
+        or _id_mend(
+            beside.ends_m,
+            driven.ends_m,
+            what="trajectories",
+            lengths="lengths",
+            own="the recorded drives",
+        )
         or _edited_mend(*of_pairs, plausibility)
     )
     distances_m = list(beside.gaps_m(driven))
@@ -308,8 +315,7 @@ def _whole_or_part(
             f"{best.looks_like} in a part of its rows: of those that it changes, {share:.0%} come nearer "
             "to the recorded drives, and the others go away from them"
         )
-        by_hand = "write all rows alike, where the planner writes them"
-        return Mend(looks_like=looks_like, convert_option=None, by_hand=by_hand)
+        return _by_hand(looks_like, "write all rows alike, where the planner writes them")
     return Mend(
         looks_like=best.looks_like,
         convert_option=best.option,
@@ -317,6 +323,11 @@ def _whole_or_part(
         mended_error=mended_error,
         by_hand=best.by_hand,
     )
+
+
+def _by_hand(looks_like: str, cure: str) -> Mend:
+    """Name a mistake that no conversion can mend, and of which no fit tells."""
+    return Mend(looks_like=looks_like, convert_option=None, by_hand=cure)
 
 
 _One = TypeVar("_One")
@@ -392,13 +403,10 @@ def _start_mend(
     if share < FROM_ORIGIN:
         return None
     end_s = geometry.horizon_s - geometry.time_step_s
-    return Mend(
-        looks_like=(
-            f"waypoints from t = 0 on (the last at {end_s:g} s, where {geometry.horizon_s:g} s are "
-            f"wanted): {share:.0%} of the trajectories that move begin at (0, 0)"
-        ),
-        convert_option=None,
-        by_hand="leave out t = 0 and write the waypoint that is missing at the end",
+    return _by_hand(
+        f"waypoints from t = 0 on (the last at {end_s:g} s, where {geometry.horizon_s:g} s are "
+        f"wanted): {share:.0%} of the trajectories that move begin at (0, 0)",
+        "leave out t = 0 and write the waypoint that is missing at the end",
     )
 
 
@@ -505,29 +513,31 @@ def _row_mend(
     else:
         return None
     share, side = found
-    return Mend(
-        looks_like=(
-            f"{what} that stand one row off: where two rows differ, {share:.0%} begin nearer to "
-            f"the {own} of the sample {side} than to their own"
-        ),
-        convert_option=None,
-        by_hand="write each trajectory with its own sample id",
+    return _by_hand(
+        f"{what} that stand one row off: where two rows differ, {share:.0%} begin nearer to "
+        f"the {own} of the sample {side} than to their own",
+        WITH_ITS_ID,
     )
 
 
-def _id_mend(sources: Tracks, driven: Tracks) -> Mend | None:
-    """Name drives under the ids of other samples: as long as the recorded ones, in another order."""
-    found = _of_others(sources.ends_m, driven.ends_m)
-    if found is None:
+def _id_mend(lengths_m: Column, own_m: Column, *, what: str, lengths: str, own: str) -> Mend | None:
+    """Name trajectories under the ids of other samples: as long as they should be, in another order.
+
+    The words say what they are, which lengths these are, and what they should be as long as.
+    """
+    scale_m = math.fsum(own_m)
+    if len(own_m) < MIN_COMPARED or not scale_m:
         return None
-    by_sample, by_order = found
-    return Mend(
-        looks_like=(
-            f"trajectories under the ids of other samples: sample by sample their lengths are "
-            f"{by_sample:.0%} off the recorded drives, and in order of length {by_order:.0%}"
-        ),
-        convert_option=None,
-        by_hand="write each trajectory with its own sample id",
+    by_sample = math.fsum(map(abs, map(sub, lengths_m, own_m))) / scale_m
+    if by_sample < OF_OTHERS:
+        return None
+    by_order = math.fsum(map(abs, map(sub, sorted(lengths_m), sorted(own_m)))) / scale_m
+    if by_order > IN_ORDER or by_sample < FITS_BETTER * by_order:
+        return None
+    return _by_hand(
+        f"{what} under the ids of other samples: sample by sample their {lengths} are "
+        f"{by_sample:.0%} off {own}, and in order of length {by_order:.0%}",
+        WITH_ITS_ID,
     )
 
 
@@ -555,36 +565,17 @@ def _edited_mend(sources: Tracks, edited: Tracks, plausibility: PlausibilitySect
         left, back = list(map(neg, own.y_m)), list(map(neg, own.x_m))
         turned = (off(left, own.x_m), off(back, left), off(own.y_m, back))
         if min(turned) <= min(FITS, error / FITS_BETTER):
-            return Mend(
-                looks_like="edited trajectories in another frame than the source ones",
-                convert_option=None,
-                by_hand="write both with x forward and y left",
+            return _by_hand(
+                "edited trajectories in another frame than the source ones",
+                "write both with x forward and y left",
             )
-    found = _of_others(at_edit.length_m, at_source.length_m)
-    if found is None:
-        return None
-    return Mend(
-        looks_like=(
-            f"edited trajectories under the ids of other samples: sample by sample their first steps "
-            f"are {found[0]:.0%} off those of the source ones, and in order of length {found[1]:.0%}"
-        ),
-        convert_option=None,
-        by_hand="write each trajectory with its own sample id",
+    return _id_mend(
+        at_edit.length_m,
+        at_source.length_m,
+        what="edited trajectories",
+        lengths="first steps",
+        own="those of the source ones",
     )
-
-
-def _of_others(lengths_m: Column, own_m: Column) -> tuple[float, float] | None:
-    """Return how far lengths are off what they should be, and in order of length, where they are of others."""
-    scale_m = math.fsum(own_m)
-    if len(own_m) < MIN_COMPARED or not scale_m:
-        return None
-    by_sample = math.fsum(map(abs, map(sub, lengths_m, own_m))) / scale_m
-    if by_sample < OF_OTHERS:
-        return None
-    by_order = math.fsum(map(abs, map(sub, sorted(lengths_m), sorted(own_m)))) / scale_m
-    if by_order > IN_ORDER or by_sample < FITS_BETTER * by_order:
-        return None
-    return by_sample, by_order
 
 
 def _firsts(points: Iterable[Sequence[float] | None]) -> tuple[Column, Column]:

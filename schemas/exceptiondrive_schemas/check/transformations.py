@@ -10,7 +10,6 @@ from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from types import MappingProxyType
 
 from exceptiondrive_schemas.protocol import GeometrySection
 
@@ -140,19 +139,17 @@ def _with_step(given_s: float, wanted_s: float, sample: Compared) -> tuple[Point
     )
 
 
-UNITS_M: Mapping[str, float] = MappingProxyType(
-    {
-        "millimetres": 0.001,
-        "centimetres": 0.01,
-        "decimetres": 0.1,
-        "inches": 0.0254,
-        "feet": 0.3048,
-        "kilometres": 1000.0,
-    }
-)
+UNITS_M: Mapping[str, float] = {
+    "millimetres": 0.001,
+    "centimetres": 0.01,
+    "decimetres": 0.1,
+    "inches": 0.0254,
+    "feet": 0.3048,
+    "kilometres": 1000.0,
+}
 """Units that trajectories come in, other than metres, each in metres."""
-SPEEDS_MPS: Mapping[str, float] = MappingProxyType({"km/h": 1 / 3.6, "mph": 0.44704})
-UNITS: Mapping[str, float] = MappingProxyType({**UNITS_M, **SPEEDS_MPS})
+SPEEDS_MPS: Mapping[str, float] = {"km/h": 1 / 3.6, "mph": 0.44704}
+UNITS: Mapping[str, float] = {**UNITS_M, **SPEEDS_MPS}
 """The same with those of velocities, other than metres a second."""
 SPATIAL: tuple[tuple[str, str, Callable[[Points], Points]], ...] = (
     ("mirrored (y to the right)", "--mirror", mirrored),

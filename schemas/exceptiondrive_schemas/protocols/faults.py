@@ -9,7 +9,6 @@ import math
 from collections.abc import Iterator, Mapping
 from datetime import date, time
 from difflib import get_close_matches
-from types import MappingProxyType
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -19,9 +18,12 @@ MOST_LINES = 100
 _LONGEST = 60
 _OWN_WORDS = "Value error, "
 _KEY = "letters, digits and underscores, with a letter in front"
-_SHAPES: Mapping[str | int, str] = MappingProxyType(
-    {"version": "a version such as 1.1 or 1.2-draft", "id": _KEY, "name": _KEY, "family": _KEY}
-)
+_SHAPES: Mapping[str | int, str] = {
+    "version": "a version such as 1.1 or 1.2-draft",
+    "id": _KEY,
+    "name": _KEY,
+    "family": _KEY,
+}
 """What the patterns of names ask for, in words."""
 
 

@@ -6,7 +6,6 @@ Their reports are made by the checker itself.
 import gzip
 import json
 from collections.abc import Callable, Mapping
-from types import MappingProxyType
 from typing import Any
 
 from exceptiondrive_schemas.base import Document
@@ -65,43 +64,41 @@ def _first_prediction_twice() -> bytes:
     return json.dumps(document).encode()
 
 
-BROKEN_FILES: Mapping[FaultCode, Callable[[], bytes]] = MappingProxyType(
-    {
-        FaultCode.FILE_TOO_LARGE: lambda: PLANNING + b" " * MAX_UPLOAD_BYTES,
-        FaultCode.EMPTY_FILE: lambda: b"",
-        FaultCode.WRONG_FILE_KIND: lambda: b"PK\x03\x04" + PLANNING,
-        FaultCode.DAMAGED_GZIP: lambda: gzip.compress(PLANNING, mtime=0)[:-20],
-        FaultCode.INFLATES_TOO_LARGE: lambda: gzip.compress(b" " * 1_000_000, mtime=0),
-        FaultCode.BYTE_ORDER_MARK: lambda: b"\xef\xbb\xbf" + PLANNING,
-        FaultCode.NOT_UTF8: _planning(b"example-0002", b"ex\xe4mple-0002"),
-        FaultCode.NOT_JSON: _planning(b"[6.0,0.0],", b"[6.0,0.0]"),
-        FaultCode.NESTED_TOO_DEEPLY: _planning(b"[[3.0", b"[" * 200_000),
-        FaultCode.VALUE_TOO_LONG: _planning(b"0.0", b"0." + b"0" * 2_000_000),
-        FaultCode.TRAILING_DATA: lambda: PLANNING + b"\n" + PLANNING,
-        FaultCode.DUPLICATE_KEY: _planning(b'"edited":null', b'"edited":null,"edited":null'),
-        FaultCode.UNKNOWN_KEY: _planning(b'"split"', b'"method":"Braking planner","split"'),
-        FaultCode.MISSING_KEY: _planning(b',"edited":null', b""),
-        FaultCode.WRONG_TYPE: _planning(b"3.0", b'"3.0"'),
-        FaultCode.WRONG_SCHEMA: _planning(b"planning/1", b"planning/2"),
-        FaultCode.WRONG_SPLIT: _planning(b'"example"', b'"exmaple"'),
-        FaultCode.UNKNOWN_SAMPLE: _planning(b"example-0002", b"example-002"),
-        FaultCode.MISSING_SAMPLE: lambda: STRATEGY.replace(
-            b',{"sample_id":"example-0003","strategy":null}', b""
-        ),
-        FaultCode.DUPLICATE_SAMPLE: _first_prediction_twice,
-        FaultCode.WRONG_WAYPOINT_COUNT: _planning(b"[[3.0", b"[[0.0,0.0],[3.0"),
-        FaultCode.WRONG_WAYPOINT_SHAPE: _planning(b"[3.0,0.0]", b"[3.0,0.0,1.57]"),
-        FaultCode.NON_FINITE: _planning(b"3.0", b"NaN"),
-        FaultCode.OUT_OF_BOUNDS: _planning(b"18.0", b"1018.0"),
-        FaultCode.STEP_TOO_LONG: _planning(b"18.0", b"58.0"),
-        FaultCode.WRONG_FRAME: _in_wrong_frame,
-        FaultCode.UNKNOWN_STRATEGY: _strategy(b'"A"', b'"F"'),
-        FaultCode.UNKNOWN_HAZARD_TYPE: _strategy(b'"LB1"', b'"lorry"'),
-        FaultCode.UNKNOWN_RISK_LEVEL: _strategy(b'"high"', b'"very high"'),
-        FaultCode.TEXT_TOO_LONG: _strategy(b"stop before it", b"stop " * 500),
-        FaultCode.INVALID_TEXT: _strategy(b"stop before it", b"stop\\u0000"),
-    }
-)
+BROKEN_FILES: Mapping[FaultCode, Callable[[], bytes]] = {
+    FaultCode.FILE_TOO_LARGE: lambda: PLANNING + b" " * MAX_UPLOAD_BYTES,
+    FaultCode.EMPTY_FILE: lambda: b"",
+    FaultCode.WRONG_FILE_KIND: lambda: b"PK\x03\x04" + PLANNING,
+    FaultCode.DAMAGED_GZIP: lambda: gzip.compress(PLANNING, mtime=0)[:-20],
+    FaultCode.INFLATES_TOO_LARGE: lambda: gzip.compress(b" " * 1_000_000, mtime=0),
+    FaultCode.BYTE_ORDER_MARK: lambda: b"\xef\xbb\xbf" + PLANNING,
+    FaultCode.NOT_UTF8: _planning(b"example-0002", b"ex\xe4mple-0002"),
+    FaultCode.NOT_JSON: _planning(b"[6.0,0.0],", b"[6.0,0.0]"),
+    FaultCode.NESTED_TOO_DEEPLY: _planning(b"[[3.0", b"[" * 200_000),
+    FaultCode.VALUE_TOO_LONG: _planning(b"0.0", b"0." + b"0" * 2_000_000),
+    FaultCode.TRAILING_DATA: lambda: PLANNING + b"\n" + PLANNING,
+    FaultCode.DUPLICATE_KEY: _planning(b'"edited":null', b'"edited":null,"edited":null'),
+    FaultCode.UNKNOWN_KEY: _planning(b'"split"', b'"method":"Braking planner","split"'),
+    FaultCode.MISSING_KEY: _planning(b',"edited":null', b""),
+    FaultCode.WRONG_TYPE: _planning(b"3.0", b'"3.0"'),
+    FaultCode.WRONG_SCHEMA: _planning(b"planning/1", b"planning/2"),
+    FaultCode.WRONG_SPLIT: _planning(b'"example"', b'"exmaple"'),
+    FaultCode.UNKNOWN_SAMPLE: _planning(b"example-0002", b"example-002"),
+    FaultCode.MISSING_SAMPLE: lambda: STRATEGY.replace(
+        b',{"sample_id":"example-0003","strategy":null}', b""
+    ),
+    FaultCode.DUPLICATE_SAMPLE: _first_prediction_twice,
+    FaultCode.WRONG_WAYPOINT_COUNT: _planning(b"[[3.0", b"[[0.0,0.0],[3.0"),
+    FaultCode.WRONG_WAYPOINT_SHAPE: _planning(b"[3.0,0.0]", b"[3.0,0.0,1.57]"),
+    FaultCode.NON_FINITE: _planning(b"3.0", b"NaN"),
+    FaultCode.OUT_OF_BOUNDS: _planning(b"18.0", b"1018.0"),
+    FaultCode.STEP_TOO_LONG: _planning(b"18.0", b"58.0"),
+    FaultCode.WRONG_FRAME: _in_wrong_frame,
+    FaultCode.UNKNOWN_STRATEGY: _strategy(b'"A"', b'"F"'),
+    FaultCode.UNKNOWN_HAZARD_TYPE: _strategy(b'"LB1"', b'"lorry"'),
+    FaultCode.UNKNOWN_RISK_LEVEL: _strategy(b'"high"', b'"very high"'),
+    FaultCode.TEXT_TOO_LONG: _strategy(b"stop before it", b"stop " * 500),
+    FaultCode.INVALID_TEXT: _strategy(b"stop before it", b"stop\\u0000"),
+}
 
 
 def report_of(code: FaultCode) -> CheckReport:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from datetime import datetime
-from types import MappingProxyType
 
 from exceptiondrive_schemas.api.problems import Problem, ProblemCode
 from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
@@ -191,20 +190,18 @@ def example_problem() -> Problem:
     )
 
 
-EXAMPLES: Mapping[str, Callable[[], Document]] = MappingProxyType(
-    {
-        "planning": example_planning,
-        "strategy": example_strategy,
-        "split": example_split,
-        "manifest": example_manifest,
-        "protocol": packaged_protocol,
-        "score-sheet": example_score_sheet,
-        "board": example_board,
-        "submission": example_submission,
-        "check-report": lambda: report_of(FaultCode.UNKNOWN_SAMPLE),
-        "problem": example_problem,
-    }
-)
+EXAMPLES: Mapping[str, Callable[[], Document]] = {
+    "planning": example_planning,
+    "strategy": example_strategy,
+    "split": example_split,
+    "manifest": example_manifest,
+    "protocol": packaged_protocol,
+    "score-sheet": example_score_sheet,
+    "board": example_board,
+    "submission": example_submission,
+    "check-report": lambda: report_of(FaultCode.UNKNOWN_SAMPLE),
+    "problem": example_problem,
+}
 
 
 def example_json(name: str) -> str:

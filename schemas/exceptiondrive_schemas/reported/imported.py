@@ -1,5 +1,7 @@
 """Rows of a board of elsewhere, as an organizer imports them: never ranked beside own entries."""
 
+from collections.abc import Iterator
+
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.protocol import Average
@@ -53,36 +55,24 @@ class Measured(Document):
         )
 
 
-def differences(row: ImportedRow, own: Measured) -> tuple[str, ...]:
+def differences(row: ImportedRow, own: Measured) -> Iterator[str]:
     """Say what keeps a row from being compared with a phase's own entries; nothing where nothing does."""
-    return tuple(filter(None, (_split(row, own), _protocol(row, own), *_counts(row, own))))
-
-
-def _split(row: ImportedRow, own: Measured) -> str:
     if row.split.name != own.split.name:
-        return f"Split {row.split.name}, not {own.split.name}."
-    is_same = row.split.revision == own.split.revision
-    return "" if is_same else f"Another revision of split {own.split.name}."
-
-
-def _protocol(row: ImportedRow, own: Measured) -> str:
-    if row.protocol_digest == own.protocol_digest:
-        return ""
-    if row.protocol != own.protocol:
-        return f"Protocol {row.protocol}, not {own.protocol}."
-    if row.protocol_digest is None:
-        return f"The digest of protocol {row.protocol} is not told."
-    return f"Another document under the version {row.protocol}."
-
-
-def _counts(row: ImportedRow, own: Measured) -> tuple[str, ...]:
-    found = []
+        yield f"Split {row.split.name}, not {own.split.name}."
+    elif row.split.revision != own.split.revision:
+        yield f"Another revision of split {own.split.name}."
+    if row.protocol_digest != own.protocol_digest:
+        if row.protocol != own.protocol:
+            yield f"Protocol {row.protocol}, not {own.protocol}."
+        elif row.protocol_digest is None:
+            yield f"The digest of protocol {row.protocol} is not told."
+        else:
+            yield f"Another document under the version {row.protocol}."
     if row.n_samples is None:
-        found.append("How many samples is not told.")
+        yield "How many samples is not told."
     elif own.n_samples not in (None, row.n_samples):
-        found.append(f"{row.n_samples:,} samples, not {own.n_samples:,}.")
+        yield f"{row.n_samples:,} samples, not {own.n_samples:,}."
     if row.average is None:
-        found.append("Which average is not told.")
+        yield "Which average is not told."
     elif row.average != own.average:
-        found.append(f"The average {row.average}, not {own.average}.")
-    return tuple(found)
+        yield f"The average {row.average}, not {own.average}."

@@ -50,6 +50,7 @@ def reported_view(row: ReportedBoard, own: Measured) -> ReportedBoardView:
         imported_at=row.imported_at,
         withdrawn_at=row.withdrawn_at,
         rows=tuple(
-            ReportedRowView(row=each, differences=differences(each, own)) for each in row.rows.rows
+            ReportedRowView(row=each, differences=tuple(differences(each, own)))
+            for each in row.rows.rows
         ),
     )

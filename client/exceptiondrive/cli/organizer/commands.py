@@ -9,8 +9,7 @@ import typer
 from exceptiondrive.checking import write_file
 from exceptiondrive.cli import completion, news_commands, options
 from exceptiondrive.cli.account_commands import TOKEN_COLUMNS, show_revoked
-from exceptiondrive.cli.completion import choices
-from exceptiondrive.cli.options import argument, flag, option
+from exceptiondrive.cli.options import argument, flag, one_of, option
 from exceptiondrive.cli.organizer import participation, phases, rescoring
 from exceptiondrive.cli.output import (
     Answer,
@@ -23,7 +22,7 @@ from exceptiondrive.cli.output import (
     upload_name,
 )
 from exceptiondrive.cli.session import open_organizer, with_organizer
-from exceptiondrive.cli.tables import records_table
+from exceptiondrive.cli.tables import listed, records_table
 from exceptiondrive.confirmations import confirm, default_key_path, make_key
 from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, utc_text
 from exceptiondrive.inputs import given_bytes, given_protocol
@@ -34,6 +33,7 @@ from exceptiondrive_schemas.protocol import ProtocolDocument, ProtocolError
 from exceptiondrive_schemas.protocols.sense import nonsense
 from exceptiondrive_schemas.split import SplitRef
 
+ROLES = ("owner", "helper", "read-only")
 FileArgument = Annotated[Path, argument("FILE", "Protocol document, TOML.")]
 
 
@@ -108,8 +108,7 @@ def _named(submission: dict[str, Any]) -> str:
 def list_teams(organizer: Organizer) -> Answer:
     """List all teams."""
     columns = ("id", "name", "standing", "affiliation", "is_reference", "created_at")
-    found = organizer.teams()
-    return found, records_table(found, columns)
+    return listed(organizer.teams(), columns)
 
 
 @with_organizer
@@ -239,8 +238,7 @@ def download_archive(
     ] = None,
     phase: options.Phase = None,
     status: Annotated[
-        str | None,
-        option("--status", "STATUS", "Only in this status.", offer=choices(*SubmissionStatus)),
+        str | None, one_of("--status", SubmissionStatus, "Only in this status.", "STATUS")
     ] = None,
     output: options.Output = None,
 ) -> Answer:
@@ -252,8 +250,7 @@ def download_archive(
 @with_organizer
 def list_tokens(organizer: Organizer, team_id: options.TeamId) -> Answer:
     """List a team's tokens, without their secrets."""
-    found = organizer.tokens(team_id)
-    return found, records_table(found, TOKEN_COLUMNS)
+    return listed(organizer.tokens(team_id), TOKEN_COLUMNS)
 
 
 @with_organizer
@@ -261,9 +258,7 @@ def issue_token(
     organizer: Organizer,
     team_id: options.TeamId,
     name: Annotated[str, option("--name", "NAME", "What it is for.")],
-    expires_at: Annotated[
-        str | None, option("--expires-at", "TIME", "2027-01-31T00:00:00Z")
-    ] = None,
+    expires_at: options.ExpiresAt = None,
 ) -> Answer:
     """Issue a token for a team; it is shown this once."""
     issued = organizer.issue_token(team_id, name, expires_at)
@@ -467,9 +462,7 @@ def read_audit(
 @with_organizer
 def list_people(organizer: Organizer) -> Answer:
     """List everybody who signed in through the provider, with their roles."""
-    found = organizer.people()
-    columns = ("id", "name", "role", "phases", "signed_in_at")
-    return found, records_table(found, columns)
+    return listed(organizer.people(), ("id", "name", "role", "phases", "signed_in_at"))
 
 
 @with_organizer
@@ -478,12 +471,7 @@ def set_role(
     person: Annotated[str, argument("PERSON", "Id of the person.")],
     role: Annotated[
         str | None,
-        option(
-            "--role",
-            "ROLE",
-            "owner, helper or read-only; else none.",
-            offer=choices("owner", "helper", "read-only"),
-        ),
+        one_of("--role", ROLES, "owner, helper or read-only; else none.", "ROLE"),
     ] = None,
     phase_ids: Annotated[
         list[str] | None, options.phase("Confines the role to it; may stand again.", "ID")

@@ -13,7 +13,7 @@ import typer
 
 from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.completion import choices
-from exceptiondrive.cli.options import argument, option
+from exceptiondrive.cli.options import argument, one_of, option
 from exceptiondrive.cli.output import Answer, be_sure, saved, say
 from exceptiondrive.cli.session import with_organizer
 from exceptiondrive.cli.tables import records_table
@@ -60,12 +60,7 @@ def create(
     ] = None,
     challenge: Annotated[
         str | None,
-        option(
-            "--challenge",
-            "C",
-            "Else that of --like, or planning.",
-            offer=choices(*CHALLENGES),
-        ),
+        one_of("--challenge", CHALLENGES, "Else that of --like, or planning.", "C"),
     ] = None,
     protocol: Annotated[
         str | None, option("--protocol", "V", "Version or digest; else the usual one.")
@@ -190,10 +185,7 @@ def freeze(organizer: Organizer, phase_id: PhaseArgument, reason: options.Reason
 def reveal(
     organizer: Organizer,
     phase_id: PhaseArgument,
-    what: Annotated[
-        str,
-        option("--what", "|".join(REVEALED), "What readers are to see.", offer=choices(*REVEALED)),
-    ],
+    what: Annotated[str, one_of("--what", REVEALED, "What readers are to see.")],
     reason: options.Reason,
     yes: options.Yes = False,
 ) -> Answer:

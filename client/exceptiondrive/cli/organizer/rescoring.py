@@ -355,8 +355,13 @@ def preview_lines(preview: Record) -> Iterator[RenderableType]:
 
 def _n_newly_ranked(comparison: Record) -> int:
     """Count the entries that get a rank and had none."""
-    ranks = [(entry["old"] or {}, entry["new"] or {}) for entry in comparison["entries"]]
-    return sum(old.get("rank") is None and new.get("rank") is not None for old, new in ranks)
+    standings = map(_standings, comparison["entries"])
+    return sum(old.get("rank") is None and new.get("rank") is not None for old, new in standings)
+
+
+def _standings(entry: Record) -> tuple[Record, Record]:
+    """Return how an entry stands before and after; nothing is said of where it does not."""
+    return entry["old"] or {}, entry["new"] or {}
 
 
 def _entries_table(comparison: Record) -> FittedTable:
@@ -368,10 +373,10 @@ def _entries_table(comparison: Record) -> FittedTable:
     numbers = (Column(metric_head(metric), "number", left_out=1) for metric in metrics)
     table = FittedTable.of("method", "rank", Column("interval", left_out=2), *numbers, "")
     for entry in movers + rest:
-        old, new = entry["old"], entry["new"]
+        old, new = _standings(entry)
         table.add_row(
             entry["method"],
-            f"{_of(old, 'rank')} -> {_of(new, 'rank')}",
+            f"{old.get('rank') or '-'} -> {new.get('rank') or '-'}",
             f"{_interval(old)} -> {_interval(new)}",
             *(f"{_metric(old, metric)} -> {_metric(new, metric)}" for metric in metrics),
             "no longer ranked" if entry["newly_failing"] else entry["change"].replace("_", " "),
@@ -383,7 +388,7 @@ def _unranked_lines(comparison: Record) -> list[str]:
     """Return a line per entry that loses its rank: why."""
     return [
         f"no longer ranked: {entry['method']} ({entry['team']}): "
-        f"{(entry['new'] or {}).get('unranked_because') or 'not on the new board'}"
+        f"{_standings(entry)[1].get('unranked_because') or 'not on the new board'}"
         for entry in comparison["entries"]
         if entry["newly_failing"]
     ]
@@ -394,10 +399,10 @@ def _effect_lines(comparison: Record) -> list[str]:
     metrics = challenge_of(comparison["challenge"]).columns
     lines = []
     for entry in comparison["entries"]:
-        sides = [_effect(entry[side]) for side in ("old", "new")]
-        if any(sides):
+        old, new = map(_effect, _standings(entry))
+        if old or new:
             words = (
-                f"{metric.label} {_signed(sides[0], metric)} -> {_signed(sides[1], metric)}"
+                f"{metric.label} {_signed(old, metric)} -> {_signed(new, metric)}"
                 for metric in metrics
                 if metric.role == "primary"
             )
@@ -405,8 +410,8 @@ def _effect_lines(comparison: Record) -> list[str]:
     return lines
 
 
-def _effect(standing: Record | None) -> Record:
-    effect = None if standing is None else standing.get("reminder_effect")
+def _effect(standing: Record) -> Record:
+    effect = standing.get("reminder_effect")
     return {} if effect is None else dict(effect["differences"])
 
 
@@ -449,18 +454,13 @@ def _bar(what: str) -> Iterator[Callable[[int, int, str], None]]:
         )
 
 
-def _of(standing: Record | None, key: str) -> str:
-    value = None if standing is None else standing[key]
-    return "-" if value is None else str(value)
-
-
-def _interval(standing: Record | None) -> str:
-    span = None if standing is None else standing["rank_interval"]
+def _interval(standing: Record) -> str:
+    span = standing.get("rank_interval")
     return "-" if span is None else f"{span[0]}..{span[1]}"
 
 
-def _metric(standing: Record | None, metric: Metric) -> str:
-    return metric_text(metric, None if standing is None else standing["metrics"].get(metric.key))
+def _metric(standing: Record, metric: Metric) -> str:
+    return metric_text(metric, standing.get("metrics", {}).get(metric.key))
 
 
 COMMANDS: dict[str, Callable[..., None]] = {
