@@ -13,7 +13,6 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 from tests.support.distributions import bare_environment, build
@@ -159,7 +158,7 @@ def _naive_s(workload: Workload, protocol: ProtocolDocument) -> float:
     return taken * split.n_samples / NAIVE_SAMPLES
 
 
-def _process_s(command: list[str], environment: Mapping[str, str] = MappingProxyType({})) -> float:
+def _process_s(command: list[str], environment: Mapping[str, str] = {}) -> float:
     """CPU seconds of one process, its system calls included."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     whole = {**os.environ, "PYTHONDONTWRITEBYTECODE": "", **environment}  # compiled once

@@ -1,7 +1,6 @@
 """Further rows of a score sheet, as `evaluate` prints them."""
 
 from collections.abc import Mapping
-from types import MappingProxyType
 
 from rich.console import Console
 
@@ -23,7 +22,7 @@ ROW: MetricRow = {"accuracy": 0.5, "under_warning": 0.25, "over_warning": 0.25, 
 
 def printed(
     extra: dict[str, MetricRow],
-    families: Mapping[str, BreakdownRow] = MappingProxyType({}),
+    families: Mapping[str, BreakdownRow] = {},
     protocol: ProtocolDocument | None = None,
 ) -> list[str]:
     sheet = ScoreSheet(

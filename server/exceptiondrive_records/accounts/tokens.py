@@ -9,11 +9,10 @@ import secrets
 import string
 import zlib
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from enum import StrEnum
-from types import MappingProxyType
 from typing import Any
 
 from sqlalchemy import bindparam, select
@@ -55,28 +54,24 @@ class Scope(StrEnum):
     ORGANIZE_READ = "organizer:read-only"
 
 
-MEANING_OF_SCOPE = MappingProxyType(
-    {
-        Scope.SUBMIT: "submit and withdraw",
-        Scope.READ_OWN: "see the team's submissions",
-        Scope.TOKENS: "manage the team's tokens",
-        Scope.ORGANIZE: "everything that organizers do",
-        Scope.ORGANIZE_HELP: "help the organizers with teams and submissions",
-        Scope.ORGANIZE_READ: "see what organizers see",
-    }
-)
+MEANING_OF_SCOPE: Mapping[Scope, str] = {
+    Scope.SUBMIT: "submit and withdraw",
+    Scope.READ_OWN: "see the team's submissions",
+    Scope.TOKENS: "manage the team's tokens",
+    Scope.ORGANIZE: "everything that organizers do",
+    Scope.ORGANIZE_HELP: "help the organizers with teams and submissions",
+    Scope.ORGANIZE_READ: "see what organizers see",
+}
 """In words, as pages list the scopes of a token."""
 PARTICIPANT_SCOPES = (Scope.SUBMIT, Scope.READ_OWN)
 TEAM_SCOPES = (*PARTICIPANT_SCOPES, Scope.TOKENS)
 """What organizers hand to a team, so that it can look after its own tokens."""
 ORGANIZER_SCOPES = (Scope.SUBMIT, Scope.READ_OWN, Scope.ORGANIZE)
-SCOPES_OF_ROLE = MappingProxyType(
-    {
-        OrganizerRole.OWNER: ORGANIZER_SCOPES,
-        OrganizerRole.HELPER: (Scope.READ_OWN, Scope.ORGANIZE_HELP),
-        OrganizerRole.READ_ONLY: (Scope.READ_OWN, Scope.ORGANIZE_READ),
-    }
-)
+SCOPES_OF_ROLE: Mapping[OrganizerRole, tuple[Scope, ...]] = {
+    OrganizerRole.OWNER: ORGANIZER_SCOPES,
+    OrganizerRole.HELPER: (Scope.READ_OWN, Scope.ORGANIZE_HELP),
+    OrganizerRole.READ_ONLY: (Scope.READ_OWN, Scope.ORGANIZE_READ),
+}
 
 
 @dataclass(frozen=True)

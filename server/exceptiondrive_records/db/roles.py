@@ -5,10 +5,9 @@ prints, what `migrate --grant-to` applies, and the tests, which run the services
 The owner of the tables migrates; no service is the owner.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from enum import StrEnum
 from pathlib import Path
-from types import MappingProxyType
 
 from sqlalchemy import URL, make_url, text
 from sqlalchemy.exc import OperationalError
@@ -69,62 +68,58 @@ _SUBMISSIONS = _all_but(
     "received_at",
     "arrived_at",
 )
-RIGHTS = MappingProxyType(
-    {
-        # table: (api, worker, reconciler)
-        _VERSIONS: (R, R, R),
-        "allowances": (RIUD, R, R),
-        "audit_lines": (RI, RI, RI),  # nobody alters what was logged
-        "board_entries": (R, RI, R),
-        "board_flips": (RI, RI, R),
-        "boards": (R, RI, R),  # only workers publish
-        "confirmations": (_CONFIRMATIONS, R, R),  # workers believe a signature, not a row
-        "contact_points": (RIUD, R, R),
-        "disqualifications": (RIU, R, R),
-        "entry_drawings": (R, RI, R),
-        "invitations": (RIUD, NONE, NONE),
-        "memberships": (RID, NONE, NONE),
-        "news": (RIU, NONE, NONE),
-        "notifications": (RIUD, RI, RI),
-        "people": (RIU, NONE, NONE),
-        "phases": (_PHASES, _POINTER, R),
-        "protocol_drawings": (R, RI, R),
-        "protocols": (RID, R, R),  # foreign keys keep what is in use
-        "questions": (RIUD, NONE, NONE),
-        "receipt_keys": (RI, NONE, NONE),
-        "reported_boards": (RIU, NONE, NONE),
-        "rescoring_runs": (RIU, R, RU),
-        "sample_pictures": (R, RID, R),
-        "score_sheets": (R, RI, R),  # only workers score
-        "sessions": (RIUD, NONE, NONE),
-        "sign_in_attempts": (RIUD, NONE, NONE),
-        "similarities": (R, RI, R),
-        "site_settings": (RIU, NONE, NONE),
-        "splits": (R, RIU, R),
-        "submission_edits": (RI, NONE, NONE),
-        "submissions": (_SUBMISSIONS, _STATUS, _STATUS),
-        "terms_acceptances": (RID, NONE, R),
-        "teams": (RIUD, R, R),
-        "tokens": (RIUD, NONE, NONE),
-        "work": (RIUD, RIU, _WORK_BUT_WHAT_WAS_TRIED),  # by kind: `WORK_RIGHTS`
-        "worker_heartbeats": (R, RIUD, R),
-    }
-)
+RIGHTS: Mapping[str, tuple[str, str, str]] = {
+    # table: (api, worker, reconciler)
+    _VERSIONS: (R, R, R),
+    "allowances": (RIUD, R, R),
+    "audit_lines": (RI, RI, RI),  # nobody alters what was logged
+    "board_entries": (R, RI, R),
+    "board_flips": (RI, RI, R),
+    "boards": (R, RI, R),  # only workers publish
+    "confirmations": (_CONFIRMATIONS, R, R),  # workers believe a signature, not a row
+    "contact_points": (RIUD, R, R),
+    "disqualifications": (RIU, R, R),
+    "entry_drawings": (R, RI, R),
+    "invitations": (RIUD, NONE, NONE),
+    "memberships": (RID, NONE, NONE),
+    "news": (RIU, NONE, NONE),
+    "notifications": (RIUD, RI, RI),
+    "people": (RIU, NONE, NONE),
+    "phases": (_PHASES, _POINTER, R),
+    "protocol_drawings": (R, RI, R),
+    "protocols": (RID, R, R),  # foreign keys keep what is in use
+    "questions": (RIUD, NONE, NONE),
+    "receipt_keys": (RI, NONE, NONE),
+    "reported_boards": (RIU, NONE, NONE),
+    "rescoring_runs": (RIU, R, RU),
+    "sample_pictures": (R, RID, R),
+    "score_sheets": (R, RI, R),  # only workers score
+    "sessions": (RIUD, NONE, NONE),
+    "sign_in_attempts": (RIUD, NONE, NONE),
+    "similarities": (R, RI, R),
+    "site_settings": (RIU, NONE, NONE),
+    "splits": (R, RIU, R),
+    "submission_edits": (RI, NONE, NONE),
+    "submissions": (_SUBMISSIONS, _STATUS, _STATUS),
+    "terms_acceptances": (RID, NONE, R),
+    "teams": (RIUD, R, R),
+    "tokens": (RIUD, NONE, NONE),
+    "work": (RIUD, RIU, _WORK_BUT_WHAT_WAS_TRIED),  # by kind: `WORK_RIGHTS`
+    "worker_heartbeats": (R, RIUD, R),
+}
 """Missing tables are errors: a test compares this with the tables of the code."""
 
 
-WORK_RIGHTS = MappingProxyType(
-    {
-        # kind of work: (api, worker, reconciler)
-        "board": (RIU, RIU, RIU),
-        "delivery": (RIUD, RI, RIU),
-        "lead": (R, NONE, RIUD),
-        "profile": (RI, RU, RU),
-        "recheck": (RIU, RU, RU),
-        "trial": (RI, RU, RU),  # see `_ASKED_FOR` and `_GIVEN_UP`
-        "score": (RIUD, RU, RIUD),  # workers score what others ask for
-    }
-)
+WORK_RIGHTS: Mapping[str, tuple[str, str, str]] = {
+    # kind of work: (api, worker, reconciler)
+    "board": (RIU, RIU, RIU),
+    "delivery": (RIUD, RI, RIU),
+    "lead": (R, NONE, RIUD),
+    "profile": (RI, RU, RU),
+    "recheck": (RIU, RU, RU),
+    "trial": (RI, RU, RU),  # see `_ASKED_FOR` and `_GIVEN_UP`
+    "score": (RIUD, RU, RIUD),  # workers score what others ask for
+}
 """All work stands in one table; policies of its rows keep each role to its kinds."""
 
 

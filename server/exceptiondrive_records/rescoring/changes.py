@@ -1,7 +1,6 @@
 """The states of a rescoring run; each step has an actor and a reason, and leaves an audit line."""
 
 from collections.abc import Iterator, Mapping
-from types import MappingProxyType
 from typing import Any
 
 from sqlalchemy import update
@@ -228,7 +227,7 @@ def move_run(
     reason: str,
     actor: str,
     *,
-    no_longer_ranked: Mapping[str, str] = MappingProxyType({}),
+    no_longer_ranked: Mapping[str, str] = {},
 ) -> RescoringRun:
     """Move a run to another state and say so in the audit log.
 

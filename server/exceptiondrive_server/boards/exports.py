@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from io import StringIO
-from types import MappingProxyType
 from urllib.parse import quote
 from xml.etree import ElementTree as Xml
 
@@ -241,13 +240,11 @@ def _line(board: Board, entry: BoardEntry, address: str) -> dict[str, object]:
     }
 
 
-EXPORTS: Mapping[str, Export] = MappingProxyType(
-    {
-        "csv": Export("text/csv; charset=utf-8", comma_separated),
-        "tex": Export("text/x-tex; charset=utf-8", latex),
-        "bib": Export("text/x-bibtex; charset=utf-8", bibtex),
-    }
-)
+EXPORTS: Mapping[str, Export] = {
+    "csv": Export("text/csv; charset=utf-8", comma_separated),
+    "tex": Export("text/x-tex; charset=utf-8", latex),
+    "bib": Export("text/x-bibtex; charset=utf-8", bibtex),
+}
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import partial
-from types import MappingProxyType
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query
@@ -97,65 +96,63 @@ def _now(phase: PhaseView) -> PhaseNow:
     return phase.now
 
 
-PHASE_STEPS: Mapping[str, PhaseStep] = MappingProxyType(
-    {
-        step.key: step
-        for step in (
-            PhaseStep(
-                "feature",
-                "Put it on the front page",
-                "The phase stands before all others: in every list, and on the front page.",
-                feature_phase,
-                lambda phase: phase.visibility == "shown",
-            ),
-            PhaseStep(
-                "freeze",
-                "Freeze the board",
-                "The public board stays as it is from now on, until you reveal it. Scoring goes "
-                "on behind it.",
-                freeze_phase,
-                lambda phase: _now(phase).frozen_since is None,
-            ),
-            PhaseStep(
-                "reveal-board",
-                "Reveal the board",
-                "The freeze ends: readers see the newest board at once.",
-                reveal_board,
-                lambda phase: _now(phase).frozen_since is not None,
-                is_grave=True,
-            ),
-            PhaseStep(
-                "reveal-names",
-                "Reveal the names",
-                "From the next board on teams and methods stand under their names. This cannot "
-                "be taken back.",
-                reveal_names,
-                lambda phase: _now(phase).is_anonymous,
-                is_grave=True,
-            ),
-            PhaseStep(
-                "reveal-split",
-                "Reveal the other part",
-                "Workers score the part of the split that the phase reveals; the board changes "
-                "when the run that this begins is applied, and later deadlines of single teams "
-                "end then.",
-                reveal_split,
-                lambda phase: _now(phase).part == "public",
-                is_grave=True,
-            ),
-            PhaseStep(
-                "delete",
-                "Delete the phase",
-                "The phase goes with its empty boards. This works only while nothing was "
-                "submitted or rescored in it; else archive or hide it.",
-                delete_phase,
-                lambda phase: True,
-                is_grave=True,
-                is_end=True,
-            ),
-        )
-    }
-)
+PHASE_STEPS: Mapping[str, PhaseStep] = {
+    step.key: step
+    for step in (
+        PhaseStep(
+            "feature",
+            "Put it on the front page",
+            "The phase stands before all others: in every list, and on the front page.",
+            feature_phase,
+            lambda phase: phase.visibility == "shown",
+        ),
+        PhaseStep(
+            "freeze",
+            "Freeze the board",
+            "The public board stays as it is from now on, until you reveal it. Scoring goes "
+            "on behind it.",
+            freeze_phase,
+            lambda phase: _now(phase).frozen_since is None,
+        ),
+        PhaseStep(
+            "reveal-board",
+            "Reveal the board",
+            "The freeze ends: readers see the newest board at once.",
+            reveal_board,
+            lambda phase: _now(phase).frozen_since is not None,
+            is_grave=True,
+        ),
+        PhaseStep(
+            "reveal-names",
+            "Reveal the names",
+            "From the next board on teams and methods stand under their names. This cannot "
+            "be taken back.",
+            reveal_names,
+            lambda phase: _now(phase).is_anonymous,
+            is_grave=True,
+        ),
+        PhaseStep(
+            "reveal-split",
+            "Reveal the other part",
+            "Workers score the part of the split that the phase reveals; the board changes "
+            "when the run that this begins is applied, and later deadlines of single teams "
+            "end then.",
+            reveal_split,
+            lambda phase: _now(phase).part == "public",
+            is_grave=True,
+        ),
+        PhaseStep(
+            "delete",
+            "Delete the phase",
+            "The phase goes with its empty boards. This works only while nothing was "
+            "submitted or rescored in it; else archive or hide it.",
+            delete_phase,
+            lambda phase: True,
+            is_grave=True,
+            is_end=True,
+        ),
+    )
+}
 
 
 router = APIRouter(prefix="/organize/phases", include_in_schema=False)

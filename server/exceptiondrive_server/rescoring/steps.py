@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from types import MappingProxyType
 
 from sqlalchemy.orm import Session
 
@@ -137,92 +136,90 @@ class RunStep:
         return f'exceptiondrive organizer rescore {self.command} {run_id}{seen} --reason "…"'
 
 
-RUN_STEPS: Mapping[str, RunStep] = MappingProxyType(
-    {
-        step.key: step
-        for step in (
-            RunStep(
-                RunAction.START,
-                "Start scoring",
-                "Start scoring",
-                "Workers score in the background, behind fresh submissions. "
-                "The public board does not change.",
-                "run_started",
-                changes.start_run,
-                "begin",
-                is_main=True,
-            ),
-            RunStep(
-                RunAction.PAUSE,
-                "Pause",
-                "Pause the run",
-                "No further sheet begins; those that run are finished.",
-                "run_paused",
-                changes.pause_run,
-                "pause",
-            ),
-            RunStep(
-                RunAction.RESUME,
-                "Resume",
-                "Resume the run",
-                "Scoring goes on, and sheets that failed are tried again.",
-                "run_resumed",
-                changes.resume_run,
-                "resume",
-                is_main=True,
-            ),
-            RunStep(
-                RunAction.APPLY,
-                "Apply",
-                "Apply the run",
-                "One transaction shows the new board to every reader, and tells the teams whose "
-                "numbers change. While the phase is hidden, organizers alone see that board, and teams are "
-                "told when it is shown. It can be rolled back until you close the run.",
-                "run_applied",
-                flip.apply_run,
-                "apply",
-                is_main=True,
-                is_grave=True,
-                needs_preview=True,
-                is_flip=True,
-            ),
-            RunStep(
-                RunAction.ROLLBACK,
-                "Roll back",
-                "Roll back",
-                "Readers see the board under the earlier protocol again, and the teams whose numbers "
-                "change are told. While the phase is hidden, organizers alone see that board and "
-                "nobody is told.",
-                "run_rolled_back",
-                flip.rollback_run,
-                "rollback",
-                is_grave=True,
-                is_flip=True,
-            ),
-            RunStep(
-                RunAction.CLOSE,
-                "Close",
-                "Close the run",
-                "The new protocol stays: fresh submissions are scored under it alone, and the run "
-                "can no longer be rolled back.",
-                "run_closed",
-                changes.close_run,
-                "close",
-                is_grave=True,
-            ),
-            RunStep(
-                RunAction.CANCEL,
-                "Cancel",
-                "Cancel the run",
-                "It ends here. The public board never changed, and sheets that were made are kept.",
-                "run_cancelled",
-                changes.cancel_run,
-                "cancel",
-                is_grave=True,
-            ),
-        )
-    }
-)
+RUN_STEPS: Mapping[str, RunStep] = {
+    step.key: step
+    for step in (
+        RunStep(
+            RunAction.START,
+            "Start scoring",
+            "Start scoring",
+            "Workers score in the background, behind fresh submissions. "
+            "The public board does not change.",
+            "run_started",
+            changes.start_run,
+            "begin",
+            is_main=True,
+        ),
+        RunStep(
+            RunAction.PAUSE,
+            "Pause",
+            "Pause the run",
+            "No further sheet begins; those that run are finished.",
+            "run_paused",
+            changes.pause_run,
+            "pause",
+        ),
+        RunStep(
+            RunAction.RESUME,
+            "Resume",
+            "Resume the run",
+            "Scoring goes on, and sheets that failed are tried again.",
+            "run_resumed",
+            changes.resume_run,
+            "resume",
+            is_main=True,
+        ),
+        RunStep(
+            RunAction.APPLY,
+            "Apply",
+            "Apply the run",
+            "One transaction shows the new board to every reader, and tells the teams whose "
+            "numbers change. While the phase is hidden, organizers alone see that board, and teams are "
+            "told when it is shown. It can be rolled back until you close the run.",
+            "run_applied",
+            flip.apply_run,
+            "apply",
+            is_main=True,
+            is_grave=True,
+            needs_preview=True,
+            is_flip=True,
+        ),
+        RunStep(
+            RunAction.ROLLBACK,
+            "Roll back",
+            "Roll back",
+            "Readers see the board under the earlier protocol again, and the teams whose numbers "
+            "change are told. While the phase is hidden, organizers alone see that board and "
+            "nobody is told.",
+            "run_rolled_back",
+            flip.rollback_run,
+            "rollback",
+            is_grave=True,
+            is_flip=True,
+        ),
+        RunStep(
+            RunAction.CLOSE,
+            "Close",
+            "Close the run",
+            "The new protocol stays: fresh submissions are scored under it alone, and the run "
+            "can no longer be rolled back.",
+            "run_closed",
+            changes.close_run,
+            "close",
+            is_grave=True,
+        ),
+        RunStep(
+            RunAction.CANCEL,
+            "Cancel",
+            "Cancel the run",
+            "It ends here. The public board never changed, and sheets that were made are kept.",
+            "run_cancelled",
+            changes.cancel_run,
+            "cancel",
+            is_grave=True,
+        ),
+    )
+}
 
 
 def offered(run: RunView) -> tuple[RunStep, ...]:

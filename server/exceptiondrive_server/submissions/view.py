@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 
 from exceptiondrive_schemas.api.own_entries import question_of
 from exceptiondrive_schemas.api.phase_settings import PhasePolicy, RunRule
@@ -208,13 +207,11 @@ def _choices(seen: SubmissionView, policy: PhasePolicy) -> Iterator[tuple[str, s
                 yield f"choose?rule={rule}", f"Let the {rule} run stand"
 
 
-RUN_RULES: Mapping[RunRule, str] = MappingProxyType(
-    {
-        "newest": "Of this method the newest run stands.",
-        "best": "Of this method the best run stands, by the samples that counted before the deadline.",
-        "this": "Of this method the run stands that the team chose.",
-    }
-)
+RUN_RULES: Mapping[RunRule, str] = {
+    "newest": "Of this method the newest run stands.",
+    "best": "Of this method the best run stands, by the samples that counted before the deadline.",
+    "this": "Of this method the run stands that the team chose.",
+}
 
 
 def standing(seen: SubmissionView, policy: PhasePolicy) -> str:

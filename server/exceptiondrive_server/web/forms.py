@@ -10,7 +10,6 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from types import MappingProxyType
 from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -22,7 +21,7 @@ from exceptiondrive_schemas.base import faults_in
 from exceptiondrive_schemas.datetimes import in_utc
 
 MAX_DIGITS = 9
-NOTHING_KEPT: Mapping[str, str] = MappingProxyType({})
+NOTHING_KEPT: Mapping[str, str] = {}
 _WAS = "was."
 _SHORT = 80
 Model = TypeVar("Model", bound=BaseModel)

@@ -1,7 +1,6 @@
 """What the words on the pages mean, each in a sentence or two: one registry for all pop-overs."""
 
 from collections.abc import Iterator, Mapping
-from types import MappingProxyType
 from typing import NamedTuple
 
 from exceptiondrive_schemas.challenges import CHALLENGES
@@ -107,5 +106,5 @@ _WORDS = {
     ),
 }  # fmt: skip
 
-TERMS: Mapping[str, Term] = MappingProxyType({**dict(_of_metrics()), **_WORDS})
+TERMS: Mapping[str, Term] = {**dict(_of_metrics()), **_WORDS}
 """Every word that a page explains, by its key."""

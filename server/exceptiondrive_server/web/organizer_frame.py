@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from types import MappingProxyType
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends
@@ -20,53 +19,51 @@ from exceptiondrive_server.web.forms import changed, filled, read, typed
 from exceptiondrive_server.web.organizer_rights import may_change, require_right, what_lacks
 from exceptiondrive_server.web.responses import private_page
 
-DONE: Mapping[str, str] = MappingProxyType(
-    {
-        "team_created": "The team is created. Issue its first token below, and hand it over.",
-        "team_approved": "The team is approved: it may submit.",
-        "team_refused": "The registration is refused. The team and its tokens are gone.",
-        "team_changed": "The team is changed. New boards show it, and earlier ones stay as they are.",
-        "teams_merged": "The two are one team. Boards with its new entries are being built.",
-        "team_forgotten": "The team is forgotten: an alias stands wherever it was named.",
-        "allowance_set": "The allowance is set, and the team is told.",
-        "disqualified": "Disqualified. The next board leaves it out, and the team is told.",
-        "reinstated": "Reinstated. The next board shows what was scored, and the team is told.",
-        "message_sent": "The message stands in the inboxes, and goes to the confirmed addresses.",
-        "token_revoked": "The token is revoked. It no longer works.",
-        "phase_created": "The phase is created.",
-        "phase_created_over": "The phase is created, and takes no files: its deadline has passed. Set a "
-        'later one under "Closes at", unless that is meant.',
-        "nothing_changed": "Nothing was changed: all is as it was.",
-        "site_changed": "The links are changed: every page shows them from now on.",
-        "phase_changed": "The phase is changed; the audit log says from what to what.",
-        "news_published": "The news is published, and the teams are told.",
-        "news_withdrawn": "The news is withdrawn: readers see it no more.",
-        "reported_imported": "The rows are imported: they stand on the page of reported rows, unranked.",
-        "reported_withdrawn": "The rows are withdrawn: readers see them no more.",
-        "question_answered": "The question is answered.",
-        "role_set": "The role is set. It counts from the next request on.",
-        "person_forgotten": "The person is forgotten: their id alone stays.",
-        "phase_deleted": "The phase is deleted. The audit log keeps its name and your reason.",
-        "submission_retried": "The submission is queued again, with all its attempts, and the team is told.",
-        "submission_verified": "A worker recomputes it; what came of it stands below when it is done.",
-        "submission_restored": "The submission stands again, and the team is told.",
-        "team_told": "Sent. The team finds it among its notices.",
-        "protocol_added": "The protocol is added. No score changes until you rescore with it.",
-        "protocol_deleted": "The protocol is deleted; its version may be used again.",
-        "protocol_known": "This very document is there already. Nothing was added.",
-        "protocol_confirmed": "The confirmation is kept. Workers believe it if its key is one of the split's.",
-        "confirmation_withdrawn": "The confirmation is withdrawn.",
-        "run_drafted": "The run is drafted. Nothing is scored until you start it.",
-        "run_started": "Scoring has begun, behind fresh submissions.",
-        "run_paused": "The run is paused: no further sheet begins.",
-        "run_resumed": "The run goes on, and failed sheets are tried again.",
-        "run_cancelled": "The run is cancelled. The public board never changed.",
-        "run_applied": "Applied: readers see the new board from now on.",
-        "run_rolled_back": "Rolled back: readers see the earlier protocol's board again.",
-        "run_closed": "The run is closed: the new protocol stays.",
-        "verification_started": "Workers recompute the sheets from their uploads.",
-    }
-)
+DONE: Mapping[str, str] = {
+    "team_created": "The team is created. Issue its first token below, and hand it over.",
+    "team_approved": "The team is approved: it may submit.",
+    "team_refused": "The registration is refused. The team and its tokens are gone.",
+    "team_changed": "The team is changed. New boards show it, and earlier ones stay as they are.",
+    "teams_merged": "The two are one team. Boards with its new entries are being built.",
+    "team_forgotten": "The team is forgotten: an alias stands wherever it was named.",
+    "allowance_set": "The allowance is set, and the team is told.",
+    "disqualified": "Disqualified. The next board leaves it out, and the team is told.",
+    "reinstated": "Reinstated. The next board shows what was scored, and the team is told.",
+    "message_sent": "The message stands in the inboxes, and goes to the confirmed addresses.",
+    "token_revoked": "The token is revoked. It no longer works.",
+    "phase_created": "The phase is created.",
+    "phase_created_over": "The phase is created, and takes no files: its deadline has passed. Set a "
+    'later one under "Closes at", unless that is meant.',
+    "nothing_changed": "Nothing was changed: all is as it was.",
+    "site_changed": "The links are changed: every page shows them from now on.",
+    "phase_changed": "The phase is changed; the audit log says from what to what.",
+    "news_published": "The news is published, and the teams are told.",
+    "news_withdrawn": "The news is withdrawn: readers see it no more.",
+    "reported_imported": "The rows are imported: they stand on the page of reported rows, unranked.",
+    "reported_withdrawn": "The rows are withdrawn: readers see them no more.",
+    "question_answered": "The question is answered.",
+    "role_set": "The role is set. It counts from the next request on.",
+    "person_forgotten": "The person is forgotten: their id alone stays.",
+    "phase_deleted": "The phase is deleted. The audit log keeps its name and your reason.",
+    "submission_retried": "The submission is queued again, with all its attempts, and the team is told.",
+    "submission_verified": "A worker recomputes it; what came of it stands below when it is done.",
+    "submission_restored": "The submission stands again, and the team is told.",
+    "team_told": "Sent. The team finds it among its notices.",
+    "protocol_added": "The protocol is added. No score changes until you rescore with it.",
+    "protocol_deleted": "The protocol is deleted; its version may be used again.",
+    "protocol_known": "This very document is there already. Nothing was added.",
+    "protocol_confirmed": "The confirmation is kept. Workers believe it if its key is one of the split's.",
+    "confirmation_withdrawn": "The confirmation is withdrawn.",
+    "run_drafted": "The run is drafted. Nothing is scored until you start it.",
+    "run_started": "Scoring has begun, behind fresh submissions.",
+    "run_paused": "The run is paused: no further sheet begins.",
+    "run_resumed": "The run goes on, and failed sheets are tried again.",
+    "run_cancelled": "The run is cancelled. The public board never changed.",
+    "run_applied": "Applied: readers see the new board from now on.",
+    "run_rolled_back": "Rolled back: readers see the earlier protocol's board again.",
+    "run_closed": "The run is closed: the new protocol stays.",
+    "verification_started": "Workers recompute the sheets from their uploads.",
+}
 """What was just done, in words: addresses carry a key, never a text of their own."""
 SECTIONS = (
     ("overview", "Overview", "/organize"),

@@ -7,7 +7,6 @@ phase. A role that is confined to that phase counts there. Every other route is 
 """
 
 from collections.abc import Mapping
-from types import MappingProxyType
 
 from fastapi import Request
 from sqlalchemy import select
@@ -45,14 +44,12 @@ _NARROWED = frozenset({"/news", "/questions", "/submissions", "/submissions/arch
 
 
 _Owned = RescoringRun | Submission | News | Question
-_OWNED: Mapping[str, type[_Owned]] = MappingProxyType(
-    {
-        "run_id": RescoringRun,
-        "submission_id": Submission,
-        "news_id": News,
-        "question_id": Question,
-    }
-)
+_OWNED: Mapping[str, type[_Owned]] = {
+    "run_id": RescoringRun,
+    "submission_id": Submission,
+    "news_id": News,
+    "question_id": Question,
+}
 """Parameters of paths that name what belongs to one phase."""
 
 

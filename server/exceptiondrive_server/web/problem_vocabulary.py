@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from datetime import datetime
-from types import MappingProxyType
 from typing import NamedTuple
 
 from exceptiondrive_schemas.api.problems import ProblemCode
@@ -22,186 +21,182 @@ class ProblemKind(NamedTuple):
     """What a reader of pages can do, who has no client in hand; else the same steps."""
 
 
-PROBLEMS: Mapping[ProblemCode, ProblemKind] = MappingProxyType(
-    {
-        ProblemCode.BAD_REQUEST: ProblemKind(
-            400,
-            "The request cannot be understood",
-            "A field of the request is missing or has a value that is not allowed. The answer "
-            "names each field with a sentence under `fields`.",
-            ("Correct the fields that the answer names.", "Send the request again."),
-            2,
-            in_browser=("Go back, correct what the sentence above names, send it again.",),
-        ),
-        ProblemCode.NOT_SIGNED_IN: ProblemKind(
-            401,
-            "A valid token is needed",
-            "The request carried no token, or one that is unknown, expired or revoked. The answer "
-            "is the same for all of these.",
+PROBLEMS: Mapping[ProblemCode, ProblemKind] = {
+    ProblemCode.BAD_REQUEST: ProblemKind(
+        400,
+        "The request cannot be understood",
+        "A field of the request is missing or has a value that is not allowed. The answer "
+        "names each field with a sentence under `fields`.",
+        ("Correct the fields that the answer names.", "Send the request again."),
+        2,
+        in_browser=("Go back, correct what the sentence above names, send it again.",),
+    ),
+    ProblemCode.NOT_SIGNED_IN: ProblemKind(
+        401,
+        "A valid token is needed",
+        "The request carried no token, or one that is unknown, expired or revoked. The answer "
+        "is the same for all of these.",
+        (
             (
-                (
-                    "Run `exceptiondrive login` and paste the token that an organizer gave you, or set "
-                    "EXCEPTIONDRIVE_TOKEN."
-                ),
-                "If the token is old, ask an organizer for a new one.",
+                "Run `exceptiondrive login` and paste the token that an organizer gave you, or set "
+                "EXCEPTIONDRIVE_TOKEN."
             ),
-            4,
-            in_browser=("Sign in again: a session ends after twelve hours.",),
+            "If the token is old, ask an organizer for a new one.",
         ),
-        ProblemCode.NOT_ALLOWED: ProblemKind(
-            403,
-            "Not allowed",
-            "The token is valid, but it was issued for something else: teams cannot act as "
-            "organizers, and reading tokens cannot submit.",
-            ("Use a token with the right scope; `exceptiondrive whoami` shows which you have.",),
-            4,
-            in_browser=(
-                "If you sent a form, go back and send it again: your browser may still hold what you typed.",
-                "If you followed a link, sign in as somebody who may see it.",
-            ),
+        4,
+        in_browser=("Sign in again: a session ends after twelve hours.",),
+    ),
+    ProblemCode.NOT_ALLOWED: ProblemKind(
+        403,
+        "Not allowed",
+        "The token is valid, but it was issued for something else: teams cannot act as "
+        "organizers, and reading tokens cannot submit.",
+        ("Use a token with the right scope; `exceptiondrive whoami` shows which you have.",),
+        4,
+        in_browser=(
+            "If you sent a form, go back and send it again: your browser may still hold what you typed.",
+            "If you followed a link, sign in as somebody who may see it.",
         ),
-        ProblemCode.NOT_FOUND: ProblemKind(
-            404,
-            "Not found",
-            "No such thing exists, or it is not yours to see: submissions of other teams look "
-            "exactly like ones that never existed.",
-            ("Check the address or the id.", "Start again from the leaderboard."),
-            2,
-            in_browser=(
-                "Check the address.",
-                "If it belongs to a team, sign in as somebody of that team.",
-                "Otherwise start again from the leaderboard.",
-            ),
+    ),
+    ProblemCode.NOT_FOUND: ProblemKind(
+        404,
+        "Not found",
+        "No such thing exists, or it is not yours to see: submissions of other teams look "
+        "exactly like ones that never existed.",
+        ("Check the address or the id.", "Start again from the leaderboard."),
+        2,
+        in_browser=(
+            "Check the address.",
+            "If it belongs to a team, sign in as somebody of that team.",
+            "Otherwise start again from the leaderboard.",
         ),
-        ProblemCode.METHOD_NOT_ALLOWED: ProblemKind(
-            405,
-            "This address does not take that method",
-            "The address exists, but not for this HTTP method. The `Allow` header lists the ones "
-            "that work.",
-            ("Use one of the methods in `Allow`.",),
-            2,
-            in_browser=("Start again from the leaderboard and follow its links.",),
+    ),
+    ProblemCode.METHOD_NOT_ALLOWED: ProblemKind(
+        405,
+        "This address does not take that method",
+        "The address exists, but not for this HTTP method. The `Allow` header lists the ones "
+        "that work.",
+        ("Use one of the methods in `Allow`.",),
+        2,
+        in_browser=("Start again from the leaderboard and follow its links.",),
+    ),
+    ProblemCode.CONFLICT: ProblemKind(
+        409,
+        "The request contradicts what is recorded",
+        "Something with this name exists with other content, or the state has moved on since "
+        "you looked. Protocols, boards and split revisions never change once they are used.",
+        ("Look at the present state again.", "Choose another name or version."),
+        4,
+        in_browser=("Open the page again: it shows how things stand now.",),
+    ),
+    ProblemCode.PHASE_CLOSED: ProblemKind(
+        403,
+        "The phase takes no submissions now",
+        "The phase has not opened yet or has closed. Its board stays readable.",
+        ("See the dates with `exceptiondrive phases`.", "Submit to a phase that is open."),
+        4,
+    ),
+    ProblemCode.UPLOAD_TOO_LARGE: ProblemKind(
+        413,
+        "The upload is too large",
+        "The file is larger than this server accepts. A file for 3,181 samples with four "
+        "decimals needs about 400 kB when compressed.",
+        ("Compress the file with gzip.", "Write no more than four decimals."),
+        2,
+    ),
+    ProblemCode.UPLOAD_EMPTY: ProblemKind(
+        400,
+        "The upload is empty",
+        "The request carried a file without any bytes.",
+        ("Check that your program finished writing the file.", "Submit it again."),
+        2,
+        in_browser=("Check that the file was written to its end, then send it again.",),
+    ),
+    ProblemCode.UNSUPPORTED_MEDIA_TYPE: ProblemKind(
+        415,
+        "This media type is not taken",
+        "Submissions travel as multipart/form-data; other requests travel as JSON.",
+        ("Use `exceptiondrive submit`, or send the form as the API description shows it.",),
+        2,
+        in_browser=("Send the file with the form on the submit page.",),
+    ),
+    ProblemCode.QUOTA_EXCEEDED: ProblemKind(
+        429,
+        "The quota is used up",
+        "Your team has made all submissions that this phase allows for now. Rejected and "
+        "failed submissions never count, and neither do the same bytes sent again.",
+        (
+            "A day's quota renews at 00:00 UTC, `Retry-After` seconds from now; that of a whole phase does not.",
+            "Until then, score locally on the development split: `exceptiondrive evaluate`.",
         ),
-        ProblemCode.CONFLICT: ProblemKind(
-            409,
-            "The request contradicts what is recorded",
-            "Something with this name exists with other content, or the state has moved on since "
-            "you looked. Protocols, boards and split revisions never change once they are used.",
-            ("Look at the present state again.", "Choose another name or version."),
-            4,
-            in_browser=("Open the page again: it shows how things stand now.",),
-        ),
-        ProblemCode.PHASE_CLOSED: ProblemKind(
-            403,
-            "The phase takes no submissions now",
-            "The phase has not opened yet or has closed. Its board stays readable.",
-            ("See the dates with `exceptiondrive phases`.", "Submit to a phase that is open."),
-            4,
-        ),
-        ProblemCode.UPLOAD_TOO_LARGE: ProblemKind(
-            413,
-            "The upload is too large",
-            "The file is larger than this server accepts. A file for 3,181 samples with four "
-            "decimals needs about 400 kB when compressed.",
-            ("Compress the file with gzip.", "Write no more than four decimals."),
-            2,
-        ),
-        ProblemCode.UPLOAD_EMPTY: ProblemKind(
-            400,
-            "The upload is empty",
-            "The request carried a file without any bytes.",
-            ("Check that your program finished writing the file.", "Submit it again."),
-            2,
-            in_browser=("Check that the file was written to its end, then send it again.",),
-        ),
-        ProblemCode.UNSUPPORTED_MEDIA_TYPE: ProblemKind(
-            415,
-            "This media type is not taken",
-            "Submissions travel as multipart/form-data; other requests travel as JSON.",
-            ("Use `exceptiondrive submit`, or send the form as the API description shows it.",),
-            2,
-            in_browser=("Send the file with the form on the submit page.",),
-        ),
-        ProblemCode.QUOTA_EXCEEDED: ProblemKind(
-            429,
-            "The quota is used up",
-            "Your team has made all submissions that this phase allows for now. Rejected and "
-            "failed submissions never count, and neither do the same bytes sent again.",
+        3,
+    ),
+    ProblemCode.REJECTED_CAP_EXCEEDED: ProblemKind(
+        429,
+        "Too many files without a score today",
+        "Rejected files cost no quota, nor do those that could not be scored, but their number per "
+        "day is capped.",
+        (
             (
-                "A day's quota renews at 00:00 UTC, `Retry-After` seconds from now; that of a whole phase does not.",
-                "Until then, score locally on the development split: `exceptiondrive evaluate`.",
+                "Check files on your own machine first: `exceptiondrive check FILE` finds the same "
+                "faults."
             ),
-            3,
+            "Submit again after 00:00 UTC.",
         ),
-        ProblemCode.REJECTED_CAP_EXCEEDED: ProblemKind(
-            429,
-            "Too many files without a score today",
-            "Rejected files cost no quota, nor do those that could not be scored, but their number per "
-            "day is capped.",
-            (
-                (
-                    "Check files on your own machine first: `exceptiondrive check FILE` finds the same "
-                    "faults."
-                ),
-                "Submit again after 00:00 UTC.",
-            ),
-            3,
+        3,
+    ),
+    ProblemCode.FILE_INVALID: ProblemKind(
+        422,
+        "The file is not valid",
+        "The file breaks the format. The answer lists every fault at once under `report`: "
+        "code, place, sample, what was expected and what was there. No quota was spent.",
+        (
+            "Run `exceptiondrive check FILE` and correct what it lists.",
+            "The codes are explained below, each with an example.",
         ),
-        ProblemCode.FILE_INVALID: ProblemKind(
-            422,
-            "The file is not valid",
-            "The file breaks the format. The answer lists every fault at once under `report`: "
-            "code, place, sample, what was expected and what was there. No quota was spent.",
-            (
-                "Run `exceptiondrive check FILE` and correct what it lists.",
-                "The codes are explained below, each with an example.",
-            ),
-            2,
+        2,
+    ),
+    ProblemCode.TOO_MANY_REQUESTS: ProblemKind(
+        429,
+        "Too many requests",
+        "Too much came at once or in a short time, from your address, your team or with your token.",
+        ("Wait for the seconds in `Retry-After`, then go on more slowly.",),
+        5,
+        in_browser=("Wait as long as the sentence above says, then try again.",),
+    ),
+    ProblemCode.STORE_UNAVAILABLE: ProblemKind(
+        503,
+        "The service cannot do this right now",
+        "The database or the file store did not answer, or more files arrive than there are places for. "
+        "Nothing was accepted, and nothing that was accepted before is lost.",
+        ("Try again after the seconds in `Retry-After`; the client does so by itself.",),
+        5,
+        in_browser=("Load the page again in a few seconds.",),
+    ),
+    ProblemCode.INTERNAL: ProblemKind(
+        500,
+        "We made an error",
+        "The server met an error of its own. Organizers see it under the request id.",
+        ("Try again later.", "If it stays, tell an organizer the `request_id`."),
+        5,
+        in_browser=(
+            "Load the page again in a minute.",
+            "If it stays, tell an organizer the request id above.",
         ),
-        ProblemCode.TOO_MANY_REQUESTS: ProblemKind(
-            429,
-            "Too many requests",
-            "Too much came at once or in a short time, from your address, your team or with your token.",
-            ("Wait for the seconds in `Retry-After`, then go on more slowly.",),
-            5,
-            in_browser=("Wait as long as the sentence above says, then try again.",),
-        ),
-        ProblemCode.STORE_UNAVAILABLE: ProblemKind(
-            503,
-            "The service cannot do this right now",
-            "The database or the file store did not answer, or more files arrive than there are places for. "
-            "Nothing was accepted, and nothing that was accepted before is lost.",
-            ("Try again after the seconds in `Retry-After`; the client does so by itself.",),
-            5,
-            in_browser=("Load the page again in a few seconds.",),
-        ),
-        ProblemCode.INTERNAL: ProblemKind(
-            500,
-            "We made an error",
-            "The server met an error of its own. Organizers see it under the request id.",
-            ("Try again later.", "If it stays, tell an organizer the `request_id`."),
-            5,
-            in_browser=(
-                "Load the page again in a minute.",
-                "If it stays, tell an organizer the request id above.",
-            ),
-        ),
-    }
-)
-CODE_OF_STATUS: Mapping[int, ProblemCode] = MappingProxyType(
-    {
-        400: ProblemCode.BAD_REQUEST,
-        401: ProblemCode.NOT_SIGNED_IN,
-        403: ProblemCode.NOT_ALLOWED,
-        404: ProblemCode.NOT_FOUND,
-        405: ProblemCode.METHOD_NOT_ALLOWED,
-        409: ProblemCode.CONFLICT,
-        413: ProblemCode.UPLOAD_TOO_LARGE,
-        415: ProblemCode.UNSUPPORTED_MEDIA_TYPE,
-        429: ProblemCode.TOO_MANY_REQUESTS,
-        503: ProblemCode.STORE_UNAVAILABLE,
-    }
-)
+    ),
+}
+CODE_OF_STATUS: Mapping[int, ProblemCode] = {
+    400: ProblemCode.BAD_REQUEST,
+    401: ProblemCode.NOT_SIGNED_IN,
+    403: ProblemCode.NOT_ALLOWED,
+    404: ProblemCode.NOT_FOUND,
+    405: ProblemCode.METHOD_NOT_ALLOWED,
+    409: ProblemCode.CONFLICT,
+    413: ProblemCode.UPLOAD_TOO_LARGE,
+    415: ProblemCode.UNSUPPORTED_MEDIA_TYPE,
+    429: ProblemCode.TOO_MANY_REQUESTS,
+    503: ProblemCode.STORE_UNAVAILABLE,
+}
 
 
 class ApiProblem(Exception):  # noqa: N818 - named as RFC 9457 names it
