@@ -61,8 +61,7 @@ class ServiceStatus(Document):
     state: Literal["up", "delayed"]
     sentence: str
     live_workers: int
-    slots: int
-    """How many submissions they score at once."""
+    """Processes that score, one submission at a time each."""
     waiting: int
     """Submissions that no worker scores yet."""
     running: int

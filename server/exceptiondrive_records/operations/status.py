@@ -46,13 +46,11 @@ def scoring_delay(session: Session) -> str:
 def service_status(session: Session) -> ServiceStatus:
     """Return whether submissions are scored now, and how it went of late."""
     delay = scoring_delay(session)
-    alive = live_workers(session, Lane.LIVE)
     queue = lane_queue(session, Lane.LIVE)
     return ServiceStatus(
         state="delayed" if delay else "up",
         sentence=delay or "Scoring keeps up: submissions are scored as they come.",
-        live_workers=alive,
-        slots=alive,
+        live_workers=live_workers(session, Lane.LIVE),
         waiting=queue.waiting,
         running=queue.running,
         oldest_wait_s=queue.oldest_s,
