@@ -227,37 +227,6 @@ def test_a_role_changes_work_of_its_kinds_alone(
         assert (gone is not None) == ("DELETE" in given)
 
 
-@pytest.mark.parametrize("column", ["protocol_digest", "split_name", "trial"])
-def test_the_server_asks_for_a_trial_and_never_says_what_was_tried(
-    records_url: str, ask: Ask, column: str
-) -> None:
-    """What was tried counts among the protocols of a split, which are few."""
-    with psycopg.connect(records_url.replace("+psycopg", ""), autocommit=True) as owner:
-        owner.execute("ALTER TABLE work DROP CONSTRAINT IF EXISTS needed_for_trial")
-    counted = new_work("trial", "counted").replace("id,", f"{column}, id,", 1)
-    counted = counted.replace("VALUES (", "VALUES ('x', ", 1)
-    with pytest.raises(errors.InsufficientPrivilege):
-        ask(Role.API, counted)
-    ask(Role.API, new_work("trial", "asked"))
-
-
-@pytest.mark.parametrize("change", [
-    *(f"{column} = NULL" for column in (
-        "protocol_digest", "split_name", "split_revision", "trial", "run_id", "phase_id",
-    )),
-    "kind = 'score'", "state = 'queued'",
-])  # fmt: skip
-def test_the_reconciler_gives_up_a_trial_and_never_says_what_was_tried(
-    records_url: str, ask: Ask, change: str
-) -> None:
-    with psycopg.connect(records_url.replace("+psycopg", ""), autocommit=True) as owner:
-        owner.execute("ALTER TABLE work DROP CONSTRAINT IF EXISTS needed_for_trial")
-        owner.execute(new_work("trial", "there"))
-    assert ask(Role.RECONCILER, "UPDATE work SET state = 'dead' RETURNING id") == ("trial-there",)
-    with pytest.raises(errors.InsufficientPrivilege):
-        ask(Role.RECONCILER, f"UPDATE work SET {change}")
-
-
 def test_every_kind_of_work_has_its_rights() -> None:
     assert set(WORK_RIGHTS) == WorkItem.__mapper__.polymorphic_map.keys()
 

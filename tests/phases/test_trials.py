@@ -2,31 +2,26 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
-from threading import Barrier
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from sqlalchemy import select, update
+from sqlalchemy import delete, update
 from tests.canary.values import CANARY_M
 from tests.phases.browsing import visitor
 from tests.support.documents import region_ahead, split_document
-from tests.support.floors import write_floors
+from tests.support.floors import let_begin_together, write_floors
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.operations.reconciler import reconcile_once
-from exceptiondrive_records.protocols.protocols import add_protocol, find_protocol
-from exceptiondrive_records.rescoring.runs import find_run
+from exceptiondrive_records.protocols.protocols import add_protocol
 from exceptiondrive_records.rescoring.tables import RescoringRun
-from exceptiondrive_records.rescoring.trials import count_trial, tried_protocols
+from exceptiondrive_records.splits.openings import opened_protocols
 from exceptiondrive_records.work.dispatch import Dispatcher
-from exceptiondrive_records.work.lease import claim_oldest
 from exceptiondrive_records.work.tables import Trial, WorkState
 from exceptiondrive_schemas.protocol import packaged_protocol_toml, parse_protocol
-from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_worker.splits.admin import publish_split_file
-from exceptiondrive_worker.splits.floors import FloorHeldError
-from exceptiondrive_worker.splits.floors_held import hold_floors_alone
+from exceptiondrive_worker.trial_run import try_next_split
 
 if TYPE_CHECKING:
     from tests.phases.life import Life
@@ -172,37 +167,22 @@ def test_trials_stop_no_submission_under_what_the_split_was_scored_under(scored:
     assert seen(scored, other)["trial"]["state"] == "held"
 
 
-def test_two_trials_at_once_take_no_more_than_is_left(scored: "Life") -> None:
+def test_two_trials_at_once_take_no_more_than_is_left(
+    scored: "Life", monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both are let pass at first, since neither is counted."""
     scored.make_phase("other", split="plain")
     bound(scored, 2)
-    draft(scored, "1.2", footprint_width_m=1.9)
-    draft(scored, "1.3", "other", footprint_width_m=1.95)
-    together = Barrier(2)
-
-    def is_let_pass(item: Trial) -> bool:
-        with scored.database.read() as session:
-            run = find_run(session, item.run_id)
-            protocol = find_protocol(session, run.to_protocol_digest)
-        ref = SplitRef(name="plain", revision=run.to_split_revision)
-        floors = scored.context.splits.floors("plain")
-        together.wait()
-        try:
-            with scored.database.write() as session:
-                hold_floors_alone(session, floors, ref, protocol)
-                count_trial(session, item, ref, protocol.digest)
-        except FloorHeldError:
-            return False
-        return True
-
-    items = []
-    for _ in range(2):
-        with scored.database.write() as session:
-            items.append(claim_oldest(session, Trial, 60.0, 4))
+    runs = [
+        draft(scored, "1.2", footprint_width_m=1.9),
+        draft(scored, "1.3", "other", footprint_width_m=1.95),
+    ]
+    let_begin_together(monkeypatch)
     with ThreadPoolExecutor(2) as pool:
-        passed = list(pool.map(is_let_pass, [item for item in items if item is not None]))
-    assert sorted(passed) == [False, True]
+        assert all(pool.map(lambda _: try_next_split(scored.context), runs))
+    assert sorted(seen(scored, run)["trial"]["state"] for run in runs) == ["fits", "held"]
     with scored.database.read() as session:
-        assert len(tried_protocols(session, "plain")) == 1
+        assert len(opened_protocols(session, "plain")) == 2
 
 
 def test_what_the_server_makes_of_a_run_later_takes_no_trial_out_of_the_count(
@@ -211,8 +191,6 @@ def test_what_the_server_makes_of_a_run_later_takes_no_trial_out_of_the_count(
     scored.make_phase("other", split="plain")
     bound(scored, 2)
     run = draft(scored, "1.2", footprint_length_m=18.0)
-    with scored.database.write() as session:  # so that it would go with the phase
-        session.execute(update(Trial).values(phase_id="other"))
     scored.work()
     scored.done(f"/rescoring/{run['id']}/cancel", {"reason": "no"})
     with scored.database.write() as session:
@@ -221,10 +199,7 @@ def test_what_the_server_makes_of_a_run_later_takes_no_trial_out_of_the_count(
                 to_protocol_digest=RescoringRun.from_protocol_digest, phase_id="other"
             )
         )
-        item = session.scalars(select(Trial)).one()
-        assert (item.split_name, item.phase_id) == ("plain", None)
-        assert item.split_revision == run["to_split"]["revision"]
-        assert item.protocol_digest == run["to_protocol"]["digest"]
+        session.execute(delete(Trial))
     run = draft(scored, "1.3", footprint_length_m=22.0)
     scored.work()
     trial = seen(scored, run)["trial"]

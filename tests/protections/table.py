@@ -128,7 +128,7 @@ PROTECTIONS = (
     ),
     Protection(
         "split-protocols",
-        "exceptiondrive_worker.splits.floors_held:hold_floors_alone",
+        "exceptiondrive_worker.splits.floors_held:count_opening",
         _nothing,
         "tests/worker/test_split_floors.py::test_two_protocols_at_once_take_no_more_than_is_left",
     ),

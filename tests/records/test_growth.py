@@ -12,11 +12,8 @@ from tests.records.statements import loops_of, steps_of
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.disqualified import disqualified_ids
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.submissions.sheets import (
-    is_scored,
-    protocols_of_split,
-    scored_within_a_day,
-)
+from exceptiondrive_records.splits.openings import opened_protocols
+from exceptiondrive_records.submissions.sheets import is_scored, scored_within_a_day
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work.dispatch import mark_queued
@@ -170,7 +167,7 @@ def test_a_rush_after_a_quiet_year_repeats_no_step_for_each_pair_of_teams(
         next_in_turn,
         is_live_work_open,
         lambda session: scored_within_a_day(session, "sample", database_now(session), besides="x"),
-        lambda session: protocols_of_split(session, "sample"),
+        lambda session: opened_protocols(session, "sample"),
         lambda session: is_scored(session, "sample", "old1"),
         mark_queued,
         lambda session: give_up_exhausted(session, 3),

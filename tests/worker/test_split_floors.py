@@ -4,6 +4,7 @@ import json
 import re
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from datetime import timedelta
 from pathlib import Path
 from threading import Barrier
@@ -26,9 +27,12 @@ from exceptiondrive_records.operations.overview import overview
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.protocols.tables import ProtocolRow
-from exceptiondrive_records.submissions.sheets import protocols_of_split, scored_within_a_day
+from exceptiondrive_records.splits.openings import opened_protocols
+from exceptiondrive_records.submissions.sheets import scored_within_a_day
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.work.jobs import new_job
+from exceptiondrive_records.work.lease import new_item
+from exceptiondrive_records.work.tables import Profile
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.jobs import Lane
@@ -45,13 +49,15 @@ from exceptiondrive_schemas.protocol import (
 from exceptiondrive_schemas.split import Split, SplitRef
 from exceptiondrive_schemas.taxonomy import Family, Task
 from exceptiondrive_worker.failures import FailureCode
+from exceptiondrive_worker.profile_run import describe_next
 from exceptiondrive_worker.splits.admin import SplitsRefusedError, publish_split_file
+from exceptiondrive_worker.splits.faults import SplitRefusedError
 from exceptiondrive_worker.splits.floors import (
     SplitFloors,
     breaches,
     read_floors,
 )
-from exceptiondrive_worker.splits.floors_held import hold_floors_alone
+from exceptiondrive_worker.splits.floors_held import hold_floors_again
 from exceptiondrive_worker.splits.store import read_split
 from exceptiondrive_worker.stages import Target
 
@@ -506,17 +512,50 @@ def test_only_so_many_protocols_ever_ask(
     assert held(world)[-1][1]["asked"] == ["it would be protocol number 3, at most 2 may be"]
 
 
-def score_at_once(
-    world: World, jobs: list[tuple[str, str]], monkeypatch: pytest.MonkeyPatch
-) -> set[str | None]:
-    """Score two jobs, each when both were let begin; return what became of their submissions."""
-    together, score = Barrier(2), world.context.stages.score
+def test_boards_count_among_the_protocols_whatever_comes_of_them(world: World, tiny: Split) -> None:
+    """Rows of references would answer by any number of protocols, and a board that is not built, too."""
+    write_floors(world, "max_protocols = 2", tiny.name)
+    world.add_phase(tiny, "first")
+    for number, length_m in enumerate((4.0, 28.0, 5.0)):  # the second touches a region
+        toml = changed(f"9.{number}", footprint_length_m=length_m)
+        open_phase(world, toml, tiny, f"phase-{number}")
+        with world.database.read() as session:
+            digest = session.get_one(Phase, f"phase-{number}").protocol_digest
+        touches = pytest.raises(SplitRefusedError) if length_m == 28.0 else nullcontext()
+        with touches:
+            build_board_of(world.context, f"phase-{number}", digest)
+    with world.database.read() as session:
+        assert list(session.scalars(select(BoardRow.phase_id))) == ["phase-0"]
+    assert held(world)[-1][1]["asked"] == ["it would be protocol number 3, at most 2 may be"]
 
-    def score_beside_the_other(target: Target) -> Any:
-        together.wait(60)
-        return score(target)
 
-    monkeypatch.setattr(world.context.stages, "score", score_beside_the_other)
+@pytest.mark.parametrize("most_m", [70.0, 3.0], ids=["fits", "does not fit"])
+def test_nobody_learns_below_the_floors_whether_a_split_fits(
+    world: World, tiny: Split, planning_file: Callable[..., bytes], most_m: float
+) -> None:
+    """Neither by a board, nor by the look at a file of another phase that a taken-over server asks for."""
+    world.add_phase(tiny, "fine")
+    scored = world.score(planning_file(tiny), phase_id="fine")
+    assert code_of(world, scored) is None
+    open_phase(world, changed("9.1", max_region_distance_m=most_m), tiny)
+    with world.database.read() as session:
+        digest = session.get_one(Phase, "made").protocol_digest
+    build_board_of(world.context, "made", digest)
+    with world.database.write() as session:
+        asked = new_item(Profile, scored, database_now(session), lane=Lane.LIVE)
+        asked.submission_id, asked.protocol_digest = scored, digest
+        asked.split_revision = tiny.revision
+        session.add(asked)
+    assert describe_next(world.context)
+    with world.database.read() as session:
+        assert session.scalars(select(Profile)).one().note == FailureCode.SPLIT_FLOOR.value
+        assert digest not in opened_protocols(session, tiny.name)
+    told = [detail["asked"] for _, detail in held(world)]
+    assert told == [[f"max_region_distance_m is {most_m:g}, it must lie from 80 to 1000"]] * 2
+
+
+def score_at_once(world: World, jobs: list[tuple[str, str]]) -> set[str | None]:
+    """Score two jobs at once; return what became of their submissions."""
     with ThreadPoolExecutor(2) as pool:
         list(pool.map(lambda job: score_submission(world.context, job[1]), jobs))
     return {code_of(world, submission_id) for submission_id, _ in jobs}
@@ -525,16 +564,16 @@ def score_at_once(
 def test_two_protocols_at_once_take_no_more_than_is_left(
     world: World, tiny: Split, planning_file: Callable[..., bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Both are let begin, since neither has a sheet; the later one records none."""
+    """Both are let begin, since neither is counted."""
     write_floors(world, "max_protocols = 1", tiny.name)
     jobs = []
     for number in range(2):
         open_phase(world, changed(f"9.{number}"), tiny, f"phase-{number}")
         jobs.append(world.submit(planning_file(tiny), phase_id=f"phase-{number}"))
-    codes = score_at_once(world, jobs, monkeypatch)
-    assert codes == {None, FailureCode.SPLIT_FLOOR.value}
+    floors.let_begin_together(monkeypatch)
+    assert score_at_once(world, jobs) == {None, FailureCode.SPLIT_FLOOR.value}
     with world.database.read() as session:
-        assert len(protocols_of_split(session, tiny.name)) == 1
+        assert len(opened_protocols(session, tiny.name)) == 1
     assert held(world)[-1][1]["asked"] == ["it would be protocol number 2, at most 1 may be"]
 
 
@@ -548,8 +587,14 @@ def test_two_submissions_at_once_take_no_more_than_is_left_of_a_day(
     jobs = [
         world.submit(planning_file(tiny, edited_mps=1.1 + n / 10), phase_id="one") for n in range(2)
     ]
-    codes = score_at_once(world, jobs, monkeypatch)
-    assert codes == {None, FailureCode.SPLIT_DAY_FULL.value}
+    together, score = Barrier(2), world.context.stages.score
+
+    def score_beside_the_other(target: Target) -> Any:
+        together.wait(60)
+        return score(target)
+
+    monkeypatch.setattr(world.context.stages, "score", score_beside_the_other)
+    assert score_at_once(world, jobs) == {None, FailureCode.SPLIT_DAY_FULL.value}
     assert "at most 2 a day" in held(world)[-1][1]["asked"][0]
 
 
@@ -570,7 +615,7 @@ def test_scores_of_one_split_wait_for_none_that_is_still_on_its_way(
     ref = SplitRef(name=tiny.name, revision=tiny.revision)
     with world.database.write() as session:
         protocol = find_protocol(session, session.get_one(Phase, "one").protocol_digest)
-        hold_floors_alone(session, of_split, ref, protocol, "another")
+        hold_floors_again(session, of_split, ref, protocol, "another")
         second = world.score(planning_file(tiny, edited_mps=1.2), phase_id="one")
     assert code_of(world, second) is None  # or it has waited for a lock, until it gave up
 

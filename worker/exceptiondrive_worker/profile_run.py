@@ -15,6 +15,7 @@ import structlog
 from exceptiondrive_records.phases.scoring_keys import accepted_under
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
+from exceptiondrive_records.splits.drawings import find_public_split
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.lease import try_later
 from exceptiondrive_records.work.profiles import finish_profile
@@ -25,10 +26,12 @@ from exceptiondrive_schemas.check.source_fit import file_profile
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.file_profile import FileProfile, Mend
 from exceptiondrive_schemas.protocol import PublicationSection
+from exceptiondrive_schemas.split import SplitRef
 from exceptiondrive_scoring.aliases import FloatArray
 from exceptiondrive_scoring.arrays import TrajectoryPairs
 from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.failures import Failure, run_job
+from exceptiondrive_worker.splits.floors_held import open_split
 from exceptiondrive_worker.stages import Stages, Target
 
 _log = structlog.get_logger("exceptiondrive.worker")
@@ -52,7 +55,9 @@ def _describe(context: WorkerContext, item: Profile) -> None:
         phase = session.get_one(Phase, submission.phase_id)
         protocol = find_protocol(session, item.protocol_digest)
         read_under = accepted_under(session, submission.id)
-    split = context.splits.find(phase.split_name, item.split_revision, protocol)
+        ref = SplitRef(name=phase.split_name, revision=item.split_revision)
+        is_public = find_public_split(session, ref) is not None
+    split = open_split(context, ref, protocol, phase_id=phase.id, is_public=is_public)
     challenge = CHALLENGES[phase.challenge]
     target = Target(submission.file_digest, challenge, split, protocol, read_under)
     report = sound_report(context.stages, target, submission.size_bytes)

@@ -38,8 +38,8 @@ from exceptiondrive_worker.splits.faults import SplitRefusedError
 from exceptiondrive_worker.splits.floors import FloorsUnreadableError
 from exceptiondrive_worker.splits.floors_held import (
     held_floors_are_told,
-    hold_floors,
-    hold_floors_alone,
+    hold_floors_again,
+    open_split,
 )
 from exceptiondrive_worker.splits.store import SplitUnavailableError
 from exceptiondrive_worker.stages import RejectedUpload, Target
@@ -137,36 +137,37 @@ def _score(context: WorkerContext, job: Job) -> None:
         ref = SplitRef(name=sent.split_name, revision=job.split_revision)
         is_public = find_public_split(session, ref) is not None
         is_new = not is_public and not is_scored(session, ref.name, job.submission_id)
-    floors, newcomer = context.splits.floors(ref.name), job.submission_id if is_new else None
-    with held_floors_are_told(context.database, ref, protocol, sent.phase_id):
-        if not is_public:
-            with context.database.read() as session:
-                hold_floors(session, floors, ref, protocol, newcomer)
-        challenge = CHALLENGES[sent.challenge]
-        split = context.splits.find(ref.name, ref.revision, protocol)
-        target = Target(sent.file_digest, challenge, split, protocol, read_under)
-        try:
-            if sent.asks_first:
-                _require_nothing_to_ask(context, target, job.submission_id)
-            scored = context.stages.score(target)
-        except RejectedUpload as rejected:
-            with context.database.write() as session:
-                outcome = finish_rejected(session, job, rejected.report)
-            _log.info("rejected", **_ids(job), outcome=outcome.value)
-            return
-        published = Rounding.of(target, is_public=is_public).sheet(scored.sheet)
+    newcomer = job.submission_id if is_new else None
+    split = open_split(
+        context, ref, protocol, phase_id=sent.phase_id, is_public=is_public, newcomer=newcomer
+    )
+    target = Target(sent.file_digest, CHALLENGES[sent.challenge], split, protocol, read_under)
+    try:
+        if sent.asks_first:
+            _require_nothing_to_ask(context, target, job.submission_id)
+        scored = context.stages.score(target)
+    except RejectedUpload as rejected:
         with context.database.write() as session:
-            if not is_public:
-                hold_floors_alone(session, floors, ref, protocol, newcomer)
-            outcome = finish_scored(
-                session,
-                job,
-                published,
-                exact_digest=scored.digest,
-                measurement_key=scored.measurement_key,
-                scorer_version=SCORER_VERSION,
-            )
-        _log.info("scored", **_ids(job), outcome=outcome.value)
+            outcome = finish_rejected(session, job, rejected.report)
+        _log.info("rejected", **_ids(job), outcome=outcome.value)
+        return
+    published = Rounding.of(target, is_public=is_public).sheet(scored.sheet)
+    with (
+        held_floors_are_told(context.database, ref, protocol, sent.phase_id),
+        context.database.write() as session,
+    ):
+        if not is_public:
+            floors = context.splits.floors(ref.name)
+            hold_floors_again(session, floors, ref, protocol, newcomer)
+        outcome = finish_scored(
+            session,
+            job,
+            published,
+            exact_digest=scored.digest,
+            measurement_key=scored.measurement_key,
+            scorer_version=SCORER_VERSION,
+        )
+    _log.info("scored", **_ids(job), outcome=outcome.value)
 
 
 def _require_nothing_to_ask(context: WorkerContext, target: Target, submission_id: str) -> None:

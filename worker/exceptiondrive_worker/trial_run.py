@@ -8,7 +8,7 @@ protocols that they allow.
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.runs import find_run
-from exceptiondrive_records.rescoring.trials import count_trial, finish_trial
+from exceptiondrive_records.rescoring.trials import finish_trial
 from exceptiondrive_records.splits.drawings import find_public_split
 from exceptiondrive_records.work.tables import Trial
 from exceptiondrive_schemas.api.rescoring import SplitTrial, TrialFinding
@@ -17,7 +17,7 @@ from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.failures import Failure, run_job
 from exceptiondrive_worker.splits.faults import SplitFault, SplitRefusedError
 from exceptiondrive_worker.splits.floors import FloorHeldError
-from exceptiondrive_worker.splits.floors_held import held_floors_are_told, hold_floors_alone
+from exceptiondrive_worker.splits.floors_held import open_split
 
 
 def try_next_split(context: WorkerContext) -> bool:
@@ -41,16 +41,8 @@ def _tried(context: WorkerContext, item: Trial) -> SplitTrial:
         protocol = find_protocol(session, run.to_protocol_digest)
         ref = SplitRef(name=phase.split_name, revision=run.to_split_revision)
         is_public = find_public_split(session, ref) is not None
-    floors = context.splits.floors(ref.name)
     try:
-        with (
-            held_floors_are_told(context.database, ref, protocol, phase.id),
-            context.database.write() as session,
-        ):
-            if not is_public:
-                hold_floors_alone(session, floors, ref, protocol)
-            count_trial(session, item, ref, protocol.digest)
-        context.splits.find(ref.name, ref.revision, protocol)
+        open_split(context, ref, protocol, phase_id=phase.id, is_public=is_public)
     except FloorHeldError as held:
         asked = tuple(TrialFinding(what=words) for words in held.asked)
         return SplitTrial(state="held", found=asked)

@@ -2,7 +2,7 @@
 
 from datetime import datetime
 
-from sqlalchemy import ForeignKeyConstraint, Index, String
+from sqlalchemy import ForeignKey, ForeignKeyConstraint, Index, String
 from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
@@ -50,6 +50,15 @@ class SplitRow(Base):
     def lacks_drives(self) -> bool:
         """Whether no sample that counts has a recorded drive: then nothing tells source fit."""
         return self.warnings.count_of(NO_RECORDED_DRIVE) >= self.n_samples
+
+
+class SplitOpening(Base):
+    """A protocol under which a worker has opened a withheld split; workers alone add rows, and none goes."""
+
+    __tablename__ = "split_openings"
+    split_name: Mapped[str] = mapped_column(primary_key=True)
+    protocol_digest: Mapped[str] = mapped_column(ForeignKey("protocols.digest"), primary_key=True)
+    opened_at: Mapped[datetime]
 
 
 class ConfirmationRow(Base):

@@ -1,4 +1,4 @@
-"""How much has been told of a split: the protocols and submissions that have sheets of it."""
+"""How much has been told of a split: the submissions that have sheets of it."""
 
 from datetime import datetime, timedelta
 
@@ -8,7 +8,6 @@ from sqlalchemy.orm import Session, aliased
 from exceptiondrive_records.db.clock import Moment, seconds_from_now
 from exceptiondrive_records.db.columns import UtcDateTime
 from exceptiondrive_records.db.last import require_last
-from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
 
@@ -22,9 +21,6 @@ def _of_split(sheet: type[ScoreSheetRow]) -> ColumnElement[bool]:
 
 _IS_SCORED = select(
     exists().where(ScoreSheetRow.submission_id == bindparam("submission"), _of_split(ScoreSheetRow))
-)
-_PROTOCOLS = select(ProtocolRow.digest).where(
-    exists().where(ScoreSheetRow.protocol_digest == ProtocolRow.digest, _of_split(ScoreSheetRow))
 )
 
 
@@ -47,11 +43,6 @@ def _n_firsts(since: Moment | BindParameter[datetime]) -> Select[int]:
 _N_FIRSTS_SINCE = _n_firsts(bindparam("since", type_=UtcDateTime()))
 _N_FIRSTS_TODAY = _n_firsts(seconds_from_now(-_A_DAY.total_seconds()))
 _IS_ROOM = _N_FIRSTS_TODAY.scalar_subquery() < bindparam("most")
-
-
-def protocols_of_split(session: Session, name: str) -> set[str]:
-    """Return the digests of the protocols that a split was scored under, at any revision."""
-    return set(session.scalars(_PROTOCOLS, {"split": name}))
 
 
 def is_scored(session: Session, name: str, submission_id: str) -> bool:

@@ -177,16 +177,6 @@ class Trial(WorkItem):
     run_id: Mapped[str] = mapped_column(
         ForeignKey("rescoring_runs.id"), nullable=True, use_existing_column=True
     )
-    protocol_digest: Mapped[str | None] = mapped_column(
-        ForeignKey("protocols.digest"), use_existing_column=True
-    )
-    """As the worker read the run, with the split: what a server makes of the run later, it counts."""
-    split_name: Mapped[str | None]
-    split_revision: Mapped[str | None] = mapped_column(use_existing_column=True)
-    phase_id: Mapped[str | None] = mapped_column(
-        ForeignKey("phases.id", ondelete="CASCADE"), use_existing_column=True
-    )
-    """None once it counts, so that it goes with no phase."""
     trial: Mapped[SplitTrial | None] = mapped_column(DocumentText(SplitTrial))
 
     @property

@@ -39,7 +39,7 @@ from exceptiondrive_worker.drawing import Drawable, draw_entries, draw_protocol
 from exceptiondrive_worker.failures import run_job
 from exceptiondrive_worker.similarity_run import compare_submissions
 from exceptiondrive_worker.splits.floors import FloorHeldError
-from exceptiondrive_worker.splits.floors_held import held_floors_are_told, hold_floors
+from exceptiondrive_worker.splits.floors_held import open_split
 from exceptiondrive_worker.splits.store import SplitUnavailableError
 from exceptiondrive_worker.stages import Stages, Target
 
@@ -144,14 +144,7 @@ def _board(
         ref = SplitRef(name=phase.split_name, revision=claimed.split_revision)
         is_public = find_public_split(session, ref) is not None
     challenge = CHALLENGES[phase.challenge]
-    split = context.splits.find(phase.split_name, claimed.split_revision, protocol)
-    if not is_public:
-        floors = context.splits.floors(phase.split_name)
-        with (
-            held_floors_are_told(context.database, ref, protocol, phase.id),
-            context.database.read() as session,
-        ):
-            hold_floors(session, floors, ref, protocol)
+    split = open_split(context, ref, protocol, phase_id=phase.id, is_public=is_public)
     like = Target("", challenge, split, protocol)
     targets = [
         replace(like, file_digest=record.file_digest, read_under=record.accepted_under)

@@ -8,21 +8,18 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.log import SPLIT_FLOOR_HELD, audit_once
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.rescoring.trials import tried_protocols
 from exceptiondrive_records.splits.confirmations import keys_that_confirm
+from exceptiondrive_records.splits.openings import count_opening, opened_protocols
 from exceptiondrive_records.splits.splits import (
     find_split,
     lock_split,
     lock_split_last,
     part_revision,
 )
-from exceptiondrive_records.submissions.sheets import (
-    protocols_of_split,
-    require_room_last,
-    scored_within_a_day,
-)
+from exceptiondrive_records.submissions.sheets import require_room_last, scored_within_a_day
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import SplitRef
+from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.splits.floors import (
     FloorHeldError,
     SplitDayFullError,
@@ -30,29 +27,58 @@ from exceptiondrive_worker.splits.floors import (
     breaches,
     unconfirmed,
 )
+from exceptiondrive_worker.splits.store import LoadedSplit
 
 
-def hold_floors(
-    session: Session,
-    floors: SplitFloors,
+def open_split(
+    context: WorkerContext,
     ref: SplitRef,
     protocol: ProtocolDocument,
+    *,
+    phase_id: str,
+    is_public: bool,
     newcomer: str | None = None,
-) -> None:
-    """Let pass what the floors of a withheld split allow; a public one has nothing to hold back.
+) -> LoadedSplit:
+    """Load a split under a protocol, if its floors allow that: a public one has nothing to hold back.
 
-    The newcomer is a submission that is to get its first sheet of the split.
+    Whether it can be loaded tells of its regions already, so nothing is opened before. The newcomer is a
+    submission that is to get its first sheet of the split.
 
     Raises:
         SplitDayFullError: Enough submissions were scored within a day.
-        FloorHeldError: Anything else is too much.
+        FloorHeldError: Anything else is too much; the audit log says what.
+        SplitUnavailableError: No file holds it.
+        SplitRefusedError: It cannot be scored under this protocol.
     """
-    _hold(session, floors, ref, protocol, protocols_of_split(session, ref.name))
-    if newcomer is not None:
-        now = database_now(session)
-        n_scored = scored_within_a_day(session, ref.name, now, besides=newcomer)
-        if n_scored >= floors.max_scored_per_day:
-            raise _day_full(floors, f"{n_scored} of {now:%Y-%m-%d}")
+    if not is_public:
+        floors = context.splits.floors(ref.name)
+        with held_floors_are_told(context.database, ref, protocol, phase_id):
+            _hold_and_count(context.database, floors, ref, protocol, newcomer)
+    return context.splits.find(ref.name, ref.revision, protocol)
+
+
+def _hold_and_count(
+    database: Database,
+    floors: SplitFloors,
+    ref: SplitRef,
+    protocol: ProtocolDocument,
+    newcomer: str | None,
+) -> None:
+    """Hold the floors, and count a protocol that is new to the split: two together take no more than is left."""
+    with database.read() as session:
+        opened = opened_protocols(session, ref.name)
+        _hold(session, floors, ref, protocol, opened)
+        if newcomer is not None:
+            now = database_now(session)
+            n_scored = scored_within_a_day(session, ref.name, now, besides=newcomer)
+            if n_scored >= floors.max_scored_per_day:
+                raise _day_full(floors, f"{n_scored} of {now:%Y-%m-%d}")
+    if protocol.digest not in opened:
+        with database.write() as session:
+            lock_split(session, ref.name)
+            opened = opened_protocols(session, ref.name)
+            _hold(session, floors, ref, protocol, opened)
+            count_opening(session, ref.name, protocol.digest)
 
 
 def _day_full(floors: SplitFloors, scored: str) -> SplitDayFullError:
@@ -67,16 +93,16 @@ def _hold(
     floors: SplitFloors,
     ref: SplitRef,
     protocol: ProtocolDocument,
-    scored: set[str],
+    opened: set[str],
 ) -> None:
-    """All but the number of submissions; `scored` are the protocols that have sheets of the split."""
-    protocols = scored | tried_protocols(session, ref.name) | {protocol.digest}
+    """Hold all but the number of submissions; `opened` are the protocols that count."""
     asks_two = floors.second_organizer
     keys = keys_that_confirm(session, ref, protocol.digest) if asks_two else set()
     found = [*breaches(floors, protocol), *unconfirmed(floors, keys)]
-    if protocol.digest not in scored and len(protocols) > floors.max_protocols:
+    n_protocols = len(opened | {protocol.digest})
+    if protocol.digest not in opened and n_protocols > floors.max_protocols:
         found.append(
-            f"it would be protocol number {len(protocols)}, at most {floors.max_protocols} may be"
+            f"it would be protocol number {n_protocols}, at most {floors.max_protocols} may be"
         )
     opens = floors.private_part_from
     if opens is not None and database_now(session) < opens and _has_private(session, ref):
@@ -92,26 +118,21 @@ def _has_private(session: Session, ref: SplitRef) -> bool:
     return part == "private" or (part is None and private is not None)
 
 
-def hold_floors_alone(
+def hold_floors_again(
     session: Session,
     floors: SplitFloors,
     ref: SplitRef,
     protocol: ProtocolDocument,
     newcomer: str | None = None,
 ) -> None:
-    """Hold them when the write transaction records: two together take no more than is left.
+    """Hold them once more where a sheet is recorded: two together take no more than is left of a day.
 
-    A sheet takes a place among the protocols only where it is the first one under its protocol: then the
-    split is locked from here on. The places of a day are counted last, under a lock held for no round trip.
+    The places of a day are counted last, under a lock held for no round trip.
 
     Raises:
-        FloorHeldError: As `hold_floors`; `SplitDayFullError` at the end of the transaction.
+        FloorHeldError: As `open_split`; `SplitDayFullError` at the end of the transaction.
     """
-    scored = protocols_of_split(session, ref.name)
-    if protocol.digest not in scored:
-        lock_split(session, ref.name)
-        scored = protocols_of_split(session, ref.name)
-    _hold(session, floors, ref, protocol, scored)
+    _hold(session, floors, ref, protocol, opened_protocols(session, ref.name))
     if newcomer is not None:
         most = floors.max_scored_per_day
         refusal = _day_full(floors, f"{most} within a day")

@@ -15,6 +15,7 @@ IMMUTABLE = (
     "board_flips",
     "protocols",
     "score_sheets",
+    "split_openings",
     "submission_edits",
 )
 """Nothing in these tables is ever overwritten, by whatever code, and nothing is deleted but by
@@ -218,6 +219,14 @@ def create_splits() -> None:
     )
     op.create_index(
         "uq_splits_public", "splits", ["name", "revision", "public_file_digest"], unique=True
+    )
+    op.create_table(
+        "split_openings",
+        sa.Column("split_name", sa.String(), primary_key=True),
+        sa.Column(
+            "protocol_digest", sa.String(), sa.ForeignKey("protocols.digest"), primary_key=True
+        ),
+        sa.Column("opened_at", TIME, nullable=False),
     )
     op.create_table(
         "sample_pictures",
@@ -634,7 +643,6 @@ def create_work() -> None:
         sa.Column("run_id", sa.String(), sa.ForeignKey("rescoring_runs.id")),
         sa.Column("expected_digest", sa.String()),
         sa.Column("found_digest", sa.String()),
-        sa.Column("split_name", sa.String()),
         sa.Column("trial", sa.Text()),
         sa.Column("notification_id", sa.String(), sa.ForeignKey("notifications.id")),
         sa.Column("contact_id", sa.String(), sa.ForeignKey("contact_points.id")),
