@@ -24,12 +24,13 @@ WITHOUT_SPLITS = ["server", "client", "schemas"]
 MAY_OPEN_SPLITS = {
     "boards/entries.py": "takes the manifest's counts",
     "boards/references.py": "takes ids and recorded paths, which references are made of",
-    "boards/run.py": "asks for the split of a phase",
+    "boards/run.py": "waits where the split is not there",
     "context.py": "opens the store",
     "jury.py": "scores planners that are known against a loaded split",
     "operator_cli.py": "checks and registers",
-    "scoring_run.py": "asks for the split of a job",
+    "scoring_run.py": "waits where the split is not there",
     "splits/admin.py": "registers and publishes",
+    "splits/floors_held.py": "opens a split as its floors allow",
     "stages.py": "takes loaded arrays",
 }
 
@@ -190,7 +191,22 @@ def test_few_modules_of_the_worker_touch_the_split_store() -> None:
         for path in worker.rglob("*.py")
         if "exceptiondrive_worker.splits.store" in imported_modules(path)
     }
-    assert touching <= MAY_OPEN_SPLITS.keys()
+    assert touching == MAY_OPEN_SPLITS.keys()
+
+
+def test_no_split_is_opened_past_its_floors() -> None:
+    """Whether a split fits a protocol tells of its regions: `open_split` asks the floors first."""
+    worker = ROOT / "worker" / "exceptiondrive_worker"
+    opening = {
+        path.relative_to(worker).as_posix()
+        for path in worker.rglob("*.py")
+        if "splits.find(" in path.read_text("utf-8")
+    }
+    assert opening == {
+        "splits/floors_held.py",
+        "scoring_run.py",  # whether it is there: nothing of it is told, and the job asks the floors
+        "verify_run.py",  # under what a worker has scored it already
+    }
 
 
 def test_only_the_split_store_and_the_sample_read_split_files() -> None:
