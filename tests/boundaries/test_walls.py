@@ -23,7 +23,6 @@ NAMES_A_ROLE = {"roles.py": "the worker's role in the database is called like it
 WITHOUT_SPLITS = ["server", "client", "schemas"]
 MAY_OPEN_SPLITS = {
     "boards/entries.py": "takes the manifest's counts",
-    "boards/references.py": "takes ids and recorded paths, which references are made of",
     "boards/run.py": "waits where the split is not there",
     "context.py": "opens the store",
     "jury.py": "scores planners that are known against a loaded split",
