@@ -8,13 +8,20 @@ from typing import Any
 import pytest
 from sqlalchemy import select, update
 
+from exceptiondrive_records.accounts import sessions
 from exceptiondrive_records.accounts.attempts import (
     PER_TOKEN_ID,
     count_attempt,
     give_attempt_back,
     keys_of,
 )
-from exceptiondrive_records.accounts.sessions import end_session, find_session, open_token_session
+from exceptiondrive_records.accounts.people import Identity, welcome_person
+from exceptiondrive_records.accounts.sessions import (
+    end_session,
+    find_session,
+    open_person_session,
+    open_token_session,
+)
 from exceptiondrive_records.accounts.tables import BrowserSession, SignInAttempts, Token
 from exceptiondrive_records.accounts.tokens import (
     ORGANIZER_SCOPES,
@@ -136,6 +143,22 @@ def test_a_success_counts_nothing_and_a_new_window_begins_anew(world: World) -> 
         long_ago = datetime.now(UTC) - timedelta(hours=1)
         session.execute(update(SignInAttempts).values(since=long_ago))
     assert attempt(world, token_text())
+
+
+def test_a_person_signs_in_only_so_often_a_day(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sessions, "MAX_SIGN_INS_A_DAY", 1)
+
+    def sign_in(subject: str) -> None:
+        with world.database.write() as session:
+            person = welcome_person(session, Identity("https://id.test", subject))
+            open_person_session(session, person)
+
+    sign_in("ada")
+    sign_in("eve")
+    with pytest.raises(Conflict, match="1 times in 24 hours"):
+        sign_in("ada")
 
 
 def test_a_team_cannot_give_itself_rights(world: World) -> None:

@@ -1,16 +1,15 @@
 """Whoever changes the same rows takes their locks in one order, or waits for none: no deadlock."""
 
 import threading
-import time
 
 import pytest
 from sqlalchemy import select, text, update
 from sqlalchemy.exc import OperationalError
 from tests.records.world import World
+from tests.support.records import wait_until_it_waits
 
 from exceptiondrive_records.boards.boards import publish_board
 from exceptiondrive_records.boards.renewal import renew_boards
-from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.participation.changes import merge_teams
 from exceptiondrive_records.phases.phases import create_phase, lock_phase
 from exceptiondrive_records.submissions.submissions import withdraw
@@ -51,7 +50,7 @@ def test_who_changes_a_submission_waits_for_the_scoring_run_that_ends(
         session.execute(held)  # as in the middle of `finish_scored`
         change = threading.Thread(target=change_it)
         change.start()
-        _wait_until_it_waits(world.database, change)
+        wait_until_it_waits(world.database, change)
         finish = jobs.finish_scored(
             session,
             claim,
@@ -86,7 +85,7 @@ def test_a_change_of_the_phase_waits_for_no_board_that_waits_for_it(world: World
         phase = lock_phase(session, "dev")
         publishing = threading.Thread(target=publish_it)
         publishing.start()
-        _wait_until_it_waits(world.database, publishing)
+        wait_until_it_waits(world.database, publishing)
         renew_boards(session, phase)  # as after every change of what a board may say
     publishing.join()
 
@@ -142,18 +141,3 @@ def test_who_claims_waits_for_no_job_that_another_holds(world: World) -> None:
         assert taken is not None
         assert taken.id == free.job_id
         assert jobs.claim_job(session, Lane.LIVE, 30, 4) is None
-
-
-def _wait_until_it_waits(database: Database, thread: threading.Thread) -> None:
-    """PostgreSQL tells who waits for a lock; SQLite lets one transaction write at a time anyway."""
-    if database.engine.dialect.name == "sqlite":
-        return
-    waiting = text(
-        "SELECT count(*) FROM pg_stat_activity "
-        "WHERE datname = current_database() AND wait_event_type = 'Lock'"
-    )
-    while thread.is_alive():
-        with database.read() as session:
-            if session.scalar(waiting):
-                return
-        time.sleep(0.01)

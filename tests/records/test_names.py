@@ -1,5 +1,6 @@
 """Names of teams and methods: seen, readable, and no two teams under what looks like one."""
 
+import unicodedata
 from collections.abc import Callable
 
 import pytest
@@ -30,6 +31,9 @@ ALIKE = (
     "Alpha.",
     "«Alpha»",
     "Alpha—",
+    "A\u05dfpha",
+    "A\u0627pha",
+    "ᴀʟpha",
 )
 
 
@@ -131,6 +135,8 @@ def test_other_names_of_teams_stay_free(name: str) -> None:
         ("Ω", "Σ"),
         ("Мир", "Mind"),
         ("Van", "Nan"),
+        ("שלום", "שלוש"),
+        ("محمد", "محمود"),
     ],
 )
 def test_names_that_differ_to_the_eye_are_two(one: str, other: str) -> None:
@@ -143,6 +149,12 @@ def test_capitals_of_other_scripts_are_read_as_the_latin_ones(capital: str) -> N
         zip("ΑАΒВСΕЕΗНΙІКΚМΜΝОΟРΡЅТΤХΧУΥΖϜԌ", "AABBCEEHHIIKKMMNOOPPSTTXXYYZFG", strict=True)
     )
     assert skeleton(f"{capital}x one") == skeleton(f"{latin[capital]}x one")
+
+
+@pytest.mark.parametrize("letter", "ABCDEFGHIJKLMNOPQRSTUVWYZ")
+def test_small_capitals_are_read_as_capitals(letter: str) -> None:
+    small = unicodedata.lookup(f"LATIN LETTER SMALL CAPITAL {letter}")
+    assert skeleton(f"{small}x one") == skeleton(f"{letter}x one")
 
 
 @pytest.mark.parametrize("name", ["Мир", "Москва", "Αθήνα", "Straße", "Élan"], ids=ascii)

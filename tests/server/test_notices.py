@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from sqlalchemy import select
 from tests.records.statements import statements
-from tests.support.records import next_moment
+from tests.support.records import count_audit_lines, next_moment
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotAllowed
-from exceptiondrive_records.notifications import events
+from exceptiondrive_records.notifications import contacts, events
 from exceptiondrive_records.notifications.channels import NoticeSettings, message_of
 from exceptiondrive_records.notifications.contacts import add_contact, contact_link
 from exceptiondrive_records.notifications.events import tell_teams
@@ -196,6 +196,40 @@ def test_one_mailbox_is_asked_so_often_a_day_by_all_teams_together(
             assert api.post(f"/contacts/{asked.json()['id']}/remove", who).status_code == 200
     assert len(mails(api)) == 3
     assert ask(api, "adam@example.org").status_code == 201
+
+
+@pytest.mark.parametrize(
+    "address", ["johndoe@gmail.com", "J.ohn.Doe+x@googlemail.com", "john.doe@gmail.com"]
+)
+def test_all_that_google_reads_into_one_mailbox_is_one(
+    api: "Api", browse: Browse, as_problem: Problem, address: str
+) -> None:
+    asked = ask(api, "john.doe@gmail.com").json()["id"]
+    browse(api).client.post(link(api, asked, "unsubscribe"))
+    told = as_problem(ask(api, address, "beta"), 409, "conflict")
+    assert "asked for no more mail" in told["detail"]
+    assert ask(api, "johndoe@example.org").status_code == 201
+    assert ask(api, "john.doe@example.org").status_code == 201, "a dot of others may be another one"
+
+
+def test_what_addresses_are_told_of_changes_only_so_often_a_day(
+    api_on_both: "Api", as_problem: Problem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each leaves an audit line for ever."""
+    api = api_on_both
+    monkeypatch.setattr(contacts, "MAX_CHANGED_A_DAY", 3)
+    one, other = (ask(api, f"{name}@example.org").json()["id"] for name in ("one", "other"))
+
+    def change(contact_id: str, *wishes: str) -> Any:
+        return api.request("PATCH", f"/contacts/{contact_id}", "alpha", json={"wishes": wishes})
+
+    for contact_id, wishes in ((one, ()), (other, ()), (one, ["scored"])):
+        assert change(contact_id, *wishes).status_code == 200
+    refused = as_problem(change(other, "scored"), 409, "conflict")
+    assert "3 times in 24 hours" in refused["detail"]
+    assert change(one, "scored").status_code == 200, "what it is told of already changes nothing"
+    with api.database.read() as session:
+        assert count_audit_lines(session, "contact changed") == 3
 
 
 def test_a_score_is_told_once_with_what_the_page_says(

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from sqlalchemy import delete, select, update
 from starlette.testclient import TestClient
+from tests.support.records import count_audit_lines
 
+from exceptiondrive_records.accounts import sessions
 from exceptiondrive_records.accounts.attempts import PER_TOKEN_ID
 from exceptiondrive_records.accounts.tables import BrowserSession
 
@@ -186,6 +188,24 @@ def test_guessing_is_slowed_down_with_a_time_to_wait(api: "Api", browse: Open) -
     assert int(page.headers["retry-after"]) > 0
     assert browse(api).sign_in("beta").status_code == 303
     assert api.get("/me", "alpha").status_code == 200, "the API knows no such limit"
+
+
+def test_a_team_signs_in_only_so_often_a_day(
+    api_on_both: "Api", browse: Open, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each leaves an audit line for ever, whichever token of the team it is made with."""
+    api = api_on_both
+    monkeypatch.setattr(sessions, "MAX_SIGN_INS_A_DAY", 2)
+    api.tokens["second"] = api.post("/tokens", "alpha", json={"name": "x"}).json()["token"]
+    browser = browse(api)
+    assert [browse(api).sign_in(who).status_code for who in ("alpha", "second")] == [303, 303]
+    told = browser.sign_in("alpha", accept="text/html")
+    assert told.status_code == 409
+    assert "may sign in 2 times in 24 hours" in " ".join(told.text.split())
+    with api.database.read() as session:
+        assert count_audit_lines(session, "signed in") == 2
+    assert browse(api).sign_in("beta").status_code == 303
+    assert api.get("/me", "alpha").status_code == 200
 
 
 def test_going_back_leads_nowhere_else(api: "Api", browse: Open) -> None:

@@ -8,12 +8,12 @@ import hashlib
 from collections.abc import Mapping
 from datetime import datetime, timedelta
 
-from sqlalchemy import delete, select, update
+from sqlalchemy import delete, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tables import SignInAttempts
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.database import insert_if_absent
+from exceptiondrive_records.db.database import Changes, upsert
 from exceptiondrive_records.db.errors import TooManyAttempts
 
 WINDOW = timedelta(minutes=15)
@@ -23,6 +23,8 @@ REGISTRATIONS_PER_ADDRESS = 5
 STARTS_PER_ADDRESS = 300
 """Of sign-ins at a provider. No guess is made by one, and any page can make browsers begin some; so
 they are counted apart, and only keep the provider from being flooded."""
+
+_AS_IT_IS: Changes = (("n", SignInAttempts.n),)
 
 
 def keys_of(address: str, token_text: str) -> dict[str, int]:
@@ -81,6 +83,6 @@ def give_attempt_back(session: Session, limits: Mapping[str, int]) -> None:
 
 def _locked(session: Session, key: str, now: datetime) -> SignInAttempts:
     """Return the row of a key, made if it is new, locked until the transaction ends."""
-    insert_if_absent(session, SignInAttempts, key=key, n=0, since=now)
-    query = select(SignInAttempts).where(SignInAttempts.key == key).with_for_update()
-    return session.scalars(query.execution_options(populate_existing=True)).one()
+    locked = upsert(session, SignInAttempts, (), _AS_IT_IS, takes=(), keys=("key",))
+    session.execute(locked, {"key": key, "n": 0, "since": now})
+    return session.get_one(SignInAttempts, key, populate_existing=True)

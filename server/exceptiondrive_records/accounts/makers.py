@@ -61,7 +61,7 @@ def _people(session: Session, team_id: int, actors: Collection[str]) -> dict[str
     names = {f"person:{person.id}": person.name for person, _ in members_of(session, team_id)}
     if any(actor.startswith("person:") and actor not in names for actor in actors):
         removals = select(AuditLine.detail).where(
-            AuditLine.subject == session.get_one(Team, team_id).slug,
+            AuditLine.subject == select(Team.slug).where(Team.id == team_id).scalar_subquery(),
             AuditLine.action == "member removed",
         )
         gone = {str(detail["person"]) for detail in session.scalars(removals)}

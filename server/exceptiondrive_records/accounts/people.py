@@ -5,6 +5,7 @@ import secrets
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import timedelta
+from typing import Any
 
 from sqlalchemy import ColumnElement, and_, func, or_, select, update
 from sqlalchemy.orm import Session
@@ -14,7 +15,7 @@ from exceptiondrive_records.accounts.tables import FORGOTTEN, Invitation, Member
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.database import insert_if_absent
+from exceptiondrive_records.db.database import upsert
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.db.identifiers import checked_text, random_id, secret_digest
 from exceptiondrive_records.teams.tables import Team
@@ -47,28 +48,27 @@ def welcome_person(session: Session, identity: Identity) -> Person:
     if not 0 < len(identity.subject) <= MAX_SUBJECT:
         raise InvalidRecord("The provider named nobody.")
     now = database_now(session)
-    insert_if_absent(
-        session,
-        Person,
-        id=random_id(),
-        issuer=identity.issuer,
-        subject=identity.subject,
-        name="",
-        email=None,
-        organizer_role=None,
-        organizer_phases=[],
-        created_at=now,
-        signed_in_at=now,
-    )
+    new: dict[str, Any] = {
+        "id": random_id(),
+        "issuer": identity.issuer,
+        "subject": identity.subject,
+        "name": "",
+        "email": None,
+        "organizer_role": None,
+        "organizer_phases": [],
+        "created_at": now,
+        "signed_in_at": now,
+    }
+    keys = ("issuer", "subject")
+    session.execute(upsert(session, Person, (), (), takes=("signed_in_at",), keys=keys), new)
     query = select(Person).where(
         Person.issuer == identity.issuer, Person.subject == identity.subject
     )
-    person = session.scalars(query.with_for_update()).one()
+    person = session.scalars(query.execution_options(populate_existing=True)).one()
     person.name = (
         _fit((identity.name or "")[:MAX_NAME], MAX_NAME) or person.name or f"Person {person.id[:6]}"
     )
     person.email = _fit(identity.email, MAX_EMAIL)
-    person.signed_in_at = now
     return person
 
 
@@ -137,9 +137,16 @@ _NO_INVITATION = secret_digest("no such invitation")
 
 
 def hold_team(session: Session, team_id: int) -> Team:
-    """Return a team as it is now, and let nobody merge, forget or refuse it until this transaction ends."""
+    """Return a team as it is now, and let nobody merge, forget or refuse it until this transaction ends.
+
+    Raises:
+        Conflict: It was refused.
+    """
     weak = {"key_share": True}
-    return session.get_one(Team, team_id, with_for_update=weak, populate_existing=True)
+    team = session.get(Team, team_id, with_for_update=weak, populate_existing=True)
+    if team is None:
+        raise Conflict("The team was refused meanwhile: nobody acts for it any more.")
+    return team
 
 
 def members_of(session: Session, team_id: int) -> list[tuple[Person, Membership]]:
@@ -195,11 +202,13 @@ def remove_member(session: Session, team_id: int, person_id: str, *, actor: str)
     Raises:
         NotFound: No such person belongs to the team.
     """
-    membership = session.get(Membership, (team_id, person_id))
-    if membership is None:
+    query = select(Membership, Team.slug).join(Team, Team.id == Membership.team_id)
+    is_theirs = (Membership.team_id == team_id, Membership.person_id == person_id)
+    found = session.execute(query.where(*is_theirs)).one_or_none()
+    if found is None:
         raise NotFound("member", person_id)
+    membership, slug = found
     session.delete(membership)
-    slug = session.get_one(Team, team_id).slug
     audit(session, actor, "member removed", slug, {"person": person_id})
     withdraw_invitations_of(session, f"person:{person_id}", team_id, actor=actor)
 
@@ -209,14 +218,10 @@ def removal_of(session: Session, person_id: str) -> tuple[AuditLine, Team] | Non
 
     Only lines about teams are looked at, by their index: those of submissions are many.
     """
-    lines = select(AuditLine).where(
-        AuditLine.action == "member removed", AuditLine.subject.in_(select(Team.slug))
-    )
-    own = [line for line in session.scalars(lines) if line.detail["person"] == person_id]
-    if not own:
-        return None
-    last = max(own, key=lambda line: line.id)
-    return last, session.scalars(select(Team).where(Team.slug == last.subject)).one()
+    lines = select(AuditLine, Team).join(Team, Team.slug == AuditLine.subject)
+    found = session.execute(lines.where(AuditLine.action == "member removed"))
+    own = [(line, team) for line, team in found if line.detail["person"] == person_id]
+    return max(own, key=lambda each: each[0].id, default=None)
 
 
 def open_invitations(session: Session, team_id: int) -> list[Invitation]:
@@ -236,7 +241,7 @@ def invite(
 
     Raises:
         Conflict: The team has enough open invitations, or made enough of them today; or it was
-            forgotten, or became part of another one.
+            refused or forgotten, or became part of another one.
     """
     team = hold_team(session, team_id)
     team.require_there()
@@ -273,15 +278,14 @@ def find_invitation(session: Session, text: str, person_id: str | None) -> tuple
     invitation_id, _, secret = text.partition(".")
     theirs = select(Membership.team_id).where(Membership.person_id == person_id)
     is_theirs = and_(Invitation.used_by == person_id, Invitation.team_id.in_(theirs))
-    query = select(Invitation).where(
-        Invitation.id == invitation_id, or_(and_(*_usable(session)), is_theirs)
-    )
-    found = session.scalars(query).one_or_none()
-    expected = found.secret_digest if found is not None else _NO_INVITATION
+    query = select(Invitation, Team).join(Team, Team.id == Invitation.team_id)
+    is_open = or_(and_(*_usable(session)), is_theirs)
+    found = session.execute(query.where(Invitation.id == invitation_id, is_open)).one_or_none()
+    expected = found[0].secret_digest if found is not None else _NO_INVITATION
     is_right = hmac.compare_digest(secret_digest(secret), expected)
     if found is None or not is_right:
         raise _no_invitation(invitation_id)
-    return found, session.get_one(Team, found.team_id)
+    return found[0], found[1]
 
 
 def accept_invitation(session: Session, text: str, person_id: str, *, actor: str) -> Team:
@@ -291,7 +295,7 @@ def accept_invitation(session: Session, text: str, person_id: str, *, actor: str
 
     Raises:
         NotFound: As `find_invitation` raises it.
-        Conflict: The team is full.
+        Conflict: The team is full, or was refused.
     """
     invitation, team = find_invitation(session, text, person_id)
     if is_member(session, team.id, person_id):
@@ -320,12 +324,13 @@ def withdraw_invitation(session: Session, team_id: int, invitation_id: str, *, a
     Raises:
         NotFound: The team has no such open invitation.
     """
-    query = select(Invitation).where(Invitation.id == invitation_id, *_usable(session))
-    invitation = session.scalars(query).one_or_none()
-    if invitation is None or invitation.team_id != team_id:
+    query = select(Invitation, Team.slug).join(Team, Team.id == Invitation.team_id)
+    is_theirs = (Invitation.id == invitation_id, Invitation.team_id == team_id)
+    found = session.execute(query.where(*is_theirs, *_usable(session))).one_or_none()
+    if found is None:
         raise NotFound("invitation", invitation_id)
+    invitation, slug = found
     invitation.withdrawn_at = database_now(session)
-    slug = session.get_one(Team, team_id).slug
     audit(session, actor, "invitation withdrawn", slug, {"invitation": invitation_id})
 
 

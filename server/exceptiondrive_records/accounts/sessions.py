@@ -7,10 +7,10 @@ the rights of a member of one team, or of an organizer, as they are at the momen
 import secrets
 from datetime import timedelta
 
-from sqlalchemy import delete, update
+from sqlalchemy import Select, delete, select, update
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.accounts.people import is_member, teams_of
+from exceptiondrive_records.accounts.people import hold_team, is_member, teams_of
 from exceptiondrive_records.accounts.roles import OrganizerRole
 from exceptiondrive_records.accounts.tables import BrowserSession, Person, Token
 from exceptiondrive_records.accounts.tokens import (
@@ -20,18 +20,28 @@ from exceptiondrive_records.accounts.tokens import (
     is_live,
     principal_of,
 )
-from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.audit.log import audit, lines_of_a_day
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.errors import NotAllowed
+from exceptiondrive_records.db.errors import Conflict, NotAllowed
 from exceptiondrive_records.db.identifiers import secret_digest
 from exceptiondrive_records.teams.tables import Team
 
 LIFETIME = timedelta(hours=12)
 MAX_SECRET_LENGTH = 100
+MAX_SIGN_INS_A_DAY = 200
+"""With all tokens of a team, or of one person: each leaves an audit line for ever."""
 
 
 def open_token_session(session: Session, principal: Principal) -> str:
-    """Open a session with the rights of a token; its secret is returned here and never again."""
+    """Open a session with the rights of a token; its secret is returned here and never again.
+
+    Raises:
+        Conflict: The team signed in often enough today, or was refused.
+    """
+    if principal.team_id is not None:
+        hold_team(session, principal.team_id)
+        own = select(Token.id).where(Token.team_id == principal.team_id)
+        _require_sign_ins_left(session, own)
     return _open(session, principal.actor, principal.token_id, token_id=principal.token_id)
 
 
@@ -39,7 +49,11 @@ def open_person_session(session: Session, person: Person) -> str:
     """Open a session of a person; its secret is returned here and never again.
 
     An organizer begins as one; anybody else acts for the first of their teams.
+
+    Raises:
+        Conflict: The person signed in often enough today.
     """
+    _require_sign_ins_left(session, select(Person.id).where(Person.id == person.id))
     teams = [] if person.is_organizer else teams_of(session, person.id)
     team_id = teams[0].id if teams else None
     return _open(session, f"person:{person.id}", person.id, person_id=person.id, team_id=team_id)
@@ -56,7 +70,8 @@ def find_session(session: Session, secret: str) -> Principal | None:
     if found is None or found.expires_at <= database_now(session):
         return None
     if found.token_id is not None:
-        return principal_of(session, session.get_one(Token, found.token_id))
+        token = session.get(Token, found.token_id)
+        return None if token is None else principal_of(session, token)
     person = session.get_one(Person, found.person_id)
     team = None
     if found.team_id is not None and is_member(session, found.team_id, person.id):
@@ -105,6 +120,14 @@ def end_session(session: Session, secret: str) -> None:
     """End a session; ending it twice does nothing."""
     digest = secret_digest(secret)
     session.execute(delete(BrowserSession).where(BrowserSession.secret_digest == digest))
+
+
+def _require_sign_ins_left(session: Session, subjects: Select[str]) -> None:
+    if lines_of_a_day(session, ["signed in"], subjects) >= MAX_SIGN_INS_A_DAY:
+        raise Conflict(
+            f"A team or person may sign in {MAX_SIGN_INS_A_DAY} times in 24 hours. Go on where you are "
+            "signed in, by the API or the command line, or sign in later."
+        )
 
 
 def _open(

@@ -15,7 +15,7 @@ from datetime import datetime, timedelta
 from enum import StrEnum
 from typing import Any
 
-from sqlalchemy import bindparam, select
+from sqlalchemy import bindparam, select, update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.people import hold_team, withdraw_invitations_of
@@ -132,7 +132,7 @@ def issue_token(
     Raises:
         InvalidRecord: No scope, or an unknown one; the name cannot be used; it would be expired.
         NotFound: It is confined to a phase that is not there.
-        Conflict: The team was forgotten, or became part of another one.
+        Conflict: The team was refused or forgotten, or became part of another one.
     """
     if team_id is not None:
         hold_team(session, team_id).require_there()
@@ -214,9 +214,8 @@ def note_use(database: Database, principal: Principal) -> None:
     if not principal.use_is_stale:
         return
     with database.write() as session:
-        token = session.get(Token, principal.token_id)
-        if token is not None:
-            token.last_used_at = database_now(session)
+        used = update(Token).where(Token.id == principal.token_id)
+        session.execute(used.values(last_used_at=database_now(session)))
 
 
 def revoke_token(session: Session, token_id: str, *, actor: str) -> Token:
@@ -318,7 +317,7 @@ def issue_team_token(
 
     Raises:
         NotAllowed: A scope is wanted that the asker does not hold, or a later end than its own.
-        Conflict: The team has enough live tokens, or made enough of them today.
+        Conflict: The team has enough live tokens, or made enough of them today; or as `issue_token`.
         InvalidRecord: As `issue_token` raises it.
     """
     more = sorted(set(scopes) - principal.scopes)
@@ -329,6 +328,8 @@ def issue_team_token(
         end = f"{own_end:%Y-%m-%dT%H:%M:%SZ}"
         raise NotAllowed(f"Your own token ends at {end}, and a token of it no later.")
     expires_at = own_end if expires_at is None else expires_at
+    if principal.team_id is not None:
+        hold_team(session, principal.team_id)
     now = database_now(session)
     known = team_tokens(session, principal)
     if sum(is_live(token, now) for token in known) >= MAX_LIVE_TOKENS:

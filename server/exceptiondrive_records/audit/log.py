@@ -7,12 +7,12 @@ hashes out itself, so that nobody has to hear of the head while it is locked.
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import insert, select
+from sqlalchemy import Select, func, insert, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.tables import AuditLine
@@ -79,6 +79,14 @@ def audit_once(
     said = [line.detail for line in pending if (line.action, line.subject) == (action, subject)]
     if dict(detail) not in [*session.scalars(query), *said]:
         audit(session, actor, action, subject, detail)
+
+
+def lines_of_a_day(session: Session, actions: Collection[str], subjects: Select[str]) -> int:
+    """Count the lines of the last 24 hours that record such actions, done to any of the subjects."""
+    since = database_now(session) - timedelta(days=1)
+    query = select(func.count()).select_from(AuditLine).where(AuditLine.at > since)
+    query = query.where(AuditLine.subject.in_(subjects), AuditLine.action.in_(actions))
+    return session.scalar(query) or 0
 
 
 def take_audit_lines(session: Session) -> list[_Pending]:

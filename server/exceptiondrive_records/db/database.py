@@ -21,6 +21,7 @@ from sqlalchemy import (
     bindparam,
     create_engine,
     event,
+    func,
     make_url,
     select,
     text,
@@ -30,6 +31,7 @@ from sqlalchemy.dialects.sqlite import insert as sqlite_insert
 from sqlalchemy.engine.interfaces import DBAPIConnection
 from sqlalchemy.exc import DataError, DBAPIError, IntegrityError, OperationalError
 from sqlalchemy.orm import Session, sessionmaker
+from sqlalchemy.orm.exc import StaleDataError
 from sqlalchemy.orm.util import identity_key
 
 from exceptiondrive_records.audit.log import chain_audit_lines, chain_in_sql, take_audit_lines
@@ -248,8 +250,8 @@ def sentence_of(error: DBAPIError) -> str:
 
 
 def is_conflict(error: Exception) -> bool:
-    """Whether a key was taken, or what is referred to was deleted, by another one's transaction."""
-    return _code_of(error) in _CONFLICTS
+    """Whether a key was taken, or what is changed or referred to was deleted, by another one's transaction."""
+    return isinstance(error, StaleDataError) or _code_of(error) in _CONFLICTS
 
 
 def is_forbidden(error: Exception) -> bool:
@@ -389,6 +391,13 @@ def find_row(
     if row is None:
         raise NotFound(kind, str(key))
     return row
+
+
+def hold_words(session: Session, words: str) -> None:
+    """Let nobody else hold these words until the transaction ends. SQLite has one writer."""
+    if session.get_bind().dialect.name == "postgresql":
+        key = func.hashtextextended(words, 0)
+        session.execute(select(func.pg_advisory_xact_lock(key)))
 
 
 def flush_or_refuse(session: Session, words: str) -> None:

@@ -23,6 +23,7 @@ _UNSEEN = frozenset(
 )  # fmt: skip
 """Default_Ignorable_Code_Point of Unicode's DerivedCoreProperties.txt as far as `str.isprintable` lets
 it pass, and the blank braille pattern."""
+_SMALL_CAPITALS = str.maketrans("ᴀʙᴄᴅᴇꜰɢʜɪᴊᴋʟᴍɴᴏᴘꞯʀꜱᴛᴜᴠᴡʏᴢ", "ABCDEFGHIJKLMNOPQRSTUVWYZ")
 _PILE = re.compile("mmm")
 _PSEUDONYM = re.compile(r"team +[0-9a-z]{3} *[^0-9a-z ]+ *[0-9a-z]{3}|former +team\b.*")
 """As an anonymous phase names a team (`phases.policy`), and as a forgotten one is called."""
@@ -134,7 +135,7 @@ def _as_read(name: str) -> str:
     A word that looks Latin as it is written is read so, before case is folded: many a capital of
     another script looks like a Latin one, and its small letter does not.
     """
-    plain = _without_accents(unicodedata.normalize("NFKC", name))
+    plain = _without_accents(unicodedata.normalize("NFKC", name)).translate(_SMALL_CAPITALS)
     folded = _without_accents(_WORD.sub(_as_latin, plain).casefold())
     dashed = ("-" if unicodedata.category(c) == "Pd" else c for c in folded)
     return "".join(map(_prototype, dashed)).casefold()
@@ -152,19 +153,24 @@ def _as_latin(word: re.Match[str]) -> str:
 
 def _prototype(letter: str) -> str:
     """The letter that stands for all that look like it, or the smaller one of two."""
-    alike = [each["c"] for each in _confusables().get(letter, ())]
+    alike = _confusables().get(letter, [])
     if len(alike) != 1:
         return letter
-    back = [each["c"] for each in _confusables().get(alike[0], ())]
-    return min(letter, alike[0]) if back == [letter] else str(alike[0])
+    return min(letter, *alike) if _confusables().get(alike[0]) == [letter] else alike[0]
 
 
 @cache
-def _confusables() -> dict[str, list[dict[str, str]]]:
-    """Read once, by the first who names something: it takes longer than most modules."""
+def _confusables() -> dict[str, list[str]]:
+    """Read once, by the first who names something: it takes longer than most modules.
+
+    Letters of Hebrew and Arabic stand there between marks that say where to go on reading.
+    """
     from confusable_homoglyphs import confusables  # type: ignore[import-untyped]
 
-    return confusables.confusables_data  # type: ignore[no-any-return]
+    return {
+        letter.strip("\u200e"): [each["c"].strip("\u200e") for each in alike]
+        for letter, alike in confusables.confusables_data.items()
+    }
 
 
 @cache

@@ -1,13 +1,12 @@
 """What a team says of its entries: which one stands for it, and which are public."""
 
 from collections.abc import Sequence
-from datetime import timedelta
 
-from sqlalchemy import func, select
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.audit.log import audit
-from exceptiondrive_records.audit.tables import AuditLine
+from exceptiondrive_records.accounts.people import hold_team
+from exceptiondrive_records.audit.log import audit, lines_of_a_day
 from exceptiondrive_records.boards.renewal import renew_boards
 from exceptiondrive_records.boards.standings import stood_at_deadline
 from exceptiondrive_records.db.clock import database_now
@@ -131,22 +130,14 @@ def _show(session: Session, submission_id: str, actor: str, *, is_public: bool) 
 
 def _require_changes_left(session: Session, submission: Submission) -> None:
     """Each choice asks for a new board, which is kept for ever: audit lines say how many there were."""
-    since = database_now(session) - timedelta(days=1)
-    query = (
-        select(func.count())
-        .select_from(AuditLine)
-        .join(Submission, Submission.id == AuditLine.subject)
-        .where(
-            Submission.team_id == submission.team_id,
-            AuditLine.action.in_(("entry chosen", "entry published", "entry made private")),
-            AuditLine.at > since,
-        )
-    )
-    if (session.scalar(query) or 0) >= MAX_CHOICES_A_DAY:
+    own = select(Submission.id).where(Submission.team_id == submission.team_id)
+    choices = ("entry chosen", "entry published", "entry made private")
+    if lines_of_a_day(session, choices, own) >= MAX_CHOICES_A_DAY:
         raise Conflict(f"A team may choose {MAX_CHOICES_A_DAY} times in 24 hours; go on later.")
 
 
 def _scored(session: Session, submission_id: str) -> tuple[Submission, Phase]:
+    hold_team(session, find_row(session, Submission, "submission", submission_id).team_id)
     submission = find_row(session, Submission, "submission", submission_id, lock=True)
     if not submission.is_scored:
         raise Conflict(f"The submission is {submission.status}; only a scored one is an entry.")

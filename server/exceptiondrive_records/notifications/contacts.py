@@ -11,8 +11,9 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.people import hold_team
-from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.audit.log import audit, lines_of_a_day
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.database import hold_words
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord, NotFound
 from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.notifications.inbox import send_to
@@ -30,6 +31,8 @@ from exceptiondrive_schemas.base import bytes_digest
 
 MAX_CONTACTS = 5
 MAX_ADDED_A_DAY = 20
+MAX_CHANGED_A_DAY = 50
+"""Of a team, whichever address: each leaves an audit line for ever."""
 MAX_ASKED_A_DAY = 3
 """How often one mailbox is asked for its yes, by all teams together."""
 _EMAIL = re.compile(r"[A-Za-z0-9._%+-]{1,64}@(?:[A-Za-z0-9-]{1,63}\.)+[A-Za-z]{2,24}")
@@ -100,11 +103,19 @@ def set_wishes(
 
     Raises:
         NotFound: There is none, or it is another team's.
+        Conflict: The team changed enough today, or was refused.
     """
+    hold_team(session, team_id)
     contact = find_contact(session, team_id, contact_id)
     wanted = " ".join(dict.fromkeys(wishes))
     if wanted == contact.wishes:
         return contact
+    own = select(ContactPoint.id).where(ContactPoint.team_id == team_id)
+    if lines_of_a_day(session, ["contact changed"], own) >= MAX_CHANGED_A_DAY:
+        raise Conflict(
+            f"A team may change what its addresses are told of {MAX_CHANGED_A_DAY} times in 24 hours; "
+            "go on later."
+        )
     contact.wishes = wanted
     audit(session, actor, "contact changed", contact.id, {"wishes": contact.wishes})
     return contact
@@ -155,6 +166,7 @@ def unsubscribe_contact(session: Session, contact_id: str, key: str) -> str:
         NotFound: As `find_by_key`, but for an address that was removed.
     """
     contact = find_by_key(session, contact_id, key, may_be_removed=True)
+    hold_words(session, f"mailbox {contact.mailbox_digest}")
     address, now = contact.address, database_now(session)
     contact.unsubscribed_at = now
     unanswered = select(ContactPoint).where(
@@ -201,13 +213,19 @@ def _require_additions_left(session: Session, team_id: int, now: datetime) -> No
 
 
 def _mailbox_digest(address: str) -> str:
-    """The digest of an address in small letters, without a `+tag`: one who reads has many of these."""
+    """The digest of an address in small letters, without a `+tag`: one who reads has many of these.
+
+    Google reads no dot of a name, and both of its hosts into one mailbox.
+    """
     name, _, host = address.lower().rpartition("@")
-    mailbox = f"{name.partition('+')[0]}@{host}"
-    return bytes_digest(mailbox.encode())
+    name = name.partition("+")[0]
+    if host in ("gmail.com", "googlemail.com"):
+        name, host = name.replace(".", ""), "gmail.com"
+    return bytes_digest(f"{name}@{host}".encode())
 
 
 def _require_may_be_asked(session: Session, mailbox_digest: str, now: datetime) -> None:
+    hold_words(session, f"mailbox {mailbox_digest}")
     asked = select(func.count()).where(ContactPoint.mailbox_digest == mailbox_digest)
     if session.scalar(asked.where(ContactPoint.unsubscribed_at.is_not(None))):
         raise Conflict("Whoever reads at this address asked for no more mail; take another one.")

@@ -13,7 +13,7 @@ from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.database import flush_or_refuse
+from exceptiondrive_records.db.database import flush_or_refuse, hold_words
 from exceptiondrive_records.db.errors import Conflict, NotAllowed, NotFound
 from exceptiondrive_records.db.identifiers import (
     checked_reason,
@@ -173,6 +173,7 @@ def make_pending_team(
         Conflict: Id or name is taken, or too many teams wait for approval, of all or of the network.
     """
     network = _network_digest(address)
+    hold_words(session, "places of teams that wait for approval")
     has_place = Team.pending_since > database_now(session) - PLACE_LASTS
     if _count(session, has_place) >= MAX_PENDING:
         raise Conflict("Too many teams wait for approval; ask an organizer.")

@@ -181,7 +181,7 @@ def _page(
         team_of(who)
     may_register = who.person_id is not None and _may_register(browser.services)
     with browser.services.database.read() as session:
-        team = None if who.team_id is None else session.get_one(Team, who.team_id)
+        team = None if who.team_id is None else session.get(Team, who.team_id)
         person = None if who.person_id is None else find_person(session, who.person_id)
         members = [] if team is None else members_of(session, team.id)
         people = [f"person:{member.id}" for member, _ in members]
