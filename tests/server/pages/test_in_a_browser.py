@@ -6,8 +6,10 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Page, ViewportSize, expect
+from tests.server.pages.page_site import Site
 from tests.support.browser import Look, axe_violations, look_at
 
+from exceptiondrive_schemas.board import Board
 from exceptiondrive_server.boards.charts import _text_box
 
 pytestmark = pytest.mark.browser
@@ -182,6 +184,53 @@ def test_sorting_by_keyboard_keeps_the_focus_on_its_head(visit: Visit) -> None:
     assert first_planner(page) == "Planner 89"
     page.go_back()
     page.wait_for_selector("#board-rows th.ur[aria-sort=ascending]")
+
+
+def test_a_search_keeps_the_order_and_the_head_of_the_ranks_leads_back_to_theirs(
+    visit: Visit,
+) -> None:
+    page = visit.open("/?phase=long")
+    page.click("#s-ur")
+    page.wait_for_selector("#board-rows th.ur[aria-sort=ascending]")
+    page.locator("input[name=q]").press_sequentially("planner 77")
+    expect(page.locator("#board-rows tr[id^='e-']")).to_have_count(1)
+    assert page.url.endswith("/?phase=long&q=planner+77&sort=ur")
+    page.click("#s-rank")
+    page.wait_for_selector("#board-rows th.hcc[aria-sort]")
+    assert page.url.endswith("/?phase=long&q=planner+77")
+    assert page.input_value("select[name=sort]") == "rank"
+    page.go_back()
+    page.wait_for_selector("#board-rows th.ur[aria-sort]")
+
+
+def test_a_link_within_the_board_moves_the_focus_and_loads_nothing(visit: Visit) -> None:
+    page = visit.open("/")
+    page.evaluate("window.isStillTheSamePage = true")
+    page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+    expect(page.locator("main")).to_be_focused()
+    page.click(".foot a[href='#about']")
+    page.go_back()
+    page.go_back()
+    assert page.url == f"{visit.address}/"
+    assert page.evaluate("window.isStillTheSamePage")
+
+
+def test_a_page_left_open_shows_all_of_a_newer_board_once_its_rows_are_asked_for(
+    visit: Visit, shown_site: Site, lively_board: Board
+) -> None:
+    board = lively_board.model_copy(update={"phase": "moving", "entries": ()})
+    shown_site.create_phase("moving", visibility="archived")
+    shown_site.publish(board)
+    page = visit.open("/?phase=moving")
+    assert page.inner_text(".ft p").startswith("Board 1,")
+    shown_site.publish(board.model_copy(update={"entries": lively_board.entries}))
+    page.click("#s-ur")
+    expect(page.locator(".ft p")).to_contain_text("Board 2,")
+    assert page.locator("#about dd:has-text('No. 2')").count() == 1
+    assert page.get_attribute("#board-rows thead th[aria-sort]", "class") == "pm ur"
+    page.go_back()
+    expect(page.locator("#board-rows th.hcc[aria-sort]")).to_be_visible()
 
 
 def test_on_a_phone_the_list_can_be_sorted_without_script(visit: Visit) -> None:
