@@ -491,6 +491,49 @@ def test_a_tap_anywhere_but_on_a_link_opens_a_row_of_a_phone(visit: Visit, part:
     expect(row.locator(".split")).to_be_visible()
 
 
+@pytest.mark.parametrize(
+    ("path", "leading", "others"),
+    [
+        ("/", "HCC", ["UR", "HPR", "CTS", "CTSx", "CTSy"]),
+        ("/?sort=ur", "UR", ["HCC", "HPR", "CTS", "CTSx", "CTSy"]),
+        ("/?sort=-date", "HCC", ["UR", "HPR", "CTS", "CTSx", "CTSy"]),
+        (
+            "/?phase=strategy&sort=-missing",
+            "Missing",
+            ["Accuracy", "Under-warning", "Over-warning"],
+        ),
+    ],
+)
+def test_every_number_of_a_phone_has_its_name_and_the_one_that_sorts_leads(
+    visit: Visit, path: str, leading: str, others: list[str]
+) -> None:
+    page = visit.open(path, width=390)
+    row = page.locator("#board-rows tr[id]").first
+    names = """cells => cells.filter((cell) => cell.checkVisibility())
+      .map((cell) => JSON.parse(getComputedStyle(cell, "::before").content))"""
+    assert row.locator("td[data-k]").evaluate_all(names) == [leading]
+    row.locator(".xp").press("Space")
+    assert sorted(row.locator("td[data-k]").evaluate_all(names)) == sorted([leading, *others])
+    if row.locator(".wk").is_visible():
+        assert inside(row.locator(".wk").bounding_box(), row.locator("td.by").bounding_box())
+    assert page.get_by_role("columnheader").filter(has_text=leading[:3]).count()
+
+
+def inside(inner: Any, outer: Any) -> bool:
+    """Whether a box lies in another one."""
+    ends = [(box["y"], box["y"] + box["height"]) for box in (inner, outer)]
+    return bool(ends[1][0] <= ends[0][0] and ends[0][1] <= ends[1][1] + 0.5)
+
+
+def test_the_heads_of_a_phone_are_seen_once_the_keyboard_is_on_them(visit: Visit) -> None:
+    page = visit.open("/", width=390)
+    head = page.locator("#board-rows thead")
+    assert head.evaluate("it => it.getBoundingClientRect().width") <= 1
+    page.focus("#s-ur")
+    assert head.evaluate("it => it.getBoundingClientRect().width") > 300
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+
+
 def test_a_flag_says_why_in_a_pop_over_without_script(visit: Visit) -> None:
     page = visit.open("/", java_script_enabled=False)
     row = page.locator("tr:has(.pn:text-is('nerve'))")
