@@ -432,6 +432,67 @@ def test_in_forced_colours_a_scale_keeps_its_colours(visit: Visit) -> None:
     assert len(set(page.locator(".heat td > span").evaluate_all(fills))) > 3
 
 
+def test_in_forced_colours_marks_of_the_board_are_lines(visit: Visit) -> None:
+    page = visit.open("/", forced_colors="active")
+    first = page.locator("#board-rows .first > :first-child").first
+    assert first.evaluate("it => getComputedStyle(it).borderLeftWidth") == "4px"
+    best = page.locator("#board-rows .best").first
+    assert best.evaluate("it => getComputedStyle(it).outlineStyle") == "solid"
+
+
+def test_the_best_number_is_told_in_words_too(visit: Visit) -> None:
+    page = visit.open("/")
+    assert page.locator("#board-rows td.hcc:has(.best)").text_content() == "61.4\u00b14.1, best"
+    sentence = "Highlighted: the best of its column among those that may lead."
+    assert sentence in page.inner_text(".foot")
+    page.goto(f"{visit.address}/?source=reference")
+    assert sentence not in page.inner_text(".foot")
+
+
+def test_a_count_is_a_word_of_its_own_and_can_be_read(visit: Visit) -> None:
+    page = visit.open("/", bypass_csp=True)
+    assert page.get_by_role("link", name="All 9", exact=True).count() == 1
+    chips = '<p class="chips"><a class="chip" href="/">VLA <i>19</i></a></p>'
+    page.locator(".filters").evaluate(
+        "(form, chips) => form.insertAdjacentHTML('beforeend', chips)", chips
+    )
+    for scheme in ("light", "dark"):
+        look_at(page, (1360, scheme))
+        assert [one["id"] for one in axe_violations(page)] == []
+
+
+@pytest.mark.parametrize("path", ["/", "/entries/s0000000kq", "/compare?a=s0000000kq&b=s0000003kq"])
+def test_what_is_in_the_hazard_is_hatched_in_bars_and_legend(visit: Visit, path: str) -> None:
+    page = visit.open(path)
+    for kind, pattern in (("hit", "#hit"), ("unmoved", "#unmoved")):
+        fills = page.locator(f".b-{kind}").evaluate_all(
+            "parts => parts.map((part) => getComputedStyle(part).fill)"
+        )
+        assert len(fills) > 1
+        assert set(fills) == {f'url("{pattern}")'}
+        ground, lines = (
+            page.locator(f"pattern{pattern} > {part}").evaluate("it => getComputedStyle(it).fill")
+            for part in ("rect", "path")
+        )
+        assert ground != lines
+
+
+def test_the_curves_of_a_page_stand_in_a_table_too(visit: Visit) -> None:
+    page = visit.open("/entries/l0000000kq", java_script_enabled=False)
+    page.click("summary:text-is('Show this chart as a table')")
+    table = page.get_by_role("region", name="Table: distance kept")
+    assert table.locator("th").all_inner_texts() == [
+        "Kept",
+        "0",
+        "0.5",
+        "1",
+        "1.5",
+        "2",
+        "Kestrel-2",
+    ]
+    assert table.locator("td").all_inner_texts() == ["90.00", "67.50", "45.00", "22.50", "0.00"]
+
+
 def test_a_title_of_a_phase_without_spaces_breaks(visit: Visit) -> None:
     page = visit.open("/compare?phase=sample", width=390)
     title = page.locator(".eyebrow span").first.text_content()
@@ -728,6 +789,15 @@ def test_the_print_shows_the_table_and_no_tools(visit: Visit) -> None:
     assert page.locator("#board-rows").is_visible()
     for tool in (".top", ".bar", ".cta", ".exp"):
         assert not page.locator(tool).first.is_visible()
+    assert page.inner_text(".hero .eyebrow a") == "Sample"
+    for name, said in (("half-a-file", "62.00 % answered"), ("FREEZE", "Stands still")):
+        flag = page.locator(f"tr:has(.pn:text-is('{name}')) .flag")
+        assert flag.is_visible()
+        assert said in flag.inner_text()
+        words = flag.locator(".vh") if name == "FREEZE" else flag
+        box = words.bounding_box()
+        assert box is not None
+        assert box["width"] > 50
 
 
 def test_heat_cells_can_be_read_in_both_themes(visit: Visit) -> None:
