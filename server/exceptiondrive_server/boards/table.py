@@ -539,12 +539,6 @@ class BoardTable:
         """Heads of all shown metrics."""
         return metric_columns(self.builder.challenge, self.query)
 
-    @property
-    def rank_column(self) -> Column:
-        """Head of the column of ranks, which leads back to their order."""
-        url, words = self.query.url(sort=BY_RANK, anchor="s-rank"), "sort, best first"
-        return Column("rank", "", "Rank", "", "", "Rank on the board", "rank", url, None, words)
-
     @cached_property
     def method_column(self) -> Column:
         """Head of the column of methods."""
