@@ -116,10 +116,14 @@ def test_past_phases_can_be_reached_on_every_screen(life: "Life", browser: Brows
         life.make_phase(name, split="plain", title=f"A challenge called {name}")
     life.change({"visibility": "archived"}, "old")
     with served(life.client.app) as address:
-        for width in (1440, 390):
+        for width in (1440, 1280, 700, 390):
             page = browser.new_context(viewport={"width": width, "height": 844}).new_page()
             page.goto(address)
             page.click(".phases .past summary")
+            assert page.evaluate("document.documentElement.scrollWidth") <= width
+            box = page.locator(".phases .past > div").bounding_box()
+            assert box is not None
+            assert box["x"] >= 0
             page.click(".phases .past a", timeout=5000)
             expect(page.locator("h1")).to_be_visible()
             assert "phase=old" in page.url

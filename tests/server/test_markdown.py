@@ -1,5 +1,7 @@
 """Markdown that organizers write, as somebody hostile would write it."""
 
+import re
+
 import pytest
 from tests.server.nasty_strings import ALL
 from tests.server.test_injection import assert_inert
@@ -79,6 +81,18 @@ def test_a_heading_never_stands_above_those_of_the_page() -> None:
     assert "<h1" not in html
     assert "<h2" not in html
     assert html.count("<h6>") == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "below", "levels"),
+    [
+        ("## a\n\n#### b\n\n## c", 2, "343"),
+        ("### a\n\n# b\n\n### c\n\n#### d", 2, "3345"),
+        ("# a\n\n## b", 1, "23"),
+    ],
+)
+def test_no_level_of_headings_is_skipped(text: str, below: int, levels: str) -> None:
+    assert "".join(re.findall(r"<h(\d)", str(markdown(text, below)))) == levels
 
 
 def test_the_first_paragraph_stands_alone() -> None:

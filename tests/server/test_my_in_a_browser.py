@@ -55,7 +55,7 @@ def my_page(browser: Browser, api: "Api", address: str) -> Iterator[Callable[...
 
 @pytest.mark.parametrize("blocked", [False, True], ids=["events", "events blocked"])
 def test_the_list_shows_place_and_quota_and_follows_to_the_end(
-    api: "Api", my_page: Callable[..., Page], blocked: bool
+    api: "Api", my_page: Callable[..., Page], address: str, blocked: bool
 ) -> None:
     first, second = (api.submit(content).json()["id"] for content in ("one", "two"))
     page = my_page(blocked=blocked)
@@ -67,7 +67,12 @@ def test_the_list_shows_place_and_quota_and_follows_to_the_end(
     expect(page.locator(".quotas time")).to_have_attribute(
         "datetime", api.get("/phases/dev", "alpha").json()["quota"]["resets_at"]
     )
+    own = page.context.new_page()
+    if blocked:
+        own.route("**/events", lambda route: route.abort())
+    own.goto(f"{address}/submissions/{first}")
     api.score(first)
+    expect(own).to_have_title(re.compile(", scored: "), timeout=LONGEST_MS)
     expect(rows.nth(1).locator(".badge")).to_have_text("scored", timeout=LONGEST_MS)
     expect(rows.nth(0)).to_contain_text("next in line", timeout=LONGEST_MS)
     api.score(second)

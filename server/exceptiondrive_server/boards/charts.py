@@ -607,6 +607,8 @@ class Curve:
     points: str
     at_required: float
     """Share of samples that keep the whole required clearance."""
+    at_ticks: tuple[float | None, ...]
+    """The same of each number along x; None beyond the end of the curve."""
 
 
 @dataclass(frozen=True)
@@ -680,7 +682,10 @@ def curve_chart(
     for name, (_, curve) in zip(names, known, strict=True):
         shares = curve.micro if average == "micro" else curve.macro_family
         points = " ".join([f"{k},{share * 1000:.0f}" for k, share in enumerate(shares)])
-        curves.append(Curve(name, points, shares[round(1 / curve.step)]))
+        at_required = shares[round(1 / curve.step)]
+        places = [round(tick / curve.step) for tick in x_scale.ticks]
+        at_ticks = tuple([shares[at] if at < len(shares) else None for at in places])
+        curves.append(Curve(name, points, at_required, at_ticks))
     along = (frame.right - frame.left) / reach * known[0][1].step
     up = (frame.top - frame.bottom) / 1000
     transform = f"matrix({along:.4f} 0 0 {up:.4f} {frame.left:g} {frame.bottom:g})"

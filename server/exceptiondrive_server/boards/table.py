@@ -518,6 +518,12 @@ class BoardTable:
             return f"Marked at the left: {found[0].method}, which alone could be first."
         return f"Marked at the left: the {len(found)} that could be first."
 
+    @cached_property
+    def best_sentence(self) -> str:
+        """Say what a highlighted number is, where there is one."""
+        is_shown = any(cell.is_best for row in self.rows for cell in row.cells)
+        return "Highlighted: the best of its column among those that may lead." if is_shown else ""
+
     @property
     def is_headline(self) -> bool:
         """Whether the average is the one that ranks."""

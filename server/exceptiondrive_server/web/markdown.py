@@ -14,11 +14,9 @@ from markupsafe import Markup
 
 _TAGS = {
     *("p", "br", "hr", "em", "strong", "s", "code", "pre", "blockquote", "a"),
-    *("h3", "h4", "h5", "h6", "ul", "ol", "li", "table", "thead", "tbody", "tr", "th", "td"),
+    *("h2", "h3", "h4", "h5", "h6", "ul", "ol", "li", "table", "thead", "tbody", "tr", "th", "td"),
 }
 _DEEPEST = 6
-_BELOW_THE_PAGE = 2
-"""A page has its own title and sections: the first level of a text stands below them."""
 
 
 _WITHOUT_TABLES = MarkdownIt("commonmark", {"html": False})
@@ -27,13 +25,19 @@ _MARKDOWN.disable("image")  # a picture of another host tells it who reads
 
 
 @lru_cache(maxsize=256)
-def markdown(text: str) -> Markup:
-    """Return a text in Markdown as HTML: no raw HTML, picture, script or address but https and mailto."""
+def markdown(text: str, below: int = 2) -> Markup:
+    """Return a text in Markdown as HTML: no raw HTML, picture, script or address but https and mailto.
+
+    Its headings stand `below` the level of the heading over it, and skip none, whatever its author skips.
+    """
     tokens = _MARKDOWN.parse(text)
+    over: list[int] = []
     for token in tokens:
+        if token.type == "heading_open":
+            level = int(token.tag[1:])
+            over = [*(each for each in over if each < level), level]
         if token.type in ("heading_open", "heading_close"):
-            level = min(int(token.tag[1:]) + _BELOW_THE_PAGE, _DEEPEST)
-            token.tag = f"h{level}"
+            token.tag = f"h{min(below + len(over), _DEEPEST)}"
     html = _MARKDOWN.renderer.render(tokens, _MARKDOWN.options, {})
     return Markup(
         nh3.clean(

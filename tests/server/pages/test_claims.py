@@ -182,7 +182,7 @@ def check_the_rows(page: Node, board: Board, average: str) -> None:
             assert f"Not ranked: {entry.unranked_because}" in row.text
         else:
             assert [words.lstrip("23 ") for words in said] == (
-                [f"{', '.join(labels(entry))}: why"] if entry.flags else []
+                [", ".join(labels(entry))] if entry.flags else []
             )
         check_the_range(row, entry)
         could = entry.rank_interval is not None and entry.rank_interval[0] == 1

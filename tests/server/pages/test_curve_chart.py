@@ -24,6 +24,7 @@ def test_a_curve_runs_through_its_shares_and_is_told_at_the_required_clearance(
         float, chart.transform.removeprefix("matrix(").removesuffix(")").split()
     )
     (curve,) = chart.curves
+    assert curve.at_ticks == CURVE.macro_family
     points = [[float(at) for at in point.split(",")] for point in curve.points.split()]
     drawn = [(x0 + scale_x * x, y0 + scale_y * y) for x, y in points]
     there = zip(across.values(), [up[share] for share in ("75", "50", "25", "0")], strict=True)

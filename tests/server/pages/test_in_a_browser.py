@@ -6,8 +6,10 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Page, ViewportSize, expect
+from tests.server.pages.page_site import Site
 from tests.support.browser import Look, axe_violations, look_at
 
+from exceptiondrive_schemas.board import Board
 from exceptiondrive_server.boards.charts import _text_box
 
 pytestmark = pytest.mark.browser
@@ -182,6 +184,53 @@ def test_sorting_by_keyboard_keeps_the_focus_on_its_head(visit: Visit) -> None:
     assert first_planner(page) == "Planner 89"
     page.go_back()
     page.wait_for_selector("#board-rows th.ur[aria-sort=ascending]")
+
+
+def test_a_search_keeps_the_order_and_the_head_of_the_ranks_leads_back_to_theirs(
+    visit: Visit,
+) -> None:
+    page = visit.open("/?phase=long")
+    page.click("#s-ur")
+    page.wait_for_selector("#board-rows th.ur[aria-sort=ascending]")
+    page.locator("input[name=q]").press_sequentially("planner 77")
+    expect(page.locator("#board-rows tr[id^='e-']")).to_have_count(1)
+    assert page.url.endswith("/?phase=long&q=planner+77&sort=ur")
+    page.click("#s-rank")
+    page.wait_for_selector("#board-rows th.hcc[aria-sort]")
+    assert page.url.endswith("/?phase=long&q=planner+77")
+    assert page.input_value("select[name=sort]") == "rank"
+    page.go_back()
+    page.wait_for_selector("#board-rows th.ur[aria-sort]")
+
+
+def test_a_link_within_the_board_moves_the_focus_and_loads_nothing(visit: Visit) -> None:
+    page = visit.open("/")
+    page.evaluate("window.isStillTheSamePage = true")
+    page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+    expect(page.locator("main")).to_be_focused()
+    page.click(".foot a[href='#about']")
+    page.go_back()
+    page.go_back()
+    assert page.url == f"{visit.address}/"
+    assert page.evaluate("window.isStillTheSamePage")
+
+
+def test_a_page_left_open_shows_all_of_a_newer_board_once_its_rows_are_asked_for(
+    visit: Visit, shown_site: Site, lively_board: Board
+) -> None:
+    board = lively_board.model_copy(update={"phase": "moving", "entries": ()})
+    shown_site.create_phase("moving", visibility="archived")
+    shown_site.publish(board)
+    page = visit.open("/?phase=moving")
+    assert page.inner_text(".ft p").startswith("Board 1,")
+    shown_site.publish(board.model_copy(update={"entries": lively_board.entries}))
+    page.click("#s-ur")
+    expect(page.locator(".ft p")).to_contain_text("Board 2,")
+    assert page.locator("#about dd:has-text('No. 2')").count() == 1
+    assert page.get_attribute("#board-rows thead th[aria-sort]", "class") == "pm ur"
+    page.go_back()
+    expect(page.locator("#board-rows th.hcc[aria-sort]")).to_be_visible()
 
 
 def test_on_a_phone_the_list_can_be_sorted_without_script(visit: Visit) -> None:
@@ -383,6 +432,67 @@ def test_in_forced_colours_a_scale_keeps_its_colours(visit: Visit) -> None:
     assert len(set(page.locator(".heat td > span").evaluate_all(fills))) > 3
 
 
+def test_in_forced_colours_marks_of_the_board_are_lines(visit: Visit) -> None:
+    page = visit.open("/", forced_colors="active")
+    first = page.locator("#board-rows .first > :first-child").first
+    assert first.evaluate("it => getComputedStyle(it).borderLeftWidth") == "4px"
+    best = page.locator("#board-rows .best").first
+    assert best.evaluate("it => getComputedStyle(it).outlineStyle") == "solid"
+
+
+def test_the_best_number_is_told_in_words_too(visit: Visit) -> None:
+    page = visit.open("/")
+    assert page.locator("#board-rows td.hcc:has(.best)").text_content() == "61.4\u00b14.1, best"
+    sentence = "Highlighted: the best of its column among those that may lead."
+    assert sentence in page.inner_text(".foot")
+    page.goto(f"{visit.address}/?source=reference")
+    assert sentence not in page.inner_text(".foot")
+
+
+def test_a_count_is_a_word_of_its_own_and_can_be_read(visit: Visit) -> None:
+    page = visit.open("/", bypass_csp=True)
+    assert page.get_by_role("link", name="All 9", exact=True).count() == 1
+    chips = '<p class="chips"><a class="chip" href="/">VLA <i>19</i></a></p>'
+    page.locator(".filters").evaluate(
+        "(form, chips) => form.insertAdjacentHTML('beforeend', chips)", chips
+    )
+    for scheme in ("light", "dark"):
+        look_at(page, (1360, scheme))
+        assert [one["id"] for one in axe_violations(page)] == []
+
+
+@pytest.mark.parametrize("path", ["/", "/entries/s0000000kq", "/compare?a=s0000000kq&b=s0000003kq"])
+def test_what_is_in_the_hazard_is_hatched_in_bars_and_legend(visit: Visit, path: str) -> None:
+    page = visit.open(path)
+    for kind, pattern in (("hit", "#hit"), ("unmoved", "#unmoved")):
+        fills = page.locator(f".b-{kind}").evaluate_all(
+            "parts => parts.map((part) => getComputedStyle(part).fill)"
+        )
+        assert len(fills) > 1
+        assert set(fills) == {f'url("{pattern}")'}
+        ground, lines = (
+            page.locator(f"pattern{pattern} > {part}").evaluate("it => getComputedStyle(it).fill")
+            for part in ("rect", "path")
+        )
+        assert ground != lines
+
+
+def test_the_curves_of_a_page_stand_in_a_table_too(visit: Visit) -> None:
+    page = visit.open("/entries/l0000000kq", java_script_enabled=False)
+    page.click("summary:text-is('Show this chart as a table')")
+    table = page.get_by_role("region", name="Table: distance kept")
+    assert table.locator("th").all_inner_texts() == [
+        "Kept",
+        "0",
+        "0.5",
+        "1",
+        "1.5",
+        "2",
+        "Kestrel-2",
+    ]
+    assert table.locator("td").all_inner_texts() == ["90.00", "67.50", "45.00", "22.50", "0.00"]
+
+
 def test_a_title_of_a_phase_without_spaces_breaks(visit: Visit) -> None:
     page = visit.open("/compare?phase=sample", width=390)
     title = page.locator(".eyebrow span").first.text_content()
@@ -440,6 +550,49 @@ def test_a_tap_anywhere_but_on_a_link_opens_a_row_of_a_phone(visit: Visit, part:
     page.touchscreen.tap(box["x"] + across, box["y"] + box["height"] / 2)
     expect(row.locator(".xp")).to_be_checked()
     expect(row.locator(".split")).to_be_visible()
+
+
+@pytest.mark.parametrize(
+    ("path", "leading", "others"),
+    [
+        ("/", "HCC", ["UR", "HPR", "CTS", "CTSx", "CTSy"]),
+        ("/?sort=ur", "UR", ["HCC", "HPR", "CTS", "CTSx", "CTSy"]),
+        ("/?sort=-date", "HCC", ["UR", "HPR", "CTS", "CTSx", "CTSy"]),
+        (
+            "/?phase=strategy&sort=-missing",
+            "Missing",
+            ["Accuracy", "Under-warning", "Over-warning"],
+        ),
+    ],
+)
+def test_every_number_of_a_phone_has_its_name_and_the_one_that_sorts_leads(
+    visit: Visit, path: str, leading: str, others: list[str]
+) -> None:
+    page = visit.open(path, width=390)
+    row = page.locator("#board-rows tr[id]").first
+    names = """cells => cells.filter((cell) => cell.checkVisibility())
+      .map((cell) => JSON.parse(getComputedStyle(cell, "::before").content))"""
+    assert row.locator("td[data-k]").evaluate_all(names) == [leading]
+    row.locator(".xp").press("Space")
+    assert sorted(row.locator("td[data-k]").evaluate_all(names)) == sorted([leading, *others])
+    if row.locator(".wk").is_visible():
+        assert inside(row.locator(".wk").bounding_box(), row.locator("td.by").bounding_box())
+    assert page.get_by_role("columnheader").filter(has_text=leading[:3]).count()
+
+
+def inside(inner: Any, outer: Any) -> bool:
+    """Whether a box lies in another one."""
+    ends = [(box["y"], box["y"] + box["height"]) for box in (inner, outer)]
+    return bool(ends[1][0] <= ends[0][0] and ends[0][1] <= ends[1][1] + 0.5)
+
+
+def test_the_heads_of_a_phone_are_seen_once_the_keyboard_is_on_them(visit: Visit) -> None:
+    page = visit.open("/", width=390)
+    head = page.locator("#board-rows thead")
+    assert head.evaluate("it => it.getBoundingClientRect().width") <= 1
+    page.focus("#s-ur")
+    assert head.evaluate("it => it.getBoundingClientRect().width") > 300
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
 
 
 def test_a_flag_says_why_in_a_pop_over_without_script(visit: Visit) -> None:
@@ -636,6 +789,15 @@ def test_the_print_shows_the_table_and_no_tools(visit: Visit) -> None:
     assert page.locator("#board-rows").is_visible()
     for tool in (".top", ".bar", ".cta", ".exp"):
         assert not page.locator(tool).first.is_visible()
+    assert page.inner_text(".hero .eyebrow a") == "Sample"
+    for name, said in (("half-a-file", "62.00 % answered"), ("FREEZE", "Stands still")):
+        flag = page.locator(f"tr:has(.pn:text-is('{name}')) .flag")
+        assert flag.is_visible()
+        assert said in flag.inner_text()
+        words = flag.locator(".vh") if name == "FREEZE" else flag
+        box = words.bounding_box()
+        assert box is not None
+        assert box["width"] > 50
 
 
 def test_heat_cells_can_be_read_in_both_themes(visit: Visit) -> None:

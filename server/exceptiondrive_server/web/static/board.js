@@ -15,7 +15,9 @@
 
   // Another order, page or filter takes the place of the rows; focus stays where it was.
   const PARTS = ["#results", "#chips", "#facts-of .pop", "#board .seg", "#kept", "#board .foot", "#families"];
+  const here = () => location.pathname + location.search;
   let asked = 0;
+  let shown = here();
   const show = async (url, isStep) => {
     const mine = ++asked;
     const answer = await fetch(url, { headers: { Accept: "text/html" } }).catch(() => null);
@@ -23,6 +25,11 @@
     if (!answer?.ok) { location.assign(url); return; }
     const fresh = new DOMParser().parseFromString(await answer.text(), "text/html");
     if (mine !== asked) return;
+    const to = new URL(answer.url);
+    history[isStep ? "pushState" : "replaceState"](null, "", to.pathname + to.search);
+    shown = here();
+    // Of a newer board all is shown, not its rows alone.
+    if (fresh.getElementById("board")?.dataset.board !== board.dataset.board) { location.reload(); return; }
     const held = document.activeElement;
     const [id, place, name] = [held?.id, held?.parentElement?.closest("[id]")?.id, held?.dataset.key];
     for (const part of PARTS) {
@@ -31,14 +38,14 @@
     }
     for (const tip of fresh.querySelectorAll("body > .tip")) if (!document.getElementById(tip.id)) document.body.append(tip);
     document.getElementById("found").textContent = fresh.getElementById("found").textContent;
-    const to = new URL(answer.url);
-    history[isStep ? "pushState" : "replaceState"](null, "", to.pathname + to.search);
+    form.elements.sort.innerHTML = fresh.querySelector("[name=sort]").innerHTML;
     const again = (id && document.getElementById(id)) || (name && document.querySelector(`#${place} [data-key="${name}"]`));
     again?.focus({ preventScroll: true });
     dress();
   };
   const wanted = () => `/?${new URLSearchParams(new FormData(form))}`;
-  addEventListener("popstate", () => location.reload());
+  // A link within the page changes its fragment alone.
+  addEventListener("popstate", () => { if (here() !== shown) location.reload(); });
   board.addEventListener("click", async (event) => {
     const link = event.target.closest("a.s, a.chip, .pager a, .seg a, .nothing a");
     if (!link || event.metaKey || event.ctrlKey || event.shiftKey || event.button) return;

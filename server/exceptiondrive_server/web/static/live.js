@@ -28,7 +28,8 @@
   const renew = async () => {
     const answer = await fetch(location.href, { headers: { Accept: "text/html" } }).catch(() => null);
     if (!answer?.ok) { again(document.getElementById("live")); return; }
-    const fresh = new DOMParser().parseFromString(await answer.text(), "text/html").getElementById("live");
+    const page = new DOMParser().parseFromString(await answer.text(), "text/html");
+    const fresh = page.getElementById("live");
     const now = document.getElementById("live");
     if (!fresh || !now) return;
     if (fresh.outerHTML === shown) { again(fresh); return; }
@@ -37,6 +38,7 @@
     const places = "a, button, summary";
     const held = [...now.querySelectorAll(places)].indexOf(document.activeElement);
     const words = document.activeElement?.textContent;
+    document.title = page.title;
     now.replaceWith(document.adoptNode(fresh));
     const place = held < 0 ? null : fresh.querySelectorAll(places)[held]; // the keyboard stays where it was
     if (place?.textContent === words) place?.focus({ preventScroll: true });
