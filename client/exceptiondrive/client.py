@@ -411,10 +411,10 @@ class Client(Connection):
             return Outlook(report, None)
         if phase.disqualified_at is not None:
             return Outlook(report, None, disqualified_at=phase.disqualified_at)
-        try:
-            own = self.submissions(phase=phase.id, limit=None)
-        except (NotAllowedError, NotSignedInError):
-            own = ()
+        own: tuple[SubmissionView, ...] = ()
+        is_own_told = False
+        with suppress(NotAllowedError):
+            own, is_own_told = self.submissions(phase=phase.id, limit=None), True
         same = (each for each in own if each.file_digest == report.digest)
         first = next((each for each in same if each.status not in SENT_ANEW), None)
         if first is not None and first.disqualified_at is not None:
@@ -441,6 +441,7 @@ class Client(Connection):
             owes_terms=phase.terms_version is not None and phase.terms_accepted_at is None,
             is_private=phase.policy.entries_private,
             quota_error=_quota_error(phase.quota) if first is None and phase.is_open else None,
+            is_own_told=is_own_told,
         )
 
     def submit(

@@ -31,7 +31,12 @@ from exceptiondrive.cli.tables import (
     submissions_left,
     submissions_view,
 )
-from exceptiondrive.errors import IT_IS_SAFE, ExceptionDriveError, InvalidArgumentError
+from exceptiondrive.errors import (
+    IT_IS_SAFE,
+    ExceptionDriveError,
+    InvalidArgumentError,
+    NotAllowedError,
+)
 from exceptiondrive.facts import facts_of_pairs
 from exceptiondrive.outlook import Outlook
 from exceptiondrive.settings import default_phase
@@ -96,6 +101,12 @@ def submit(
 
     def consent(outlook: Outlook) -> None:
         show(file_view(outlook.report), outlook_view(outlook, phase), stderr=True)
+        if wait and not outlook.is_own_told:
+            raise NotAllowedError(
+                "not_allowed",
+                "This token cannot read a score to wait for: it lacks the scope read:own. Nothing was sent.",
+                "Leave out --wait, or make a token with --scope submit --scope read:own.",
+            )
         _require_consent(outlook, replace=replace, allow_unranked=allow_unranked)
 
     phase, given = default_phase(phase), options.given(file, context)
@@ -243,12 +254,17 @@ def withdraw(
     It stays in the team's own list; until the deadline the run of the method that it had replaced
     stands again.
     """
-    asked = client.status(submission_id)
-    stands = asked.status is not SubmissionStatus.WITHDRAWN
+    asked = None
+    with suppress(NotAllowedError):  # a token may withdraw what it cannot read
+        asked = client.status(submission_id)
+    stands = asked is None or asked.status is not SubmissionStatus.WITHDRAWN
     if stands and can_ask():  # a script goes on: the same bytes may be sent again
-        be_sure(f"Withdraw {entry_words(asked)}?", yes)
-    own = client.submissions(phase=asked.phase, limit=None)
+        be_sure(f"Withdraw {submission_id if asked is None else entry_words(asked)}?", yes)
+    own = () if asked is None else client.submissions(phase=asked.phase, limit=None)
     view = client.withdraw(submission_id)
+    if asked is None:
+        unknown = "what takes its place cannot be told without the scope read:own"
+        return view, f"{view.id} {view.status}: {unknown}"
     before = next((each for each in own if each.replaced_by == view.id), None)
     again = None if before is None else client.status(before.id)
     words = "no other run takes its place on the board"
