@@ -590,6 +590,7 @@ class Client(Connection):
         paper: str | None = None,
         code: str | None = None,
         facts: Facts | None = None,
+        replace: bool = False,
     ) -> SubmissionView:
         """Change what is said of a submission; score, time and quota stay as they are.
 
@@ -601,6 +602,11 @@ class Client(Connection):
             code: https link; empty takes it away.
             facts: Those to change: a document, a mapping, or the path of a JSON file. What is not
                 named stays.
+            replace: Take another method's name, and an entry of the team off the board: both become
+                one method, of which one run stands.
+
+        Raises:
+            InvalidArgumentError: It replaces an entry, and may not; nothing was changed.
         """
         said = {
             "method": method,
@@ -610,6 +616,7 @@ class Client(Connection):
             "facts": None
             if facts is None
             else facts_of(facts).model_dump(mode="json", exclude_unset=True),
+            "replace": replace or None,
         }
         change = {name: value for name, value in said.items() if value is not None}
         path = self._path_of(submission_id)
@@ -715,9 +722,17 @@ class Client(Connection):
         """
         return self._say(submission_id, "choose" if rule == "this" else f"choose?rule={rule}")
 
-    def publish(self, submission_id: str) -> SubmissionView:
-        """Put an entry on the board of a phase that keeps entries private."""
-        return self._say(submission_id, "publish")
+    def publish(self, submission_id: str, *, replace: bool = False) -> SubmissionView:
+        """Put an entry on the board of a phase that keeps entries private.
+
+        Args:
+            submission_id: Which.
+            replace: Take the place of the public run of its method.
+
+        Raises:
+            InvalidArgumentError: It replaces one, and may not; nothing was changed.
+        """
+        return self._say(submission_id, "publish?replace=true" if replace else "publish")
 
     def unpublish(self, submission_id: str) -> SubmissionView:
         """Make an entry private again; earlier boards keep what they showed."""

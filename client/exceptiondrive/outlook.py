@@ -64,7 +64,7 @@ class Outlook:
         from exceptiondrive_schemas.api.own_entries import to_confirm
 
         unknown = {"replace": f"{REPLACES_UNKNOWN}."} if self.may_replace_unseen else {}
-        return unknown | to_confirm(self.report.unranked_because, self.replaces)
+        return {**unknown, **to_confirm(self.report.unranked_because, self.replaces)}
 
     @property
     def may_replace_unseen(self) -> bool:
