@@ -420,12 +420,18 @@ class Client(Connection):
         if first is not None and first.disqualified_at is not None:
             return Outlook(report, None, first=first, disqualified_at=first.disqualified_at)
         scored = [each for each in own if each.status is SubmissionStatus.SCORED]
-        replaces = None
+        replaces = stays = None
         if first is None:
             replaces = replaced_entry(own, method, phase.policy, is_open=phase.is_open)
+        shows_one = phase.policy.entries_shown == "chosen"
+        if first is None and phase.is_open:
+            of_place = (each for each in scored if shows_one or each.method == method)
+            stays = next((each for each in of_place if each.is_chosen), None)
+        names = {each.method for each in own if each.status not in SENT_ANEW} - {method}
+        alike = (name for name in names if method and name.casefold() == method.casefold())
         said: RunRule = next((each.run_rule for each in scored if each.method == method), "newest")
         rule = RUN_RULES.get(said, phase.policy.run_rule)
-        if phase.policy.run_choice == "team":
+        if shows_one or phase.policy.run_choice == "team":
             rule += " To say otherwise: exceptiondrive choose."
         is_late = not phase.is_open and phase.takes_late_entries
         if is_late:
@@ -442,6 +448,8 @@ class Client(Connection):
             is_private=phase.policy.entries_private,
             quota_error=_quota_error(phase.quota) if first is None and phase.is_open else None,
             is_own_told=is_own_told,
+            stays=stays,
+            alike=next(alike, None),
         )
 
     def submit(

@@ -37,6 +37,8 @@ class Outlook:
             refused; None: something is left.
         is_own_told: Whether the team's submissions could be read: else neither `replaces` nor `first`
             is known.
+        stays: The entry that the team chose, which stands though this one comes; None: there is none.
+        alike: A method of the team whose name differs from the one given in its letters' case alone.
     """
 
     report: CheckReport
@@ -50,6 +52,8 @@ class Outlook:
     is_private: bool = False
     quota_error: QuotaError | None = None
     is_own_told: bool = True
+    stays: "SubmissionView | None" = None
+    alike: str | None = None
 
     @property
     def is_known(self) -> bool:

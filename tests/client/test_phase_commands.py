@@ -180,6 +180,25 @@ def test_a_team_chooses_its_entry(working: "Running", planning_file: MakeFile) -
     assert "shows every scored entry" in refused.stderr
 
 
+@pytest.mark.parametrize("setting", ["--entries-shown=chosen", "--run-choice=team"])
+def test_check_says_that_the_run_that_was_chosen_stays(
+    working: "Running", planning_file: MakeFile, setting: str
+) -> None:
+    make_phase(working, setting)
+    chosen = scored(working, planning_file(), "Planner")
+    board_shows(working, chosen)
+    assert run(working, "choose", chosen).exit_code == 0
+    file = other_bytes(planning_file("two.json"))
+    told = run(working, "check", file, "--phase", "test", "--method", "Planner").stdout
+    assert f"it will be scored, and not stand on the board: {chosen} (HCC " in told
+    assert "To say otherwise: exceptiondrive choose." in told
+    for wrong in ("it will be ranked", "takes the place"):
+        assert wrong not in told
+    second = scored(working, file, "Planner")
+    view = json.loads(run(working, "status", second, "--json").stdout)
+    assert view["replaced_by"] == chosen
+
+
 def test_a_team_publishes_and_takes_back(working: "Running", planning_file: MakeFile) -> None:
     make_phase(working, "--entries-private")
     mine = scored(working, planning_file(), "Planner")

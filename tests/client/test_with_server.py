@@ -181,6 +181,8 @@ def test_check_says_what_an_upload_will_do(working: "Running", planning_file: Ma
     assert "outlook: it will be ranked, as far as can be told here" in before
     assert "it takes the place of no other entry" in before
     first = json.loads(submit(working, planning_file(), "--wait", "--json").stdout)
+    other = ("check", "--phase", "dev", "--method", "planner", str(slower_file(planning_file)))
+    assert "of no other entry; 'Planner' is another method" in run(working, *other).stdout
     told = run(working, *checked, str(slower_file(planning_file))).stdout
     assert f"outlook: it replaces {first['id']} (HCC " in told
     assert "newest run stands" in told

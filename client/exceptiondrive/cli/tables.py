@@ -111,6 +111,9 @@ def outlook_view(outlook: Outlook, phase: str | None = None) -> Iterator[Rendera
         yield f"outlook: it will be refused until your team accepts the terms: {see}"
     if outlook.is_late:
         yield "outlook: the deadline has passed: it will stand on the late view alone"
+    elif outlook.stays is not None:
+        stays = entry_words(outlook.stays)
+        yield f"outlook: it will be scored, and not stand on the board: {stays} does, as your team chose"
     elif outlook.report.unranked_because is None:
         then = "then it" if outlook.owes_terms else "it"
         once = " once your team publishes it" if outlook.is_private else ""
@@ -119,7 +122,9 @@ def outlook_view(outlook: Outlook, phase: str | None = None) -> Iterator[Rendera
         yield f"outlook: it replaces {entry_words(outlook.replaces)}"
     elif outlook.may_replace_unseen:
         yield f"outlook: {REPLACES_UNKNOWN[0].lower()}{REPLACES_UNKNOWN[1:]}"
-    elif outlook.report.is_valid:
+    elif outlook.report.is_valid and outlook.alike is not None:
+        yield f"outlook: it takes the place of no other entry; {outlook.alike!r} is another method"
+    elif outlook.report.is_valid and outlook.stays is None:
         yield "outlook: it takes the place of no other entry"
     yield outlook.rule
 
