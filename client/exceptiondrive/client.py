@@ -48,7 +48,7 @@ from exceptiondrive_schemas.api.submission import (
 from exceptiondrive_schemas.base import Document, bytes_digest
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.method_facts import SubmissionEditView
-from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.printable import counted, shown_text
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.split import Manifest, Split
 
@@ -406,6 +406,13 @@ class Client(Connection):
         return self._outlook(file, self.phase(phase), method)
 
     def _outlook(self, file: SubmissionLike, phase: PhaseView, method: str | None) -> Outlook:
+        if method is not None:
+            method = require_text(method, "The name of a method")
+            try:
+                method = shown_text("method name", method, max_length=80)
+            except ValueError as error:
+                advice = "Name it as the board shall show it."
+                raise InvalidArgumentError("wrong_method", str(error), advice) from None
         report = self._check(file, phase)
         if not report.is_valid:
             return Outlook(report, None)
@@ -506,10 +513,7 @@ class Client(Connection):
         if view.quota is None:
             raise _no_team("Only teams submit")
         given = given_submission(file, view.split)
-        if not require_text(method, "The name of a method").strip():
-            raise InvalidArgumentError(
-                "no_method", "The method has no name.", "Name it as the board shall show it."
-            )
+        require_text(method, "The name of a method")
         outlook = self._outlook(given, view, method)
         if not outlook.report.is_valid:
             raise InvalidFileError(outlook.report, advice=SUBMIT_AGAIN)
@@ -800,7 +804,10 @@ class Client(Connection):
         query = _board_query(
             phase, as_of, challenge=challenge, protocol=protocol, sort=sort, view=view
         )
-        with self._naming(phase or "", self._phase_ids, "phases"):
+        with (
+            self._naming(phase or "", self._phase_ids, "phases"),
+            self._naming(protocol or "", self._protocol_versions, "protocols"),
+        ):
             return self._get(Board, "/leaderboard", query)
 
     def leaderboard_csv(
@@ -820,7 +827,10 @@ class Client(Connection):
         query = _board_query(
             phase, as_of, challenge=challenge, protocol=protocol, sort=sort, view=view
         )
-        with self._naming(phase or "", self._phase_ids, "phases"):
+        with (
+            self._naming(phase or "", self._phase_ids, "phases"),
+            self._naming(protocol or "", self._protocol_versions, "protocols"),
+        ):
             return self._transport.get("/leaderboard.csv", query).text
 
     def is_on_board(self, submission_id: str) -> bool:
