@@ -48,6 +48,12 @@ def test_a_token_is_created_rotated_and_revoked(running: "Running", keeper: str)
     assert tokens(running, keeper, "revoke", second.split("_")[2]).exit_code == 4
 
 
+def test_a_scope_that_there_is_not_is_told_which_there_are(running: "Running", keeper: str) -> None:
+    refused = tokens(running, keeper, "create", "x", "--scope", "admin")
+    said = "--scope is submit, read:own or tokens, not 'admin'."
+    assert (refused.exit_code, said in refused.stderr) == (2, True)
+
+
 def test_a_revoked_token_leaves_behind_what_it_made(running: "Running", keeper: str) -> None:
     lost = tokens(running, keeper, "create", "lost", "--scope", "tokens").stdout.strip()
     door = tokens(running, lost, "create", "door", "--scope", "tokens").stdout.strip()
