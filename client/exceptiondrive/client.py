@@ -48,7 +48,7 @@ from exceptiondrive_schemas.api.submission import (
 from exceptiondrive_schemas.base import Document, bytes_digest
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.method_facts import SubmissionEditView
-from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.printable import counted, shown_text
 from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.split import Manifest, Split
 
@@ -406,26 +406,39 @@ class Client(Connection):
         return self._outlook(file, self.phase(phase), method)
 
     def _outlook(self, file: SubmissionLike, phase: PhaseView, method: str | None) -> Outlook:
+        if method is not None:
+            method = require_text(method, "The name of a method")
+            try:
+                method = shown_text("method name", method, max_length=80)
+            except ValueError as error:
+                advice = "Name it as the board shall show it."
+                raise InvalidArgumentError("wrong_method", str(error), advice) from None
         report = self._check(file, phase)
         if not report.is_valid:
             return Outlook(report, None)
         if phase.disqualified_at is not None:
             return Outlook(report, None, disqualified_at=phase.disqualified_at)
-        try:
-            own = self.submissions(phase=phase.id, limit=None)
-        except (NotAllowedError, NotSignedInError):
-            own = ()
+        own: tuple[SubmissionView, ...] = ()
+        is_own_told = False
+        with suppress(NotAllowedError):
+            own, is_own_told = self.submissions(phase=phase.id, limit=None), True
         same = (each for each in own if each.file_digest == report.digest)
         first = next((each for each in same if each.status not in SENT_ANEW), None)
         if first is not None and first.disqualified_at is not None:
             return Outlook(report, None, first=first, disqualified_at=first.disqualified_at)
         scored = [each for each in own if each.status is SubmissionStatus.SCORED]
-        replaces = None
+        replaces = stays = None
         if first is None:
             replaces = replaced_entry(own, method, phase.policy, is_open=phase.is_open)
+        shows_one = phase.policy.entries_shown == "chosen"
+        if first is None and phase.is_open:
+            of_place = (each for each in scored if shows_one or each.method == method)
+            stays = next((each for each in of_place if each.is_chosen), None)
+        names = {each.method for each in own if each.status not in SENT_ANEW} - {method}
+        alike = (name for name in names if method and name.casefold() == method.casefold())
         said: RunRule = next((each.run_rule for each in scored if each.method == method), "newest")
         rule = RUN_RULES.get(said, phase.policy.run_rule)
-        if phase.policy.run_choice == "team":
+        if shows_one or phase.policy.run_choice == "team":
             rule += " To say otherwise: exceptiondrive choose."
         is_late = not phase.is_open and phase.takes_late_entries
         if is_late:
@@ -441,6 +454,9 @@ class Client(Connection):
             owes_terms=phase.terms_version is not None and phase.terms_accepted_at is None,
             is_private=phase.policy.entries_private,
             quota_error=_quota_error(phase.quota) if first is None and phase.is_open else None,
+            is_own_told=is_own_told,
+            stays=stays,
+            alike=next(alike, None),
         )
 
     def submit(
@@ -497,10 +513,7 @@ class Client(Connection):
         if view.quota is None:
             raise _no_team("Only teams submit")
         given = given_submission(file, view.split)
-        if not require_text(method, "The name of a method").strip():
-            raise InvalidArgumentError(
-                "no_method", "The method has no name.", "Name it as the board shall show it."
-            )
+        require_text(method, "The name of a method")
         outlook = self._outlook(given, view, method)
         if not outlook.report.is_valid:
             raise InvalidFileError(outlook.report, advice=SUBMIT_AGAIN)
@@ -589,6 +602,7 @@ class Client(Connection):
         paper: str | None = None,
         code: str | None = None,
         facts: Facts | None = None,
+        replace: bool = False,
     ) -> SubmissionView:
         """Change what is said of a submission; score, time and quota stay as they are.
 
@@ -600,6 +614,11 @@ class Client(Connection):
             code: https link; empty takes it away.
             facts: Those to change: a document, a mapping, or the path of a JSON file. What is not
                 named stays.
+            replace: Take another method's name, and an entry of the team off the board: both become
+                one method, of which one run stands.
+
+        Raises:
+            InvalidArgumentError: It replaces an entry, and may not; nothing was changed.
         """
         said = {
             "method": method,
@@ -609,6 +628,7 @@ class Client(Connection):
             "facts": None
             if facts is None
             else facts_of(facts).model_dump(mode="json", exclude_unset=True),
+            "replace": replace or None,
         }
         change = {name: value for name, value in said.items() if value is not None}
         path = self._path_of(submission_id)
@@ -714,9 +734,17 @@ class Client(Connection):
         """
         return self._say(submission_id, "choose" if rule == "this" else f"choose?rule={rule}")
 
-    def publish(self, submission_id: str) -> SubmissionView:
-        """Put an entry on the board of a phase that keeps entries private."""
-        return self._say(submission_id, "publish")
+    def publish(self, submission_id: str, *, replace: bool = False) -> SubmissionView:
+        """Put an entry on the board of a phase that keeps entries private.
+
+        Args:
+            submission_id: Which.
+            replace: Take the place of the public run of its method.
+
+        Raises:
+            InvalidArgumentError: It replaces one, and may not; nothing was changed.
+        """
+        return self._say(submission_id, "publish?replace=true" if replace else "publish")
 
     def unpublish(self, submission_id: str) -> SubmissionView:
         """Make an entry private again; earlier boards keep what they showed."""
@@ -776,7 +804,10 @@ class Client(Connection):
         query = _board_query(
             phase, as_of, challenge=challenge, protocol=protocol, sort=sort, view=view
         )
-        with self._naming(phase or "", self._phase_ids, "phases"):
+        with (
+            self._naming(phase or "", self._phase_ids, "phases"),
+            self._naming(protocol or "", self._protocol_versions, "protocols"),
+        ):
             return self._get(Board, "/leaderboard", query)
 
     def leaderboard_csv(
@@ -796,7 +827,10 @@ class Client(Connection):
         query = _board_query(
             phase, as_of, challenge=challenge, protocol=protocol, sort=sort, view=view
         )
-        with self._naming(phase or "", self._phase_ids, "phases"):
+        with (
+            self._naming(phase or "", self._phase_ids, "phases"),
+            self._naming(protocol or "", self._protocol_versions, "protocols"),
+        ):
             return self._transport.get("/leaderboard.csv", query).text
 
     def is_on_board(self, submission_id: str) -> bool:

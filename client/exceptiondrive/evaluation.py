@@ -20,7 +20,7 @@ from exceptiondrive.inputs import (
     given_split,
     given_submission,
 )
-from exceptiondrive_schemas.challenges import PLANNING
+from exceptiondrive_schemas.challenges import PLANNING, ChallengeId
 from exceptiondrive_schemas.check import CheckedDocument, check
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.printable import counted, first_of
@@ -63,8 +63,15 @@ class SoundFile(NamedTuple):
     report: CheckReport
 
 
-def sound_file(file: SubmissionLike, split: SplitLike, protocol: ProtocolLike | None) -> SoundFile:
+def sound_file(
+    file: SubmissionLike,
+    split: SplitLike,
+    protocol: ProtocolLike | None,
+    challenge: ChallengeId | None = None,
+) -> SoundFile:
     """Read a file that can be scored, the split and the protocol that it is scored under.
+
+    `challenge` is the one that the file must be for; any, if None.
 
     Raises:
         InvalidFileError: The file cannot be scored; the error carries every fault.
@@ -74,7 +81,9 @@ def sound_file(file: SubmissionLike, split: SplitLike, protocol: ProtocolLike | 
     known, rules = given_split(split), given_protocol(protocol)
     data = given_submission(file, known.name).data
     manifest = manifest_of(known, rules)
-    checked = check(data, protocol=rules, manifest=manifest, foretells_rank=False)
+    checked = check(
+        data, protocol=rules, manifest=manifest, challenge=challenge, foretells_rank=False
+    )
     if checked.document is None:
         raise InvalidFileError(checked.report)
     return SoundFile(checked.document, known, rules, checked.report)

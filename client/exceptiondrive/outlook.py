@@ -12,6 +12,11 @@ if TYPE_CHECKING:
     from exceptiondrive_schemas.api.submission import SubmissionView
 
 
+REPLACES_UNKNOWN = (
+    "Which entry of your team it replaces cannot be told without a token with the scope read:own"
+)
+
+
 @dataclass(frozen=True)
 class Outlook:
     """What an upload will do.
@@ -30,6 +35,10 @@ class Outlook:
         is_private: Whether it ranks nowhere until the team publishes it.
         quota_error: What says that the team's quota is used up: until its reset the upload will be
             refused; None: something is left.
+        is_own_told: Whether the team's submissions could be read: else neither `replaces` nor `first`
+            is known.
+        stays: The entry that the team chose, which stands though this one comes; None: there is none.
+        alike: A method of the team whose name differs from the one given in its letters' case alone.
     """
 
     report: CheckReport
@@ -42,6 +51,9 @@ class Outlook:
     owes_terms: bool = False
     is_private: bool = False
     quota_error: QuotaError | None = None
+    is_own_told: bool = True
+    stays: "SubmissionView | None" = None
+    alike: str | None = None
 
     @property
     def is_known(self) -> bool:
@@ -55,4 +67,10 @@ class Outlook:
             return {}
         from exceptiondrive_schemas.api.own_entries import to_confirm
 
-        return to_confirm(self.report.unranked_because, self.replaces)
+        unknown = {"replace": f"{REPLACES_UNKNOWN}."} if self.may_replace_unseen else {}
+        return {**unknown, **to_confirm(self.report.unranked_because, self.replaces)}
+
+    @property
+    def may_replace_unseen(self) -> bool:
+        """Whether it may take the place of an entry that nobody here can name."""
+        return not self.is_own_told and not self.is_private

@@ -419,9 +419,18 @@ def _is_run(values: Collection[Any]) -> bool:
     )
 
 
+def whole_number(digits: str) -> float:
+    """Return a whole number of JSON; one of more digits than Python reads is no finite one."""
+    try:
+        return int(digits)
+    except ValueError:
+        return float(digits)
+
+
 def _documents(path: Path, text: str) -> Iterator[Any]:
     """Yield the JSON documents of a text, with or without line ends between them."""
-    decoder, at = json.JSONDecoder(object_pairs_hook=with_unique_keys(path)), 0
+    hook = with_unique_keys(path)
+    decoder, at = json.JSONDecoder(object_pairs_hook=hook, parse_int=whole_number), 0
     while at < len(text):
         if text[at].isspace():
             at += 1

@@ -23,6 +23,7 @@ from exceptiondrive.pair_files import (
     read_arrays,
     read_bytes,
     read_text,
+    whole_number,
     with_unique_keys,
 )
 from exceptiondrive_schemas.check.transformations import summed
@@ -89,7 +90,9 @@ def _object(path: Path, data: bytes | None = None) -> dict[str, Any]:
     """Return the object in a file, of what was read of it where that is at hand."""
     text = read_text(path, read_bytes(path) if data is None else data)
     try:
-        document = json.loads(text, object_pairs_hook=with_unique_keys(path))
+        document = json.loads(
+            text, object_pairs_hook=with_unique_keys(path), parse_int=whole_number
+        )
     except (ValueError, RecursionError) as error:
         raise fault(path, f"is not JSON: {reason_of(error)}.") from None
     if not isinstance(document, dict):

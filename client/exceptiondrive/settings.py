@@ -76,7 +76,7 @@ def keep_setting(name: str, value: str | None) -> Path:
     Raises:
         InvalidArgumentError: There is no such setting, or the file cannot be written.
     """
-    _require_known(name)
+    require_known(name)
     settings = _read()
     settings.pop(name, None)
     settings |= {} if value is None else {name: value}
@@ -111,7 +111,12 @@ def write_settings_file(path: Path, text: str, *, mode: int = 0o666, advice: str
     return path
 
 
-def _require_known(name: str, place: str = "") -> None:
+def require_known(name: str, place: str = "") -> None:
+    """Refuse a setting that there is not.
+
+    Raises:
+        InvalidArgumentError: It is none; `place` says where it stands.
+    """
     if name in VARIABLES:
         return
     near = get_close_matches(name, VARIABLES, n=1)
@@ -132,7 +137,7 @@ def _read() -> dict[str, str]:
             "wrong_config", f"{path} cannot be read: {error}.", 'Its lines are like: phase = "dev"'
         ) from None
     for name, value in settings.items():
-        _require_known(name, f"{path}: ")
+        require_known(name, f"{path}: ")
         if not isinstance(value, str):
             raise InvalidArgumentError(
                 "wrong_config", f"{path}: {name} is a text.", f'Write it like: {name} = "dev"'

@@ -45,6 +45,7 @@ Progress = Callable[[int, int], None]
 OnRetry = Callable[[float], None]
 _ADVICE = {
     ProblemCode.NOT_SIGNED_IN: "Run: exceptiondrive login (or set EXCEPTIONDRIVE_TOKEN).",
+    ProblemCode.NOT_CONFIRMED: "To have it so, say replace=True.",
     ProblemCode.PHASE_CLOSED: "Run: exceptiondrive phases, to see which are open.",
     ProblemCode.UPLOAD_TOO_LARGE: "Compress the file with gzip; both forms are taken.",
 }

@@ -148,7 +148,8 @@ MESSAGES: Mapping[FaultCode, str] = {
     FaultCode.BYTE_ORDER_MARK: "The file begins with a byte order mark: save it as UTF-8 without "
     "one.",
     FaultCode.NOT_UTF8: "The file is not UTF-8 text: save it as UTF-8.",
-    FaultCode.NOT_JSON: "The file is not valid JSON: write it with a JSON library.",
+    FaultCode.NOT_JSON: "The file is no JSON object, or not valid JSON: write it with a JSON "
+    "library.",
     FaultCode.NESTED_TOO_DEEPLY: "Lists or objects are nested too deeply: write the values as "
     "the format shows them.",
     FaultCode.VALUE_TOO_LONG: "One value or prediction is longer than any legal one: write one "

@@ -187,6 +187,9 @@ class SubmissionChange(Document):
     paper_url: str | None = Field(default=None, max_length=500)
     code_url: str | None = Field(default=None, max_length=500)
     facts: MethodFacts | None = None
+    replace: bool = False
+    """Let a new name that is another method's take an entry of the team off the board; else the answer is
+    `not_confirmed`, and nothing is changed."""
 
 
 class SubmissionEditView(EditChanges):

@@ -5,6 +5,7 @@ rows, hand-made records and foreign servers are cleaned here once more, just bef
 """
 
 import re
+import unicodedata
 from collections.abc import Sequence
 
 REPLACEMENT = "\ufffd"
@@ -17,6 +18,38 @@ _FORMULA = "=+-@\uff1d\uff0b\uff0d\uff20"  # and their full-width forms
 _CELL_START = rf"(^|;\s*)(?=[{re.escape(_FORMULA)}{REPLACEMENT}])"
 """Where a formula would begin: a spreadsheet of many a country parts cells at `;`, quoted or not."""
 _QUOTED_START = _CELL_START.replace("(?=", "'(?=")
+
+
+def shown_text(
+    kind: str,
+    text: str,
+    *,
+    max_length: int,
+    may_be_empty: bool = False,
+    may_have_lines: bool = False,
+) -> str:
+    """Return `text` in Unicode form NFC, without surrounding blanks, if it can be shown safely.
+
+    A line ends with one character, as browsers count it that send two. Control, zero-width and
+    direction characters are refused: they make two names look alike.
+
+    Raises:
+        ValueError: It is empty, too long, or with characters that cannot be shown.
+    """
+    text = unicodedata.normalize("NFC", text).strip()
+    if may_have_lines:
+        text = text.replace("\r\n", "\n")
+    if not text and not may_be_empty:
+        raise ValueError(f"The {kind} must not be empty.")
+    if len(text) > max_length:
+        raise ValueError(f"The {kind} is longer than {max_length} characters.")
+    unseen = (c for c in text if not (c.isprintable() or (may_have_lines and c == "\n")))
+    if (first := next(unseen, None)) is not None:
+        named = f"U+{ord(first):04X}"
+        raise ValueError(
+            f"The {kind} holds characters that cannot be shown by themselves, such as {named}."
+        )
+    return text
 
 
 def printable(text: str) -> str:

@@ -143,11 +143,15 @@ class ScoreSheet(Document):
 def metric_text(
     metric: Metric, value: float | None, publication: PublicationSection | None = None
 ) -> str:
-    """Return a fraction or metres as the board shows it: with two digits, where nothing says how many."""
+    """Return a fraction or metres as the board shows it: with two digits, where nothing says how many.
+
+    A fraction is rounded as one, as the board's own are: 0.64375 less a hair is 64.37 %.
+    """
     if value is None:
         return "-"
     if metric.unit == "fraction":
-        number, decimals = 100 * value, publication.percent_decimals if publication else 2
+        decimals = publication.percent_decimals if publication else 2
+        number = 100 * round(value, decimals + 2)
     else:
         number, decimals = value, publication.metre_decimals if publication else 2
     return f"{round(number, decimals) + 0.0:.{decimals}f}"  # adding zero turns -0.0 into 0.0

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import typer
-from tests.client.servers import STRAIGHT
+from tests.client.servers import SPLIT, STRAIGHT
 from typer.main import get_group
 from typer.testing import CliRunner
 
@@ -360,6 +360,29 @@ def test_convert_says_where_there_was_no_mode_to_choose(
     assert said not in run("convert", planning_file(**modes), "--mode", 3, *output).stdout
 
 
+def test_convert_says_or_refuses_what_goes_against_the_files(
+    planning_file: MakeFile, tmp_path: Path
+) -> None:
+    output = tmp_path / "o.json"
+    pairs = ("convert", planning_file(), "-o", output)
+    assert f"- split {SPLIT['name']} -> other" in run(*pairs, "--split", "other").stdout
+    assert "->" not in run(*pairs, "--split", SPLIT["name"]).stdout
+    refused = run(*pairs, "--from", "vad")
+    assert (refused.exit_code, "--from says whose form two runs have" in refused.stderr) == (
+        2,
+        True,
+    )
+
+
+def test_a_number_of_more_digits_than_python_reads_becomes_null(tmp_path: Path) -> None:
+    path, output = tmp_path / "a.jsonl", tmp_path / "o.json"
+    point = f"[1{'0' * 5000}, 0.0]"
+    points = ", ".join([point, *["[1.0, 0.0]"] * 5])
+    path.write_text(f'{{"sample_id": "s0", "source": null, "edited": [{points}]}}\n')
+    done = run("convert", path, "-o", output, "--split", "tiny", "--null-invalid")
+    assert (done.exit_code, "null: s0" in done.stdout) == (0, True), done.stderr
+
+
 def test_convert_needs_a_split_and_sound_options(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     path.write_text('{"sample_id": "s0", "source": null, "edited": null}\n')
@@ -529,6 +552,15 @@ def test_piped_output_has_no_colour_no_motion_and_whole_lines(
     assert done.stderr == ""
     assert "\x1b" not in done.stdout
     assert "…" not in done.stdout
+
+
+def test_a_stdout_that_was_closed_is_said_before_anything_is_done() -> None:
+    code = "import sys; sys.stdout = None; from exceptiondrive.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code, "version"], capture_output=True, text=True, check=False
+    )
+    closed = "error: The output cannot be written: stdout is closed.\n"
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", closed)
 
 
 @pytest.mark.skipif(not Path("/dev/full").is_char_device(), reason="needs /dev/full")

@@ -428,6 +428,7 @@ def test_an_upload_that_is_sent_again_is_whole_again(
             phase="dev",
             method="Planner",
             paper="https://example.org/paper",
+            replace=True,  # what it replaces cannot be told
             on_progress=lambda sent, total: seen.append((sent, total)),
         )
     bodies = [body for method, _, body in phase_dev.requests if method == "POST"]

@@ -55,6 +55,25 @@ def test_facts_travel_with_a_submission_and_are_edited(
         assert client.edit(one, paper="").links.paper is None
 
 
+def test_a_new_name_that_replaces_an_entry_needs_a_yes(
+    working: "Running", planning_file: MakeFile
+) -> None:
+    one = submitted(working, planning_file(), "--wait")
+    path = planning_file("two.json")
+    path.write_text(path.read_text() + "\n")
+    two = submitted(working, path, "--wait", method="Planner")
+    asked = run(working, "edit", two, "--method", "Planer")
+    assert (asked.exit_code, "add --replace" in asked.stderr) == (2, True)
+    assert f"It replaces {one} (HCC " in asked.stderr
+    with Client(working.url, working.token) as client:
+        assert client.status(two).method == "Planner"
+        with pytest.raises(InvalidArgumentError, match="replace=True"):
+            client.edit(two, method="Planer")
+    ok(run(working, "edit", two, "--method", "Planer", "--replace"))
+    with Client(working.url, working.token) as client:
+        assert client.status(one).replaced_by == two
+
+
 def test_the_same_bytes_under_another_name_say_how_to_rename(
     working: "Running", planning_file: MakeFile
 ) -> None:

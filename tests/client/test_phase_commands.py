@@ -12,7 +12,7 @@ import pytest
 from tests.client.servers import run
 from tests.support.records import add_sample_split
 
-from exceptiondrive import Client, NotAllowedError, NotFoundError
+from exceptiondrive import Client, InvalidArgumentError, NotAllowedError, NotFoundError
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.splits.splits import manifest_of
@@ -180,6 +180,25 @@ def test_a_team_chooses_its_entry(working: "Running", planning_file: MakeFile) -
     assert "shows every scored entry" in refused.stderr
 
 
+@pytest.mark.parametrize("setting", ["--entries-shown=chosen", "--run-choice=team"])
+def test_check_says_that_the_run_that_was_chosen_stays(
+    working: "Running", planning_file: MakeFile, setting: str
+) -> None:
+    make_phase(working, setting)
+    chosen = scored(working, planning_file(), "Planner")
+    board_shows(working, chosen)
+    assert run(working, "choose", chosen).exit_code == 0
+    file = other_bytes(planning_file("two.json"))
+    told = run(working, "check", file, "--phase", "test", "--method", "Planner").stdout
+    assert f"it will be scored, and not stand on the board: {chosen} (HCC " in told
+    assert "To say otherwise: exceptiondrive choose." in told
+    for wrong in ("it will be ranked", "takes the place"):
+        assert wrong not in told
+    second = scored(working, file, "Planner")
+    view = json.loads(run(working, "status", second, "--json").stdout)
+    assert view["replaced_by"] == chosen
+
+
 def test_a_team_publishes_and_takes_back(working: "Running", planning_file: MakeFile) -> None:
     make_phase(working, "--entries-private")
     mine = scored(working, planning_file(), "Planner")
@@ -198,6 +217,25 @@ def test_a_team_publishes_and_takes_back(working: "Running", planning_file: Make
         assert not client.unpublish(mine).is_published
         with pytest.raises(NotAllowedError, match="nothing to choose"):
             client.choose(mine)
+
+
+def test_publish_names_the_public_run_before_it_takes_its_place(
+    working: "Running", planning_file: MakeFile
+) -> None:
+    make_phase(working, "--entries-private")
+    first = scored(working, planning_file(), "Planner")
+    second = scored(working, other_bytes(planning_file("two.json")), "Planner")
+    assert run(working, "publish", first).exit_code == 0
+    board_shows(working, first)
+    asked = run(working, "publish", second)
+    assert asked.exit_code == 2
+    assert f"It replaces {first} (HCC " in asked.stderr
+    assert ', rank 1) of "Planner". Nothing was changed.' in asked.stderr
+    assert "add --replace" in asked.stderr
+    with working.client() as client, pytest.raises(InvalidArgumentError, match="replace=True"):
+        client.publish(second)
+    assert run(working, "publish", second, "--replace").exit_code == 0
+    board_shows(working, second)
 
 
 def test_check_says_what_a_rank_still_needs(working: "Running", planning_file: MakeFile) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from tests.client.servers import submit
 from typer.testing import CliRunner
 
 from exceptiondrive import Client
@@ -87,6 +88,21 @@ def test_a_folder_where_no_keys_can_be_remembered_is_told_in_words(
         pytest.raises(InvalidArgumentError, match="cannot be written"),
     ):
         remember_keys(client.receipt_keys())
+
+
+def test_a_receipt_is_written_where_its_keys_cannot_be_remembered(
+    working: "Running", planning_file: Callable[..., Path], tmp_path: Path
+) -> None:
+    sent = json.loads(submit(working, planning_file(), "--wait", "--json").stdout)
+    (tmp_path / "file").write_text("no folder")
+    environment = {"EXCEPTIONDRIVE_SERVER": working.url, "XDG_CONFIG_HOME": str(tmp_path / "file")}
+    output = tmp_path / "r.json"
+    asked = ["receipt", "get", sent["id"], "-o", str(output)]
+    done = CliRunner().invoke(app, asked, env=environment)
+    assert done.exit_code == 0, done.stderr
+    assert "warning: the keys are not remembered" in done.stderr
+    assert "exceptiondrive receipt keys -o FILE" in done.stderr
+    assert json.loads(output.read_text())["statement"]["submission_id"] == sent["id"]
 
 
 FIELDS: dict[str, Any] = {

@@ -91,6 +91,11 @@ def test_a_file_with_a_fault_is_named_and_never_passed_over(text: str, words: st
     assert str(config_path()) in done.stderr
 
 
+def test_a_setting_that_there_is_not_is_said_whatever_was_asked() -> None:
+    for more in ((), ("VALUE",), ("--unset",)):
+        assert "There is no setting 'foo'." in run("config", "foo", *more).stderr
+
+
 @pytest.mark.parametrize(
     "arguments", [("fase", "x"), ("phase",), ("phase", "x", "--unset"), ("server", "ftp://x")]
 )

@@ -1,9 +1,12 @@
 """`exceptiondrive tokens`: a team looks after its own tokens."""
 
 import json
+from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from tests.client.servers import run, submit
 from typer.testing import CliRunner
 
 from exceptiondrive import Client
@@ -12,6 +15,8 @@ from exceptiondrive.organizer import Organizer
 
 if TYPE_CHECKING:
     from tests.client.servers import Running
+
+MakeFile = Callable[..., Path]
 
 
 @pytest.fixture
@@ -43,6 +48,12 @@ def test_a_token_is_created_rotated_and_revoked(running: "Running", keeper: str)
     assert tokens(running, keeper, "revoke", second.split("_")[2]).exit_code == 4
 
 
+def test_a_scope_that_there_is_not_is_told_which_there_are(running: "Running", keeper: str) -> None:
+    refused = tokens(running, keeper, "create", "x", "--scope", "admin")
+    said = "--scope is submit, read:own or tokens, not 'admin'."
+    assert (refused.exit_code, said in refused.stderr) == (2, True)
+
+
 def test_a_revoked_token_leaves_behind_what_it_made(running: "Running", keeper: str) -> None:
     lost = tokens(running, keeper, "create", "lost", "--scope", "tokens").stdout.strip()
     door = tokens(running, lost, "create", "door", "--scope", "tokens").stdout.strip()
@@ -68,3 +79,50 @@ def test_a_token_without_the_scope_is_told_which_it_needs(running: "Running") ->
 def test_the_page_of_a_submission_is_its_stable_address(running: "Running") -> None:
     with Client(running.url, running.token) as client:
         assert client.page_url("abc") == f"{running.url}/submissions/abc"
+
+
+@pytest.fixture
+def sender(working: "Running") -> str:
+    """A token of team Alpha that may submit and withdraw, and read nothing."""
+    with Organizer(working.url, working.organizer_token) as organizer:
+        keeper = str(organizer.issue_token("alpha", "keeper")["token"])
+    return str(tokens(working, keeper, "create", "ci", "--scope", "submit").stdout.strip())
+
+
+def test_a_token_that_reads_nothing_submits_what_it_may_replace_and_waits_for_nothing(
+    working: "Running", sender: str, planning_file: MakeFile
+) -> None:
+    path = planning_file()
+    unknown = (
+        "hich entry of your team it replaces cannot be told without a token with the scope read:own"
+    )
+    named = ("--phase", "dev", "--method", "Planner")
+    checked = run(working, "check", path, *named, token=sender)
+    assert (checked.exit_code, unknown in checked.stdout) == (0, True)
+    assert "takes the place of no other entry" not in checked.stdout
+    assert run(working, "check", path, *named, token=" ").stdout == checked.stdout, (
+        "nor without any"
+    )
+
+    def sent(*more: str) -> Any:
+        return run(working, "submit", path, *named, *more, token=sender)
+
+    waiting = sent("--wait", "--replace")
+    assert (waiting.exit_code, "lacks the scope read:own. Nothing was sent" in waiting.stderr) == (
+        4,
+        True,
+    )
+    unasked = sent()
+    assert (unasked.exit_code, "add --replace" in unasked.stderr) == (2, True)
+    assert json.loads(run(working, "submissions", "--json").stdout) == []
+    done = sent("--replace")
+    assert done.exit_code == 0, done.stderr
+    assert submit(working, path, "--wait").exit_code == 0
+    again = sent("--replace").stdout
+    assert (
+        "score and rank not told in phase dev: they are to a token with the scope read:own" in again
+    )
+    (one,) = json.loads(run(working, "submissions", "--json").stdout)
+    gone = run(working, "withdraw", one["id"], token=sender)
+    assert gone.exit_code == 0, gone.stderr
+    assert gone.stdout.startswith(f"{one['id']} withdrawn: what takes its place cannot be told")

@@ -43,6 +43,13 @@ if TYPE_CHECKING:
 
 MakeFile = Callable[..., Path]
 QUOTA = 2
+NO_NAMES = {
+    " ": "must not be empty",
+    "M" * 500: "is longer than 80 characters",
+    "back\u202e": "cannot be shown by themselves, such as U.202E",
+    "two\nlines": "such as U.000A",
+}
+"""And what is said of each."""
 WITHDRAWN = "{} withdrawn: no other run takes its place on the board\n"
 
 
@@ -145,8 +152,11 @@ def test_the_sdk_replaces_an_entry_only_where_that_is_meant(
         sent = client.submit(second, phase="dev", method="Planner", replace=True)
         retried = client.submit(second, phase="dev", method="Planner")
         assert retried.id == sent.id, "nor are those that are still waiting"
-        with pytest.raises(InvalidArgumentError, match="no name"):
-            client.submit(second, phase="dev", method=" ")
+        for name, wrong in NO_NAMES.items():
+            with pytest.raises(InvalidArgumentError, match=wrong):
+                client.submit(second, phase="dev", method=name)
+            told = run(working, "check", second, "--phase", "dev", "--method", name)
+            assert (told.exit_code, re.search(wrong, told.stderr) is None) == (2, False)
 
 
 @pytest.mark.parametrize("late", ["refused", "own_view"])
@@ -181,6 +191,8 @@ def test_check_says_what_an_upload_will_do(working: "Running", planning_file: Ma
     assert "outlook: it will be ranked, as far as can be told here" in before
     assert "it takes the place of no other entry" in before
     first = json.loads(submit(working, planning_file(), "--wait", "--json").stdout)
+    other = ("check", "--phase", "dev", "--method", "planner", str(slower_file(planning_file)))
+    assert "of no other entry; 'Planner' is another method" in run(working, *other).stdout
     told = run(working, *checked, str(slower_file(planning_file))).stdout
     assert f"outlook: it replaces {first['id']} (HCC " in told
     assert "newest run stands" in told
@@ -438,7 +450,10 @@ def test_what_is_not_there_is_2(running: "Running") -> None:
 
 
 def test_phases_manifest_and_split_make_a_file_that_can_be_evaluated(
-    running: "Running", planning_file: MakeFile, tmp_path: Path
+    running: "Running",
+    planning_file: MakeFile,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     assert "2 of 2 today" in run(running, "phases").stdout
     manifest, split = tmp_path / "m.json", tmp_path / "s.json.gz"
@@ -453,6 +468,10 @@ def test_phases_manifest_and_split_make_a_file_that_can_be_evaluated(
     assert "There is no revision of split 'tiny' like 'sha256:00'." in other.stderr
     path = planning_file()
     assert run(running, "check", path, "--manifest", manifest).exit_code == 0
+    other = run(running, "evaluate", path, "--split", split, "--phase", "words")
+    assert (other.exit_code, "wrong_schema" in other.stdout) == (2, True)
+    monkeypatch.chdir(tmp_path)
+    assert "in dev.manifest.json" in run(running, "manifest", "dev").stdout
     assert run(running, "check", path, "--phase", "dev").exit_code == 0
     assert run(running, "check", path, "--phase", "words").exit_code == 2
     assert run(running, "evaluate", path, "--split", split).exit_code == 0
@@ -463,6 +482,7 @@ def test_phases_manifest_and_split_make_a_file_that_can_be_evaluated(
     [
         (("manifest", "dve"), "Did you mean 'dev'? There are the phases dev, words."),
         (("leaderboard", "--phase", "wrds"), "Did you mean 'words'?"),
+        (("leaderboard", "--phase", "dev", "--protocol", "9.9"), "There are the protocols 1.0."),
         (("quota", "--phase", "dew"), "Did you mean 'dev'?"),
         (("quota", "--phase", "DEV"), "Did you mean 'dev'?"),
         (("submissions", "--phase", "dvev"), "Did you mean 'dev'?"),

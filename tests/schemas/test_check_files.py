@@ -83,6 +83,8 @@ def test_a_file_of_another_kind_is_named(data: bytes, kind: str, checked: Check)
             "`exceptiondrive convert FILE --split example` makes a submission of it",
         ),
         (zipped("planning.json"), None),
+        (b"[" * 100_000, None),
+        (b"[[[4.0, 0.0]]]", None),
     ],
 )
 def test_what_convert_reads_is_said(data: bytes, hint: str | None, checked: Check) -> None:

@@ -28,3 +28,11 @@ def test_digits_are_those_of_the_protocol() -> None:
         "UR 20.000 % (10 to 30)",
     ]
     assert next(ranked_words(PLANNING, values, intervals)) == "HCC 65.47 % (63.00 to 68.00)"
+
+
+def test_a_share_is_rounded_as_the_board_rounds_it() -> None:
+    assert (
+        metric_text(HCC, 0.6437499999999999)
+        == f"{100 * round(0.6437499999999999, 4):.2f}"
+        == "64.37"
+    )

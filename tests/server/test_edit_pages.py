@@ -12,6 +12,7 @@ from tests.support.documents import digest_of
 
 from exceptiondrive_records.accounts.tables import Token
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_schemas.api.phase_settings import PhasePolicy
 from exceptiondrive_server.web import browser_session
 
 if TYPE_CHECKING:
@@ -84,6 +85,49 @@ def test_a_refused_edit_keeps_what_was_typed(api: "Api", browse: Browse) -> None
     assert 'value="0.2"' in answer.text
     wrong = browser.post(page, {**typed, "method": "M", "fact_map": "moon"}, page=page)
     assert "Map: must be one of those offered" in wrong.text
+
+
+def test_a_name_of_another_method_asks_before_an_entry_goes(
+    api: "Api", as_problem: Problem, browse: Browse
+) -> None:
+    mine = api.submit("a", method="Brake gently").json()["id"]
+    other = api.submit("b", method="brake gently").json()["id"]
+    for each in (mine, other):
+        api.score(each)
+    token = {"name": "ci", "scopes": ["submit"]}
+    api.tokens["ci"] = api.post("/tokens", "alpha", json=token).json()["token"]
+    for who, named in (("alpha", f'{mine} (HCC 50.00) of "Brake gently"'), ("ci", "an entry of")):
+        renamed = {"method": "brake gently"}
+        answer = api.request("PATCH", f"/submissions/{mine}", who, json=renamed)
+        assert f"It replaces {named}" in as_problem(answer, 409, "not_confirmed")["detail"]
+    browser, page = signed_in(api, browse), f"/submissions/{mine}/edit"
+    assert 'name="replace"' not in browser.get(page).text
+    asked = browser.post(page, renamed, page=page)
+    assert (asked.status_code, "It replaces" in asked.text) == (409, True)
+    assert 'name="replace"' in asked.text
+    assert api.get(f"/submissions/{mine}", "alpha").json()["method"] == "Brake gently"
+    assert browser.post(page, {**renamed, "replace": "yes"}, page=page).status_code == 303
+    assert api.get(f"/submissions/{mine}", "alpha").json()["replaced_by"] == other
+
+
+def test_a_public_run_is_named_before_another_takes_its_place(
+    api: "Api", as_problem: Problem, browse: Browse
+) -> None:
+    api.phase("quiet", policy=PhasePolicy(entries_private=True))
+    first, second = (api.submit(one, phase="quiet").json()["id"] for one in "ab")
+    for each in (first, second):
+        api.score(each)
+    address = f"/submissions/{second}/publish"
+    assert api.post(f"/submissions/{first}/publish", "alpha").status_code == 200
+    told = as_problem(api.post(address, "alpha"), 409, "not_confirmed")["detail"]
+    browser, page = signed_in(api, browse), f"/submissions/{second}"
+    asked = browser.post(address, {}, page=page)
+    assert (asked.status_code, str(escape(told)) in asked.text) == (409, True)
+    assert not api.get(page, "alpha").json()["is_published"]
+    assert browser.post(address, {"replace": "yes"}, page=page).status_code == 303
+    assert api.get(f"/submissions/{first}", "alpha").json()["replaced_by"] == second
+    assert api.post(f"/submissions/{first}/unpublish", "alpha").status_code == 200
+    assert api.post(f"{address}?replace=true", "alpha").status_code == 200, "twice is once"
 
 
 def test_another_teams_edit_and_file_are_not_found(api: "Api", browse: Browse) -> None:

@@ -206,6 +206,9 @@ def _root(
 
 def main() -> None:
     """Run the command line."""
+    if sys.stdout is None:  # a shell's `>&-`
+        typer.echo("error: The output cannot be written: stdout is closed.", err=True)
+        sys.exit(InvalidArgumentError.exit_code)
     os.environ.setdefault(NO_PLUGINS, "__all__")
     os.environ.setdefault(BLAS_THREADS, "1")
     for stream in (sys.stdout, sys.stderr):

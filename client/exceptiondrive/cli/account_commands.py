@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from exceptiondrive.cli import options
-from exceptiondrive.cli.options import argument, one_of
+from exceptiondrive.cli.options import argument, one_of, require_one_of
 from exceptiondrive.cli.output import Answer, can_ask, say, show, show_result
 from exceptiondrive.cli.session import command_of, prepare, say_retry, with_client
 from exceptiondrive.cli.tables import listed
@@ -103,6 +103,8 @@ def create_token(
     expires_at: options.ExpiresAt = None,
 ) -> Answer:
     """Issue a token of your team; it is shown this once."""
+    for each in scope or ():
+        require_one_of("--scope", each, SCOPES)
     issued = tokens.create(name, scope, expires_at)
     return issued, issued["token"]
 

@@ -11,7 +11,13 @@ from exceptiondrive.cli.options import argument, flag
 from exceptiondrive.cli.output import show, show_result
 from exceptiondrive.credentials import normal_server, server_setting
 from exceptiondrive.errors import InvalidArgumentError
-from exceptiondrive.settings import VARIABLES, config_path, find_setting, keep_setting
+from exceptiondrive.settings import (
+    VARIABLES,
+    config_path,
+    find_setting,
+    keep_setting,
+    require_known,
+)
 
 
 def _values(context: typer.Context, incomplete: str) -> list[completion.Completion]:
@@ -43,6 +49,7 @@ def config(
     if name is None:
         _show_all(json)
         return
+    require_known(name)
     if (value is None) != unset:
         raise InvalidArgumentError(
             "wrong_option", "Give a value, or --unset.", f"exceptiondrive config {name} VALUE"

@@ -134,6 +134,12 @@ def convert(
         )
     form = planner_form(planner or "trajectories") if source_run or edited_run else None
     forms: dict[str, None] = {}
+    if planner is not None and form is None:
+        raise InvalidArgumentError(
+            "wrong_option",
+            "--from says whose form two runs have, and none were named.",
+            "Name them by --source-run and --edited-run; files with pairs go without --from.",
+        )
     if bool(files) == (form is not None):
         raise InvalidArgumentError(
             "wrong_option",
@@ -188,6 +194,8 @@ def convert(
         ),
     )
     done = (*(f"read {form_read}" for form_read in forms), *outcome.done)
+    if split_of_files not in (None, split):
+        done = (f"split {split_of_files} -> {split}", *done)
     text = submission_text(split, outcome.pairs)
     report = check(text.encode(), protocol=rules, manifest=known, challenge=PLANNING.id).report
     if not report.is_valid:

@@ -21,6 +21,7 @@ from exceptiondrive.inputs import GivenFile, ProtocolLike, given_split
 from exceptiondrive.outlook import Outlook
 from exceptiondrive.settings import find_setting
 from exceptiondrive.version import __version__
+from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.coverage import unranked_reasons
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import NEWEST, packaged_protocol
@@ -137,12 +138,14 @@ def evaluate(
         )
     given = options.given(file, context)
     rules: ProtocolLike | None = protocol
+    challenge: ChallengeId | None = None
     if protocol is None and (named := find_setting("phase", phase).value) is not None:
         with open_client(server) as client:
-            rules = client.protocol_of(client.phase(named))
+            view = client.phase(named)
+            rules, challenge = client.protocol_of(view), view.challenge
     with step_line(is_shown=not json) as tell:
         tell(f"reading {given.name}")
-        sound = sound_file(given, split, rules)
+        sound = sound_file(given, split, rules, challenge)
         revision = None if json else ""  # words do not say it
         sheet = score(sound.document, sound.split, sound.protocol, tell, revision)
     if per_sample is not None:

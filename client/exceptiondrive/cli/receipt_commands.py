@@ -10,7 +10,7 @@ from exceptiondrive.cli import options
 from exceptiondrive.cli.options import argument, option
 from exceptiondrive.cli.output import replacing, say, show_result
 from exceptiondrive.cli.session import open_client
-from exceptiondrive.errors import utc_text
+from exceptiondrive.errors import InvalidArgumentError, utc_text
 from exceptiondrive.receipts import remember_keys, verify_receipt
 from exceptiondrive_schemas.printable import printable
 
@@ -25,9 +25,18 @@ def get(
     The server's public keys are remembered on this machine, for `receipt verify`.
     """
     with open_client(server) as client:
-        receipt = client.receipt(submission_id)
-        remember_keys(client.receipt_keys())
+        receipt, found = client.receipt(submission_id), client.receipt_keys()
+    unwritable = None
+    try:
+        remember_keys(found)
+    except InvalidArgumentError as error:
+        if error.code != "unwritable_file":
+            raise
+        unwritable = error
     _write(receipt.model_dump_json(by_alias=True, indent=2), output)
+    if unwritable is not None:
+        say(f"warning: the keys are not remembered: {unwritable.sentence}")
+        say("Keep them in a file: exceptiondrive receipt keys -o FILE")
 
 
 def keys(output: Output = None, server: options.Server = None) -> None:

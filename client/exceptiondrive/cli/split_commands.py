@@ -28,8 +28,9 @@ def manifest(
 
     The recorder and `check --manifest` read the file.
     """
-    found = client.manifest(default_phase(phase))
-    path = output or Path(f"{found.name}.manifest.json")
+    phase = default_phase(phase)
+    found = client.manifest(phase)
+    path = output or Path(f"{phase}.manifest.json")
     with replacing(path):
         write_file(path, found.model_dump_json(by_alias=True, indent=1))
     return _written(path, found, len(found.sample_ids))

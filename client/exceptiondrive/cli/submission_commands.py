@@ -1,8 +1,9 @@
 """Commands about the team's submissions: submit, status, submissions, quota, withdraw."""
 
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -31,17 +32,26 @@ from exceptiondrive.cli.tables import (
     submissions_left,
     submissions_view,
 )
-from exceptiondrive.errors import IT_IS_SAFE, ExceptionDriveError, InvalidArgumentError
+from exceptiondrive.errors import (
+    IT_IS_SAFE,
+    ExceptionDriveError,
+    InvalidArgumentError,
+    NotAllowedError,
+)
 from exceptiondrive.facts import facts_of_pairs
 from exceptiondrive.outlook import Outlook
 from exceptiondrive.settings import default_phase
 from exceptiondrive_schemas.api.own_entries import entry_words
 from exceptiondrive_schemas.api.phase_settings import RunRule
-from exceptiondrive_schemas.api.submission import SubmissionStatus
+from exceptiondrive_schemas.api.problems import ProblemCode
+from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from exceptiondrive.client import Client, Submission
 
+Replace = Annotated[bool, flag("--replace", "Replace the entry of the method, without asking.")]
 INTERRUPTED = 130
 """The exit code of what Ctrl-C ended, as shells have it."""
 UNANSWERED = (
@@ -69,9 +79,7 @@ def submit(
             offer=submission_ids,
         ),
     ] = None,
-    replace: Annotated[
-        bool, flag("--replace", "Replace the entry of the method, without asking.")
-    ] = False,
+    replace: Replace = False,
     allow_unranked: Annotated[
         bool, flag("--allow-unranked", "Send what will be scored but not ranked, without asking.")
     ] = False,
@@ -96,6 +104,12 @@ def submit(
 
     def consent(outlook: Outlook) -> None:
         show(file_view(outlook.report), outlook_view(outlook, phase), stderr=True)
+        if wait and not outlook.is_own_told:
+            raise NotAllowedError(
+                "not_allowed",
+                "This token cannot read a score to wait for: it lacks the scope read:own. Nothing was sent.",
+                "Leave out --wait, or make a token with --scope submit --scope read:own.",
+            )
         _require_consent(outlook, replace=replace, allow_unranked=allow_unranked)
 
     phase, given = default_phase(phase), options.given(file, context)
@@ -154,6 +168,23 @@ def _require_consent(outlook: Outlook, *, replace: bool, allow_unranked: bool) -
     be_sure(words, not asked, needed, question="Submit it?", nothing="Nothing was sent.")
 
 
+def _asking_first(
+    change: "Callable[..., SubmissionView]", replace: bool, question: str
+) -> SubmissionView:
+    """Make a change; where it takes the place of an entry, ask before it does.
+
+    Raises:
+        InvalidArgumentError: Nobody can be asked, or the answer is no; nothing was changed.
+    """
+    try:
+        return change(replace=replace)
+    except InvalidArgumentError as error:
+        if error.code != ProblemCode.NOT_CONFIRMED:
+            raise
+        be_sure(error.sentence, False, "--replace", question=question)
+    return change(replace=True)
+
+
 @with_client
 def status(client: "Client", submission_id: options.SubmissionId) -> Answer:
     """Show one submission.
@@ -208,16 +239,19 @@ def edit(
     code: Annotated[str | None, option("--code", "URL", "https link; empty: none.")] = None,
     facts: options.FactsFile = None,
     fact: options.Fact = None,
+    replace: Replace = False,
 ) -> Answer:
     """Change name, links, description or facts of a submission; without options, list its changes.
 
-    Score, time and quota stay as they are. Boards that were published keep the old name.
+    Score, time and quota stay as they are. Boards that were published keep the old name. With the name
+    of another method of the team both become one, of which one run stands: on a terminal it asks.
     """
-    said = {"method": method, "description": description, "paper": paper, "code": code}
-    said = {name: value for name, value in said.items() if value is not None}
+    words = {"method": method, "description": description, "paper": paper, "code": code}
+    said: dict[str, Any] = {name: value for name, value in words.items() if value is not None}
     told = facts_of_pairs(fact or (), facts)
     if told is not None or said:
-        client.edit(submission_id, **said, facts=told)
+        change = partial(client.edit, submission_id, **said, facts=told)
+        _asking_first(change, replace, "A later new name does not part the two. Rename it?")
     view, edits = client.status(submission_id), client.edits(submission_id)
     changes = edits_table(edits) if edits else "nothing was changed since it was submitted"
     return edits, f"{view.id}  {view.method}", changes
@@ -243,12 +277,17 @@ def withdraw(
     It stays in the team's own list; until the deadline the run of the method that it had replaced
     stands again.
     """
-    asked = client.status(submission_id)
-    stands = asked.status is not SubmissionStatus.WITHDRAWN
+    asked = None
+    with suppress(NotAllowedError):  # a token may withdraw what it cannot read
+        asked = client.status(submission_id)
+    stands = asked is None or asked.status is not SubmissionStatus.WITHDRAWN
     if stands and can_ask():  # a script goes on: the same bytes may be sent again
-        be_sure(f"Withdraw {entry_words(asked)}?", yes)
-    own = client.submissions(phase=asked.phase, limit=None)
+        be_sure(f"Withdraw {submission_id if asked is None else entry_words(asked)}?", yes)
+    own = () if asked is None else client.submissions(phase=asked.phase, limit=None)
     view = client.withdraw(submission_id)
+    if asked is None:
+        unknown = "what takes its place cannot be told without the scope read:own"
+        return view, f"{view.id} {view.status}: {unknown}"
     before = next((each for each in own if each.replaced_by == view.id), None)
     again = None if before is None else client.status(before.id)
     words = "no other run takes its place on the board"
@@ -291,7 +330,14 @@ def publish(
     client: "Client",
     submission_id: options.SubmissionId,
     undo: Annotated[bool, flag("--undo", "Make it private again; earlier boards keep it.")] = False,
+    replace: Replace = False,
 ) -> Answer:
-    """Put an entry on the board of a phase that keeps entries private."""
-    view = client.unpublish(submission_id) if undo else client.publish(submission_id)
+    """Put an entry on the board of a phase that keeps entries private.
+
+    Where another run of its method is public, it asks on a terminal.
+    """
+    if undo:
+        view = client.unpublish(submission_id)
+    else:
+        view = _asking_first(partial(client.publish, submission_id), replace, "Publish it?")
     return view, f"{view.id} is {'public' if view.is_published else 'private'}"

@@ -21,7 +21,7 @@ from exceptiondrive.cli.file_tables import (
 from exceptiondrive.cli.fitted_table import ByWidth, Column, FittedTable
 from exceptiondrive.cli.output import Answer
 from exceptiondrive.errors import utc_text
-from exceptiondrive.outlook import Outlook
+from exceptiondrive.outlook import REPLACES_UNKNOWN, Outlook
 from exceptiondrive_schemas.api.own_entries import entry_words, question_of
 from exceptiondrive_schemas.api.submission import (
     QueuePlace,
@@ -111,13 +111,20 @@ def outlook_view(outlook: Outlook, phase: str | None = None) -> Iterator[Rendera
         yield f"outlook: it will be refused until your team accepts the terms: {see}"
     if outlook.is_late:
         yield "outlook: the deadline has passed: it will stand on the late view alone"
+    elif outlook.stays is not None:
+        stays = entry_words(outlook.stays)
+        yield f"outlook: it will be scored, and not stand on the board: {stays} does, as your team chose"
     elif outlook.report.unranked_because is None:
         then = "then it" if outlook.owes_terms else "it"
         once = " once your team publishes it" if outlook.is_private else ""
         yield f"outlook: {then} will be ranked{once}, {AS_FAR}"
     if outlook.replaces is not None:
         yield f"outlook: it replaces {entry_words(outlook.replaces)}"
-    elif outlook.report.is_valid:
+    elif outlook.may_replace_unseen:
+        yield f"outlook: {REPLACES_UNKNOWN[0].lower()}{REPLACES_UNKNOWN[1:]}"
+    elif outlook.report.is_valid and outlook.alike is not None:
+        yield f"outlook: it takes the place of no other entry; {outlook.alike!r} is another method"
+    elif outlook.report.is_valid and outlook.stays is None:
         yield "outlook: it takes the place of no other entry"
     yield outlook.rule
 
@@ -201,6 +208,8 @@ def _standing(view: SubmissionView) -> tuple[str, str]:
     if not view.is_published and view.unranked_because is None:
         shows = f"exceptiondrive publish {view.id} shows it, until hidden scores are revealed"
         return "not ranked", f"it is private: {shows}"
+    if view.is_duplicate and view.sheet is None and view.rank is None:
+        return "score and rank not told", "they are to a token with the scope read:own"
     return f"rank {view.rank}" if view.rank else "not ranked", view.unranked_because or ""
 
 

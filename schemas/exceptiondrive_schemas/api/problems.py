@@ -18,6 +18,7 @@ class ProblemCode(StrEnum):
     NOT_FOUND = "not_found"
     METHOD_NOT_ALLOWED = "method_not_allowed"
     CONFLICT = "conflict"
+    NOT_CONFIRMED = "not_confirmed"
     PHASE_CLOSED = "phase_closed"
     UPLOAD_TOO_LARGE = "upload_too_large"
     UPLOAD_EMPTY = "upload_empty"

@@ -178,6 +178,8 @@ FROM_YAML = (
     "only JSON is taken; where PyYAML is, write json.dump(yaml.safe_load(open(FILE)), "
     'open("planner.json", "w"))'
 )
+BARE_LIST = re.compile(rb"\s*(?:\[\s*){1,2}\{")
+"""What a list of predictions begins with, also where `cat` made one file of several."""
 ROOT_OF_JSON = re.compile(rb"^[ \t]*\{\s*\"(?:schema|split|predictions)\"", re.MULTILINE)
 
 
@@ -334,7 +336,8 @@ class SubmissionReader:
             return False
         if first == "[":
             expected = "an object with the key `schema`"
-            hint = f"looks like a bare list of predictions; {self._convert}"
+            is_bare = BARE_LIST.match(self._data) is not None
+            hint = f"looks like a bare list of predictions; {self._convert}" if is_bare else None
             self._refuse(FaultCode.WRONG_TYPE, (), expected, "a list", hint=hint)
             return False
         for key in members(self._stream):

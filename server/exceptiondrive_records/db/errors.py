@@ -42,6 +42,12 @@ class Conflict(RecordsError):
     code = ProblemCode.CONFLICT
 
 
+class NotConfirmed(RecordsError):
+    """The request takes the place of an entry of the team, and does not say that it may."""
+
+    code = ProblemCode.NOT_CONFIRMED
+
+
 class NotAllowed(RecordsError):
     """The asker may not do this."""
 

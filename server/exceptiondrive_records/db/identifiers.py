@@ -8,6 +8,7 @@ from functools import cache
 from urllib.parse import urlsplit
 
 from exceptiondrive_records.db.errors import InvalidRecord
+from exceptiondrive_schemas.printable import shown_text
 from exceptiondrive_schemas.references import RESERVED_NAMES, is_reserved
 
 _LETTERS = "0123456789abcdefghjkmnpqrstvwxyz"
@@ -67,24 +68,21 @@ def checked_text(
     may_be_empty: bool = False,
     may_have_lines: bool = False,
 ) -> str:
-    """Return `text` in Unicode form NFC, without surrounding blanks, if it can be shown safely.
-
-    A line ends with one character, as browsers count it that send two. Control, zero-width and
-    direction characters are refused: they make two names look alike.
+    """Return `text` as `shown_text` does.
 
     Raises:
         InvalidRecord: Empty, too long, or with characters that cannot be shown.
     """
-    text = unicodedata.normalize("NFC", text).strip()
-    if may_have_lines:
-        text = text.replace("\r\n", "\n")
-    if not text and not may_be_empty:
-        raise InvalidRecord(f"The {kind} must not be empty.")
-    if len(text) > max_length:
-        raise InvalidRecord(f"The {kind} is longer than {max_length} characters.")
-    if any(not (c.isprintable() or (may_have_lines and c == "\n")) for c in text):
-        raise InvalidRecord(f"The {kind} holds characters that cannot be shown.")
-    return text
+    try:
+        return shown_text(
+            kind,
+            text,
+            max_length=max_length,
+            may_be_empty=may_be_empty,
+            may_have_lines=may_have_lines,
+        )
+    except ValueError as error:
+        raise InvalidRecord(str(error)) from None
 
 
 def checked_name(kind: str, name: str) -> str:

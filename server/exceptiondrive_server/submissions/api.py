@@ -55,7 +55,9 @@ _LOCATION = {"description": "Where the submission is shown.", "schema": {"type":
 _TAKEN = {"headers": {"Location": _LOCATION, **QUOTA_HEADERS["headers"]}}
 _SIGNED_IN = (ProblemCode.NOT_SIGNED_IN, ProblemCode.NOT_ALLOWED)
 _OF_OWN = problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND)
-_OF_DECISIONS = problem_responses(*_SIGNED_IN, ProblemCode.NOT_FOUND, ProblemCode.CONFLICT)
+_CONFLICTS = (*_SIGNED_IN, ProblemCode.NOT_FOUND, ProblemCode.CONFLICT)
+_OF_DECISIONS = problem_responses(*_CONFLICTS)
+_OF_REPLACING = problem_responses(*_CONFLICTS, ProblemCode.NOT_CONFIRMED)
 
 
 @router.post(
@@ -193,7 +195,7 @@ def get_file(services: ServicesOf, principal: Reader, submission_id: SubmissionI
     return own_upload(services, principal, submission_id)
 
 
-@router.patch("/{submission_id}", operation_id="editSubmission", responses=_OF_DECISIONS)
+@router.patch("/{submission_id}", operation_id="editSubmission", responses=_OF_REPLACING)
 def patch_submission(
     services: ServicesOf,
     principal: Submitter,
@@ -204,8 +206,11 @@ def patch_submission(
 
     What is left out stays, and so do score, time and quota. A name is the method's: all its runs in
     the phase take it. Boards that were published keep the old name; facts are joined when they are read.
+    With the name of another method of the team both become one, of which one run stands: that needs
+    `replace`, and a later new name does not part them.
     """
-    return _decide(services, principal, submission_id, partial(edit_submission, change=change))
+    edit = partial(edit_submission, change=change)
+    return _decide(services, principal, submission_id, edit, replace=change.replace)
 
 
 @router.get("/{submission_id}/edits", operation_id="listEdits", responses=_OF_OWN)
@@ -266,12 +271,15 @@ def choose_submission(
     return _decide(services, principal, submission_id, partial(choose, rule=rule))
 
 
-@router.post("/{submission_id}/publish", operation_id="publishSubmission", responses=_OF_DECISIONS)
+@router.post("/{submission_id}/publish", operation_id="publishSubmission", responses=_OF_REPLACING)
 def publish_submission(
-    services: ServicesOf, principal: Submitter, submission_id: SubmissionId
+    services: ServicesOf,
+    principal: Submitter,
+    submission_id: SubmissionId,
+    replace: Annotated[bool, Query(description="it may take the place of a public run")] = False,
 ) -> SubmissionView:
     """Put an entry on the board, in a phase that keeps entries private until then."""
-    return _decide(services, principal, submission_id, publish)
+    return _decide(services, principal, submission_id, publish, replace=replace)
 
 
 @router.post(
@@ -285,9 +293,14 @@ def unpublish_submission(
 
 
 def _decide(
-    services: Services, principal: Principal, submission_id: str, what: Callable[..., Submission]
+    services: Services,
+    principal: Principal,
+    submission_id: str,
+    what: Callable[..., Submission],
+    *,
+    replace: bool = True,
 ) -> SubmissionView:
     """Let a team decide about a submission of its own, and tell it how that stands."""
-    decide(services, principal, submission_id, what)
+    decide(services, principal, submission_id, what, replace=replace)
     with services.database.read() as session:
         return told_to(principal, view(session, find_submission(session, submission_id)))

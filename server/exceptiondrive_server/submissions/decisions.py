@@ -9,18 +9,25 @@ from datetime import datetime
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.sessions import require_unrevoked
-from exceptiondrive_records.accounts.tokens import Principal
+from exceptiondrive_records.accounts.tokens import Principal, Scope
+from exceptiondrive_records.db.errors import NotConfirmed
 from exceptiondrive_records.notifications.inbox import tell_about
 from exceptiondrive_records.submissions.edits import edits_of
-from exceptiondrive_records.submissions.submissions import confirm, find_submission
+from exceptiondrive_records.submissions.submissions import (
+    confirm,
+    find_submission,
+    submission_page,
+)
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.submissions.views import view
-from exceptiondrive_schemas.api.submission import SubmissionView
+from exceptiondrive_records.submissions.views import view, views
+from exceptiondrive_schemas.api.own_entries import entry_words
+from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_server.submissions.upload import told_to
 from exceptiondrive_server.web.auth import own_team
 from exceptiondrive_server.web.services import Services
 
+_MAX_LOOKED_AT = 200
 _OFF_THE_BOARD = (
     "The next boards leave it out; earlier ones keep what they showed, and a frozen board goes on "
     "showing it until it is revealed."
@@ -50,14 +57,20 @@ def confirmed_upload(
 
 
 def decide(
-    services: Services, principal: Principal, submission_id: str, what: Callable[..., object]
+    services: Services,
+    principal: Principal,
+    submission_id: str,
+    what: Callable[..., object],
+    *,
+    replace: bool = True,
 ) -> None:
     """Let a team do something with a submission of its own, in one transaction.
 
     An organizer may do it with any, and its team is told. `what` is called with a session, the id, and
-    `actor`.
+    `actor`. Without `replace` it may take no entry of the team off the board.
 
     Raises:
+        NotConfirmed: It does; the sentence names the entry, to who may read it. Nothing was changed.
         NotAllowed: The token, or the place in the team, ended since the request began.
         NotFound: The team has no such submission.
     """
@@ -65,10 +78,31 @@ def decide(
         require_unrevoked(session, principal)
         submission = find_submission(session, submission_id, team_id=own_team(principal))
         method, before = submission.method, _decided(submission)
+        standing = {} if replace else _standing(session, submission)
         what(session, submission_id, actor=principal.actor)
+        if gone := standing and standing.keys() - _standing(session, submission).keys():
+            may_read = Scope.READ_OWN in principal.scopes
+            named = " and ".join(entry_words(standing[each]) for each in sorted(gone))
+            raise NotConfirmed(f"It replaces {named if may_read else 'an entry of your team'}.")
         if own_team(principal) is None and _decided(submission) != before:
             done, means = _decision(session, submission, before)
             tell_about(session, submission, f"An organizer {done.format(method)}", (means,))
+
+
+def _standing(session: Session, submission: Submission) -> dict[str, SubmissionView]:
+    """Return the entries of its team that stand in its phase, by their ids."""
+    scored, _ = submission_page(
+        session,
+        team_id=submission.team_id,
+        phase_id=submission.phase_id,
+        status=SubmissionStatus.SCORED,
+        limit=_MAX_LOOKED_AT,
+    )
+    return {
+        each.id: each
+        for each in views(session, scored)
+        if each.is_published and each.replaced_by is None
+    }
 
 
 def _decided(submission: Submission) -> tuple[datetime | None, ...]:

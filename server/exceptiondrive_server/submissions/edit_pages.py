@@ -7,7 +7,7 @@ from fastapi import APIRouter
 from fastapi.responses import RedirectResponse, Response
 
 from exceptiondrive_records.accounts.tokens import Scope
-from exceptiondrive_records.db.errors import NotFound, RecordsError
+from exceptiondrive_records.db.errors import NotConfirmed, NotFound, RecordsError
 from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.submissions.edits import edit_submission, edits_of
 from exceptiondrive_records.submissions.submissions import find_submission
@@ -30,6 +30,12 @@ WORDS = (
     FormField("description", "Description", "lines", max_length=2000),
     FormField("paper_url", "Paper", max_length=500),
     FormField("code_url", "Code", max_length=500),
+    REPLACE := FormField(
+        "replace",
+        "Let it replace that entry",
+        "yes",
+        "all runs of both become one method; a later new name does not part them",
+    ),
 )
 
 
@@ -46,7 +52,7 @@ def post_edit(browser: Browser, form: PostedForm, submission_id: SubmissionId) -
     try:
         change = SubmissionChange(**read(WORDS, form), facts=facts_of_form(form))
         edit = partial(edit_submission, change=change)
-        decide(browser.services, browser.principal, submission_id, edit)
+        decide(browser.services, browser.principal, submission_id, edit, replace=change.replace)
     except NotFound:
         raise
     except RecordsError as refusal:
@@ -90,6 +96,7 @@ def _page(
         phase_title=phase.title,
         texts=now,
         facts=filled(FACT_FIELDS, now),
+        replace=filled([REPLACE], now) if isinstance(refusal, NotConfirmed) else (),
         edits=edits,
         refusal=refusal,
     )

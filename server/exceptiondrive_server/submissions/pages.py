@@ -16,7 +16,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.tokens import Principal, Scope
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.errors import RecordsError
+from exceptiondrive_records.db.errors import NotConfirmed, RecordsError
 from exceptiondrive_records.entries.selection import choose, publish, unpublish
 from exceptiondrive_records.notifications.inbox import (
     count_unread,
@@ -267,6 +267,17 @@ def show_my_submissions(
 @router.get("/submissions/{submission_id}")
 def show_submission(browser: Browser, submission_id: SubmissionId, again: bool = False) -> Response:
     """Show where a submission stands: this address stays the same from upload to rank."""
+    return _submission(browser, submission_id, is_again=again)
+
+
+def _submission(
+    browser: SignedIn,
+    submission_id: str,
+    *,
+    is_again: bool = False,
+    question: NotConfirmed | None = None,
+) -> Response:
+    """Show a submission; `question` is what is asked before it is published."""
     require_scope(browser, Scope.READ_OWN)
     with browser.services.database.read() as session:
         found = find_submission(session, submission_id, team_id=own_team(browser.principal))
@@ -283,6 +294,7 @@ def show_submission(browser: Browser, submission_id: SubmissionId, again: bool =
         browser.request,
         "submissions/submission.html",
         "my",
+        refusal=question,
         one=seen,
         phase_title=phase.title,
         progress=status_of(seen),
@@ -297,7 +309,7 @@ def show_submission(browser: Browser, submission_id: SubmissionId, again: bool =
         can_withdraw=seen.status not in without_score,
         can_send_again=seen.status in (SubmissionStatus.REJECTED, SubmissionStatus.WITHDRAWN)
         and not (ended or seen.is_asked or seen.confirmed_as),
-        is_again=again,
+        is_again=is_again,
     )
 
 
@@ -350,6 +362,10 @@ def post_decision(
     """Choose a submission for the board, publish it, or make it private again; then go back."""
     decision = partial(choose, rule=rule) if what == "choose" else _DECISIONS[what]
     require_scope(browser, Scope.SUBMIT)
-    decide(browser.services, browser.principal, submission_id, decision)
+    replace = what != "publish" or form.get("replace") == "yes"
+    try:
+        decide(browser.services, browser.principal, submission_id, decision, replace=replace)
+    except NotConfirmed as question:
+        return _submission(browser, submission_id, question=question)
     back = "/my" if form.get("back") == "my" else f"/submissions/{submission_id}"
     return RedirectResponse(back, status_code=303)

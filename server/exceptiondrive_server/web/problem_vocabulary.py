@@ -89,6 +89,14 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = {
         4,
         in_browser=("Open the page again: it shows how things stand now.",),
     ),
+    ProblemCode.NOT_CONFIRMED: ProblemKind(
+        409,
+        "This has to be confirmed",
+        "What was asked for takes the place of an entry of the team on the board. Nothing was changed.",
+        ("If that is meant, send it again with `--replace`; in the API, with `replace` as true.",),
+        2,
+        in_browser=("Go back, and say there that it may take the place.",),
+    ),
     ProblemCode.PHASE_CLOSED: ProblemKind(
         403,
         "The phase takes no submissions now",

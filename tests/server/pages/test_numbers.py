@@ -3,7 +3,7 @@
 from datetime import UTC, datetime
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from exceptiondrive_schemas.challenges import PLANNING
@@ -46,6 +46,7 @@ def test_differences_carry_a_real_minus_sign_and_zero_carries_none(
 
 
 @given(value=st.floats(-2, 2), decimals=st.integers(0, 4))
+@example(value=0.6437499999999999, decimals=2)
 def test_a_page_writes_a_metric_as_messages_and_commands_do(value: float, decimals: int) -> None:
     digits = {"percent_decimals": decimals, "metre_decimals": decimals}
     publication = packaged_protocol().publication.model_copy(update=digits)
