@@ -79,7 +79,7 @@ def restore_submission(
             submitted the same bytes again since, or scores that were kept back were revealed since.
     """
     lock_team(session, find_submission(session, submission_id).team_id)
-    lock_jobs(session, submission_id)
+    lock_jobs(session, Job.submission_id == submission_id)
     submission = find_submission(session, submission_id, lock=True)
     if submission.status is not SubmissionStatus.WITHDRAWN:
         raise Conflict(f"The submission is {submission.status}; only withdrawn ones are restored.")
