@@ -14,7 +14,8 @@ from exceptiondrive_records.boards.renewal import renew_boards
 from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.participation.changes import merge_teams
 from exceptiondrive_records.phases.phases import create_phase, lock_phase
-from exceptiondrive_records.submissions.submissions import lock_team, withdraw
+from exceptiondrive_records.rescoring.retry import retry_submission
+from exceptiondrive_records.submissions.submissions import find_submission, lock_team, withdraw
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import create_team, find_team
@@ -116,6 +117,26 @@ def test_who_merges_teams_takes_their_jobs_in_the_order_of_all_others(world: Wor
             wait_until_it_waits(world.database, merging.done)
             session.execute(select(Job.id).where(Job.id == max(lie)).with_for_update())
         merging.result()
+
+
+@POSTGRES_ALONE
+def test_who_tries_a_submission_again_takes_its_jobs_first(world: World) -> None:
+    accepted = world.submit("file")
+    claim = world.claim(accepted.job_id)
+    with world.database.write() as session:
+        jobs.finish_failed(session, claim, "internal", "We failed.", retry=False)
+
+    def retry() -> None:
+        with world.database.write() as session:
+            retry_submission(session, accepted.submission.id, actor="test")
+
+    with ThreadPoolExecutor() as pool:
+        with world.database.write() as session:
+            session.execute(select(Job.id).where(Job.id == accepted.job_id).with_for_update())
+            retrying = pool.submit(retry)
+            wait_until_it_waits(world.database, retrying.done)
+            find_submission(session, accepted.submission.id, lock=True)  # as `withdraw`
+        retrying.result()
 
 
 @POSTGRES_ALONE
