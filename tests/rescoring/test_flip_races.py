@@ -1,4 +1,4 @@
-"""What others do at the moment of a flip: it is as if they had come before it, or after it."""
+"""What others do at the moment of a flip or a step: it is as if they had come before it, or after it."""
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -82,4 +82,27 @@ def test_what_is_withdrawn_while_an_update_is_applied_waits_for_it(
     with stage.database.read() as session:
         assert find_submission(session, fresh).status is SubmissionStatus.WITHDRAWN
     stage.work()
+    assert whole(stage)
+
+
+@POSTGRES_ALONE
+def test_an_upload_that_began_while_a_run_was_paused_holds_up_no_run_that_goes_on(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    stage.add_protocol(make_protocol("1.1", *D_SAFE))
+    run_id = stage.draft(protocol="1.1")
+    stage.step("start", run_id)
+    stage.step("pause", run_id)
+    resumed: list[str] = []
+
+    def resume_before(connection: Any, cursor: Any, statement: str, *_: Any) -> None:
+        if statement.startswith("INSERT INTO submissions") and not resumed:
+            resumed.append(run_id)
+            stage.step("resume", run_id)
+
+    event.listen(stage.database.engine, "before_cursor_execute", resume_before)
+    stage.submit(3.0, "newcomer")
+    stage.work()
+    assert resumed
+    assert stage.view(run_id).state.value == "ready"
     assert whole(stage)
