@@ -77,6 +77,11 @@ def counted(count: int, noun: str, plural: str | None = None) -> str:
     return f"{count:,} {noun if count == 1 else plural or noun + 's'}"
 
 
+def percent_of(n: int, of: int) -> str:
+    """Return a share in per cent, to two places; a dash where nothing came in."""
+    return f"{100 * n / of:.2f} %" if of else "–"
+
+
 def first_of(names: Sequence[str]) -> str:
     """Return `a, b`, or `a, b, c, d, e and 3 more`."""
     more = len(names) - 5

@@ -71,6 +71,11 @@ class Task(Document):
         """Its name as readers see it: `stalled_vehicle` -> `Stalled vehicle`."""
         return self.name.replace("_", " ").capitalize()
 
+    @property
+    def label(self) -> str:
+        """Its id and title, where it stands alone."""
+        return f"{self.id} {self.title}"
+
 
 class Taxonomy(Document):
     """Families and tasks in their published order."""

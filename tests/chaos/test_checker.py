@@ -43,6 +43,11 @@ def _sql(statement: str) -> Plant:
     return plant
 
 
+def _scored_elsewhere(story: Story) -> None:
+    for table in ("score_sheets", "work"):
+        _sql(f"UPDATE {table} SET split_revision = 'sha256:other'")(story)
+
+
 def _lose_the_row(story: Story) -> None:
     best = story.scored[0]
     for table in ("score_sheets", "work"):
@@ -223,6 +228,10 @@ PLANTED: dict[str, tuple[str, Plant]] = {
     ),
     "a score sheet is gone": ("scored without a sheet", _sheet_lost),
     "a sheet without a job": ("sheet without a finished job", _sheet_from_nowhere),
+    "nothing makes a sheet under what the phase shows": (
+        "stands on no board",
+        _scored_elsewhere,
+    ),
     "one scoring was recorded twice": ("not scored exactly once", _scored_twice),
     "the same bytes have two scores": ("same bytes, other scores", _same_bytes_other_scores),
     "a failure without a code": (

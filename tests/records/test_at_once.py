@@ -11,7 +11,7 @@ from sqlalchemy import event, select, update
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 from tests.records.world import World
-from tests.support.records import wait_until_it_waits
+from tests.support.databases import wait_until_it_waits
 
 from exceptiondrive_records.accounts import sessions, tokens
 from exceptiondrive_records.accounts.attempts import count_attempt, give_attempt_back
@@ -74,7 +74,7 @@ def refusal(database: Database, first: Deed, second: Deed) -> Exception | None:
         first(session)
         session.flush()
         other.start()
-        wait_until_it_waits(database, other)
+        wait_until_it_waits(database, lambda: not other.is_alive())
     other.join()
     return errors[0] if errors else None
 
@@ -92,7 +92,7 @@ def interrupted(database: Database, words: str, deed: Deed) -> Iterator[None]:
     def before(_connection: Any, _cursor: Any, statement: str, *_: Any) -> None:
         if words in statement and other.ident is None:
             other.start()
-            wait_until_it_waits(database, other)
+            wait_until_it_waits(database, lambda: not other.is_alive())
 
     event.listen(database.engine, "before_cursor_execute", before)
     try:

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from sqlalchemy import text
 from sqlalchemy.orm import Session
+from tests.support.databases import POSTGRES_ALONE
 from tests.support.records import next_moment
 
 from exceptiondrive_records.audit.log import GENESIS, ISO_AT, audit, audit_page, verify_audit
@@ -56,9 +57,7 @@ def test_whatever_a_line_says_the_database_and_python_hash_it_alike(database: Da
     assert [line.at for line in lines] == sorted((line.at for line in lines), reverse=True)
 
 
-@pytest.mark.parametrize(
-    "database_url", [pytest.param("postgres", marks=pytest.mark.postgres)], indirect=True
-)
+@POSTGRES_ALONE
 @pytest.mark.parametrize("microsecond", [0, 1, 120000, 999999])
 def test_the_database_writes_a_time_as_python_does(database: Database, microsecond: int) -> None:
     at = datetime(2026, 1, 31, 23, 5, 9, microsecond, tzinfo=UTC)

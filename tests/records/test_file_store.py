@@ -39,15 +39,15 @@ def test_storing_the_same_bytes_again_changes_nothing(store: FileStore) -> None:
     assert store.put_stream(chunks(size=7), limit_bytes=20_000) == first
 
 
-def test_bytes_that_are_there_are_synced_by_whoever_sends_them_again(
+def test_a_file_and_the_folders_above_it_are_synced_and_again_by_whoever_sends_it_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store, path = local(tmp_path)
-    store.put_stream(chunks(), limit_bytes=20_000)
     synced = []
     monkeypatch.setattr(os, "fsync", lambda file: synced.append(os.fstat(file).st_ino))
-    store.put_stream(chunks(), limit_bytes=20_000)
-    assert synced == [path.stat().st_ino, path.parent.stat().st_ino]
+    for _ in range(2):
+        store.put_stream(chunks(), limit_bytes=20_000)
+    assert synced == [each.stat().st_ino for each in (path, path.parent, path.parent.parent)] * 2
 
 
 @pytest.mark.parametrize("mode", [0o2770, 0o750, 0o700])

@@ -1,20 +1,24 @@
 """Whoever changes the same rows takes their locks in one order, or waits for none: no deadlock."""
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from sqlalchemy import select, text, update
 from sqlalchemy.exc import OperationalError
 from tests.records.world import World
-from tests.support.records import wait_until_it_waits
+from tests.support.databases import POSTGRES_ALONE, wait_until_it_waits
 
 from exceptiondrive_records.boards.boards import publish_board
 from exceptiondrive_records.boards.renewal import renew_boards
+from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.participation.changes import merge_teams
 from exceptiondrive_records.phases.phases import create_phase, lock_phase
-from exceptiondrive_records.submissions.submissions import withdraw
+from exceptiondrive_records.rescoring.retry import retry_submission
+from exceptiondrive_records.submissions.submissions import find_submission, lock_team, withdraw
 from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.teams.teams import create_team
+from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.teams.teams import create_team, find_team
 from exceptiondrive_records.work import jobs
 from exceptiondrive_records.work.board_requests import claim_board, want_board
 from exceptiondrive_records.work.jobs import Finish
@@ -50,7 +54,7 @@ def test_who_changes_a_submission_waits_for_the_scoring_run_that_ends(
         session.execute(held)  # as in the middle of `finish_scored`
         change = threading.Thread(target=change_it)
         change.start()
-        wait_until_it_waits(world.database, change)
+        wait_until_it_waits(world.database, lambda: not change.is_alive())
         finish = jobs.finish_scored(
             session,
             claim,
@@ -85,17 +89,63 @@ def test_a_change_of_the_phase_waits_for_no_board_that_waits_for_it(world: World
         phase = lock_phase(session, "dev")
         publishing = threading.Thread(target=publish_it)
         publishing.start()
-        wait_until_it_waits(world.database, publishing)
+        wait_until_it_waits(world.database, lambda: not publishing.is_alive())
         renew_boards(session, phase)  # as after every change of what a board may say
     publishing.join()
 
     assert errors == []
 
 
-POSTGRES_ALONE = pytest.mark.parametrize(
-    "database_url", [pytest.param("postgres", marks=pytest.mark.postgres)], indirect=True
-)
-"""On SQLite one transaction writes at a time."""
+@POSTGRES_ALONE
+def test_who_merges_teams_takes_their_jobs_in_the_order_of_all_others(world: World) -> None:
+    for content in ("one", "two"):
+        world.submit(content)
+    of_team = select(Job.id).where(Job.team_id == world.team_id)
+    with world.database.write() as session:
+        create_team(session, "beta", "Beta", actor="test")
+        while (lie := session.scalars(of_team).all())[0] == min(lie):  # in the order of their ids
+            session.execute(update(Job).where(Job.id == lie[-1]).values(id=f"0{min(lie)}"))
+
+    def merge() -> None:
+        with world.database.write() as session:
+            merge_teams(session, "alpha", "beta", reason="one lab", actor="test")
+
+    with ThreadPoolExecutor() as pool:
+        with world.database.write() as session:
+            session.execute(select(Job.id).where(Job.id == min(lie)).with_for_update())
+            merging = pool.submit(merge)
+            wait_until_it_waits(world.database, merging.done)
+            session.execute(select(Job.id).where(Job.id == max(lie)).with_for_update())
+        merging.result()
+
+
+@POSTGRES_ALONE
+def test_who_tries_a_submission_again_takes_its_jobs_first(world: World) -> None:
+    accepted = world.submit("file")
+    claim = world.claim(accepted.job_id)
+    with world.database.write() as session:
+        jobs.finish_failed(session, claim, "internal", "We failed.", retry=False)
+
+    def retry() -> None:
+        with world.database.write() as session:
+            retry_submission(session, accepted.submission.id, actor="test")
+
+    with ThreadPoolExecutor() as pool:
+        with world.database.write() as session:
+            session.execute(select(Job.id).where(Job.id == accepted.job_id).with_for_update())
+            retrying = pool.submit(retry)
+            wait_until_it_waits(world.database, retrying.done)
+            find_submission(session, accepted.submission.id, lock=True)  # as `withdraw`
+        retrying.result()
+
+
+@POSTGRES_ALONE
+def test_a_team_is_told_something_while_it_uploads(world: World) -> None:
+    with world.database.write() as upload, world.database.write() as session:
+        lock_team(upload, world.team_id)
+        find_team(upload, "alpha", lock=True)
+        session.execute(text("SET LOCAL lock_timeout = '2s'"))
+        tell_team(session, session.get_one(Team, world.team_id), "message", "Hello.", ())
 
 
 @POSTGRES_ALONE

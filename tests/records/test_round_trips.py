@@ -12,6 +12,7 @@ from sqlalchemy import func, insert, make_url, select, text, update
 from sqlalchemy.exc import DBAPIError, InvalidRequestError
 from tests.chaos.proxy import Proxy
 from tests.records.world import World
+from tests.support.databases import POSTGRES_ALONE
 
 from exceptiondrive_records.audit.log import audit, audit_page, verify_audit
 from exceptiondrive_records.boards.boards import publish_board
@@ -26,10 +27,6 @@ from exceptiondrive_records.work.jobs import Finish, finish_scored
 from exceptiondrive_records.work.lease import LeaseLost
 from exceptiondrive_records.work.tables import BoardRequest, Job, WorkerHeartbeat
 from exceptiondrive_schemas.jobs import Lane
-
-on_postgres = pytest.mark.parametrize(
-    "database_url", [pytest.param("postgres", marks=pytest.mark.postgres)], indirect=True
-)
 
 
 @pytest.fixture
@@ -59,7 +56,7 @@ def round_trips(proxy: Proxy, what: Callable[[], Any]) -> float:
     return median_low(counts[6:])
 
 
-@on_postgres
+@POSTGRES_ALONE
 def test_a_question_is_one_round_trip_and_a_change_two(counted: tuple[Database, Proxy]) -> None:
     database, proxy = counted
 
@@ -74,7 +71,7 @@ def test_a_question_is_one_round_trip_and_a_change_two(counted: tuple[Database, 
     assert (round_trips(proxy, ask), round_trips(proxy, change)) == (1, 2)
 
 
-@on_postgres
+@POSTGRES_ALONE
 def test_what_comes_last_and_its_audit_lines_are_one_round_trip(
     counted: tuple[Database, Proxy],
 ) -> None:
@@ -93,7 +90,7 @@ def test_what_comes_last_and_its_audit_lines_are_one_round_trip(
     assert (verdict.is_whole, verdict.n_lines) == (True, 36)
 
 
-@on_postgres
+@POSTGRES_ALONE
 def test_two_scores_are_recorded_side_by_side(world: World) -> None:
     """What both take, the row of the board's request and the head of the chain, is taken last."""
     first, second = (world.claim(world.submit(content).job_id) for content in ("one", "two"))
@@ -112,7 +109,7 @@ def test_two_scores_are_recorded_side_by_side(world: World) -> None:
         assert verify_audit(session).is_whole
 
 
-@on_postgres
+@POSTGRES_ALONE
 def test_scores_go_on_while_a_board_is_recorded(world: World) -> None:
     job = world.claim(world.submit("one").job_id)
     claim = world.claim_board()
@@ -221,7 +218,7 @@ def test_what_is_read_row_by_row_may_stand_beside_other_questions(database: Data
         assert verify_audit(session).n_lines == 3
 
 
-@on_postgres
+@POSTGRES_ALONE
 @pytest.mark.parametrize("trusted_for_s", [0.0, postgresql.TRUSTED_FOR_S])
 def test_a_connection_that_its_server_ended_is_not_taken(
     database: Database, monkeypatch: pytest.MonkeyPatch, trusted_for_s: float
@@ -258,7 +255,7 @@ def test_the_time_in_a_statement_is_that_of_the_database(database: Database) -> 
     assert passed_s == pytest.approx(1.5, abs=0.01)
 
 
-@on_postgres
+@POSTGRES_ALONE
 def test_a_claim_is_kept_at_once(world: World) -> None:
     with world.database.claim() as session:
         claimed = claim_board(session, Lane.LIVE, 30)

@@ -41,6 +41,7 @@ from exceptiondrive_records.operations.troubles import troubles
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.teams.teams import find_team
+from exceptiondrive_records.work import lease
 from exceptiondrive_records.work.lease import new_item
 from exceptiondrive_records.work.tables import WorkState
 
@@ -191,6 +192,19 @@ def test_a_webhook_that_refuses_waits_in_the_outbox_and_is_given_up_in_the_end(
     assert delivery(stage).outcome.value == "given_up"
     assert delivery(stage).note == "the webhook answered 302; it is not followed"
     assert len(receiver.received) == 2
+
+
+@pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)
+def test_the_statement_that_claims_a_message_is_made_once(
+    stage: Stage, make_protocol: Callable[..., str], receiver: Receiver
+) -> None:
+    receiver.answers = [400, 400, 204]
+    told(stage, make_protocol, Channel.WEBHOOK, receiver.url)
+    made = []
+    while delivery(stage).outcome.value != "sent":
+        if send_next(stage.database, settings(delivery_backoff_s=0.001)):
+            made.append(lease._claiming.cache_info().misses)
+    assert made == [made[0]] * 3
 
 
 def test_a_message_whose_sender_dies_each_time_is_given_up(

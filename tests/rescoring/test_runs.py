@@ -163,6 +163,24 @@ def test_every_sheet_that_could_not_be_made_is_told_with_its_reason_and_five_by_
     }
 
 
+def test_a_failed_sheet_that_is_tried_again_waits_like_any_other(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    stage.add_protocol(make_protocol("1.1", *D_SAFE))
+    run_id = stage.draft(protocol="1.1")
+    stage.step("start", run_id)
+    tend_runs(stage.reconciler, 4)
+    with stage.context.database.write() as session:
+        claim = jobs.claim_job(session, Lane.RESCORE, 120, 4)
+        assert claim is not None
+        jobs.finish_failed(session, claim, "time_limit", "We failed.", retry=False)
+    stage.step("resume", run_id)
+    with stage.database.read() as session:
+        again = session.get_one(Job, claim.id)
+    assert (again.state, again.attempts, again.note) == (WorkState.QUEUED, 0, None)
+    assert again.fence > claim.fence
+
+
 def test_a_preview_is_stale_once_a_submission_has_come(
     stage: Stage, make_protocol: Callable[..., str]
 ) -> None:

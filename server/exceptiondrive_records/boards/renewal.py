@@ -6,7 +6,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.phases.scoring_keys import is_of_key, key_of_phase, shadow_key_of_phase
+from exceptiondrive_records.phases.scoring_keys import is_of_key, key_of_phase, phase_and_shadow
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.work.board_requests import is_board_wanted, want_board
 
@@ -14,9 +14,9 @@ from exceptiondrive_records.work.board_requests import is_board_wanted, want_boa
 def renew_boards(session: Session, phase: Phase) -> None:
     """Ask for the board that the phase shows, and for the draft of an open rescoring run."""
     keys = {key_of_phase(phase)}
-    shadow = shadow_key_of_phase(session, phase.id)
+    _, shadow = phase_and_shadow(session, phase.id)
     if shadow is not None:
-        keys.add(shadow[0])
+        keys.add(shadow.key)
     for key in sorted(keys):
         want_board(session, phase.id, *key)
 

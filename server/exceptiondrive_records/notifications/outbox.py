@@ -1,14 +1,14 @@
 """The outbox: what waits to be sent, each message claimed by one sender and tried for an hour."""
 
 import threading
-from datetime import timedelta
+from functools import cache
 
 import structlog
 from sqlalchemy import Select, func, select
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session, aliased
 
-from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.clock import NOW, seconds_from_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.notifications.channels import (
     NotDelivered,
@@ -31,7 +31,7 @@ _log = structlog.get_logger("exceptiondrive.notices")
 
 _LEASE_S = 180.0
 """Longer than one message may take, a mail up to a dozen answers: two senders would send it twice."""
-_OF_LATE = timedelta(hours=1)
+_OF_LATE_S = 3600.0
 """The time over which teams share the sender."""
 
 
@@ -57,10 +57,10 @@ def send_next(database: Database, settings: NoticeSettings) -> bool:
     message by the `id` in its body.
     """
     with database.read() as session:
-        if session.scalar(_due(session)) is None:
+        if session.scalar(_due()) is None:
             return False
     with database.write() as session:
-        delivery = claim(session, Delivery, _due(session), _LEASE_S)
+        delivery = claim(session, Delivery, _due(), _LEASE_S)
         if delivery is None:
             return False
         if delivery.attempts > settings.delivery_attempts:  # whoever sends it dies of it
@@ -80,13 +80,13 @@ def send_next(database: Database, settings: NoticeSettings) -> bool:
     return True
 
 
-def _due(session: Session) -> Select[str]:
-    now = database_now(session)
+@cache
+def _due() -> Select[str]:
     of_late = aliased(Delivery)
     taken = (
         select(ContactPoint.team_id, func.sum(of_late.took_s).label("seconds"))
         .join(of_late, of_late.contact_id == ContactPoint.id)
-        .where(of_late.leased_at > now - _OF_LATE)
+        .where(of_late.leased_at > seconds_from_now(-_OF_LATE_S))
         .group_by(ContactPoint.team_id)
         .cte()
         .prefix_with("MATERIALIZED", dialect="postgresql")  # else it is asked for each message
@@ -95,7 +95,7 @@ def _due(session: Session) -> Select[str]:
         select(Delivery.id)
         .join(ContactPoint, ContactPoint.id == Delivery.contact_id)
         .outerjoin(taken, taken.c.team_id == ContactPoint.team_id)
-        .where(is_claimable(Delivery, now), ContactPoint.removed_at.is_(None))
+        .where(is_claimable(Delivery, NOW), ContactPoint.removed_at.is_(None))
         .order_by(func.coalesce(taken.c.seconds, 0.0), Delivery.available_at, Delivery.id)
         .limit(1)
     )

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pydantic import ValidationError
-from sqlalchemy import Enum, Text, select, type_coerce
+from sqlalchemy import Enum, Text, exists, select, type_coerce
 from sqlalchemy.orm import Session, defer
 
 from exceptiondrive_records.audit.log import verify_audit
@@ -28,9 +28,11 @@ from exceptiondrive_records.operations.unlogged import (
     unlogged_settings,
     unlogged_submissions,
 )
+from exceptiondrive_records.phases.scoring_keys import IS_TWO_SIDED, ScoringKey
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.protocols.tables import ProtocolRow
+from exceptiondrive_records.rescoring.progress import left_out
 from exceptiondrive_records.splits.drawings import drawings_of_withheld_splits
 from exceptiondrive_records.splits.pictures import pictures_of_withheld_splits
 from exceptiondrive_records.submissions.file_store import FileDamaged, FileStore
@@ -195,6 +197,7 @@ def violations(session: Session) -> list[Violation]:
     rules: tuple[Callable[[Session], Iterable[Violation]], ...] = (
         unreadable_rows,
         _submissions_and_jobs,
+        _stand_on_the_board,
         _scored_once,
         _same_bytes_same_scores,
         _protocols,
@@ -348,6 +351,16 @@ def _endings(held: _Held) -> Iterator[Violation]:
             yield Violation("failure and status differ", row.id, f"is {row.status}")
         if (row.status is Status.WITHDRAWN) != (row.withdrawn_at is not None):
             yield Violation("withdrawal and status differ", row.id, f"is {row.status}")
+
+
+def _stand_on_the_board(session: Session) -> Iterator[Violation]:
+    """Whatever is scored, or will be, is so under what its phase shows; an open update sees to it itself."""
+    shown = select(Phase.id, Phase.protocol_digest, Phase.split_revision)
+    for phase_id, *key in session.execute(shown.where(~exists().where(IS_TWO_SIDED))).all():
+        found = left_out(phase_id, ScoringKey(*key))
+        for row in session.execute(found.with_only_columns(Submission.id, Submission.status)):
+            text = f"is {row.status}, without sheet or job under {key[0]}"
+            yield Violation("stands on no board", row.id, text)
 
 
 def _scored_once(session: Session) -> Iterator[Violation]:

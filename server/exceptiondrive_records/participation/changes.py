@@ -23,7 +23,7 @@ from exceptiondrive_records.participation.disqualification import want_boards_of
 from exceptiondrive_records.participation.tables import Disqualification
 from exceptiondrive_records.phases.policy import hid_scores
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.submissions.submissions import lock_team
+from exceptiondrive_records.submissions.submissions import lock_jobs, lock_team
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team, require_free_name
@@ -184,8 +184,9 @@ def _require_mergeable(session: Session, team: Team, target: Team) -> None:
 
 def _move(session: Session, team: Team, target: Team) -> int:
     to_target = {"team_id": target.id}
+    lock_jobs(session, Job.team_id == team.id)
     session.execute(update(Job).where(Job.team_id == team.id).values(to_target))
-    n_moved = 0  # jobs before their submissions, as whoever ends a job takes them
+    n_moved = 0
     for submission in session.scalars(select(Submission).where(Submission.team_id == team.id)):
         submission.team_id = target.id
         n_moved += 1

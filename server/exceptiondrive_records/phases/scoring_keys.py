@@ -7,6 +7,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.columns import is_one_of
+from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.tables import RescoringRun
@@ -17,10 +18,17 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 
 UNFINISHED = (RunState.SCORING, RunState.PAUSED, RunState.READY)
 """Runs whose target every fresh submission is scored under besides."""
-_TWO_SIDED_RUN = select(RescoringRun).where(
-    RescoringRun.phase_id == bindparam("phase"),
+IS_TWO_SIDED = and_(
+    RescoringRun.phase_id == Phase.id,
     RescoringRun.kind == RunKind.UPDATE,
     is_one_of(RescoringRun.state, (*UNFINISHED, RunState.APPLIED)),
+)
+"""Whether a run is an update of the phase that asks for each submission to be scored twice."""
+_PHASE_AND_TWO_SIDED_RUN = (
+    select(Phase, RescoringRun)
+    .outerjoin(RescoringRun, IS_TWO_SIDED)
+    .where(Phase.id == bindparam("phase"))
+    .execution_options(populate_existing=True)
 )
 _FIRST_PROTOCOL = (
     select(ScoreSheetRow.protocol_digest)
@@ -64,12 +72,28 @@ def shadow_key(run: RescoringRun) -> ScoringKey:
     return old_key(run) if run.state is RunState.APPLIED else new_key(run)
 
 
-def shadow_key_of_phase(session: Session, phase_id: str) -> tuple[ScoringKey, bool] | None:
-    """Return what a fresh submission is scored under besides, and whether that is held now."""
-    run = session.scalars(_TWO_SIDED_RUN, {"phase": phase_id}).first()
+class Shadow(NamedTuple):
+    """What a fresh submission is scored under besides, and whether that is held now."""
+
+    key: ScoringKey
+    is_held: bool
+
+
+def phase_and_shadow(session: Session, phase_id: str) -> tuple[Phase, Shadow | None]:
+    """Return a phase as it is now, and its shadow while an update of it is open.
+
+    One statement reads both: a flip that came between two would leave a submission without a side.
+
+    Raises:
+        NotFound: There is no such phase.
+    """
+    found = session.execute(_PHASE_AND_TWO_SIDED_RUN, {"phase": phase_id}).first()
+    if found is None:
+        raise NotFound("phase", phase_id)
+    phase, run = found
     if run is None:
-        return None
-    return shadow_key(run), run.state is RunState.PAUSED
+        return phase, None
+    return phase, Shadow(shadow_key(run), run.state is RunState.PAUSED)
 
 
 # Under which protocol an upload was accepted: what was accepted once is read the same for ever.

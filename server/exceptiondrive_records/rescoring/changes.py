@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from sqlalchemy import update
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
@@ -40,8 +39,10 @@ from exceptiondrive_records.rescoring.verification import ask_for_rechecks
 from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.submissions import find_submission
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.work.jobs import queue_again
 from exceptiondrive_records.work.lease import cancel
-from exceptiondrive_records.work.tables import Job, Recheck, WorkState
+from exceptiondrive_records.work.tables import Job, Recheck
 from exceptiondrive_schemas.api.rescoring import RETRIES, RunAction, RunKind, RunState, next_states
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.printable import counted
@@ -279,14 +280,8 @@ def require_action(session: Session, run: RescoringRun, action: RunAction) -> Ru
 
 def retry_failed(session: Session, run: RescoringRun, key: ScoringKey) -> None:
     """Queue the jobs of failed sheets again, with all their attempts."""
-    failed = [submission.id for submission in session.scalars(failed_sheets(run.phase_id, key))]
-    now = database_now(session)
-    session.execute(
-        update(Job)
-        .where(Job.submission_id.in_(failed), is_of_key(Job, key))
-        .values(state=WorkState.QUEUED, attempts=0, available_at=now, finished_at=None)
-        .execution_options(synchronize_session=False)
-    )
+    failed = failed_sheets(run.phase_id, key).with_only_columns(Submission.id)
+    queue_again(session, Job.submission_id.in_(failed), is_of_key(Job, key))
 
 
 def _words(state: RunState) -> str:

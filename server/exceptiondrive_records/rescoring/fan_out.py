@@ -59,6 +59,7 @@ def _tend(session: Session, run: RescoringRun, max_attempts: int) -> int:
     if run.state is RunState.PAUSED:
         hold_jobs(session, run)
         return 0
+    _move_jobs(session, run, (WorkState.HELD,), WorkState.QUEUED)  # of uploads that saw it paused
     made = sum(_insert_missing(session, run, key) for key in _sides(run))
     if run.state is RunState.APPLIED and not _missing(session, run, new_key(run)):
         want_fresh_board(session, run.phase_id, new_key(run))

@@ -46,6 +46,7 @@ from exceptiondrive_records.rescoring.reveal import reveal_blockers
 from exceptiondrive_records.rescoring.runs import find_run
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.rescoring.trials import trial_of
+from exceptiondrive_records.submissions.submissions import lock_jobs
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.tables import WAITING_STATES, Job
@@ -258,7 +259,8 @@ def _flip(session: Session, phase: Phase, row: BoardRow, key: ScoringKey) -> int
 def _turn_waiting_jobs(session: Session, phase_id: str, old: ScoringKey, new: ScoringKey) -> None:
     """Let submissions of which nothing is scored yet follow the pointer: the shown key is first."""
     waiting = _waiting_under(phase_id, old).intersect(_waiting_under(phase_id, new))
-    both = list(session.scalars(waiting))
+    lock_jobs(session, Job.submission_id.in_(waiting))
+    both = list(session.scalars(waiting))  # without what was claimed or withdrawn meanwhile
     for key, is_first in ((old, False), (new, True)):
         session.execute(
             update(Job)

@@ -1,6 +1,5 @@
 """A second chance from organizers: for what failed by our own fault, and for what was withdrawn."""
 
-from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
@@ -43,6 +42,7 @@ def retry_submission(
             its quota without this one, which cost nothing and will.
     """
     lock_team(session, find_submission(session, submission_id).team_id)
+    lock_jobs(session, Job.submission_id == submission_id)
     submission = find_submission(session, submission_id, lock=True)
     if submission.status is not SubmissionStatus.FAILED:
         raise Conflict(f"The submission is {submission.status}; only failed ones can be retried.")
@@ -51,9 +51,7 @@ def retry_submission(
     _require_place(session, submission, phase)
     now = database_now(session)
     ended = Job.state.in_((WorkState.FAILED, WorkState.DEAD))
-    query = select(Job).where(Job.submission_id == submission_id, ended).with_for_update()
-    for job in session.scalars(query):
-        queue_again(job, now)
+    queue_again(session, Job.submission_id == submission_id, ended)
     submission.status = SubmissionStatus.RECEIVED
     submission.status_at = now
     submission.failure_code = submission.failure_message = None
@@ -79,7 +77,7 @@ def restore_submission(
             submitted the same bytes again since, or scores that were kept back were revealed since.
     """
     lock_team(session, find_submission(session, submission_id).team_id)
-    lock_jobs(session, submission_id)
+    lock_jobs(session, Job.submission_id == submission_id)
     submission = find_submission(session, submission_id, lock=True)
     if submission.status is not SubmissionStatus.WITHDRAWN:
         raise Conflict(f"The submission is {submission.status}; only withdrawn ones are restored.")
@@ -96,9 +94,7 @@ def restore_submission(
     submission.status = SubmissionStatus.SCORED if was_scored else SubmissionStatus.RECEIVED
     submission.status_at = now
     submission.withdrawn_at = None
-    for job in jobs:
-        if job.state is WorkState.CANCELLED:
-            queue_again(job, now)
+    queue_again(session, Job.submission_id == submission_id, Job.state == WorkState.CANCELLED)
     shown = key_of_phase(phase)
     if not any((job.protocol_digest, job.split_revision) == shown for job in jobs):
         session.add(new_job(submission, *shown, Lane.RESCORE, False, now))

@@ -275,12 +275,12 @@ class FileStore:
             os.lchown(entry, owner.st_uid, owner.st_gid)
 
     def _sync(self, key: str) -> None:
-        """Make a local file survive a power cut: the file, and the folder that names it."""
+        """Make a local file survive a power cut: the file, and both folders that name it or its folder."""
         if self._folder is None:
             return
         path = self._folder / key
         self._own(path)
-        for entry in (path, path.parent):
+        for entry in (path, path.parent, self._folder):
             descriptor = os.open(entry, os.O_RDONLY)
             try:
                 os.fsync(descriptor)

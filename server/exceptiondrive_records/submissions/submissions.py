@@ -19,10 +19,9 @@ from exceptiondrive_records.db.identifiers import (
 )
 from exceptiondrive_records.phases.allowances import is_open_to
 from exceptiondrive_records.phases.disqualified import require_not_disqualified
-from exceptiondrive_records.phases.phases import find_phase
 from exceptiondrive_records.phases.policy import has_closed, has_revealed, takes_late_entries
 from exceptiondrive_records.phases.quotas import quota_of, require_quota
-from exceptiondrive_records.phases.scoring_keys import ScoringKey, shadow_key_of_phase
+from exceptiondrive_records.phases.scoring_keys import ScoringKey, Shadow, phase_and_shadow
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.phases.terms import require_terms
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
@@ -149,7 +148,7 @@ _SAME_BYTES = select(Submission).where(
 _LOCKED_TEAM = (
     select(Team)
     .where(Team.id == bindparam("team"))
-    .with_for_update()
+    .with_for_update(key_share=True)
     .execution_options(populate_existing=True)
 )
 _LAST_FACTS = (
@@ -228,8 +227,8 @@ def accept(
         RejectedCapExceeded: Too many files were rejected, or failed, today.
         ConcurrentQuotaExceeded: Too many submissions of the team still wait.
     """
-    phase = find_phase(session, phase_id)
     team = lock_team(session, team_id)
+    phase, shadow = phase_and_shadow(session, phase_id)
     told = {
         "method": checked_name("method name", method),
         "description": checked_description(description),
@@ -280,7 +279,8 @@ def accept(
     session.add(submission)
     session.flush()
     session.add(job)
-    _score_under_both(session, submission, now)
+    if shadow is not None:
+        _score_under_both(session, submission, shadow, now)
     detail = {
         "phase": phase.id,
         "method": submission.method,
@@ -386,13 +386,12 @@ def arrival(session: Session, phase: Phase, arrived_at: datetime | None, now: da
     )
 
 
-def _score_under_both(session: Session, submission: Submission, now: datetime) -> None:
+def _score_under_both(
+    session: Session, submission: Submission, shadow: Shadow, now: datetime
+) -> None:
     """While a protocol update is open, score also under the side that is not shown."""
-    shadow = shadow_key_of_phase(session, submission.phase_id)
-    if shadow is None:
-        return
-    key, is_held = shadow
-    session.add(new_job(submission, *key, Lane.RESCORE, False, now, is_held=is_held))
+    job = new_job(submission, *shadow.key, Lane.RESCORE, False, now, is_held=shadow.is_held)
+    session.add(job)
 
 
 def withdraw(session: Session, submission_id: str, *, actor: str) -> Submission:
@@ -404,7 +403,7 @@ def withdraw(session: Session, submission_id: str, *, actor: str) -> Submission:
         NotFound: No such submission.
         Conflict: It was rejected or has failed: there is nothing to withdraw.
     """
-    lock_jobs(session, submission_id)
+    lock_jobs(session, Job.submission_id == submission_id)
     submission = find_submission(session, submission_id, lock=True)
     if submission.status is SubmissionStatus.WITHDRAWN:
         return submission
@@ -498,7 +497,10 @@ def keeps_its_file(session: Session) -> ColumnElement[bool]:
 
 
 def lock_team(session: Session, team_id: int) -> Team:
-    """Lock the row of the team, so that its quota is counted by one transaction at a time."""
+    """Lock the row of the team, so that its quota is counted by one transaction at a time.
+
+    Rows that refer to the team may be written meanwhile: a notice waits for nobody here.
+    """
     team = session.scalars(_LOCKED_TEAM, {"team": team_id}).first()
     if team is None:
         raise NotFound("team", str(team_id))
@@ -563,10 +565,9 @@ def _require_open(
     raise PhaseClosed(phase.title, closed)
 
 
-def lock_jobs(session: Session, submission_id: str) -> None:
-    """Wait for whoever claims or ends its jobs, in their order: the job first, then its submission."""
-    jobs = select(Job.id).where(Job.submission_id == submission_id).order_by(Job.id)
-    session.execute(jobs.with_for_update())
+def lock_jobs(session: Session, which: ColumnElement[bool]) -> None:
+    """Wait for whoever claims, ends or changes these jobs, in the order of all: by id, before submissions."""
+    session.execute(select(Job.id).where(which).order_by(Job.id).with_for_update())
 
 
 def scored_under(session: Session, submission_id: str) -> list[ScoringKey]:

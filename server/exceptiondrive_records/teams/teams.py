@@ -73,14 +73,14 @@ def names_that_look_alike(session: Session) -> list[tuple[str, ...]]:
 
 
 def find_team(session: Session, slug: str, *, lock: bool = False) -> Team:
-    """Return the team with this slug.
+    """Return the team with this slug; locked, as by `lock_team`.
 
     Raises:
         NotFound: There is none.
     """
     query = select(Team).where(Team.slug == slug)
     if lock:
-        query = query.with_for_update().execution_options(populate_existing=True)
+        query = query.with_for_update(key_share=True).execution_options(populate_existing=True)
     team = session.scalars(query).first()
     if team is None:
         raise NotFound("team", slug)

@@ -212,13 +212,16 @@ def give_up_exhausted(session: Session, max_attempts: int) -> int:
     return len(dead)
 
 
-def queue_again(job: Job, now: datetime) -> None:
-    """Let an ended job wait again, with all its attempts."""
-    job.state = WorkState.QUEUED
-    job.attempts = 0
-    job.fence += 1
-    job.available_at = now
-    job.lease_until = job.finished_at = job.note = None
+def queue_again(session: Session, *which: ColumnElement[bool]) -> None:
+    """Let ended jobs wait again, with all their attempts."""
+    now = database_now(session)
+    query = select(Job).where(*which).order_by(Job.id).with_for_update()
+    for job in session.scalars(query, execution_options={"populate_existing": True}):
+        job.state = WorkState.QUEUED
+        job.attempts = 0
+        job.fence += 1
+        job.available_at = now
+        job.lease_until = job.finished_at = job.note = None
 
 
 def jobs_of(session: Session, submission_id: str) -> list[Job]:

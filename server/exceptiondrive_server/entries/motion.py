@@ -143,11 +143,6 @@ class Motion:
         return self.runs[0].sample
 
     @property
-    def title(self) -> str:
-        """The task, as readers see it."""
-        return f"{self.task.id} {self.task.title}"
-
-    @property
     def ground(self) -> Markup:
         """The grid in metres."""
         return Markup("".join(grid(self.runs[0].view)))
@@ -161,7 +156,7 @@ class Motion:
     def words(self) -> str:
         """What the picture shows, for those who do not see it."""
         each = "; ".join(f"{run.method}: {outcome(run.sample)}" for run in self.runs)
-        return f"{self.title}, seen from above: {self.first.hazard}. {each}."
+        return f"{self.task.label}, seen from above: {self.first.hazard}. {each}."
 
     @property
     def line_words(self) -> str:

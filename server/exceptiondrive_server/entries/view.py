@@ -296,11 +296,6 @@ class Panel:
     task: Task
 
     @property
-    def title(self) -> str:
-        """Its task, as readers see it."""
-        return f"{self.task.id} {self.task.title}"
-
-    @property
     def outcome(self) -> str:
         """What happened, in a sentence without capital and full stop."""
         return outcome(self.sample)
@@ -309,7 +304,7 @@ class Panel:
     def words(self) -> str:
         """What the picture shows, for those who do not see it."""
         happened = self.outcome
-        return f"{self.title}: {self.sample.hazard}. {happened[0].upper()}{happened[1:]}."
+        return f"{self.task.label}: {self.sample.hazard}. {happened[0].upper()}{happened[1:]}."
 
 
 def panels(reading: EntryData) -> tuple[Panel, ...]:

@@ -12,6 +12,7 @@ from exceptiondrive_records.splits.pictures import shows_picture
 from exceptiondrive_records.splits.shown import is_kept_back, shown_revisions
 from exceptiondrive_records.splits.tables import SamplePictureRow
 from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.printable import percent_of
 from exceptiondrive_server.boards.queries import featured_protocol
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.etag import REVALIDATED, conditional
@@ -28,6 +29,7 @@ WORDS = (
     ("contact", "Contact"),
 )
 MAX_PICTURE_BYTES = 32 * 2**20
+template_filter(percent_of)
 STAGES = {
     "screen": "Screening",
     "edit": "Editing",
@@ -96,12 +98,6 @@ def picture_address(picture: SamplePictureRow) -> str:
     """Where a picture of a sample is served, named by its content."""
     digest = picture.file_digest.removeprefix("sha256:")
     return f"/splits/{picture.split_name}/pictures/{digest}.jpg"
-
-
-@template_filter
-def percent_of(n: int, of: int) -> str:
-    """A share in per cent, to two places; a dash where nothing came in."""
-    return f"{100 * n / of:.2f} %" if of else "–"
 
 
 @template_filter

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from html import escape
 
 from exceptiondrive_schemas.datasheet import Agreement, Audit, Datasheet, Interval
-from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.printable import counted, percent_of
 
 _QUESTIONS = {
     "purpose": "For what purpose",
@@ -108,7 +108,7 @@ def _sections(sheet: Datasheet) -> Iterable[_Section]:
         "How it came about",
         head=("stage", "candidates", "of", "share"),
         rows=tuple(
-            (stage.title, f"{stage.n:,}", f"{stage.of:,}", percent(stage.n, stage.of))
+            (stage.title, f"{stage.n:,}", f"{stage.of:,}", percent_of(stage.n, stage.of))
             for stage in sheet.stages
         ),
     )
@@ -121,7 +121,7 @@ def _sections(sheet: Datasheet) -> Iterable[_Section]:
                     cell.id,
                     cell.title,
                     *(f"{n:,}" for n in (cell.candidates, cell.suitable, cell.accepted, cell.n)),
-                    percent(cell.n, sheet.n_samples),
+                    percent_of(cell.n, sheet.n_samples),
                 )
                 for cell in cells
             ),
@@ -151,7 +151,7 @@ def _audit(audit: Audit) -> str:
     return (
         f"Of {audit.accepted:,} edits that passed the review, {audit.drawn:,} were drawn at random "
         f"and looked at by people; {audit.passed:,} passed, "
-        f"{percent(audit.passed, audit.drawn)}. {audit.confidence:.0%} intervals: "
+        f"{percent_of(audit.passed, audit.drawn)}. {audit.confidence:.0%} intervals: "
         f"{_interval(audit.wilson)} (Wilson), {_interval(audit.finite_population)} (for a draw "
         "from so many)."
     )
@@ -171,11 +171,6 @@ def _agreement(found: Agreement) -> str:
         f"{found.iou_mean:.3f} on average, {found.iou_median:.3f} in the middle; corners lie at "
         f"most {found.corner_m_max:.2f} m apart."
     )
-
-
-def percent(n: int, of: int) -> str:
-    """A share in per cent, to two places; a dash where nothing came in."""
-    return f"{100 * n / of:.2f} %" if of else "–"
 
 
 def _interval(interval: Interval) -> str:
