@@ -202,18 +202,21 @@ def flagged(entries: Iterable[BoardEntry]) -> list[str]:
     return [f"{entry.method} is flagged: {flags_of(entry)}." for entry in entries if entry.flags]
 
 
+_NOT_PAIRED = "these two were not compared sample by sample, which could still settle it"
+
+
 def _certainty(ahead: BoardEntry, behind: BoardEntry, metric: Metric) -> str:
     """What rank intervals, else intervals, say of two that were not compared sample by sample."""
     if ahead.rank_interval and behind.rank_interval:
         if ahead.rank_interval[1] < behind.rank_interval[0]:
             return "The ranks that each could have do not overlap."
-        return "The ranks that each could have overlap: this split does not settle which is better."
+        return f"The ranks that each could have overlap; {_NOT_PAIRED}."
     one, two = ahead.intervals.get(metric.key), behind.intervals.get(metric.key)
     if one is None or two is None:
         return "Without intervals for both, this board does not say whether the order is sure."
     if one[0] > two[1] or two[0] > one[1]:
         return "Their intervals do not overlap."
-    return "Their intervals overlap: this split does not settle which is better."
+    return f"Their intervals overlap; {_NOT_PAIRED}."
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ def _of_metrics() -> Iterator[tuple[str, Term]]:
 _WORDS = {
     "rank": Term(
         "Rank and its range",
-        "The rank is by the first metric, then the second; equal numbers share a rank. A range such as "
+        "The rank is by the metric that the protocol names first, then by the next; equal numbers share a rank. A range such as "
         "1\u20133 beside it says which ranks the planner could have, given how much the scenes vary: "
         "other scenes of the same kind could have put it anywhere in there. Of a withheld split it follows "
         "from the intervals as they are told, so it can be wider than a comparison sample by sample says.",
