@@ -4,6 +4,7 @@ Uploads are refused names that cannot be shown (`checked_text`). Outputs do not 
 rows, hand-made records and foreign servers are cleaned here once more, just before they are shown.
 """
 
+import math
 import re
 from collections.abc import Sequence
 
@@ -42,6 +43,15 @@ def from_spreadsheet(text: str) -> str:
 def counted(count: int, noun: str, plural: str | None = None) -> str:
     """Return `1 value`, `1,000 values`, `3 entries`."""
     return f"{count:,} {noun if count == 1 else plural or noun + 's'}"
+
+
+def decimal_text(value: float, decimals: int) -> str:
+    """Return a number with so many decimals, never as minus zero.
+
+    A half is rounded away from zero as it reads in decimals: 47.15 is 47.2, whatever its bits are.
+    """
+    nudged = value + math.copysign(1e-9, value)
+    return f"{round(nudged, decimals) + 0.0:.{decimals}f}"  # adding zero turns -0.0 into 0.0
 
 
 def first_of(names: Sequence[str]) -> str:

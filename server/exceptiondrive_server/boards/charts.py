@@ -666,7 +666,7 @@ def best_entries(board: Board, chosen: Sequence[str] = ()) -> tuple[BoardEntry, 
 
 
 def curve_chart(
-    known: Curves, average: Average, *, width: int = 640, height: int = 380
+    known: Curves, average: Average, digits: Digits, *, width: int = 640, height: int = 380
 ) -> CurveChart | None:
     """Draw the curves of some entries; None where there are none."""
     if not known:
@@ -692,5 +692,5 @@ def curve_chart(
         transform=transform,
         curves=tuple(curves),
         description="Share of samples that keep the whole required clearance: "
-        + ", ".join(f"{one.name} {one.at_required:.1%}" for one in curves),
+        + ", ".join(f"{one.name} {digits.fraction(one.at_required)} %" for one in curves),
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from exceptiondrive_schemas.challenges import Metric
-from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.printable import counted, decimal_text
 from exceptiondrive_schemas.protocol import PublicationSection
 from exceptiondrive_schemas.score_sheet import Interval
 
@@ -108,8 +108,8 @@ def with_unit(metric: Metric, text: str) -> str:
 
 
 def fixed(value: float, decimals: int) -> str:
-    """Write a number with a real minus sign and never as minus zero."""
-    return f"{round(value, decimals) + 0.0:.{decimals}f}".replace("-", MINUS)
+    """Write a number with a real minus sign."""
+    return decimal_text(value, decimals).replace("-", MINUS)
 
 
 def grouped(count: int) -> str:

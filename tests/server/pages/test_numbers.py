@@ -1,6 +1,7 @@
 """How numbers are written."""
 
 from datetime import UTC, datetime
+from decimal import ROUND_HALF_UP, Decimal
 
 import pytest
 from hypothesis import given
@@ -57,6 +58,14 @@ def test_a_page_writes_a_metric_as_messages_and_commands_do(value: float, decima
 def test_minus_zero_is_written_as_zero() -> None:
     assert fixed(-0.0001, 2) == "0.00"
     assert fixed(-1.5, 1) == "\u22121.5"
+
+
+@given(steps=st.integers(-10_000, 10_000))
+def test_fewer_decimals_than_are_published_are_those_of_the_published_text(steps: int) -> None:
+    share, published = steps / 10_000, Decimal(steps) / 100
+    for decimals in (0, 1, 2):
+        exact = published.quantize(Decimal(1).scaleb(-decimals), ROUND_HALF_UP) + 0
+        assert fixed(share * 100, decimals) == str(exact).replace("-", "\u2212")
 
 
 def test_counts_lists_and_sizes_read_like_a_sentence() -> None:
