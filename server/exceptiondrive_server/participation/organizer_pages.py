@@ -320,7 +320,8 @@ def reinstatement(
     step = _step(
         team,
         title=f"Reinstate {what} of {team.name}" if row.submission_id else f"Reinstate {team.name}",
-        meaning="What was taken off the boards stands on the next one. The team is told.",
+        meaning="What no other disqualification keeps off the boards stands on the next one. The team "
+        "is told.",
         button="Reinstate",
         fields=(TOLD_REASON,),
         facts=(("What", what), ("Where", where), ("Reason", row.reason)),
