@@ -19,6 +19,7 @@ from exceptiondrive_server.boards.entry_facts import (
     entry_key,
     flags_of,
     interval_of,
+    is_listed,
     primary_metrics,
     values_of,
 )
@@ -162,6 +163,8 @@ class ScatterChart:
     x_metric: Metric
     y_metric: Metric
     without: tuple[str, ...]
+    not_charted: str
+    """Which entries are left out since they are many, in a sentence."""
     has_edge: bool
     """Whether a reference stands at the left edge, since it has nothing along x."""
     description: str
@@ -217,6 +220,21 @@ def charted_entries(board: Board) -> tuple[BoardEntry, ...]:
     return (*scored[:MAX_SCORED], *references)
 
 
+def _not_charted(board: Board) -> str:
+    """Say which scored entries the chart of a board leaves out; nothing where it draws all."""
+    listed = sum([is_listed(entry) for entry in board.entries])
+    ranked = sum([entry.rank is not None for entry in board.entries])
+    if ranked + listed <= MAX_SCORED:
+        return ""
+    drawn = f"all {ranked} ranked" if ranked else ""
+    if ranked > MAX_SCORED:
+        drawn = f"the first {MAX_SCORED} of {ranked:,} ranked"
+    if listed and ranked >= MAX_SCORED:
+        return f"Drawn are {drawn}, and none that is listed without a rank."
+    rest = f"the first {MAX_SCORED - ranked} of {listed:,} listed without a rank" if listed else ""
+    return f"Drawn are {' and '.join(filter(None, [drawn, rest]))}."
+
+
 @template_filter
 def charted_values(
     board: Board, average: Average, chart: "ScatterChart"
@@ -268,6 +286,7 @@ def scatter_chart(
         x_metric=metrics[0],
         y_metric=metrics[1],
         without=tuple([e.method for e in entries if entry_key(e) not in drawn]),
+        not_charted=_not_charted(board),
         has_edge=not all(mark.has_x for mark in marks),
         description=_description(marks, metrics),
     )
