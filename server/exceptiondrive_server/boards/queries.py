@@ -212,6 +212,7 @@ def phase_link(session: Session, phase: Phase, is_current: bool = False) -> Phas
         split_is_public=split.public_file_digest is not None,
         has_data=bool(phase.page.data_url or phase.page.data_manifest_url),
         not_checked=not_checked(phase.challenge, whole),
+        entries_private=phase.policy.entries_private,
         run_rule=phase.policy.run_rule,
         url=f"/?phase={phase.id}#board",
     )
