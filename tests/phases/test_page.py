@@ -59,8 +59,7 @@ def test_a_page_says_what_of_an_entry_stands_on_the_board(life: "Life") -> None:
 
 
 def test_what_comes_to_a_closed_phase_appears_on_its_late_view(life: "Life") -> None:
-    closing = {"closes_at": life.ahead(60), "policy": {"late_entries": "own_view"}}
-    life.make_phase(split="plain", **closing)
+    life.make_phase(split="plain", closes_at=life.ahead(60), policy={"late_entries": "own_view"})
     life.submit("alpha", 1.0, "Net", "plain")
     life.work()
     life.move(closes_at=life.now())

@@ -315,7 +315,12 @@ def _board(root: Xml.Element, history: History, board: BoardNote, site_url: str)
     _link(entry, address, "alternate")
     _text(entry, "updated", iso(board.shown_from))
     made_under = f"Protocol {board.protocol}, content {board.digest}."
-    said = [f"{title} is shown again" if board.again else board.news, *board.what_changed, board.findings, made_under]
+    said = [
+        f"{title} is shown again" if board.again else board.news,
+        *board.what_changed,
+        board.findings,
+        made_under,
+    ]
     _text(entry, "summary", " ".join(f"{words.rstrip('.')}." for words in said if words))
 
 

@@ -291,7 +291,7 @@ def find_chosen_board(session: Session, query: BoardQuery) -> BoardRow:
     """
     phase = choose_phase(session, query)
     if phase is None:
-        raise NotFound("phase of the challenge", "any")
+        raise NotFound("phase", "", " yet")
     row = choose_board(session, phase, query)
     if row is None:
         raise NotFound("such board of the phase", phase.id)
@@ -350,7 +350,7 @@ def read_history(session: Session, query: BoardQuery) -> History:
     """
     phase = choose_phase(session, query)
     if phase is None:
-        raise NotFound("phase", "")
+        raise NotFound("phase", "", " yet")
     newest = (
         select(BoardFlip, BoardRow)
         .join(BoardRow, BoardRow.id == BoardFlip.board_id)

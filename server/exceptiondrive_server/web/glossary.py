@@ -46,7 +46,7 @@ _WORDS = {
     "outcome": Term(
         "What happened",
         "All samples of a row, in parts that sum to 100 %. The small squares below are the hazard "
-        "families, darker where the first metric is better.",
+        "families, stronger in colour where the first metric is better.",
     ),
     "original": Term(
         "Original scene",

@@ -107,6 +107,11 @@ def with_unit(metric: Metric, text: str) -> str:
     return f"{text}{THIN_SPACE}{unit_of(metric)}"
 
 
+def percent(share: float) -> str:
+    """Write a share that somebody set, such as that of intervals: `95 %`."""
+    return f"{100 * share:g}{THIN_SPACE}%"
+
+
 def fixed(value: float, decimals: int) -> str:
     """Write a number with a real minus sign."""
     return decimal_text(value, decimals).replace("-", MINUS)

@@ -161,6 +161,7 @@ def environment() -> Environment:
         short=numbers.short_digest,
         grouped=numbers.grouped,
         fixed=numbers.fixed,
+        percent=numbers.percent,
         counted=counted,
         px=px,
         size=numbers.size_text,

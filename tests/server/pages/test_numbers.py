@@ -18,6 +18,7 @@ from exceptiondrive_server.web.numbers import (
     grouped,
     listed,
     minute,
+    percent,
     short_digest,
     size_text,
     slug,
@@ -53,6 +54,12 @@ def test_a_page_writes_a_metric_as_messages_and_commands_do(value: float, decima
     for metric in PLANNING.metrics:
         told = metric_text(metric, value, publication)
         assert Digits.of(publication).text(metric, value) == told.replace("-", "\u2212")
+
+
+def test_a_share_that_somebody_set_keeps_the_decimals_that_it_has() -> None:
+    assert [percent(share) for share in (0.95, 0.57, 0.995)] == [
+        f"{text}\u202f%" for text in ("95", "57", "99.5")
+    ]
 
 
 def test_minus_zero_is_written_as_zero() -> None:
