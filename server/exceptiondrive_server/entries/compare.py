@@ -96,7 +96,7 @@ class Against(NamedTuple):
 
 
 def against(board: Board, one: BoardEntry, other: BoardEntry, digits: Digits) -> Against:
-    """Compare two entries by the metric that ranks first, one minus the other."""
+    """Compare two entries by the first metric, one minus the other."""
     if one is other:
         return Against("self")
     first = challenge_of(board).metrics[0]

@@ -48,6 +48,17 @@ def test_the_verdict_never_says_more_than_the_data(
     assert words in Comparison(lively_board, *pair, Digits()).verdict
 
 
+def test_ranks_that_follow_another_metric_are_not_said_to_overlap(lively_board: Board) -> None:
+    first, last = entry(lively_board, "Kestrel"), entry(lively_board, "nerve")
+    a, b = (
+        one.model_copy(update={"rank": other.rank, "rank_interval": other.rank_interval})
+        for one, other in ((first, last), (last, first))
+    )
+    said = Comparison(lively_board, a, b, Digits()).verdict
+    assert "HCC: Kestrel-2 is" in said
+    assert "The ranks that each could have do not overlap." in said
+
+
 def test_equal_published_values_are_called_equal(lively_board: Board) -> None:
     one = entry(lively_board, "Kestrel")
     both = Comparison(lively_board, one, one, Digits())
