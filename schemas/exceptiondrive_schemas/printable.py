@@ -45,13 +45,14 @@ def counted(count: int, noun: str, plural: str | None = None) -> str:
     return f"{count:,} {noun if count == 1 else plural or noun + 's'}"
 
 
-def decimal_text(value: float, decimals: int) -> str:
+def decimal_text(value: float, decimals: int, minus: str = "-") -> str:
     """Return a number with so many decimals, never as minus zero.
 
     A half is rounded away from zero as it reads in decimals: 47.15 is 47.2, whatever its bits are.
     """
     nudged = value + math.copysign(1e-9, value)
-    return f"{round(nudged, decimals) + 0.0:.{decimals}f}"  # adding zero turns -0.0 into 0.0
+    text = f"{round(nudged, decimals) + 0.0:.{decimals}f}"  # adding zero turns -0.0 into 0.0
+    return text.replace("-", minus)
 
 
 def first_of(names: Sequence[str]) -> str:

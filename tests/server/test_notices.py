@@ -266,8 +266,10 @@ FROZEN_AT = datetime(2026, 1, 2, 3, 4, tzinfo=UTC)
         (
             -1,
             {"late_entries": "own_view"},
-            "It came after the deadline, so it holds no rank and moves none, unless the organizers "
-            "move the deadline.",
+            (
+                "It came after the deadline, so it holds no rank and moves none, unless the "
+                "organizers move the deadline."
+            ),
         ),
         (3, {"entries_private": True}, "It is private, and ranks nowhere until"),
         (

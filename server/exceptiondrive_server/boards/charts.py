@@ -19,7 +19,6 @@ from exceptiondrive_server.boards.entry_facts import (
     entry_key,
     flags_of,
     interval_of,
-    is_listed,
     primary_metrics,
     values_of,
 )
@@ -222,10 +221,11 @@ def charted_entries(board: Board) -> tuple[BoardEntry, ...]:
 
 def _not_charted(board: Board) -> str:
     """Say which scored entries the chart of a board leaves out; nothing where it draws all."""
-    listed = sum([is_listed(entry) for entry in board.entries])
-    ranked = sum([entry.rank is not None for entry in board.entries])
-    if ranked + listed <= MAX_SCORED:
+    scored = [entry for entry in board.entries if entry.source == "scored"]
+    if len(scored) <= MAX_SCORED:
         return ""
+    ranked = sum([entry.rank is not None for entry in scored])
+    listed = len(scored) - ranked
     drawn = f"all {ranked} ranked" if ranked else ""
     if ranked > MAX_SCORED:
         drawn = f"the first {MAX_SCORED} of {ranked:,} ranked"
