@@ -60,7 +60,7 @@ class ReminderEffect(Document):
 class PairedComparison(Document):
     """Two entries on the same samples and the same draws; every difference is A minus B.
 
-    Overall by metric; each family and task by the metric that ranks first. A difference is that of the
+    Overall by metric; each family and task by the first metric of the challenge. A difference is that of the
     two published values, to the last digit; of shifts and progress, which a sample may leave undefined,
     it is over the samples that both define, as its interval is. A task's interval is rounded
     outward to whole per cents and gives its verdict; how many of its samples differ is not said.
@@ -131,7 +131,7 @@ class BoardEntry(Document):
 
 
 class BoardLeader(Document):
-    """Who led a board, and the value of the metric that ranks first."""
+    """Who led a board, and the value of the first metric of the challenge."""
 
     submission_id: str
     method: str
@@ -148,7 +148,7 @@ class EntryNews(Document):
     rank: int | None
     """On the newer of the two boards that it stands on."""
     before: float | None
-    """The metric that ranks first, on the board before; None of an entry that came in. Of a new run, that of
+    """The first metric of the challenge, on the board before; None of an entry that came in. Of a new run, that of
     the run whose place it took."""
     after: float | None
     """The same on this board; None of an entry that left."""

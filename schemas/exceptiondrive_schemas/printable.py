@@ -4,6 +4,7 @@ Uploads are refused names that cannot be shown (`checked_text`). Outputs do not 
 rows, hand-made records and foreign servers are cleaned here once more, just before they are shown.
 """
 
+import math
 import re
 import unicodedata
 from collections.abc import Sequence
@@ -80,6 +81,16 @@ def counted(count: int, noun: str, plural: str | None = None) -> str:
 def percent_of(n: int, of: int) -> str:
     """Return a share in per cent, to two places; a dash where nothing came in."""
     return f"{100 * n / of:.2f} %" if of else "–"
+
+
+def decimal_text(value: float, decimals: int, minus: str = "-") -> str:
+    """Return a number with so many decimals, never as minus zero.
+
+    A half is rounded away from zero as it reads in decimals: 47.15 is 47.2, whatever its bits are.
+    """
+    nudged = value + math.copysign(1e-9, value)
+    text = f"{round(nudged, decimals) + 0.0:.{decimals}f}"  # adding zero turns -0.0 into 0.0
+    return text.replace("-", minus)
 
 
 def first_of(names: Sequence[str]) -> str:

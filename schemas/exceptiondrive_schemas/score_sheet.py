@@ -6,6 +6,7 @@ from pydantic import ConfigDict, Field, TypeAdapter, WithJsonSchema
 
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenges import ChallengeId, Metric
+from exceptiondrive_schemas.printable import decimal_text
 from exceptiondrive_schemas.protocol import Average, ProtocolDocument, PublicationSection
 from exceptiondrive_schemas.python310 import Self
 from exceptiondrive_schemas.split import SplitRef
@@ -154,7 +155,7 @@ def metric_text(
         number = 100 * round(value, decimals + 2)
     else:
         number, decimals = value, publication.metre_decimals if publication else 2
-    return f"{round(number, decimals) + 0.0:.{decimals}f}"  # adding zero turns -0.0 into 0.0
+    return decimal_text(number, decimals)
 
 
 def text_with_unit(

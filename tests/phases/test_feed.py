@@ -1,6 +1,7 @@
 """The feed says what changed as a board took the place of another."""
 
 from typing import TYPE_CHECKING
+from xml.etree import ElementTree as Xml
 
 from tests.phases.life import SAMPLES
 from tests.records.statements import of_board_texts, statements
@@ -28,6 +29,33 @@ def test_an_update_says_what_it_changed_and_keeps_its_reason(life: "Life") -> No
     assert "takes 2 -&gt; 5. " in sentences, "each change ends before the next one begins"
     assert ".." not in sentences
     assert "as announced" not in "".join([first, *others]), "reasons stay with the organizers"
+
+
+def test_a_board_that_is_shown_again_is_told_again(life: "Life") -> None:
+    life.make_phase(split="plain")
+    life.submit("alpha", 1.0, "Net", "plain")
+    life.work()
+    with life.database.write() as session:
+        add_protocol(session, packaged_protocol_toml("1.1"), "test")
+    run = life.start_run(protocol="1.1")
+    life.apply(run)
+
+    def entries() -> list[tuple[str, ...]]:
+        feed = Xml.fromstring(life.get("/feed.atom?phase=test").text)
+        return [
+            tuple(each.findtext(f"{{*}}{name}", "") for name in ("id", "updated", "title"))
+            for each in feed.findall("{*}entry")
+            if "Board" in each.findtext("{*}title", "")
+        ]
+
+    before = entries()
+    life.done(f"/rescoring/{run}/rollback")
+    (again, shown_at, title), *others = entries()
+    assert others == before
+    assert len({again, *(name for name, *_ in before)}) == 3
+    assert life.json("/api/v1/boards?phase=test")[0]["shown_from"][:19] == shown_at[:19]
+    assert title == "Board 1 of Test: shown again"
+    assert entries()[0][0] == again, "its name stays"
 
 
 def test_a_feed_reads_no_board_twice_however_many_others_were_read(life: "Life") -> None:

@@ -52,7 +52,11 @@ def test_news_stand_on_the_page_in_the_feed_and_in_every_inbox_until_withdrawn(
     (published,) = life.json("/api/v1/phases/test/news")
     assert last_line(life) == ("news published", published["id"])
     assert "It is on <strong>Friday</strong> now." in life.get("/phases/test").text
-    assert "The workshop moves" in life.get("/feed.atom?phase=test").text
+    feed = life.get("/feed.atom?phase=test").text
+    assert "The workshop moves" in feed
+    anchor = f"news-{published['id']}"
+    assert feed.count(f"/phases/test#{anchor}") == 2, "name and link"
+    assert f'id="{anchor}"' in life.get("/phases/test").text
     for team in ("alpha", "beta"):
         assert "The workshop moves" in inbox(life, team)[0]
         assert told(life, team) == ["It is on Friday now."]

@@ -49,6 +49,26 @@ def test_a_page_without_texts_has_no_empty_sections(life: "Life") -> None:
         assert absent not in words
 
 
+def test_a_page_says_what_of_an_entry_stands_on_the_board(life: "Life") -> None:
+    life.make_phase(split="plain", policy={"entries_private": True, "anonymous": True})
+    words = text_of(life.get("/phases/test").text)
+    assert "An entry is private, and ranks nowhere, until its team publishes it." in words
+    assert "Teams and methods stand under pseudonyms until the organizers reveal them." in words
+    board = text_of(life.get("/?phase=test").text)
+    assert "They appear on the board once your team publishes the entry." in board
+
+
+def test_what_comes_to_a_closed_phase_appears_on_its_late_view(life: "Life") -> None:
+    life.make_phase(split="plain", closes_at=life.ahead(60), policy={"late_entries": "own_view"})
+    life.submit("alpha", 1.0, "Net", "plain")
+    life.work()
+    life.move(closes_at=life.now())
+    board = text_of(life.get("/?phase=test").text)
+    assert "They appear on the late view within seconds." in board
+    own = text_of(visitor(life, "alpha").get("/my").text)
+    assert "Test closed: it stands on the late view alone 19 19 of 20 100 of 100" in own
+
+
 @pytest.mark.parametrize("name", ["data_url", "data_manifest_url"])
 @pytest.mark.parametrize("url", ["http://x.org/", "javascript:alert(1)", "https://a@x.org/", "x"])
 def test_a_data_link_is_an_https_address(life: "Life", name: str, url: str) -> None:

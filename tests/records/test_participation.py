@@ -83,6 +83,12 @@ def told(world: World, team_id: int | None = None) -> list[str]:
         return [one.title for one in list_notifications(session, team_id or world.team_id)]
 
 
+def last_words(world: World) -> tuple[str, ...]:
+    """What the newest notification says beside its reason."""
+    with world.database.read() as session:
+        return list_notifications(session, world.team_id)[0].what_changed[1:]
+
+
 def last_action(world: World) -> str:
     with world.database.read() as session:
         line = session.scalars(select(AuditLine).order_by(AuditLine.id.desc()).limit(1)).one()
@@ -156,6 +162,24 @@ def test_a_disqualified_team_stands_nowhere_and_submits_nothing(world: World) ->
         disqualify_team(session, "alpha", **WHY)
     assert told(world)[0] == "Your team Alpha is disqualified in all phases"
     assert world.standing() == other.standing() == {}
+
+
+def test_who_is_reinstated_is_told_what_stays_disqualified(world: World) -> None:
+    one, two = world.scored("one", "Planner"), world.scored("two", "Planner")
+    with world.database.write() as session:
+        entry = disqualify_submission(session, one, **WHY).id
+        disqualify_submission(session, two, **WHY)
+        here = disqualify_team(session, "alpha", phase_id="dev", **WHY).id
+        everywhere = disqualify_team(session, "alpha", **WHY).id
+        reinstate(session, entry, **WHY)
+    assert last_words(world) == (
+        "Your team Alpha stays disqualified in all phases.",
+        "Your team Alpha stays disqualified in Development.",
+    )
+    with world.database.write() as session:
+        reinstate(session, everywhere, **WHY)
+        reinstate(session, here, **WHY)
+    assert last_words(world) == ("Your entry Planner stays disqualified in Development.",)
 
 
 def test_notes_of_an_anonymous_phase_join_with_no_other_by_phase_or_time(world: World) -> None:

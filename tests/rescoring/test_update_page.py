@@ -68,6 +68,24 @@ def test_readers_see_every_entry_before_and_after_a_run_that_was_applied(
     assert re.sub(run, "none", _told(hidden)) == _told(none), "told from none by no word"
 
 
+def test_a_family_that_is_not_told_is_called_so(
+    stage: Stage, api: "Api", make_protocol: Callable[..., str]
+) -> None:
+    toml = make_protocol("1.1", "min_samples_per_cell = 1\n", "min_samples_per_cell = 100\n")
+    stage.add_protocol(toml)
+    wanted = {"phase": "dev", "protocol": "1.1", "reason": "small families"}
+    run = api("POST", "/organizer/rescoring", json=wanted).json()["id"]
+    api("POST", f"/organizer/rescoring/{run}/start", json={"reason": "go"})
+    stage.work()
+    digest = api("GET", f"/organizer/rescoring/{run}/preview").json()["digest"]
+    api("POST", f"/organizer/rescoring/{run}/apply", json={"preview": digest, "reason": "go"})
+    answer = api.client.get(f"/rescoring/{run}", headers={"Accept": "text/html"})
+    cells = re.findall(r'<td class="sh same fam-col"[^>]*>(.*?)</td>', answer.text, re.DOTALL)
+    assert cells
+    for cell in cells:
+        assert re.match(r"\s*not told<small>was \d", cell), cell
+
+
 def _told(page: str) -> str:
     """What a page of a problem says, without the id of the request."""
     return re.sub(r"[0-9a-f]{32}", "REQUEST", page)

@@ -42,6 +42,7 @@ def test_a_run_shows_score_interval_change_and_trend(
     api.publish(make_entry("Planner", submission_id=second))
     newest, oldest = my_rows(api, browse)
     assert "±10.0" in newest.split()
+    assert 'data-k="HCC %"' in browse(api, who="alpha").get("/my").text
     assert "Stands in place of 1 other run." in newest
     assert "awaited" not in newest
     assert "±" not in oldest

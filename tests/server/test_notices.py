@@ -334,7 +334,14 @@ FROZEN_AT = datetime(2026, 1, 2, 3, 4, tzinfo=UTC)
 @pytest.mark.parametrize(
     ("closes_in_hours", "policy", "words"),
     [
-        (-1, {"late_entries": "own_view"}, "It came after the deadline, so it holds no rank"),
+        (
+            -1,
+            {"late_entries": "own_view"},
+            (
+                "It came after the deadline, so it holds no rank and moves none, unless the "
+                "organizers move the deadline."
+            ),
+        ),
         (3, {"entries_private": True}, "It is private, and ranks nowhere until"),
         (
             3,

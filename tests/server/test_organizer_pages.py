@@ -165,6 +165,8 @@ def test_the_overview_says_what_workers_refused_and_suspect(
     for address in ("/organize/audit?subject=sample", "/organize/similar/dev"):
         assert f'href="{address}"' in page
         assert organizer.get(address).status_code == 200
+    api.score(api.submit("a").json()["id"])
+    assert words not in organizer.get("/organize").text, "the floors let it through since"
 
 
 def test_submissions_are_narrowed_and_paged(

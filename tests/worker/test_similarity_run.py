@@ -88,6 +88,10 @@ def test_equal_files_equal_answers_and_near_ones_are_told_apart(crowd: World) ->
         ("Gamma", "Delta"): AlikeKind.NEAR,
     }
     assert (found.n_compared, found.n_waiting) == (5, 0)
+    crowd.score(upload(1), team="zeta")
+    again = report(crowd)
+    same = {(p.first.team, p.second.team) for p in again.pairs if p.kind is AlikeKind.EQUAL_FILES}
+    assert same == {("Alpha", "Beta"), ("Alpha", "Zeta"), ("Beta", "Zeta")}
     assert found.probing == ()
     order = [pair.n_different for pair in found.pairs]
     assert order == sorted(order)

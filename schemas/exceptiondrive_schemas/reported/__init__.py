@@ -26,7 +26,7 @@ class ReportedRow(Document):
     table: str
     metrics: dict[str, Printed]
     families: dict[str, Printed] = {}
-    """Family id to the metric that ranks first."""
+    """Family id to the first metric of the challenge."""
 
 
 class ReportedChallenge(Document):

@@ -12,7 +12,7 @@ from exceptiondrive_schemas.split import SplitRef
 class ImportedRow(Document):
     """One method on another board, with what it was measured on; None is what is not told.
 
-    Shares are fractions, lengths are metres. `families` holds the metric that ranks first.
+    Shares are fractions, lengths are metres. `families` holds the first metric of the challenge.
     """
 
     method: str

@@ -124,7 +124,7 @@ def news_between(old: Board, board: Board) -> BoardNews:
 
 
 class _Stood(NamedTuple):
-    """What news tell of an entry; `value` is of the metric that ranks first."""
+    """What news tell of an entry; `value` is of the first metric of the challenge."""
 
     method: str
     team: str

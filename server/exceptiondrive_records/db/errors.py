@@ -33,7 +33,7 @@ class NotFound(RecordsError):
     code = ProblemCode.NOT_FOUND
 
     def __init__(self, kind: str, name: str, until: str = "") -> None:
-        super().__init__(f"There is no {kind} {name!r}{until}.")
+        super().__init__(f"There is no {kind}{f' {name!r}' if name else ''}{until}.")
 
 
 class Conflict(RecordsError):

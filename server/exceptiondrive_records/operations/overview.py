@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 
-from sqlalchemy import Select, func, select
+from sqlalchemy import Select, exists, func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import PROBING_SUSPECTED, SPLIT_FLOOR_HELD
@@ -16,7 +16,7 @@ from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.runs import list_runs
 from exceptiondrive_records.rescoring.tables import RescoringRun
-from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.tables import OPEN_STATES, Job, WorkerHeartbeat, WorkState
 from exceptiondrive_schemas.api.submission import SubmissionStatus
@@ -103,12 +103,26 @@ def _of_workers(session: Session, action: str) -> Select[AuditLine]:
 
 
 def _floors_held(session: Session, open_runs: Sequence[RescoringRun]) -> list[AuditLine]:
-    """Return what is still asked: by a phase as it stands, or by a run that goes on."""
+    """Return what is still asked: by a phase as it stands, or by a run that goes on.
+
+    What was scored since is refused no longer.
+    """
     asked = {(phase.id, phase.protocol_digest) for phase in list_phases(session, with_hidden=True)}
     asked |= {(run.phase_id, run.to_protocol_digest) for run in open_runs}
-    versions = {(phase, find_protocol(session, digest).version) for phase, digest in asked}
-    lines = session.scalars(_of_workers(session, SPLIT_FLOOR_HELD))
-    return [it for it in lines if (it.detail["phase"], it.detail["protocol"]) in versions][:NEWEST]
+    digests = {(phase, find_protocol(session, digest).version): digest for phase, digest in asked}
+    found = []
+    for line in session.scalars(_of_workers(session, SPLIT_FLOOR_HELD)):
+        phase_id = line.detail["phase"]
+        digest = digests.get((phase_id, line.detail["protocol"]))
+        scored_since = exists().where(
+            ScoreSheetRow.protocol_digest == digest,
+            ScoreSheetRow.created_at > line.at,
+            ScoreSheetRow.submission_id == Submission.id,
+            Submission.phase_id == phase_id,
+        )
+        if digest is not None and not session.scalar(select(scored_since)):
+            found.append(line)
+    return found[:NEWEST]
 
 
 def lane_queue(session: Session, lane: Lane) -> LaneQueue:

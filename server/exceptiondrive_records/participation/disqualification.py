@@ -114,7 +114,7 @@ def _disqualify(
 def reinstate(
     session: Session, disqualification_id: int, *, reason: str, actor: str
 ) -> Disqualification:
-    """End a disqualification: what it took off the boards stands on the next ones.
+    """End a disqualification: what no other one keeps off the boards stands on the next ones.
 
     Raises:
         NotFound: There is none.
@@ -127,9 +127,33 @@ def reinstate(
         raise Conflict(f"It was reinstated at {row.reinstated_at:%Y-%m-%d %H:%M} UTC.")
     row.reinstated_at = database_now(session)
     detail = {"reason": checked_reason(reason)}
-    words = ["What was scored stands on the next board."]
+    words = [
+        f"{name} stays disqualified in {where}."
+        for name, where in (_named(session, team, each) for each in _lasting_beside(session, row))
+    ]
+    words = words or ["What was scored stands on the next board."]
     _publish(session, team, row, "reinstated", detail, words, actor)
     return row
+
+
+def _lasting_beside(session: Session, row: Disqualification) -> list[Disqualification]:
+    """What keeps off the boards some or all of what a row kept off."""
+    return [
+        each
+        for each in list_disqualifications(session, team_id=row.team_id)
+        if each.id != row.id
+        and each.reinstated_at is None
+        and (row.phase_id is None or each.phase_id in (None, row.phase_id))
+        and (row.submission_id is None or each.submission_id in (None, row.submission_id))
+    ]
+
+
+def _named(session: Session, team: Team, row: Disqualification) -> tuple[str, str]:
+    """What is disqualified, in the words to its team, and where."""
+    where = "all phases" if row.phase_id is None else find_phase(session, row.phase_id).title
+    if row.submission_id is None:
+        return f"Your team {team.name}", where
+    return f"Your entry {find_submission(session, row.submission_id).method}", where
 
 
 def _locked_team_of(session: Session, row: Submission | Disqualification) -> Team:
@@ -156,16 +180,14 @@ def _publish(
     session.flush()
     want_boards_of_team(session, team.id, row.phase_id)
     detail = {**detail, "disqualification": row.id}
-    where = "all phases"
+    name, where = _named(session, team, row)
     if row.phase_id is not None:
         detail["phase"] = row.phase_id
-        where = find_phase(session, row.phase_id).title
     if row.submission_id is None:
         audit(session, actor, f"team {done}", team.slug, detail)
-        name, address = f"Your team {team.name}", "/my"
+        address = "/my"
     else:
         audit(session, actor, f"submission {done}", row.submission_id, detail)
-        name = f"Your entry {find_submission(session, row.submission_id).method}"
         address = f"/submissions/{row.submission_id}"
     tell_team(
         session,

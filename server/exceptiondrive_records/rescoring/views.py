@@ -255,13 +255,10 @@ def update_words(session: Session, phase_id: str) -> dict[int, tuple[str, ...]]:
     """Return what changed as boards of a phase were shown, where an update was applied or taken back.
 
     Returns:
-        By key of the board, of when it was shown last. Reasons stay with the organizers.
+        By key of the flip. Reasons stay with the organizers.
     """
     runs = _runs_by_flip(session, phase_id)
-    flips = select(BoardFlip).where(BoardFlip.id.in_(runs)).order_by(BoardFlip.id)
-    return {
-        flip.board_id: _words_of(session, runs[flip.id], flip.id) for flip in session.scalars(flips)
-    }
+    return {flip_id: _words_of(session, run, flip_id) for flip_id, run in runs.items()}
 
 
 def _words_of(session: Session, run: RescoringRun, flip_id: int) -> tuple[str, ...]:

@@ -159,9 +159,10 @@ def _alike_pairs(known: dict[str, _Known]) -> Iterator[AlikePair]:
             other = known.get(found.submission_id)
             if other is None or other.team.id == each.team.id:
                 continue
+            is_same_file = other.submission.file_digest == each.submission.file_digest
             first, second = sorted((each, other), key=lambda one: order[one.submission.id])
             yield AlikePair(
-                kind=_kind(found),
+                kind=AlikeKind.EQUAL_FILES if is_same_file else _kind(found),
                 first=first.shown,
                 second=second.shown,
                 equal_share=found.equal_share,

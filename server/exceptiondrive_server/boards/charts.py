@@ -162,6 +162,8 @@ class ScatterChart:
     x_metric: Metric
     y_metric: Metric
     without: tuple[str, ...]
+    not_charted: str
+    """Which entries are left out since they are many, in a sentence."""
     has_edge: bool
     """Whether a reference stands at the left edge, since it has nothing along x."""
     description: str
@@ -217,6 +219,22 @@ def charted_entries(board: Board) -> tuple[BoardEntry, ...]:
     return (*scored[:MAX_SCORED], *references)
 
 
+def _not_charted(board: Board) -> str:
+    """Say which scored entries the chart of a board leaves out; nothing where it draws all."""
+    scored = [entry for entry in board.entries if entry.source == "scored"]
+    if len(scored) <= MAX_SCORED:
+        return ""
+    ranked = sum([entry.rank is not None for entry in scored])
+    listed = len(scored) - ranked
+    drawn = f"all {ranked} ranked" if ranked else ""
+    if ranked > MAX_SCORED:
+        drawn = f"the first {MAX_SCORED} of {ranked:,} ranked"
+    if listed and ranked >= MAX_SCORED:
+        return f"Drawn are {drawn}, and none that is listed without a rank."
+    rest = f"the first {MAX_SCORED - ranked} of {listed:,} listed without a rank" if listed else ""
+    return f"Drawn are {' and '.join(filter(None, [drawn, rest]))}."
+
+
 @template_filter
 def charted_values(
     board: Board, average: Average, chart: "ScatterChart"
@@ -268,6 +286,7 @@ def scatter_chart(
         x_metric=metrics[0],
         y_metric=metrics[1],
         without=tuple([e.method for e in entries if entry_key(e) not in drawn]),
+        not_charted=_not_charted(board),
         has_edge=not all(mark.has_x for mark in marks),
         description=_description(marks, metrics),
     )
@@ -668,7 +687,7 @@ def best_entries(board: Board, chosen: Sequence[str] = ()) -> tuple[BoardEntry, 
 
 
 def curve_chart(
-    known: Curves, average: Average, *, width: int = 640, height: int = 380
+    known: Curves, average: Average, digits: Digits, *, width: int = 640, height: int = 380
 ) -> CurveChart | None:
     """Draw the curves of some entries; None where there are none."""
     if not known:
@@ -697,5 +716,5 @@ def curve_chart(
         transform=transform,
         curves=tuple(curves),
         description="Share of samples that keep the whole required clearance: "
-        + ", ".join(f"{one.name} {one.at_required:.1%}" for one in curves),
+        + ", ".join(f"{one.name} {digits.fraction(one.at_required)} %" for one in curves),
     )

@@ -15,10 +15,10 @@ from exceptiondrive_schemas.board import (
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_schemas.score_sheet import Interval, ScoreSheet
 from exceptiondrive_server.boards.entry_facts import challenge_of, entry_key, flags_of, is_barred
 from exceptiondrive_server.boards.table import short_title
-from exceptiondrive_server.web.numbers import Digits, listed, unit_of
+from exceptiondrive_server.web.numbers import Digits, listed, percent, unit_of
 from exceptiondrive_server.web.templating import template_filter
 
 MAX_COMPARED = 6
@@ -49,7 +49,7 @@ class Comparison:
 
     @property
     def first(self) -> Metric:
-        """The metric that ranks first."""
+        """The first metric of the challenge, by which families and tasks are compared."""
         return self.challenge.metrics[0]
 
     @property
@@ -113,7 +113,7 @@ class Comparison:
         return (
             f"Sample by sample, the difference in {label} is "
             f"{self.digits.interval(self.first, found.interval, signed=True)} points "
-            f"({self.board.confidence:.0%} interval): {found.verdict if is_sure(found) else settled}."
+            f"({percent(self.board.confidence)} interval): {found.verdict if is_sure(found) else settled}."
         )
 
     @cached_property
@@ -202,18 +202,25 @@ def flagged(entries: Iterable[BoardEntry]) -> list[str]:
     return [f"{entry.method} is flagged: {flags_of(entry)}." for entry in entries if entry.flags]
 
 
+def _overlap(one: Interval, two: Interval) -> bool:
+    return one[0] <= two[1] and two[0] <= one[1]
+
+
+_NOT_PAIRED = "these two were not compared sample by sample, which could still settle it"
+
+
 def _certainty(ahead: BoardEntry, behind: BoardEntry, metric: Metric) -> str:
     """What rank intervals, else intervals, say of two that were not compared sample by sample."""
     if ahead.rank_interval and behind.rank_interval:
-        if ahead.rank_interval[1] < behind.rank_interval[0]:
+        if not _overlap(ahead.rank_interval, behind.rank_interval):
             return "The ranks that each could have do not overlap."
-        return "The ranks that each could have overlap: this split does not settle which is better."
+        return f"The ranks that each could have overlap; {_NOT_PAIRED}."
     one, two = ahead.intervals.get(metric.key), behind.intervals.get(metric.key)
     if one is None or two is None:
         return "Without intervals for both, this board does not say whether the order is sure."
-    if one[0] > two[1] or two[0] > one[1]:
+    if not _overlap(one, two):
         return "Their intervals do not overlap."
-    return "Their intervals overlap: this split does not settle which is better."
+    return f"Their intervals overlap; {_NOT_PAIRED}."
 
 
 @dataclass(frozen=True)
@@ -254,7 +261,7 @@ class DifferenceTable:
 def difference_table(
     both: Comparison, protocol: ProtocolDocument, sheets: Sheets
 ) -> DifferenceTable | None:
-    """Return the differences in the metric that ranks first; None where nothing is known."""
+    """Return the differences in the first metric; None where nothing is known."""
     lines = tuple(_differences(both, protocol, sheets))
     known = [line for line in lines if line.value is not None]
     if not known:

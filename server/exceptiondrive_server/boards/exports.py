@@ -249,16 +249,18 @@ EXPORTS: Mapping[str, Export] = {
 
 @dataclass(frozen=True)
 class BoardNote:
-    """One published board in sentences, in place of its entries: who leads, what is new, and why."""
+    """One board as it was shown once, in sentences in place of its entries: who leads, what is new, why."""
 
     number: int
     digest: str
     protocol: str
-    published_at: datetime
+    shown_from: datetime
     findings: str
     news: str
     what_changed: tuple[str, ...] = ()
     """What an update of protocol or split changed; its reason stays with the organizers."""
+    again: int | None = None
+    """Told apart by this where the board was shown before."""
 
 
 @dataclass(frozen=True)
@@ -270,11 +272,13 @@ class PhaseDate:
     words: str
     text: str = ""
     """More than the words, of news."""
+    anchor: str = ""
+    """Where news stand on the page of the phase."""
 
 
 @dataclass(frozen=True)
 class History:
-    """The boards of a phase, newest first."""
+    """The boards of a phase, each as often as it was shown, newest first."""
 
     phase: str
     title: str
@@ -290,7 +294,7 @@ def atom_feed(history: History, site_url: str) -> str:
     _text(root, "id", f"{site_url}/feed.atom?phase={history.phase}")
     _link(root, f"{site_url}/feed.atom?phase={history.phase}", "self")
     _link(root, f"{site_url}/?phase={history.phase}", "alternate")
-    times = [one.published_at for one in history.boards] + [one.at for one in history.dates]
+    times = [one.shown_from for one in history.boards] + [one.at for one in history.dates]
     _text(root, "updated", iso(max(times)) if times else "1970-01-01T00:00:00Z")
     author = Xml.SubElement(root, f"{{{ATOM}}}author")
     _text(author, "name", "ExceptionDrive")
@@ -305,12 +309,18 @@ def _board(root: Xml.Element, history: History, board: BoardNote, site_url: str)
     entry = Xml.SubElement(root, f"{{{ATOM}}}entry")
     address = f"{site_url}/?phase={history.phase}&board={board.number}"
     title = f"Board {board.number} of {history.title}"
-    _text(entry, "title", f"{title}: {board.news.rstrip('.')}" if board.news else title)
-    _text(entry, "id", address)
+    new = "shown again" if board.again else board.news
+    _text(entry, "title", f"{title}: {new.rstrip('.')}" if new else title)
+    _text(entry, "id", f"{address}#again-{board.again}" if board.again else address)
     _link(entry, address, "alternate")
-    _text(entry, "updated", iso(board.published_at))
+    _text(entry, "updated", iso(board.shown_from))
     made_under = f"Protocol {board.protocol}, content {board.digest}."
-    said = [board.news, *board.what_changed, board.findings, made_under]
+    said = [
+        f"{title} is shown again" if board.again else board.news,
+        *board.what_changed,
+        board.findings,
+        made_under,
+    ]
     _text(entry, "summary", " ".join(f"{words.rstrip('.')}." for words in said if words))
 
 
@@ -318,8 +328,8 @@ def _date(root: Xml.Element, history: History, date: PhaseDate, site_url: str) -
     entry = Xml.SubElement(root, f"{{{ATOM}}}entry")
     address = f"{site_url}/phases/{history.phase}"
     _text(entry, "title", date.words)
-    _text(entry, "id", f"{address}#{date.what}-{iso(date.at)}")
-    _link(entry, address, "alternate")
+    _text(entry, "id", f"{address}#{date.anchor or f'{date.what}-{iso(date.at)}'}")
+    _link(entry, f"{address}#{date.anchor}" if date.anchor else address, "alternate")
     _text(entry, "updated", iso(date.at))
     _text(entry, "summary", date.text or date.words)
 

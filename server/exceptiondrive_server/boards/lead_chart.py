@@ -1,4 +1,4 @@
-"""Best value over time: who led a phase since when, with its changes of protocol."""
+"""Who led a phase since when and with which value, with its changes of protocol."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -119,7 +119,7 @@ def lead_chart(
         protocols=_protocol_marks(marks, (left + right) / 2),
         x_title=_time_title(start, now),
         metric=metric,
-        description=f"Best {metric.label} in per cent over time. "
+        description=f"{metric.label} of who led, in per cent over time. "
         + "; ".join(_title(change, metric, digits) for change in changes[-12:]),
     )
 

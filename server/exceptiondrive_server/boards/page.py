@@ -119,8 +119,8 @@ def _shown(
         table=table,
         chart=scatter_chart(board, average),
         narrow_chart=scatter_chart(board, average, width=narrow, height=low),
-        curves_chart=curve_chart(curves, average),
-        narrow_curves=curve_chart(curves, average, width=narrow, height=low),
+        curves_chart=curve_chart(curves, average, digits),
+        narrow_curves=curve_chart(curves, average, digits, width=narrow, height=low),
         effects=effect_lines(board, digits),
         both=Comparison(board, *pair, digits) if pair else None,
         pair_plot=dot_plot(board, pair, digits, order=families.order) if pair else None,
@@ -210,6 +210,8 @@ class PhaseLink:
     """Whether its page says where scenes and pictures are had."""
     not_checked: tuple[str, ...]
     """What nobody checks of a file for it, in sentences."""
+    entries_private: bool
+    """Whether an entry stands nowhere until its team publishes it."""
     run_rule: str
     """Which run of a method stands, in a sentence."""
     url: str
@@ -448,9 +450,13 @@ class BoardPage:
 
     @property
     def shows_new(self) -> str:
-        """When what is scored now stands on the board."""
-        is_frozen = self.now is not None and self.now.frozen_since is not None
-        return "when the organizers reveal it" if is_frozen else "within seconds"
+        """Where what is scored now stands, and when."""
+        takes_late = self.phase is not None and self.phase.takes_late
+        where = f"on the {'late view' if takes_late else 'board'}"
+        if self.now is not None and self.now.frozen_since is not None:
+            return f"{where} when the organizers reveal it"
+        is_private = self.phase is not None and self.phase.entries_private
+        return f"{where} {'once your team publishes the entry' if is_private else 'within seconds'}"
 
     @property
     def banners(self) -> tuple[Notice, ...]:

@@ -112,7 +112,7 @@ def show_history(request: Request, query: BoardQueryOf) -> Response:
 def _history(session: Session, query: BoardQuery) -> Reading:
     phases, phase = read_phases(session, query)
     if phase is None:
-        raise NotFound("phase of the challenge", "any")
+        raise NotFound("phase", "", " yet")
     lines, who = board_history(session, phase.id), leads(session, phase.id)
     has_late_view = late_board(session, phase.id) is not None
     now = database_now(session).replace(second=0, microsecond=0)  # the chart ends with this minute

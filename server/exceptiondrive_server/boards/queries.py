@@ -16,7 +16,6 @@ from exceptiondrive_records.boards.boards import (
     latest_public_board,
     parsed_board,
     public_protocols,
-    was_shown,
 )
 from exceptiondrive_records.boards.reported import reported_boards
 from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
@@ -213,6 +212,7 @@ def phase_link(session: Session, phase: Phase, is_current: bool = False) -> Phas
         split_is_public=split.public_file_digest is not None,
         has_data=bool(phase.page.data_url or phase.page.data_manifest_url),
         not_checked=not_checked(phase.challenge, whole),
+        entries_private=phase.policy.entries_private,
         run_rule=phase.policy.run_rule,
         url=f"/?phase={phase.id}#board",
     )
@@ -291,7 +291,7 @@ def find_chosen_board(session: Session, query: BoardQuery) -> BoardRow:
     """
     phase = choose_phase(session, query)
     if phase is None:
-        raise NotFound("phase of the challenge", "any")
+        raise NotFound("phase", "", " yet")
     row = choose_board(session, phase, query)
     if row is None:
         raise NotFound("such board of the phase", phase.id)
@@ -350,15 +350,21 @@ def read_history(session: Session, query: BoardQuery) -> History:
     """
     phase = choose_phase(session, query)
     if phase is None:
-        raise NotFound("phase", "")
+        raise NotFound("phase", "", " yet")
     newest = (
-        select(BoardRow)
-        .where(BoardRow.phase_id == phase.id, was_shown())
-        .order_by(BoardRow.number.desc())
+        select(BoardFlip, BoardRow)
+        .join(BoardRow, BoardRow.id == BoardFlip.board_id)
+        .where(BoardFlip.phase_id == phase.id)
+        .order_by(BoardFlip.at.desc(), BoardFlip.id.desc())
         .limit(_NEWEST_BOARDS)
     )
     changes = update_words(session, phase.id)
-    notes = tuple([_note(session, row, changes.get(row.id, ())) for row in session.scalars(newest)])
+    notes = tuple(
+        [
+            _note(session, flip, row, changes.get(flip.id, ()))
+            for flip, row in session.execute(newest)
+        ]
+    )
     return History(
         phase.id,
         phase.title,
@@ -369,7 +375,7 @@ def read_history(session: Session, query: BoardQuery) -> History:
 
 def _news(session: Session, phase_id: str) -> Iterator[PhaseDate]:
     for row in news_of(session, phase_id):
-        yield PhaseDate("news", row.published_at, row.title, row.text)
+        yield PhaseDate("news", row.published_at, row.title, row.text, f"news-{row.id}")
 
 
 def _dates(phase: Phase, now: datetime) -> Iterator[PhaseDate]:
@@ -384,9 +390,12 @@ def _dates(phase: Phase, now: datetime) -> Iterator[PhaseDate]:
             yield PhaseDate("announced", phase.created_at, words)
 
 
-def _note(session: Session, row: BoardRow, what_changed: tuple[str, ...]) -> BoardNote:
+def _note(
+    session: Session, flip: BoardFlip, row: BoardRow, what_changed: tuple[str, ...]
+) -> BoardNote:
     note = _NOTES.get(row.told) or _NOTES.keep(row.told, _note_of_board(session, row), 1)
-    return replace(note, what_changed=what_changed)
+    again = None if flip.at == row.told_at else flip.id
+    return replace(note, shown_from=flip.at, what_changed=what_changed, again=again)
 
 
 def _note_of_board(session: Session, row: BoardRow) -> BoardNote:

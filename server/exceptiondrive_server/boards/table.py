@@ -12,7 +12,7 @@ from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.method_facts import NO_FACTS, FactsOfBoard
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.protocol import ProtocolDocument, RankingSection
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow
 from exceptiondrive_server.boards.entry_facts import (
     BADGES,
@@ -46,6 +46,7 @@ from exceptiondrive_server.web.numbers import (
     Scale,
     grouped,
     nice_scale,
+    percent,
     unit_of,
     with_unit,
 )
@@ -245,7 +246,7 @@ class RowBuilder:
         return Whisker(axis.at(value), low, high - low, words)
 
     def _interval_words(self, metric: Metric, interval: Interval) -> str:
-        return f"{self.board.confidence:.0%} interval {self.digits.interval(metric, interval)}"
+        return f"{percent(self.board.confidence)} interval {self.digits.interval(metric, interval)}"
 
     def _tiles(self, entry: BoardEntry) -> tuple[FamilyTile, ...]:
         """One tile per family of the board, in its order; none if the entry has none."""
@@ -406,10 +407,15 @@ class Column:
     sort_words: str
 
 
-def metric_columns(challenge: Challenge, query: BoardQuery) -> tuple[Column, ...]:
-    """Return the heads of all shown metrics, in the challenge's order."""
+def metric_columns(
+    challenge: Challenge, query: BoardQuery, ranks_by: str | None = None
+) -> tuple[Column, ...]:
+    """Return the heads of all shown metrics, in the challenge's order.
+
+    `ranks_by` is the metric in whose order the rows stand by rank; None where that is none shown.
+    """
     shown = shown_metrics(challenge, query)
-    return tuple([_metric_column(challenge, metric, query) for metric in shown])
+    return tuple([_metric_column(challenge, metric, query, ranks_by) for metric in shown])
 
 
 def shown_metrics(challenge: Challenge, query: BoardQuery) -> tuple[Metric, ...]:
@@ -436,8 +442,10 @@ def date_column(challenge: Challenge, query: BoardQuery) -> Column:
     return Column("date", "", "Submitted", "", "", "Date of submission", "date", url, order, words)
 
 
-def _metric_column(challenge: Challenge, metric: Metric, query: BoardQuery) -> Column:
-    order, url = _sorting(challenge, query, metric.key)
+def _metric_column(
+    challenge: Challenge, metric: Metric, query: BoardQuery, ranks_by: str | None
+) -> Column:
+    order, url = _sorting(challenge, query, metric.key, ranks_by)
     first: Order = "descending" if _first_sort(challenge, metric.key)[0] == "-" else "ascending"
     words = _DIRECTION_WORDS[metric.better][order or first]
     is_component = metric.label.startswith("CTS") and len(metric.label) == 4
@@ -461,10 +469,12 @@ def _first_sort(challenge: Challenge, key: str) -> str:
     return key if key == "method" or is_low_first else f"-{key}"
 
 
-def _sorting(challenge: Challenge, query: BoardQuery, key: str) -> tuple[Order | None, str]:
+def _sorting(
+    challenge: Challenge, query: BoardQuery, key: str, ranks_by: str | None = None
+) -> tuple[Order | None, str]:
     """The direction in which `key` sorts now, if it does, and the address that sorts by it."""
     first = _first_sort(challenge, key)
-    is_by_rank = query.sort == BY_RANK and key == challenge.metrics[0].key
+    is_by_rank = query.sort == BY_RANK and key == ranks_by
     sort = first if is_by_rank else query.sort
     if sort.removeprefix("-") != key:
         return None, query.url(sort=first, anchor=f"s-{key}")
@@ -495,8 +505,7 @@ class BoardTable:
     number: int
     n_pages: int
     n_found: int
-    least_covered: float
-    """Share of the answers below which an entry takes no rank."""
+    ranking: RankingSection
 
     @property
     def average_words(self) -> str:
@@ -537,7 +546,10 @@ class BoardTable:
     @cached_property
     def columns(self) -> tuple[Column, ...]:
         """Heads of all shown metrics."""
-        return metric_columns(self.builder.challenge, self.query)
+        first = self.ranking.order_of(self.builder.challenge)[0].metric
+        return metric_columns(
+            self.builder.challenge, self.query, first if self.is_headline else None
+        )
 
     @cached_property
     def method_column(self) -> Column:
@@ -651,16 +663,19 @@ class BoardTable:
         """Say in a few words why a scored entry takes no rank."""
         labels = [flag.label for flag in entry.flags if flag.code in entry.unranked_flags]
         shares = [share for share in entry.coverage.values() if share is not None]
-        if shares and min(shares) < self.least_covered:
+        if shares and min(shares) < self.ranking.min_coverage:
             labels.append(f"{self.builder.digits.fraction(min(shares))} % answered")
         return ", ".join(labels) or _rank_words(entry)
 
     @cached_property
     def sort_sentence(self) -> str:
         """Say how the rows are sorted."""
-        query, metrics = self.query, self.builder.challenge.metrics
+        query, challenge = self.query, self.builder.challenge
         if query.sort == BY_RANK:
-            return f"Sorted by rank: {metrics[0].label}, then {metrics[1].label}."
+            order = self.ranking.order_of(challenge)
+            labels = ", then ".join([challenge.metric(key.metric).label for key in order])
+            average = "" if self.is_headline else f" of the {AVERAGE_TITLES[self.board.headline]}"
+            return f"Sorted by rank{average}: {labels}."
         column = next((column for column in self.columns if column.key == query.sort_key), None)
         if column:
             return f"{column.label}{column.subscript} {column.sort_words}; ranks stay as they are."
@@ -730,7 +745,6 @@ def board_table(
         if shown:
             rows = tuple([builder.row(entry) for entry in shown])
             blocks.append(Block(source, rows))
-    least_covered = protocol.ranking.min_coverage
     return BoardTable(
-        board, query, builder, tuple(blocks), number, n_pages, len(found), least_covered
+        board, query, builder, tuple(blocks), number, n_pages, len(found), protocol.ranking
     )

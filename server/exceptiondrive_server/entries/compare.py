@@ -65,8 +65,8 @@ def compare_page(reading: ComparedEntries) -> dict[str, Any]:
         "differences": difference_table(
             both, shown.protocol, (reading.sheets[0], reading.sheets[1])
         ),
-        "curves_chart": curve_chart(curves, board.headline),
-        "narrow_curves": curve_chart(curves, board.headline, width=350, height=300),
+        "curves_chart": curve_chart(curves, board.headline, digits),
+        "narrow_curves": curve_chart(curves, board.headline, digits, width=350, height=300),
         "average": AVERAGE_TITLES[board.headline],
         "against": [[against(board, one, other, digits) for other in entries] for one in entries],
         "verdict": verdict(board, entries, digits) if is_many else both.verdict,
@@ -96,7 +96,7 @@ class Against(NamedTuple):
 
 
 def against(board: Board, one: BoardEntry, other: BoardEntry, digits: Digits) -> Against:
-    """Compare two entries by the metric that ranks first, one minus the other."""
+    """Compare two entries by the first metric, one minus the other."""
     if one is other:
         return Against("self")
     first = challenge_of(board).metrics[0]

@@ -33,7 +33,7 @@ from exceptiondrive_server.boards.table import (
 from exceptiondrive_server.entries.motion import Motion, motion
 from exceptiondrive_server.entries.queries import EntryData
 from exceptiondrive_server.entries.sheet_tables import effect_table, sheet_tables
-from exceptiondrive_server.web.numbers import Digits, Scale, nice_scale
+from exceptiondrive_server.web.numbers import Digits, Scale, nice_scale, percent
 from exceptiondrive_server.web.templating import template_filter
 
 WHOLE = Scale((0.0, 1.0), (0.0, 100.0), ())
@@ -80,6 +80,7 @@ def entry_page(reading: EntryData) -> dict[str, Any]:
         "reading": reading,
         "challenge": challenge,
         "digits": digits,
+        "small_family": SMALL_FAMILY,
         "row": row,
         "position": position_of(row, board),
         "axis": WHOLE,
@@ -91,9 +92,9 @@ def entry_page(reading: EntryData) -> dict[str, Any]:
         "beside_others": None if shown else _beside_others(board, entry, digits),
         "beside_wide": None if shown else _beside_others(board, entry, digits, DOT_WIDE),
         "board_query": board_query,
-        "curve": curve_chart(curves, board.headline),
+        "curve": curve_chart(curves, board.headline, digits),
         "bars": clearance_bars(curve) if curve else (),
-        "narrow_curve": curve_chart(curves, board.headline, width=350, height=300),
+        "narrow_curve": curve_chart(curves, board.headline, digits, width=350, height=300),
         "plausibility": plausibility_lines(sheet.plausibility, plausibility) if sheet else (),
         "past_axis": _past_axis(reading, challenge.metrics[0]),
         "panels": shown,
@@ -147,9 +148,12 @@ def _past_axis(reading: EntryData, metric: Metric) -> Scale:
 def _beside_others(
     board: Board, entry: BoardEntry, digits: Digits, width: int = DOT_WIDTH
 ) -> DotPlot | None:
-    """An entry by family beside the best two others; where no scene of it can be drawn."""
+    """An entry by family beside the best two others; where no scene of it can be drawn.
+
+    None where nobody else is ranked.
+    """
     others = [other for other in best_entries(board) if other is not entry]
-    return dot_plot(board, [entry, *others[:2]], digits, width)
+    return dot_plot(board, [entry, *others[:2]], digits, width) if others else None
 
 
 def _picture_query(board: Board) -> str:
@@ -234,7 +238,7 @@ def plausibility_lines(
         ),
         "source_stationary": (
             f"paths in the original scenes that {still}",
-            f"above {section.flag_source_stationary:.0%}",
+            f"above {percent(section.flag_source_stationary)}",
             section.flag_source_stationary,
             "source_stands_still",
         ),
@@ -247,25 +251,25 @@ def plausibility_lines(
         "source_behind": ("paths in the original scenes that end behind the start", "", 1.0, ""),
         "blind": (
             f"pairs of paths, without and with the hazard, less than {section.blind_shift_below_m:g} m apart",
-            f"above {section.flag_blind:.0%}",
+            f"above {percent(section.flag_blind)}",
             section.flag_blind,
             "blind_to_the_edit",
         ),
         "impossible": (
             f"paths with the hazard above {section.max_acceleration_mps2:g} m/s\u00b2, {turning}, {first}",
-            f"above {section.flag_impossible:.0%}",
+            f"above {percent(section.flag_impossible)}",
             section.flag_impossible,
             "impossible_motion",
         ),
         "first_step": (
             "paths with the hazard whose first step the speed in the original scene does not allow",
-            f"above {section.flag_first_step:.0%}",
+            f"above {percent(section.flag_first_step)}",
             section.flag_first_step,
             "impossible_motion",
         ),
         "same_answer": (
             "answers that are the most frequent one",
-            f"above {section.flag_same_answer:.0%}",
+            f"above {percent(section.flag_same_answer)}",
             section.flag_same_answer,
             "same_answer",
         ),

@@ -230,7 +230,7 @@ def post_reinstatement(
     disqualification_id: Annotated[int, Path(ge=1, le=2**31 - 1)],
     deed: Deed,
 ) -> DisqualificationView:
-    """End a disqualification: what was scored stands on the next board."""
+    """End a disqualification: the next board shows what no other one keeps off it."""
     with services.database.write() as session:
         row = reinstate(session, disqualification_id, reason=deed.reason, actor=organizer.actor)
         return disqualification_view(session, row)

@@ -39,6 +39,7 @@ from exceptiondrive_server.participation.queries import allowance_view
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.browser_session import PostedForm
 from exceptiondrive_server.web.forms import REASON, filled, read, text_of, typed
+from exceptiondrive_server.web.numbers import minute
 from exceptiondrive_server.web.organizer_frame import (
     OrganizerBrowser,
     Step,
@@ -235,7 +236,7 @@ def allowance(services: ServicesOf, team_id: TeamId, phase_id: PhaseId) -> Step:
     with services.database.read() as session:
         team, phase = find_team(session, team_id), find_phase(session, phase_id)
         shown = texts(session)
-    until = f"{phase.closes_at:%Y-%m-%d %H:%M} UTC" if phase.closes_at else "none"
+    until = minute(phase.closes_at) if phase.closes_at else "none"
     return _step(
         team,
         title=f"Allowance of {team.name} in {phase.title}",
@@ -320,7 +321,8 @@ def reinstatement(
     step = _step(
         team,
         title=f"Reinstate {what} of {team.name}" if row.submission_id else f"Reinstate {team.name}",
-        meaning="What was taken off the boards stands on the next one. The team is told.",
+        meaning="What no other disqualification keeps off the boards stands on the next one. The team "
+        "is told.",
         button="Reinstate",
         fields=(TOLD_REASON,),
         facts=(("What", what), ("Where", where), ("Reason", row.reason)),

@@ -244,7 +244,7 @@ def show_my_submissions(
         if who.team_id is not None:
             unread = list_notifications(session, who.team_id, only_unread=True, limit=SHOWN_NOTICES)
             n_unread = count_unread(session, who.team_id)
-        quotas = [phase for phase in _phases(session, browser.services, who) if phase.is_open]
+        quotas = _to_submit_to(_phases(session, browser.services, who))
     can_decide = Scope.SUBMIT in who.scopes and who.team_id is not None
     lines = run_lines(seen, rules, ended=ended, can_decide=can_decide)
     has_tokens = Scope.TOKENS in who.scopes and who.team_id is not None

@@ -11,7 +11,7 @@ from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow
 from exceptiondrive_server.submissions.view import Status, actions_of, standing, status_of
-from exceptiondrive_server.web.numbers import Digits
+from exceptiondrive_server.web.numbers import Digits, heading
 
 SPARK_PX = (76, 22)
 
@@ -128,7 +128,7 @@ def _cell(
     if difference:
         is_better = (difference > 0) == (metric.better == "higher")
     return ScoreCell(
-        label=metric.label,
+        label=heading(metric),
         text=digits.text(metric, value) or "none",
         spread="" if interval is None or value is None else digits.spread(metric, value, interval),
         change=digits.signed(metric, difference),

@@ -32,7 +32,7 @@ def _of_metrics() -> Iterator[tuple[str, Term]]:
 _WORDS = {
     "rank": Term(
         "Rank and its range",
-        "The rank is by the first metric, then the second; equal numbers share a rank. A range such as "
+        "The rank is by the metric that the protocol names first, then by the next; equal numbers share a rank. A range such as "
         "1\u20133 beside it says which ranks the planner could have, given how much the scenes vary: "
         "other scenes of the same kind could have put it anywhere in there. Of a withheld split it follows "
         "from the intervals as they are told, so it can be wider than a comparison sample by sample says.",
@@ -46,7 +46,7 @@ _WORDS = {
     "outcome": Term(
         "What happened",
         "All samples of a row, in parts that sum to 100 %. The small squares below are the hazard "
-        "families, darker where the first metric is better.",
+        "families, stronger in colour where the first metric is better.",
     ),
     "original": Term(
         "Original scene",

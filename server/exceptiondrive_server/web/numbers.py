@@ -5,9 +5,10 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import lru_cache, partial
 
 from exceptiondrive_schemas.challenges import Metric
-from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.printable import counted, decimal_text
 from exceptiondrive_schemas.protocol import PublicationSection
 from exceptiondrive_schemas.score_sheet import Interval
 
@@ -107,9 +108,14 @@ def with_unit(metric: Metric, text: str) -> str:
     return f"{text}{THIN_SPACE}{unit_of(metric)}"
 
 
-def fixed(value: float, decimals: int) -> str:
-    """Write a number with a real minus sign and never as minus zero."""
-    return f"{round(value, decimals) + 0.0:.{decimals}f}".replace("-", MINUS)
+@lru_cache(maxsize=64)  # each interval of a board asks
+def percent(share: float) -> str:
+    """Write a share that somebody set, such as that of intervals: `95 %`."""
+    return f"{100 * share:g}{THIN_SPACE}%"
+
+
+fixed = partial(decimal_text, minus=MINUS)
+"""Write a number with so many decimals and a real minus sign."""
 
 
 def grouped(count: int) -> str:

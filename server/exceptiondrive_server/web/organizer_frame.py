@@ -28,7 +28,7 @@ DONE: Mapping[str, str] = {
     "team_forgotten": "The team is forgotten: an alias stands wherever it was named.",
     "allowance_set": "The allowance is set, and the team is told.",
     "disqualified": "Disqualified. The next board leaves it out, and the team is told.",
-    "reinstated": "Reinstated. The next board shows what was scored, and the team is told.",
+    "reinstated": "Reinstated. The next board shows what no other disqualification keeps off it.",
     "message_sent": "The message stands in the inboxes, and goes to the confirmed addresses.",
     "token_revoked": "The token is revoked. It no longer works.",
     "phase_created": "The phase is created.",

@@ -160,6 +160,8 @@ def environment() -> Environment:
         iso=numbers.iso,
         short=numbers.short_digest,
         grouped=numbers.grouped,
+        fixed=numbers.fixed,
+        percent=numbers.percent,
         counted=counted,
         px=px,
         size=numbers.size_text,

@@ -82,6 +82,18 @@ async def test_an_empty_board_invites_the_first_entry(site: Any, empty_board: Bo
     assert "Which planner keeps clear of the hazard?" in answer.text
 
 
+@pytest.mark.parametrize("path", ["/history", "/feed.atom", "/export/board.csv"])
+async def test_without_a_phase_there_is_none_yet(site: Any, path: str) -> None:
+    answer = await site.get(path)
+    assert answer.status_code == 404
+    assert "There is no phase yet." in answer.text
+
+
+async def test_a_family_says_its_share_of_the_samples(lively_site: Any) -> None:
+    said = "<small>n = 62</small><small>25.8 % of samples</small>"
+    assert said in (await lively_site.get("/")).text
+
+
 @pytest.mark.parametrize(
     "path",
     [
@@ -358,6 +370,8 @@ async def test_the_quick_start_says_so_where_a_phase_takes_nothing(lively_site: 
     text = (await lively_site.get("/submit?phase=past")).text
     assert "Past takes no submissions now: closed since 4 May 2020, 10:30 UTC." in text
     assert "What follows is for Sample." in text
+    assert 'data-k="Opens">from the start<' in text
+    assert 'data-k="Closes">4 May 2020, 10:30 UTC<' in text
 
 
 @pytest.mark.parametrize(

@@ -227,6 +227,24 @@ def test_a_board_says_by_what_it_is_sorted(
     assert view(lively_board, protocol, sort=sort).sort_sentence == said
 
 
+def test_rows_by_rank_stand_in_the_order_of_the_protocol(
+    lively_board: Board, protocol: ProtocolDocument
+) -> None:
+    order = tuple(reversed(protocol.ranking.order_of(PLANNING)))
+    ranking = protocol.ranking.model_copy(update={"order": {"planning": order}})
+    table = view(lively_board, protocol.model_copy(update={"ranking": ranking}))
+    assert table.sort_sentence == "Sorted by rank: UR, then HCC."
+    assert [(c.key, c.aria_sort) for c in table.columns if c.aria_sort] == [("ur", "ascending")]
+
+
+def test_under_the_other_average_no_column_stands_in_the_order_of_the_ranks(
+    lively_board: Board, protocol: ProtocolDocument
+) -> None:
+    table = view(lively_board, protocol, average="micro")
+    assert table.sort_sentence == "Sorted by rank of the mean of families: HCC, then UR."
+    assert not [column.key for column in table.columns if column.aria_sort]
+
+
 @pytest.mark.parametrize(
     ("number", "n_pages", "numbers"),
     [
@@ -243,8 +261,10 @@ def test_pages_that_are_not_named_are_one_gap(
     assert table.page_numbers == numbers
 
 
-def test_an_untouched_board_is_marked_as_sorted_by_the_metric_that_ranks() -> None:
-    columns = metric_columns(PLANNING, BoardQuery())
+def test_an_untouched_board_is_marked_as_sorted_by_the_metric_that_ranks(
+    lively_board: Board, protocol: ProtocolDocument
+) -> None:
+    columns = view(lively_board, protocol).columns
     assert [(c.key, c.aria_sort) for c in columns if c.aria_sort] == [("hcc", "descending")]
 
 

@@ -33,7 +33,7 @@ def entry(board: Board, method: str) -> Any:
 @pytest.mark.parametrize(
     ("a", "b", "words"),
     [
-        ("Kestrel", "LaneKeeper", "The ranks that each could have overlap"),
+        ("Kestrel", "LaneKeeper", "overlap; these two were not compared sample by sample, which"),
         ("Kestrel", "nerve", "The ranks that each could have do not overlap."),
         ("nerve", "Kestrel", "nerve is flagged: Blind to the edit."),
         ("Kestrel", "half", "half-a-file has no HCC"),
@@ -46,6 +46,17 @@ def test_the_verdict_never_says_more_than_the_data(
 ) -> None:
     pair = entry(lively_board, a), entry(lively_board, b)
     assert words in Comparison(lively_board, *pair, Digits()).verdict
+
+
+def test_ranks_that_follow_another_metric_are_not_said_to_overlap(lively_board: Board) -> None:
+    first, last = entry(lively_board, "Kestrel"), entry(lively_board, "nerve")
+    a, b = (
+        one.model_copy(update={"rank": other.rank, "rank_interval": other.rank_interval})
+        for one, other in ((first, last), (last, first))
+    )
+    said = Comparison(lively_board, a, b, Digits()).verdict
+    assert "HCC: Kestrel-2 is" in said
+    assert "The ranks that each could have do not overlap." in said
 
 
 def test_equal_published_values_are_called_equal(lively_board: Board) -> None:

@@ -6,6 +6,7 @@ from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.score_sheet import ClearanceCurve
 from exceptiondrive_server.boards.charts import clearance_bars, curve_chart
 from exceptiondrive_server.boards.query import Average
+from exceptiondrive_server.web.numbers import Digits
 
 CURVE = ClearanceCurve(step=0.5, micro=(0.95, 0.9, 0.4, 0.1), macro_family=(0.75, 0.5, 0.25, 0.0))
 
@@ -13,7 +14,7 @@ CURVE = ClearanceCurve(step=0.5, micro=(0.95, 0.9, 0.4, 0.1), macro_family=(0.75
 def test_a_curve_runs_through_its_shares_and_is_told_at_the_required_clearance(
     lively_board: Board,
 ) -> None:
-    chart = curve_chart(((lively_board.entries[0], CURVE),), "macro_family")
+    chart = curve_chart(((lively_board.entries[0], CURVE),), "macro_family", Digits())
     assert chart is not None
     across = {tick.text: float(tick.at) for tick in chart.x_ticks}
     up = {tick.text: float(tick.at) for tick in chart.y_ticks}
@@ -31,11 +32,11 @@ def test_a_curve_runs_through_its_shares_and_is_told_at_the_required_clearance(
     assert drawn == [pytest.approx(at, abs=0.1) for at in there]
 
 
-@pytest.mark.parametrize(("average", "said"), [("macro_family", "25.0%"), ("micro", "40.0%")])
+@pytest.mark.parametrize(("average", "said"), [("macro_family", "25.00 %"), ("micro", "40.00 %")])
 def test_the_description_says_the_share_that_keeps_all_of_it(
     lively_board: Board, average: Average, said: str
 ) -> None:
-    chart = curve_chart(((lively_board.entries[0], CURVE),), average)
+    chart = curve_chart(((lively_board.entries[0], CURVE),), average, Digits())
     assert chart is not None
     assert chart.description.endswith(f"the whole required clearance: Kestrel-2 {said}")
 

@@ -7,7 +7,8 @@ from typing import Any
 from xml.etree import ElementTree as Xml
 
 from tests.server.pages.invented_board import PROTOCOL
-from tests.server.pages.page_site import publish_late_view
+from tests.server.pages.page_site import publish_late_view, sheet_of
+from tests.server.pages.reading import read
 
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import add_protocol
@@ -30,7 +31,7 @@ async def test_an_entry_shows_all_tasks_both_averages_and_its_receipt(lively_sit
     assert "60.70" in text
     assert "sha256:" + "ab12" * 16 in text
     assert "41.2 kB" in text
-    assert "flag above 95%" in text
+    assert "flag above 95\u202f%" in text
 
 
 async def test_a_flag_is_explained_in_words(lively_site: Any) -> None:
@@ -54,9 +55,48 @@ async def test_what_the_paper_reports_has_a_page_of_its_own_and_no_other(
     assert "ST-P3" not in board
 
 
+async def test_whether_it_is_plausible_is_said_of_paths_or_of_answers(
+    lively_site: Any, lively_board: Board, strategy_board: Board
+) -> None:
+    agent = strategy_board.entries[0]
+    lively_site.create_phase("strategy", "strategy")
+    lively_site.publish(strategy_board)
+    shares = Plausibility(shares={"same_answer": 0.4})
+    sheet = sheet_of(lively_board.entries[0]).model_copy(
+        update={"challenge": "strategy", "tasks": {}, "plausibility": shares}
+    )
+    lively_site.keep_submission(agent, "strategy", sheet)
+    for path, said in (
+        ("s0000000kq", "what the paths look like in the original scene and in the scene with"),
+        (f"{agent.submission_id}?phase=strategy", "what the answers look like in the scene with"),
+    ):
+        text = read((await lively_site.get(f"/entries/{path}")).text).one("main").text
+        assert said in " ".join(text.split())
+
+
+async def test_the_strip_of_entries_explains_its_grey_ticks(
+    lively_site: Any, lively_board: Board
+) -> None:
+    assert "</svg>a reference" in (await lively_site.get("/entries/s0000000kq")).text
+    ranked = tuple(entry for entry in lively_board.entries if entry.rank is not None)
+    lively_site.publish(lively_board.model_copy(update={"entries": ranked}))
+    assert "</svg>a reference" not in (await lively_site.get("/entries/s0000000kq")).text
+
+
+async def test_an_entry_stands_beside_nobody_where_nobody_else_is_ranked(
+    lively_site: Any, lively_board: Board
+) -> None:
+    assert "Beside the best" in (await lively_site.get("/entries/s0000000kq")).text
+    alone = lively_board.model_copy(update={"entries": lively_board.entries[:1]})
+    lively_site.publish(alone)
+    text = (await lively_site.get("/entries/s0000000kq")).text
+    assert "Kestrel-2" in text
+    assert "Beside the best" not in text
+
+
 async def test_families_of_few_samples_are_set_apart(lively_site: Any) -> None:
     text = (await lively_site.get("/entries/s0000000kq")).text
-    assert "Numbers from few samples are set in italics." in text
+    assert "In italics: fewer than 30 samples." in text
     assert len(re.findall(r'class="fam few"', text)) == 2
     assert len(re.findall(r'class="fam"', text)) == 4
 

@@ -1,6 +1,7 @@
 """How numbers are written."""
 
 from datetime import UTC, datetime
+from decimal import ROUND_HALF_UP, Decimal
 
 import pytest
 from hypothesis import example, given
@@ -17,6 +18,7 @@ from exceptiondrive_server.web.numbers import (
     grouped,
     listed,
     minute,
+    percent,
     short_digest,
     size_text,
     slug,
@@ -55,9 +57,23 @@ def test_a_page_writes_a_metric_as_messages_and_commands_do(value: float, decima
         assert Digits.of(publication).text(metric, value) == told.replace("-", "\u2212")
 
 
+def test_a_share_that_somebody_set_keeps_the_decimals_that_it_has() -> None:
+    assert [percent(share) for share in (0.95, 0.57, 0.995)] == [
+        f"{text}\u202f%" for text in ("95", "57", "99.5")
+    ]
+
+
 def test_minus_zero_is_written_as_zero() -> None:
     assert fixed(-0.0001, 2) == "0.00"
     assert fixed(-1.5, 1) == "\u22121.5"
+
+
+@given(steps=st.integers(-10_000, 10_000))
+def test_fewer_decimals_than_are_published_are_those_of_the_published_text(steps: int) -> None:
+    share, published = steps / 10_000, Decimal(steps) / 100
+    for decimals in (0, 1, 2):
+        exact = published.quantize(Decimal(1).scaleb(-decimals), ROUND_HALF_UP) + 0
+        assert fixed(share * 100, decimals) == str(exact).replace("-", "\u2212")
 
 
 def test_counts_lists_and_sizes_read_like_a_sentence() -> None:

@@ -223,6 +223,30 @@ spots = st.lists(
 )
 
 
+@pytest.mark.parametrize(
+    ("ranked", "listed", "said"),
+    [
+        (19, 1, ""),
+        (21, 0, "Drawn are the first 20 of 21 ranked."),
+        (51, 2, "Drawn are the first 20 of 51 ranked, and none that is listed without a rank."),
+        (19, 2, "Drawn are all 19 ranked and the first 1 of 2 listed without a rank."),
+        (0, 21, "Drawn are the first 20 of 21 listed without a rank."),
+    ],
+)
+def test_a_chart_says_how_many_of_many_it_draws(
+    lively_board: Board, ranked: int, listed: int, said: str
+) -> None:
+    one = lively_board.entries[0]
+    entries = tuple(
+        one.model_copy(update={"submission_id": f"s{n}", "rank": n + 1 if n < ranked else None})
+        for n in range(ranked + listed)
+    )
+    chart = scatter_chart(lively_board.model_copy(update={"entries": entries}), "macro_family")
+    assert chart is not None
+    assert chart.not_charted == said
+    assert len(chart.points) == min(ranked + listed, 20)
+
+
 @given(spots)
 def test_labels_never_cover_each_other_and_stay_in_the_frame(
     anchors: list[tuple[str, float, float]],

@@ -154,7 +154,7 @@ def reinstate(
     number: Annotated[int, argument("NUMBER", "From `teams disqualified`.", min=1)],
     reason: ToldReason,
 ) -> Answer:
-    """End a disqualification: what was scored stands on the next board."""
+    """End a disqualification: the next board shows what no other one keeps off it."""
     row = organizer.reinstate(number, reason)
     return row, f"{row['submission'] or row['team']} reinstated"
 
