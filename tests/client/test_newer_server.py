@@ -24,7 +24,7 @@ from exceptiondrive import Client
 from exceptiondrive.cli import app
 from exceptiondrive.organizer import Organizer
 from exceptiondrive_schemas.api.phase_report import PhaseReport
-from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.base import Document, content_digest
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.publish.examples import EXAMPLES
@@ -254,7 +254,7 @@ def test_of_a_challenge_that_came_later_programs_get_everything(
         opened_at=None,
         closed_at=board.published_at,
         board=1,
-        board_digest=board.body_digest,
+        board_digest=content_digest(board),
         published_at=board.published_at,
         split=board.split,
         part=None,
