@@ -338,6 +338,25 @@ def test_of_a_challenge_that_came_later_programs_get_everything(
     assert "1,000 samples; 1 team, 0 ranked, 1 without a rank" in done.stdout, done.stderr
 
 
+@pytest.mark.parametrize(
+    ("words", "route", "name"),
+    [
+        (["notices"], "GET /notifications", "NotificationView"),
+        (["phases"], "GET /phases", "PhaseView"),
+        (["status", "text"], "GET /submissions/text", "SubmissionView"),
+    ],
+)
+def test_commands_show_what_has_words_that_are_not_known_here(
+    canned_server: "CannedServer", words: list[str], route: str, name: str
+) -> None:
+    (newer,) = (unheard_of(each[3], each[2]) for each in documented_answers() if each[0] == name)
+    canned_server.answer(route, 200, newer if words[0] == "status" else [newer])
+    told = run(canned_server.url, "t", words)
+    assert told.exit_code == 0, told.output
+    done = run(canned_server.url, "t", [*words, "--json"])
+    assert "of_tomorrow" in done.stdout, done.stderr
+
+
 def phase_of(board: Board) -> dict[str, Any]:
     """Return the phase of a board, as the oldest server tells it."""
     return {
