@@ -53,8 +53,8 @@ from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.split import Manifest, Split
 
 if TYPE_CHECKING:
+    from exceptiondrive_schemas.api.notifications import NotificationView
     from exceptiondrive_schemas.api.phase_report import PhaseReport
-    from exceptiondrive_schemas.api.rescoring import NotificationView
     from exceptiondrive_schemas.board import Board
     from exceptiondrive_schemas.receipt import Receipt, ReceiptKeys
 
@@ -673,7 +673,7 @@ class Client(Connection):
             unread: Only what was not read yet.
             limit: At most so many; None: all.
         """
-        from exceptiondrive_schemas.api.rescoring import NotificationView
+        from exceptiondrive_schemas.api.notifications import NotificationView
 
         _require_limit(limit)
         found: list[NotificationView] = []
@@ -692,7 +692,7 @@ class Client(Connection):
 
     def mark_read(self, notice_id: str) -> "NotificationView":
         """Mark a message as read."""
-        from exceptiondrive_schemas.api.rescoring import NotificationView
+        from exceptiondrive_schemas.api.notifications import NotificationView
 
         answer = self._transport.post(f"/notifications/{quoted(notice_id)}/read", dict)
         return read_answer(NotificationView.read, answer)

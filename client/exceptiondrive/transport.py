@@ -4,7 +4,6 @@ The one door to the HTTP library: nothing else in the client imports it.
 """
 
 import io
-import json
 import math
 import random
 import ssl
@@ -196,6 +195,8 @@ def error_of(problem: Problem, wait_s: float | None = None) -> ExceptionDriveErr
     """
     if problem.report is not None and problem.report.faults:
         return InvalidFileError(problem.report, problem.detail, SUBMIT_AGAIN)
+    if problem.code not in list(ProblemCode):
+        return _newer_problem(problem)
     if problem.code in _QUOTA_CODES:
         return QuotaError(problem.code.value, problem.detail, problem.resets_at)
     if problem.code in _PASSING:
@@ -228,18 +229,12 @@ def _again_in(wait_s: float | None) -> str:
     return f"Run the same command again in {length}, as the server asks."
 
 
-def _newer_problem(response: httpx.Response) -> ExceptionDriveError | None:
-    """Return the error for a problem whose code this client does not know; None: it is no problem."""
-    try:
-        said = json.loads(response.content)
-        code, detail = said["code"], said["detail"]
-    except (KeyError, TypeError, ValueError, RecursionError):
-        return None
-    if not (isinstance(code, str) and isinstance(detail, str)):
-        return None
-    usual = InvalidArgumentError if response.is_client_error else ServerError
+def _newer_problem(problem: Problem) -> ExceptionDriveError:
+    """Return the error for a problem whose code this client does not know."""
+    usual = InvalidArgumentError if problem.status < 500 else ServerError
     advice = "The newest client, from the page /client/ of the server, may know what to do."
-    return _KINDS_OF_STATUSES.get(response.status_code, usual)(code, detail, advice)
+    kind = _KINDS_OF_STATUSES.get(problem.status, usual)
+    return kind(problem.code.value, problem.detail, advice)
 
 
 def _unknown_answer(response: httpx.Response) -> ExceptionDriveError:
@@ -478,7 +473,7 @@ class Transport:
         try:
             error = error_of(Problem.read(response.content), retry_after_s(response))
         except ValidationError:
-            error = _newer_problem(response) or _unknown_answer(response)
+            error = _unknown_answer(response)
         path = urlsplit(self.server).path
         if path and isinstance(error, NotFoundError):
             advice = (
@@ -519,7 +514,7 @@ def _is_not_now(response: httpx.Response) -> bool:
     if response.status_code != 429:
         return response.status_code in RETRIED_STATUSES
     try:
-        return Problem.read(response.content).code is ProblemCode.TOO_MANY_REQUESTS
+        return Problem.read(response.content).code not in _QUOTA_CODES
     except ValidationError:
         return True
 

@@ -7,7 +7,8 @@ sorted keys, no blanks, UTF-8, shortest round-trip floats, never NaN or infinity
 import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from functools import partial
+from typing import Any, ClassVar, TypeVar
 
 from pydantic import (
     BaseModel,
@@ -18,11 +19,11 @@ from pydantic import (
     WrapValidator,
 )
 
+from exceptiondrive_schemas.forgiving import FORGIVING, read_newer
 from exceptiondrive_schemas.python310 import Self
 from exceptiondrive_schemas.short import html, short
 
-FORGIVING = "reader of answers"
-"""Validation context of `Document.read`."""
+_Read = TypeVar("_Read")
 
 
 class _Bare(str):
@@ -38,6 +39,9 @@ class Document(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, populate_by_name=True, ser_json_inf_nan="null"
     )
+
+    decides_scores: ClassVar[bool] = False
+    """Whether scores follow from it: then every word and number of an answer has to be known here."""
 
     def __repr_args__(self) -> Iterator[tuple[str, Any]]:
         """Yield what stands in the short form: what is not as by default, long values counted or cut."""
@@ -59,19 +63,25 @@ class Document(BaseModel):
     def read(cls, answer: str | bytes) -> Self:
         """Read an answer of the server, which may be newer: what is not known here is passed over.
 
+        A word that is none of the known ones stands as it is, and so does a number out of bounds.
         Files from participants and organizers are read by `model_validate_json`, which is strict.
         Validators that ask for known names look for `FORGIVING` in their context.
 
         Raises:
             ValidationError: What is known here is missing, or of another type.
         """
-        return cls.model_validate_json(answer, extra="allow", context=FORGIVING)
+        return cls._read(TypeAdapter(cls), answer)
 
     @classmethod
     def read_all(cls, answer: str | bytes) -> tuple[Self, ...]:
         """Read a list of them, as `read` does one."""
         many: TypeAdapter[tuple[Self, ...]] = TypeAdapter(tuple[cls, ...])  # type: ignore[valid-type]
-        return many.validate_json(answer, extra="allow", context=FORGIVING)
+        return cls._read(many, answer)
+
+    @classmethod
+    def _read(cls, kind: TypeAdapter[_Read], answer: str | bytes) -> _Read:
+        read = partial(kind.validate_json, extra="allow", context=FORGIVING)
+        return read(answer) if cls.decides_scores else read_newer(read, answer)
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """Return a copy; what was derived from the fields once is derived anew from the copy's."""

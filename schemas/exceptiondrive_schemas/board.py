@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic import Field
 
 from exceptiondrive_schemas.api.phase_settings import BoardView, SplitPart
-from exceptiondrive_schemas.base import Document, canonical_json, content_digest, pieces_digest
+from exceptiondrive_schemas.base import Document, canonical_json, pieces_digest
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.flags import bars_leading
 from exceptiondrive_schemas.method_facts import Links
@@ -229,11 +229,6 @@ class Board(Document):
     def content_digest(self) -> str:
         """Digest of what the board says, whatever its number and date."""
         return pieces_digest(self.canonical_pieces("board", "published_at"))
-
-    @cached_property
-    def body_digest(self) -> str:
-        """Digest of all that the board says: of the bytes that are recorded."""
-        return content_digest(self)
 
     def canonical_pieces(self, *left_out: str) -> Iterator[bytes]:
         """Yield the canonical JSON of the board, without some fields, entry by entry.

@@ -14,9 +14,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
-from exceptiondrive_schemas.base import FORGIVING, Document, content_digest
+from exceptiondrive_schemas.base import Document, content_digest
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge, RankKey
 from exceptiondrive_schemas.flags import FLAGS
+from exceptiondrive_schemas.forgiving import FORGIVING
 from exceptiondrive_schemas.protocols.faults import faults_of, unkeepable
 from exceptiondrive_schemas.python310 import Self, tomllib
 from exceptiondrive_schemas.taxonomy import Family, Strategy, Task, Taxonomy
@@ -183,6 +184,7 @@ class PublicationSection(Document):
 class ProtocolDocument(Document):
     """A complete, versioned protocol."""
 
+    decides_scores = True
     schema_: Literal["exceptiondrive.protocol/1"] = Field(alias="schema")
     version: Annotated[str, Field(pattern=r"^\d+\.\d+(\.\d+)?(-[a-z0-9.]+)?$")]
     title: str

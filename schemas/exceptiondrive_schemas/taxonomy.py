@@ -47,14 +47,14 @@ Key = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,63}$")]
 
 
 class Family(Document):
-    """One of the six planning-safety families."""
+    """One of the families of hazards that a protocol names."""
 
     id: Key
     title: str
 
 
 class Task(Document):
-    """One of the 21 tasks, with its required clearance and acceptable strategies."""
+    """One kind of hazard that a protocol names, with its required clearance and acceptable strategies."""
 
     id: Key
     name: Key

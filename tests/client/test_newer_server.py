@@ -24,7 +24,7 @@ from exceptiondrive import Client
 from exceptiondrive.cli import app
 from exceptiondrive.organizer import Organizer
 from exceptiondrive_schemas.api.phase_report import PhaseReport
-from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.base import Document, content_digest
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.publish.examples import EXAMPLES
@@ -154,19 +154,68 @@ def documented() -> dict[str, dict[str, Any]]:
     return {name: part for name, part in names.items() if name in known}
 
 
-def test_every_documented_answer_is_read_with_new_keys_at_every_depth() -> None:
+@functools.cache
+def documented_answers() -> tuple[tuple[str, type[Document], dict[str, Any], Any], ...]:
+    """Name, document, schema and a value of each."""
     examples = {type(example): example for example in (make() for make in EXAMPLES.values())}
-    found = documented()
-    assert {"Board", "SubmissionView", "Problem", "Receipt", "Me"} <= found.keys()
-    for name, schema in found.items():
-        kind = documents()[name]
-        example = examples.get(kind)
-        value = made(schema) if example is None else json.loads(example.model_dump_json())
+    known = documents()
+    return tuple(
+        (name, known[name], schema, made(schema) if example is None else _said(example))
+        for name, schema in documented().items()
+        for example in [examples.get(known[name])]
+    )
+
+
+def _said(example: Document) -> Any:
+    return json.loads(example.model_dump_json())
+
+
+def test_every_documented_answer_is_read_with_new_keys_at_every_depth() -> None:
+    found = documented_answers()
+    assert {"Board", "SubmissionView", "Problem", "Receipt", "Me"} <= {each[0] for each in found}
+    for name, kind, schema, value in found:
         today = kind.read(json.dumps(value))
         newer = kind.read(json.dumps(widened(value, schema)))
         assert without_new(newer.model_dump()) == today.model_dump(), name
         with pytest.raises(ValueError, match="Extra inputs are not permitted"):
             kind.model_validate_json(json.dumps(value | NEW))
+
+
+def unheard_of(value: Any, schema: dict[str, Any]) -> Any:
+    """The value with a word of tomorrow for each of several that are known, and each number out of bounds."""
+    schema = resolved(schema)
+    if "anyOf" in schema:
+        fitting = (part for part in schema["anyOf"] if _fits(value, resolved(part)))
+        return unheard_of(value, next(fitting, {}))
+    if isinstance(value, list):
+        parts = schema.get("prefixItems") or [schema.get("items", {})] * len(value)
+        return [unheard_of(item, part) for item, part in zip(value, parts, strict=True)]
+    if isinstance(value, dict):
+        fields, others = schema.get("properties", {}), schema.get("additionalProperties")
+        of_others = others if isinstance(others, dict) else {}
+        return {key: unheard_of(item, fields.get(key, of_others)) for key, item in value.items()}
+    if len(schema.get("enum", ())) > 1:
+        return "of_tomorrow"
+    return type(value)(schema["maximum"] + 1) if "maximum" in schema else value
+
+
+def test_every_documented_answer_is_read_with_words_and_numbers_that_are_not_known_here() -> None:
+    """But for those that scores follow from: there a word that is passed over would make another number."""
+    changed = set()
+    for name, kind, schema, value in documented_answers():
+        newer = unheard_of(value, schema)
+        if newer == value:
+            continue
+        changed.add(name)
+        with pytest.raises(ValueError, match="Input should be"):
+            kind.model_validate_json(json.dumps(newer))
+        if kind.decides_scores:
+            with pytest.raises(ValueError, match="Input should be"):
+                kind.read(json.dumps(newer))
+            continue
+        today = _said(kind.read(json.dumps(value)))
+        assert _said(kind.read(json.dumps(newer))) == unheard_of(today, schema), name
+    assert {"NotificationView", "PhaseView", "SubmissionView", "Problem"} <= changed
 
 
 @pytest.fixture
@@ -254,7 +303,7 @@ def test_of_a_challenge_that_came_later_programs_get_everything(
         opened_at=None,
         closed_at=board.published_at,
         board=1,
-        board_digest=board.body_digest,
+        board_digest=content_digest(board),
         published_at=board.published_at,
         split=board.split,
         part=None,
@@ -287,6 +336,25 @@ def test_of_a_challenge_that_came_later_programs_get_everything(
     canned_server.answer("GET /phases/dev/report", 200, of_planning.model_dump(mode="json"))
     done = run(canned_server.url, "t", ["report", "dev"])
     assert "1,000 samples; 1 team, 0 ranked, 1 without a rank" in done.stdout, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "route", "name"),
+    [
+        (["notices"], "GET /notifications", "NotificationView"),
+        (["phases"], "GET /phases", "PhaseView"),
+        (["status", "text"], "GET /submissions/text", "SubmissionView"),
+    ],
+)
+def test_commands_show_what_has_words_that_are_not_known_here(
+    canned_server: "CannedServer", words: list[str], route: str, name: str
+) -> None:
+    (newer,) = (unheard_of(each[3], each[2]) for each in documented_answers() if each[0] == name)
+    canned_server.answer(route, 200, newer if words[0] == "status" else [newer])
+    told = run(canned_server.url, "t", words)
+    assert told.exit_code == 0, told.output
+    done = run(canned_server.url, "t", [*words, "--json"])
+    assert "of_tomorrow" in done.stdout, done.stderr
 
 
 def phase_of(board: Board) -> dict[str, Any]:

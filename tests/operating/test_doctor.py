@@ -12,7 +12,7 @@ from typing import Any, Self
 
 import pytest
 import redis
-from sqlalchemy import make_url, select, text
+from sqlalchemy import inspect, make_url, select, text
 from sqlalchemy.exc import DBAPIError
 from tests.chaos.story import Lived
 from tests.support.broker import PrivateBroker
@@ -21,6 +21,7 @@ from tests.support.forked import Forked
 from tests.support.processes import plain_environment, wait_until
 
 from exceptiondrive_records.audit.log import audit_page
+from exceptiondrive_records.boards.tables import BoardEntryRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database, is_forbidden, sentence_of
 from exceptiondrive_records.db.errors import Conflict
@@ -28,10 +29,11 @@ from exceptiondrive_records.db.roles import Role
 from exceptiondrive_records.migrations import migrate
 from exceptiondrive_records.participation.changes import change_team
 from exceptiondrive_records.submissions.file_store import FileStore
-from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.heartbeats import beat
 from exceptiondrive_records.work.lease import take_lead
+from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_server.launcher.broker import broker_command, find_broker_binary, socket_path
 from exceptiondrive_server.operations import doctor
@@ -80,6 +82,21 @@ def test_an_older_scorer_beside_a_newer_one_is_named(healthy: ServerSettings, li
     with lived.database.write() as session:
         beat(session, "another", scorer_version="2")
     assert whats(healthy) == "workers run scorer 1 beside 2: the older ones score nothing"
+
+
+def test_a_board_with_sheets_of_two_scorers_is_named(healthy: ServerSettings, lived: Lived) -> None:
+    with lived.database.write() as session:
+        entry = session.scalars(select(BoardEntryRow).limit(1)).one()
+        sheet = session.scalars(select(ScoreSheetRow).limit(1)).one()
+        columns = inspect(ScoreSheetRow).columns.keys()
+        later = {key: getattr(sheet, key) for key in columns} | {"scorer_version": "2"}
+        without = select(Submission.id).where(Submission.status != SubmissionStatus.SCORED)
+        later["submission_id"] = session.scalars(without).one()
+        session.add(ScoreSheetRow(**later))
+        session.add(BoardEntryRow(board_id=entry.board_id, submission_id=later["submission_id"]))
+    (finding,) = troubles(healthy)
+    assert finding.what == "the board of phase dev has sheets of scorers 1, 2"
+    assert "rescore to it" in finding.do
 
 
 def test_a_clock_that_is_off_is_named_with_its_direction(

@@ -1,6 +1,7 @@
 """Boards: immutable snapshots, and one pointer that moves."""
 
 import gc
+import json
 from datetime import timedelta
 from typing import Any
 from weakref import ref
@@ -27,7 +28,7 @@ from exceptiondrive_records.submissions.submissions import withdraw
 from exceptiondrive_records.teams.teams import create_team
 from exceptiondrive_records.work.board_requests import is_board_wanted, want_board
 from exceptiondrive_records.work.tables import BoardRequest
-from exceptiondrive_schemas.base import content_digest
+from exceptiondrive_schemas.base import bytes_digest, canonical_json, content_digest
 from exceptiondrive_schemas.board import Board, BoardNews
 from exceptiondrive_schemas.split import SplitRef
 
@@ -51,6 +52,34 @@ def test_a_board_knows_its_entries(world: World) -> None:
         assert [row.number for row in boards.boards_with(session, "b", ids)] == [2, 1]
         rules = {fault.rule for fault in broken_boards(session)}
     assert "entries of a board altered" not in rules
+
+
+def test_a_board_is_altered_where_its_bytes_are_others_and_not_where_it_lacks_newer_fields(
+    world: World,
+) -> None:
+    """So stands each older board once an entry has gained a field with a default."""
+    world.want_board()
+    row = world.publish(world.board("a", "b"))
+    older = json.loads(row.body)
+    for entry in older["entries"]:
+        del entry["coverage"], entry["cite"]
+    older["board"] = 2
+    body = canonical_json(older)
+    del older["board"], older["published_at"]
+    second = {
+        "phase_id": "dev",
+        "protocol_digest": row.protocol_digest,
+        "split_revision": row.split_revision,
+        "published_at": row.published_at,
+        "body_digest": bytes_digest(body),
+        "digest": content_digest(older),
+    }
+    with world.database.write() as session:
+        session.add(BoardRow(**second, number=2, body=body.decode()))
+        session.add(BoardRow(**second, number=3, body=f"{body.decode()} "))
+    with world.database.read() as session:
+        altered = [one for one in broken_boards(session) if one.rule == "board altered"]
+    assert [one.subject for one in altered] == ["dev/3"]
 
 
 def test_entries_live_no_longer_than_their_board(world: World, monkeypatch: Any) -> None:

@@ -25,6 +25,8 @@ from exceptiondrive_records.work.lease import claim_oldest
 from exceptiondrive_records.work.tables import Recheck
 from exceptiondrive_schemas.api.rescoring import RunAction, RunKind, VerificationView, VerifyState
 from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_scoring import SCORER_VERSION, challenge
+from exceptiondrive_worker import stages
 from exceptiondrive_worker.splits.private_store import Shelf
 
 Stage = Any
@@ -59,6 +61,19 @@ def test_a_sheet_that_differs_is_named(stage: Stage) -> None:
     found = verified(stage, spoil=True)
     assert (found.n_equal, found.n_different) == (2, 1)
     assert found.problems[0].found_digest != found.problems[0].expected_digest
+
+
+def test_a_sheet_of_another_scorer_says_so_and_a_run_to_the_next_version_makes_it_anew(
+    stage: Stage, make_protocol: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(challenge, "SCORER_VERSION", "99")
+    monkeypatch.setattr(stages, "SCORER_VERSION", "99")
+    found = verified(stage)
+    said = f"made by scorer {SCORER_VERSION}, recomputed by 99: the published numbers agree"
+    assert {one.note for one in found.problems} == {said}
+    assert found.n_different == 3
+    stage.apply(stage.ready(make_protocol("1.1")))  # the same numbers under the next version
+    assert verified(stage).n_equal == 3
 
 
 def test_what_a_verification_came_to_is_shown_later_too(

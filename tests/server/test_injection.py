@@ -23,12 +23,8 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import create_team
-from exceptiondrive_schemas.api.rescoring import (
-    ChangedEntry,
-    Comparison,
-    EntryChange,
-    NotificationView,
-)
+from exceptiondrive_schemas.api.notifications import ChangedEntry, NotificationView
+from exceptiondrive_schemas.api.rescoring import Comparison, EntryChange
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.method_facts import Links
 from exceptiondrive_server.rescoring.exports import comparison_csv

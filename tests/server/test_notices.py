@@ -39,8 +39,8 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.teams.teams import find_team, register_team
 from exceptiondrive_records.work.dispatch import Dispatcher
 from exceptiondrive_records.work.lease import claim, try_later
+from exceptiondrive_schemas.api.notifications import NotificationView
 from exceptiondrive_schemas.api.phase_settings import PhasePolicy
-from exceptiondrive_schemas.api.rescoring import NotificationView
 from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.protocol import packaged_protocol
 

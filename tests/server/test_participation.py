@@ -12,7 +12,7 @@ import pytest
 from sqlalchemy import select, text, update
 from sqlalchemy.exc import IntegrityError
 
-from exceptiondrive_records.audit.log import verify_audit
+from exceptiondrive_records.audit.log import audit, verify_audit
 from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.notifications.tables import ContactPoint, Notification
@@ -21,6 +21,7 @@ from exceptiondrive_records.operations.invariants import broken_boards, violatio
 from exceptiondrive_records.participation import changes as changes_of_teams
 from exceptiondrive_records.participation.tables import Disqualification
 from exceptiondrive_records.phases.changes import update_phase
+from exceptiondrive_records.phases.phases import deciding_settings
 from exceptiondrive_records.phases.policy import pseudonym_of_team
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
@@ -509,6 +510,17 @@ def test_verify_finds_what_decides_a_board_and_nobody_did(
     assert out.is_success
     for rank in (1, 2):
         api.publish(make_entry("Planner", submission_id=own, rank=rank))
+    with api.database.write() as session:  # a deed of its own that moves a date, and says so
+        phase = session.get_one(Phase, "dev")
+        before, phase.closes_at = (
+            deciding_settings(phase)["closes_at"],
+            datetime.now(UTC) + timedelta(hours=9),
+        )
+        detail = {
+            "reason": "an outage",
+            "closes_at": [before, deciding_settings(phase)["closes_at"]],
+        }
+        audit(session, "organizer", "phase prolonged", "dev", detail)
     with api.database.read() as session:
         assert not {each.rule for each in violations(session)} & UNLOGGED
     with api.database.write() as session:

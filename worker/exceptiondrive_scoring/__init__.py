@@ -7,4 +7,5 @@ Every constant comes from the protocol document; every formula names its place i
 
 SCORER_VERSION = "4"
 """Raised when the same input may come to another number, and when a sheet gains a metric or another
-field: what is kept under the old one is then worked out anew. Every score sheet names it."""
+field: what workers keep under the old one is then worked out anew. Every score sheet names it, and stays:
+the next version of a protocol, and a rescoring to it, make all of a board by the new one."""

@@ -1,7 +1,7 @@
 """A worker that was woken does what comes next in its lane, until nothing is left for it.
 
 Whoever finds a newer scorer among the workers refuses to work: two versions must never make sheets
-of one board. Workers that stop in good order leave the list, so that an organizer can go back to an
+at one time. Workers that stop in good order leave the list, so that an organizer can go back to an
 older release on purpose.
 """
 

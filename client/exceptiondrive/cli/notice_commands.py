@@ -9,7 +9,7 @@ from exceptiondrive.cli.output import Answer, cut_words
 from exceptiondrive.cli.session import with_client
 from exceptiondrive.cli.tables import notices_view, records_table
 from exceptiondrive.errors import InvalidArgumentError, utc_text
-from exceptiondrive_schemas.api.rescoring import WISHES
+from exceptiondrive_schemas.api.notifications import WISHES
 
 if TYPE_CHECKING:
     from exceptiondrive.client import Client

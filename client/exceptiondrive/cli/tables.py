@@ -35,7 +35,7 @@ from exceptiondrive_schemas.score_sheet import HEADLINE, metric_text
 
 if TYPE_CHECKING:
     from exceptiondrive.transport import Record
-    from exceptiondrive_schemas.api.rescoring import NotificationView
+    from exceptiondrive_schemas.api.notifications import NotificationView
     from exceptiondrive_schemas.board import Board
 
 STYLES = {

@@ -1,7 +1,7 @@
 """What organizers settle of a phase: dates, limits, and what is shown when and to whom.
 
 Each setting is one field here, with its title, a sentence, its bounds and its default. API, form,
-command line and the table in `docs/phases.md` are made from these models; the records refuse what
+command line and the table in `docs/phase-settings.md` are made from these models; the records refuse what
 does not fit together. A further setting is a field of `PhasePolicy`, which is kept as one document,
 and the place that heeds it. The fields of `PhaseSettings` are columns, since queries read them.
 """

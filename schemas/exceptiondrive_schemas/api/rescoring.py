@@ -1,4 +1,4 @@
-"""Protocol updates as the API shows them: runs, previews, history, and what teams are told."""
+"""Protocol updates as the API shows them: runs, previews, history."""
 
 from collections.abc import Mapping
 from datetime import datetime
@@ -365,64 +365,3 @@ class VerificationView(Document):
     n_failed: int
     problems: tuple[VerifyItemView, ...]
     """Every sheet that did not come again, bit for bit."""
-
-
-class ChangedEntry(Document):
-    """One entry of a team, before and after."""
-
-    submission_id: str
-    method: str
-    old: Standing | None
-    new: Standing | None
-
-
-NotificationKind = Literal[
-    "protocol_applied",
-    "protocol_rolled_back",
-    "scored",
-    "failed",
-    "overtaken",
-    "phase_ends",
-    "confirm_address",
-    "message",
-    "disqualified",
-    "reinstated",
-    "allowance",
-    "team_changed",
-]
-Wish = Literal["updates", "scored", "failed", "overtaken", "phase_ends"]
-"""What an address may be told of: protocol updates, and what goes on between them."""
-WISHES: dict[Wish, str] = {
-    "updates": "a protocol or split update changed your published numbers",
-    "scored": "a submission of yours was scored",
-    "failed": "a submission of yours was rejected or failed",
-    "overtaken": "another entry passed one of yours (at most once an hour and phase)",
-    "phase_ends": "a phase that you take part in ends within a day",
-}
-
-
-class NotificationView(Document):
-    """A message to a team."""
-
-    id: str
-    """A message that comes twice has the same one."""
-    kind: NotificationKind
-    team: str
-    """Name of the team."""
-    phase: str
-    challenge: ChallengeId | None = None
-    """Of protocol updates alone."""
-    created_at: datetime
-    read_at: datetime | None = None
-    """None: not read yet."""
-    title: str
-    from_protocol: ProtocolRef | None = None
-    """Of protocol updates alone."""
-    to_protocol: ProtocolRef | None = None
-    """Of protocol updates alone."""
-    what_changed: tuple[str, ...]
-    """Sentences."""
-    entries: tuple[ChangedEntry, ...] = ()
-    """The team's own, each with old and new numbers: of protocol updates alone."""
-    comparison: str
-    """Where there is more, below the server's own address: of an update the public comparison."""

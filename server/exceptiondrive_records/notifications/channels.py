@@ -18,7 +18,8 @@ from pydantic import Field, SecretStr
 
 from exceptiondrive_records.db.settings import RecordsSettings, Seconds, SiteUrl, matching
 from exceptiondrive_records.notifications.public_addresses import is_public
-from exceptiondrive_schemas.api.rescoring import ChangedEntry, NotificationView, page_of
+from exceptiondrive_schemas.api.notifications import ChangedEntry, NotificationView
+from exceptiondrive_schemas.api.rescoring import page_of
 from exceptiondrive_schemas.api.standing_words import standing_words
 from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.printable import one_line

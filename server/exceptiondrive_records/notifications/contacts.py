@@ -26,7 +26,7 @@ from exceptiondrive_records.notifications.tables import (
 )
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import require_approved
-from exceptiondrive_schemas.api.rescoring import NotificationView, Wish
+from exceptiondrive_schemas.api.notifications import NotificationView, Wish
 from exceptiondrive_schemas.base import bytes_digest
 
 MAX_CONTACTS = 5

@@ -27,8 +27,8 @@ from exceptiondrive_records.submissions.submissions import ids_of_team
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_schemas.api.notifications import Wish
 from exceptiondrive_schemas.api.own_entries import question_of
-from exceptiondrive_schemas.api.rescoring import Wish
 from exceptiondrive_schemas.api.standing_words import ranked_words
 from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_schemas.challenges import CHALLENGES

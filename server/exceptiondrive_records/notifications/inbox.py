@@ -17,14 +17,13 @@ from exceptiondrive_records.splits.splits import newly_counted
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.lease import new_item
-from exceptiondrive_schemas.api.rescoring import (
+from exceptiondrive_schemas.api.notifications import (
     ChangedEntry,
-    Comparison,
-    EntryChange,
     NotificationKind,
     NotificationView,
     Wish,
 )
+from exceptiondrive_schemas.api.rescoring import Comparison, EntryChange
 from exceptiondrive_schemas.base import canonical_json
 
 _VERBS: dict[NotificationKind, str] = {

@@ -25,7 +25,7 @@ from exceptiondrive_records.notifications.tables import (
 )
 from exceptiondrive_records.work.lease import claim, finish, is_claimable, try_later
 from exceptiondrive_records.work.tables import WorkState
-from exceptiondrive_schemas.api.rescoring import NotificationView
+from exceptiondrive_schemas.api.notifications import NotificationView
 
 _log = structlog.get_logger("exceptiondrive.notices")
 

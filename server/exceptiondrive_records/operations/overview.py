@@ -148,7 +148,7 @@ def lane_queue(session: Session, lane: Lane) -> LaneQueue:
 
 
 def worker_signs(session: Session) -> Iterable[WorkerSign]:
-    """Yield the workers that gave a sign of life within the hour; the last one first."""
+    """Yield the last signs of workers, the newest first. A sign forgets those over an hour old."""
     now = database_now(session)
     query = select(WorkerHeartbeat).order_by(WorkerHeartbeat.at.desc(), WorkerHeartbeat.worker_id)
     for row in session.scalars(query):

@@ -124,15 +124,19 @@ _OF_A_FREEZE = "freezes_at"
 
 
 def unlogged_settings(session: Session) -> Iterator[Violation]:
-    """A phase has the dates and the policy that it was created with, but for what lines change."""
+    """A phase has the dates and the policy that it was created with, but for what its lines change.
+
+    Any line `phase ...` may: it names a setting with its value before and after.
+    """
     told: dict[str, dict[str, Any]] = {}
-    is_of_phase = AuditLine.action.in_(["phase created", "phase changed"])
+    is_of_phase = AuditLine.action.startswith("phase ")
     for line in session.scalars(select(AuditLine).where(is_of_phase).order_by(AuditLine.id)):
         if line.action == "phase created":
             told[line.subject] = dict(line.detail)
         else:
             of_it = told.setdefault(line.subject, {})
-            of_it |= {key: values[-1] for key, values in line.detail.items()}
+            pairs = {key: each for key, each in line.detail.items() if isinstance(each, list)}
+            of_it |= {key: each[-1] for key, each in pairs.items()}
     for phase in session.scalars(select(Phase).options(defer(Phase.page))):
         of_it = told.get(phase.id, {})
         for key, value in deciding_settings(phase).items():

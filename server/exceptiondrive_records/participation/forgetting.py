@@ -30,7 +30,7 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team
 from exceptiondrive_records.work.lease import cancel
-from exceptiondrive_schemas.api.rescoring import NotificationView
+from exceptiondrive_schemas.api.notifications import NotificationView
 from exceptiondrive_schemas.base import canonical_json
 
 _LETTERS = "23456789abcdefghjkmnpqrstuvwxyz"

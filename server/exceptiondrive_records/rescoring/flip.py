@@ -50,7 +50,8 @@ from exceptiondrive_records.submissions.submissions import lock_jobs
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.tables import WAITING_STATES, Job
-from exceptiondrive_schemas.api.rescoring import Comparison, NotificationKind, RunAction, RunState
+from exceptiondrive_schemas.api.notifications import NotificationKind
+from exceptiondrive_schemas.api.rescoring import Comparison, RunAction, RunState
 from exceptiondrive_schemas.api.submission import WAITING
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.printable import counted

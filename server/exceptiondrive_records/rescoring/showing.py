@@ -14,8 +14,9 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.comparison import compare_rows
 from exceptiondrive_records.rescoring.flip import notify_of_run
 from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_schemas.api.notifications import NotificationKind
 from exceptiondrive_schemas.api.phase_settings import PhaseChange
-from exceptiondrive_schemas.api.rescoring import NotificationKind, RunState
+from exceptiondrive_schemas.api.rescoring import RunState
 
 
 def change_phase(session: Session, phase_id: str, change: PhaseChange, *, actor: str) -> Phase:

@@ -18,8 +18,8 @@ from exceptiondrive_records.notifications.contacts import (
 from exceptiondrive_records.notifications.inbox import list_notifications, mark_read
 from exceptiondrive_records.notifications.tables import Channel, ContactPoint, DeliveryState
 from exceptiondrive_records.work.tables import WorkState
+from exceptiondrive_schemas.api.notifications import WISHES, NotificationView, Wish
 from exceptiondrive_schemas.api.problems import ProblemCode
-from exceptiondrive_schemas.api.rescoring import WISHES, NotificationView, Wish
 from exceptiondrive_server.web.auth import Reader, ServicesOf, Submitter, team_of
 from exceptiondrive_server.web.forms import Form
 from exceptiondrive_server.web.problems import problem_responses

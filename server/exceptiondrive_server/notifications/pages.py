@@ -24,7 +24,8 @@ from exceptiondrive_records.notifications.inbox import (
     mark_all_read,
 )
 from exceptiondrive_records.notifications.tables import Channel
-from exceptiondrive_schemas.api.rescoring import WISHES, NotificationView, Standing, Wish
+from exceptiondrive_schemas.api.notifications import WISHES, NotificationView, Wish
+from exceptiondrive_schemas.api.rescoring import Standing
 from exceptiondrive_schemas.api.standing_words import standing_words
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_server.web.auth import ServicesOf, team_of

@@ -22,6 +22,7 @@ from redis.retry import Retry
 from sqlalchemy import make_url, select, text
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
+from exceptiondrive_records.boards.tables import BoardEntryRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import Database, sentence_of
 from exceptiondrive_records.db.errors import StoreError
@@ -35,6 +36,7 @@ from exceptiondrive_records.submissions.file_store import (
     FileStore,
     seems_unmounted,
 )
+from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_records.teams.teams import names_that_look_alike
 from exceptiondrive_records.work.heartbeats import scorers_at_work
 from exceptiondrive_records.work.tables import Job, WorkState
@@ -145,6 +147,7 @@ def _database(settings: RecordsSettings, data: Path | None) -> Iterator[Finding]
             )
         yield from _clock(database)
         yield from _queue(database, data)
+        yield from _boards(database)
         yield from _append_only(database)
         yield from _names(database)
         yield from _mount(database, settings.file_store_url)
@@ -211,6 +214,33 @@ def _queue(database: Database, data: Path | None) -> Iterator[Finding]:
             "there is no phase",
             "make one: exceptiondrive organizer phases create",
         )
+
+
+def _boards(database: Database) -> Iterator[Finding]:
+    """All sheets of a board should be of one scorer; an upgrade to a newer one leaves those that are there."""
+    query = (
+        select(Phase.id, ScoreSheetRow.scorer_version)
+        .join(BoardEntryRow, BoardEntryRow.board_id == Phase.current_board_id)
+        .join(
+            ScoreSheetRow,
+            (ScoreSheetRow.submission_id == BoardEntryRow.submission_id)
+            & (ScoreSheetRow.protocol_digest == Phase.protocol_digest)
+            & (ScoreSheetRow.split_revision == Phase.split_revision),
+        )
+        .distinct()
+    )
+    found: dict[str, list[str]] = {}
+    with database.read() as session:
+        for phase_id, scorer in session.execute(query.order_by(Phase.id)):
+            found.setdefault(phase_id, []).append(scorer)
+    for phase_id, scorers in found.items():
+        if len(scorers) > 1:
+            yield Finding(
+                Severity.WARNING,
+                f"the board of phase {phase_id} has sheets of scorers {', '.join(sorted(scorers))}",
+                "add the protocol again under its next version, and rescore to it: "
+                "`a new scorer` in docs/rescoring.md",
+            )
 
 
 def _append_only(database: Database) -> Iterator[Finding]:

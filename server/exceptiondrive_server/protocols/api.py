@@ -84,7 +84,7 @@ def get_tasks(
         str | None, Query(max_length=100, description="else that of the front page")
     ] = None,
 ) -> Taxonomy:
-    """Give the taxonomy of a protocol: six families, 21 tasks."""
+    """Give the taxonomy of a protocol: its families and their tasks."""
     with services.database.read() as session:
         if protocol is not None:
             return shown_protocol(session, protocol).taxonomy

@@ -13,7 +13,8 @@ from exceptiondrive_records.rescoring.verification import verification_view
 from exceptiondrive_records.submissions.similarity import similarity_report
 from exceptiondrive_records.submissions.submissions import find_submission
 from exceptiondrive_records.submissions.views import view
-from exceptiondrive_schemas.api.rescoring import NotificationView, VerificationView
+from exceptiondrive_schemas.api.notifications import NotificationView
+from exceptiondrive_schemas.api.rescoring import VerificationView
 from exceptiondrive_schemas.api.similarity import SimilarityReport
 from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_server.submissions.download import any_upload, archive

@@ -20,7 +20,8 @@ from exceptiondrive_records.submissions.views import view
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.jobs import jobs_of
 from exceptiondrive_records.work.tables import Job, WorkState
-from exceptiondrive_schemas.api.rescoring import NotificationView, VerifyItemView
+from exceptiondrive_schemas.api.notifications import NotificationView
+from exceptiondrive_schemas.api.rescoring import VerifyItemView
 from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.jobs import Lane

@@ -64,7 +64,7 @@ _WORDS = {
     ),
     "family": Term(
         "Hazard family",
-        "The 21 kinds of hazard form six families, such as things that suddenly come onto the road.",
+        "Kinds of hazard that are alike form a family, such as things that suddenly come onto the road.",
     ),
     "required_clearance": Term(
         "Required clearance",

@@ -29,6 +29,11 @@ def test_every_metric_has_its_words() -> None:
     assert all(term.title and term.meaning.endswith(".") for term in TERMS.values())
 
 
+def test_no_term_counts_what_a_protocol_names() -> None:
+    counted = re.compile(r"(\d|two|three|four|five|six|seven|eight|nine|ten) (kinds|famil|tasks)")
+    assert not [term.title for term in TERMS.values() if counted.search(term.meaning)]
+
+
 def test_a_missing_answer_is_told_of_both_challenges() -> None:
     meaning = TERMS["coverage"].meaning
     assert "driving into it" in meaning

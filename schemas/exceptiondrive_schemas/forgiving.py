@@ -1,0 +1,74 @@
+"""What a newer server says, read by an older reader: unheard-of words and numbers stand as they are.
+
+Strict reading comes first and is all that most answers need. Where it finds such values alone, known
+ones are read in their place, and then the values are put back.
+"""
+
+import json
+import re
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from exceptiondrive_schemas.python310 import StrEnum
+
+FORGIVING = "reader of answers"
+"""Validation context of `Document.read`."""
+_Read = TypeVar("_Read")
+
+
+def read_newer(read: Callable[[str | bytes], _Read], answer: str | bytes) -> _Read:
+    """Return what `read` gives of an answer, with words and bounded numbers that are not known as they stand.
+
+    Raises:
+        ValidationError: Something else is wrong.
+    """
+    try:
+        return read(answer)
+    except ValidationError as error:
+        # a list whose items are not known is said to be too short, too
+        faults = [each for each in error.errors() if each["type"] != "too_short"]
+        try:
+            known = [_known_instead(fault) for fault in faults]
+            said = json.loads(answer)
+            for fault, instead in zip(faults, known, strict=True):
+                said = _put(said, fault["loc"], instead)
+        except (LookupError, TypeError):
+            raise error from None
+    found = read(json.dumps(said))
+    for fault in faults:
+        found = _put(found, fault["loc"], fault["input"])
+    return found
+
+
+def _known_instead(fault: ErrorDetails) -> Any:
+    """Return a known value for an unheard-of one. A `Literal` of one word is the form of a document.
+
+    Raises:
+        LookupError: It is wrong otherwise.
+    """
+    bounds = fault.get("ctx", {})
+    if fault["type"] in ("literal_error", "enum") and isinstance(fault["input"], str):
+        return re.findall("'([^']+)'", bounds["expected"])[:-1][0]
+    return bounds["le" if fault["type"] == "less_than_equal" else "ge"]
+
+
+def _put(into: Any, place: tuple[int | str, ...], value: Any) -> Any:
+    """Return lists, objects or documents with a value at a place."""
+    if not place:
+        return _member(type(into), value) if isinstance(into, StrEnum) else value
+    key, *rest = place
+    if isinstance(into, tuple):
+        return tuple(_put(list(into), place, value))
+    inside: Any = into.__dict__ if isinstance(into, BaseModel) else into  # nobody else has it yet
+    inside[key] = _put(inside[key], tuple(rest), value)
+    return into
+
+
+def _member(kind: type[StrEnum], word: str) -> StrEnum:
+    """Return a member for a word of a newer server; no list of them has it."""
+    member = str.__new__(kind, word)
+    member._name_ = member._value_ = word
+    return member
