@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from sqlalchemy import text
 from tests.client.servers import run
+from tests.phases.life import SAMPLES, split_of
 from tests.support.records import add_sample_split
+from tests.support.worker import add_split
 from typer.testing import CliRunner
 
 from exceptiondrive import Client, to_dataframe
@@ -88,6 +90,9 @@ def test_a_phase_is_made_on_a_registered_split(running: "Running") -> None:
     assert made.stdout.endswith("\nit takes no files now: look at its dates and visibility\n")
     with Client(running.url) as client:
         assert client.phase("test").quota_per_day == 5
+    add_split(running.context.database, running.context.splits.folder, split_of(SAMPLES, "parted"))
+    made = organize(running, "phases", "create", "p", "--title", "P", "--split", "parted")
+    assert made.stdout.startswith("phase p made, 2 samples, ")
     few = ("phases", "create", "few", "--title", "Few", "--split", "tiny", "--quota-total", "20")
     assert " a day, 20 in all\n" in organize(running, *few).stdout
     unknown = organize(running, "phases", "create", "x", "--title", "X", "--split", "none")

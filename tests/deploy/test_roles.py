@@ -11,7 +11,7 @@ from psycopg import errors
 from sqlalchemy import make_url
 from tests.support.databases import Postgres, as_role
 from tests.support.documents import make_manifest
-from tests.support.records import add_phase, add_sample_split
+from tests.support.records import add_phase
 
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.database import Database
@@ -120,18 +120,12 @@ def pointed(records_url: str) -> None:
         for version in ("1.0", "1.1"):
             add_protocol(session, packaged_protocol_toml(version), "test")
         manifest = make_manifest()
-        add_sample_split(session, manifest)
-        parts: tuple[SplitPart, ...] = ("public", "private")
-        for part in parts:
-            of_part = manifest.model_copy(update={"revision": f"{manifest.revision}-{part}"})
-            register_split(
-                session,
-                of_part,
-                {"sudden_emergence": 1},
-                "test",
-                part=part,
-                whole_revision=manifest.revision,
-            )
+        parts: dict[SplitPart, str] = {"public": "sha256:p", "private": "sha256:q"}
+        counts = {"sudden_emergence": len(manifest.sample_ids)}
+        register_split(session, manifest, counts, "test", parts=parts)
+        for part, revision in parts.items():
+            of_part = manifest.model_copy(update={"revision": revision})
+            register_split(session, of_part, {"sudden_emergence": 1}, "test", part=part)
         add_phase(session)
     database.dispose()
 

@@ -4,6 +4,7 @@ from datetime import timedelta
 from typing import TYPE_CHECKING
 
 import pytest
+from tests.phases.life import PRIVATE_ONLY, PUBLIC_ONLY
 
 from exceptiondrive_schemas.api.phase_settings import PhasePolicy
 
@@ -123,3 +124,50 @@ def test_a_time_is_text_and_an_unknown_setting_an_error(life: "Life") -> None:
     life.make_phase(split="plain")
     for wrong in ({"freezes_at": 1900000000}, {"freezes_at": "soon"}, {"hides": True}):
         assert life.organize("/phases/test", {"policy": wrong}, "PATCH").status_code == 400
+
+
+STANDS = {"entries_shown": "chosen", "run_choice": "team"}
+
+
+def test_what_stands_is_settled_at_the_deadline(life: "Life") -> None:
+    """Who knows the ranks would choose them; who has time to answer is told."""
+    life.make_phase(split="plain", closes_at=life.ahead(60))
+    life.submit("alpha", 1.0, "Planner", "plain")
+    life.change({"policy": STANDS})
+    life.move(closes_at=life.now())
+    for key, words in (("entries_shown", "entries of a team stand"), ("run_choice", "run of a")):
+        back = {"policy": {key: {"entries_shown": "all", "run_choice": "newest"}[key]}}
+        refusal = life.refused("/phases/test", back, 409, "PATCH")
+        assert refusal.startswith("What stands at the deadline is final: which ")
+        assert words in refusal
+        life.change({"policy": {key: STANDS[key], "late_entries": "own_view"}})
+        life.change({"closes_at": life.ahead(60), **back})
+        life.move(closes_at=life.now())
+
+
+@pytest.mark.parametrize("is_taken_back", [False, True])
+def test_what_stands_and_what_counts_is_settled_by_a_reveal(
+    life: "Life", is_taken_back: bool
+) -> None:
+    """One of two files stands for its team: what the other is worth there, nobody learns."""
+    life.make_phase(closes_at=life.ahead(60), policy={"entries_shown": "chosen"})
+    life.submit("alpha", PRIVATE_ONLY)
+    chosen = life.submit("alpha", PUBLIC_ONLY, "Other")
+    life.work()
+    life.change({"policy": {"revealed_part": "whole"}})
+    life.change({"policy": {"revealed_part": "private"}})
+    life.move(closes_at=life.now())
+    run = life.reveal()
+    life.apply(run)
+    if is_taken_back:
+        life.done(f"/rescoring/{run}/rollback", {"reason": "a mistake"})
+        life.work()
+    for change, words in (
+        ({"entries_shown": "all"}, "entries of a team stand"),
+        ({"run_choice": "team"}, "which run of a method stands"),
+        ({"revealed_part": "whole"}, "which samples count after the reveal"),
+    ):
+        refusal = life.refused("/phases/test", {"policy": change}, 409, "PATCH")
+        assert refusal.startswith("What was kept back is revealed: ")
+        assert words in refusal
+    assert life.entry_ids() == [chosen]

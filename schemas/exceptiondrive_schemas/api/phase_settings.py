@@ -82,7 +82,7 @@ class PhasePolicy(Document):
     revealed_part: Literal["private", "whole"] = Field(
         default="private",
         title="Revealed board on",
-        description="Of a split with parts: which samples count after the reveal.",
+        description="Of a split with parts: which samples count after the reveal. Fixed once revealed.",
     )
     late_entries: Literal["refused", "own_view"] = Field(
         default="refused",
@@ -108,13 +108,15 @@ class PhasePolicy(Document):
     entries_shown: Literal["all", "chosen"] = Field(
         default="all",
         title="Entries on the board",
-        description="All methods, or one entry of each team: its choice, else its latest.",
+        description="All methods, or one entry of each team: its choice, else its latest. Fixed at the "
+        "deadline, and by a reveal.",
     )
     run_choice: Literal["newest", "team"] = Field(
         default="newest",
         title="Run of a method",
         description="Which run of a method stands where all methods are shown: always its newest, or "
-        "as its team says until the deadline: newest, best or one that it chooses.",
+        "as its team says until the deadline: newest, best or one that it chooses. Fixed at the "
+        "deadline, and by a reveal.",
     )
     anonymous: bool = Field(
         default=False,

@@ -3,10 +3,11 @@
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.boards.boards import last_shown_of_part
 from exceptiondrive_records.phases.scoring_keys import ScoringKey, is_of_key
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
-from exceptiondrive_records.splits.splits import live_revision
+from exceptiondrive_records.splits.splits import find_split, live_revision
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -20,14 +21,13 @@ def best_run(
 
     A run that takes no rank comes after all that do. Sheets are those of the samples that count
     until the reveal: on a private part the best of many runs would be picked after the fact, and
-    tell more of it than one entry does. The runs come oldest first. Of a split with parts, the live
-    one of the same revision counts.
+    tell more of it than one entry does. The runs come oldest first.
 
     Returns:
         None where no run has such a sheet.
     """
     protocol = find_protocol(session, key.protocol_digest)
-    live = live_revision(session, phase.split_name, key.split_revision, phase.policy.live_part)
+    live = _live_revision(session, phase, key.split_revision)
     query = select(ScoreSheetRow).where(
         ScoreSheetRow.submission_id.in_(submission_ids),
         is_of_key(ScoreSheetRow, key._replace(split_revision=live)),
@@ -35,6 +35,16 @@ def best_run(
     sheets = {row.submission_id: row.sheet for row in session.scalars(query)}
     known = [run for run in reversed(submission_ids) if run in sheets]
     return max(known, key=lambda run: _worth(sheets[run], protocol), default=None)
+
+
+def _live_revision(session: Session, phase: Phase, revision: str) -> str:
+    """Return the revision whose sheets teams saw: of a reveal, that of the live board before it."""
+    live = live_revision(session, phase.split_name, revision, phase.policy.live_part)
+    if live == revision:
+        return live
+    part = find_split(session, phase.split_name, live).part
+    board = last_shown_of_part(session, phase, part)
+    return live if board is None else board.split_revision
 
 
 def _worth(sheet: ScoreSheet, protocol: ProtocolDocument) -> tuple[bool, list[tuple[bool, float]]]:

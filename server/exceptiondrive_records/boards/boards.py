@@ -19,11 +19,12 @@ from exceptiondrive_records.phases.policy import frozen_since, is_pseudonym, sho
 from exceptiondrive_records.phases.scoring_keys import ScoringKey, is_of_key
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.tables import ProtocolRow
+from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.board_requests import finish_board
 from exceptiondrive_records.work.tables import BoardRequest
-from exceptiondrive_schemas.api.phase_settings import BoardView
+from exceptiondrive_schemas.api.phase_settings import BoardView, SplitPart
 from exceptiondrive_schemas.api.rescoring import EntryChange
 from exceptiondrive_schemas.base import bytes_digest
 from exceptiondrive_schemas.board import Board, BoardEntry, BoardLeader, BoardNews, EntryNews
@@ -213,6 +214,13 @@ def board_at(session: Session, phase_id: str, as_of: datetime) -> BoardRow | Non
 def latest_public_board(session: Session, phase_id: str, protocol_digest: str) -> BoardRow | None:
     """Return the board of a phase under a protocol that readers saw last, also after a rollback."""
     return _last_shown(session, phase_id, BoardRow.protocol_digest == protocol_digest)
+
+
+def last_shown_of_part(session: Session, phase: Phase, part: SplitPart | None) -> BoardRow | None:
+    """Return the board that readers saw last of those that count a part of the split; of None, all of it."""
+    is_part = SplitRow.name == phase.split_name, SplitRow.part.is_not_distinct_from(part)
+    revisions = select(SplitRow.revision).where(*is_part)
+    return _last_shown(session, phase.id, BoardRow.split_revision.in_(revisions))
 
 
 def _last_shown(session: Session, phase_id: str, which: ColumnElement[bool]) -> BoardRow | None:

@@ -24,6 +24,7 @@ from exceptiondrive_records.phases.phases import (
 from exceptiondrive_records.phases.policy import (
     families_shown_from,
     frozen_since,
+    has_closed,
     is_anonymous,
     new_salt,
     was_split_revealed,
@@ -40,6 +41,11 @@ _PROMISED = {
     "anonymous": "whether names are shown",
     "entries_private": "whether entries are private",
 }
+_FINAL = {
+    "entries_shown": "which entries of a team stand",
+    "run_choice": "which run of a method stands",
+}
+_REVEALED = {**_FINAL, "revealed_part": "which samples count after the reveal"}
 
 
 def update_phase(session: Session, phase_id: str, change: PhaseChange, *, actor: str) -> Phase:
@@ -60,7 +66,11 @@ def update_phase(session: Session, phase_id: str, change: PhaseChange, *, actor:
     if "page" in change.model_fields_set:
         phase.page = phase.page.model_copy(update=_given(change.page))
     if "policy" in change.model_fields_set:
-        _set_policy(session, phase, phase.policy.model_copy(update=_given(change.policy)), now)
+        policy = phase.policy.model_copy(update=_given(change.policy))
+        _keep_promises(
+            session, phase, policy, is_over=has_closed(phase, now), is_revealed=was_revealed
+        )
+        _set_policy(session, phase, policy, now)
     if was_revealed and phase.closes_at != old_dates[0]:
         raise Conflict(
             "What was kept back is revealed, and teams could tune on it if the deadline moved. Make "
@@ -185,7 +195,6 @@ def reveal_names(session: Session, phase_id: str, *, reason: str, actor: str) ->
 
 def _set_policy(session: Session, phase: Phase, policy: PhasePolicy, now: datetime) -> None:
     old = phase.policy
-    _keep_promises(session, phase, old, policy)
     was_frozen = frozen_since(phase, now) is not None or phase.unfrozen_at is not None
     if was_frozen and policy.frozen_scores != old.frozen_scores:
         raise Conflict(
@@ -209,13 +218,32 @@ def _set_policy(session: Session, phase: Phase, policy: PhasePolicy, now: dateti
         phase.pseudonym_salt = new_salt()
 
 
-def _keep_promises(session: Session, phase: Phase, old: PhasePolicy, new: PhasePolicy) -> None:
-    broken = [what for key, what in _PROMISED.items() if getattr(old, key) != getattr(new, key)]
-    if broken and session.scalar(select(exists().where(Submission.phase_id == phase.id))):
-        raise Conflict(
-            f"The phase has submissions: {' and '.join(broken)} cannot change any more. "
-            "Names are shown by revealing them; the other part of a split likewise."
-        )
+def _keep_promises(
+    session: Session, phase: Phase, new: PhasePolicy, *, is_over: bool, is_revealed: bool
+) -> None:
+    old = phase.policy
+    for fixed, is_fixed, why, instead in (
+        (
+            _PROMISED,
+            True,
+            "The phase has submissions",
+            "Names are shown by revealing them; the other part of a split likewise.",
+        ),
+        (_REVEALED, is_revealed, "What was kept back is revealed", "Make another phase."),
+        (
+            _FINAL,
+            is_over,
+            "What stands at the deadline is final",
+            "Set closes_at to a time to come with it, or make another phase.",
+        ),
+    ):
+        broken = [what for key, what in fixed.items() if getattr(old, key) != getattr(new, key)]
+        if is_fixed and broken and _has_submissions(session, phase):
+            raise Conflict(f"{why}: {' and '.join(broken)} cannot change any more. {instead}")
+
+
+def _has_submissions(session: Session, phase: Phase) -> bool:
+    return bool(session.scalar(select(exists().where(Submission.phase_id == phase.id))))
 
 
 def _require_no_scores(session: Session, phase: Phase) -> None:

@@ -6,13 +6,12 @@ import re
 import secrets
 from datetime import UTC, datetime
 
-from sqlalchemy import select
+from sqlalchemy import or_, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.splits.splits import part_revision
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_schemas.api.phase_settings import PhaseNow, PhasePolicy
@@ -93,12 +92,13 @@ def tells_entries_alone(session: Session, phase: Phase, split_revision: str) -> 
 
     So it is of all that a reveal shows, else a team would learn which of its files is the best there.
     """
-    return _public_part(session, phase, split_revision) not in (None, split_revision)
+    split = session.get_one(SplitRow, (phase.split_name, split_revision))
+    return phase.policy.live_part == "public" and split.counts_private
 
 
 def was_split_revealed(session: Session, phase: Phase) -> bool:
     """Whether readers ever saw a board of more than the public part: no rollback takes that back."""
-    if _public_part(session, phase, phase.split_revision) is None:
+    if phase.policy.live_part != "public":
         return False
     shown = (
         select(SplitRow.revision)
@@ -107,17 +107,10 @@ def was_split_revealed(session: Session, phase: Phase) -> bool:
         .where(
             BoardFlip.phase_id == phase.id,
             SplitRow.name == phase.split_name,
-            SplitRow.part.is_distinct_from("public"),
+            or_(SplitRow.part == "private", SplitRow.private_revision.is_not(None)),
         )
     )
     return is_split_revealed(session, phase) or session.scalars(shown).first() is not None
-
-
-def _public_part(session: Session, phase: Phase, split_revision: str) -> str | None:
-    """Return the revision of the public part of a split; None where the phase began with all."""
-    if phase.policy.live_part != "public":
-        return None
-    return part_revision(session, phase.split_name, split_revision, "public")
 
 
 def hid_scores(session: Session, phase: Phase) -> bool:

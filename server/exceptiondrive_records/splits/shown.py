@@ -3,6 +3,8 @@
 A revision that is registered for a run in preparation is not among them.
 """
 
+from collections.abc import Iterable
+
 from sqlalchemy import select, union
 from sqlalchemy.orm import Session, undefer
 
@@ -15,6 +17,8 @@ from exceptiondrive_records.splits.tables import SplitRow
 
 def shown_revisions(session: Session, name: str) -> list[SplitRow]:
     """Return the whole revisions that readers know of: those in force first, then newest first.
+
+    Of a part, that is the first one that has it: a later one is known by what else it changes.
 
     Raises:
         NotFound: No phase that readers may see uses a split of this name.
@@ -29,19 +33,29 @@ def shown_revisions(session: Session, name: str) -> list[SplitRow]:
     )
     known = set(session.scalars(union(in_force, ever)))
     now = set(session.scalars(in_force))
-    rows = session.scalars(select(SplitRow).where(SplitRow.name == name)).all()
-    whole_of = {row.revision: row.whole_revision or row.revision for row in rows}
-    shown = {whole_of[revision] for revision in known if revision in whole_of}
-    if not shown:
-        raise NotFound("split", name)
-    stands = {whole_of[revision] for revision in now if revision in whole_of}
-    query = (
+    wholes = session.scalars(
         select(SplitRow)
-        .where(SplitRow.name == name, SplitRow.revision.in_(shown))
+        .where(SplitRow.name == name, SplitRow.part.is_(None))
         .options(undefer(SplitRow.datasheet))
         .order_by(SplitRow.registered_at.desc())
-    )
-    return sorted(session.scalars(query), key=lambda row: row.revision not in stands)
+    ).all()
+    first = _last_with(wholes)
+    known_wholes = {first.get(revision) for revision in known}
+    shown = [row for row in wholes if row.revision in known_wholes]
+    if not shown:
+        raise NotFound("split", name)
+    newest = _last_with(reversed(shown))
+    stands = {newest.get(revision) for revision in now}
+    return sorted(shown, key=lambda row: row.revision not in stands)
+
+
+def _last_with(wholes: Iterable[SplitRow]) -> dict[str | None, str]:
+    """Return which whole revision is the last one given that has a revision, its own or that of a part."""
+    return {
+        each: row.revision
+        for row in wholes
+        for each in (row.revision, row.public_revision, row.private_revision)
+    }
 
 
 def shown_revision(session: Session, name: str, revision: str | None) -> SplitRow:

@@ -1,8 +1,9 @@
 """Splits as the server may know them: manifest and family sizes, never a region or a task."""
 
+from collections.abc import Mapping
 from datetime import UTC
 
-from sqlalchemy import bindparam, select
+from sqlalchemy import bindparam, or_, select
 from sqlalchemy.orm import Session, undefer
 
 from exceptiondrive_records.audit.log import audit
@@ -15,6 +16,7 @@ from exceptiondrive_schemas.datasheet import Datasheet, SplitChange, SplitWarnin
 from exceptiondrive_schemas.split import Manifest, SplitRef
 
 NO_WARNINGS = SplitWarnings()
+NO_PARTS: Mapping[SplitPart, str] = {}
 _LOCKED_REVISIONS = (
     select(SplitRow.revision)
     .where(SplitRow.name == bindparam("split"))
@@ -31,7 +33,7 @@ def register_split(
     *,
     n_aside: int = 0,
     part: SplitPart | None = None,
-    whole_revision: str | None = None,
+    parts: Mapping[SplitPart, str] = NO_PARTS,
     warnings: SplitWarnings = NO_WARNINGS,
     changes: SplitChange | None = None,
     datasheet: Datasheet | None = None,
@@ -46,14 +48,14 @@ def register_split(
         n_aside: Samples that are answered and do not count: controls and withdrawn ones.
         part: Set for a part of a split: its manifest names the samples of the whole, and the counts
             are those of the part; which samples it holds is never recorded.
-        whole_revision: The registered revision of which it is a part.
+        parts: Of a whole split with parts: the revision of each.
         warnings: What lint doubts, by count.
         changes: What readers are told of a later revision.
         datasheet: What anyone may know of how it was made.
 
     Raises:
         InvalidRecord: The counts do not add up, or the datasheet is of another split.
-        Conflict: The revision is known with another manifest or other counts.
+        Conflict: The revision is known with another manifest, other counts or other parts.
     """
     n_samples = sum(family_counts.values())
     n_named = len(manifest.sample_ids)
@@ -72,7 +74,8 @@ def register_split(
         )
     held = session.get(SplitRow, (manifest.name, manifest.revision), options=[undefer("*")])
     if held is not None:
-        if held.manifest != manifest or held.family_counts != family_counts:
+        known = (held.manifest, held.family_counts, held.public_revision, held.private_revision)
+        if known != (manifest, family_counts, parts.get("public"), parts.get("private")):
             raise Conflict(
                 f"Split {manifest.name!r} revision {manifest.revision} is recorded otherwise; "
                 "a revision never changes."
@@ -90,7 +93,8 @@ def register_split(
         public_file_digest=None,
         registered_at=database_now(session),
         part=part,
-        whole_revision=whole_revision,
+        public_revision=parts.get("public"),
+        private_revision=parts.get("private"),
         warnings=warnings,
         changes=changes,
         datasheet=datasheet,
@@ -131,7 +135,7 @@ def find_split(session: Session, name: str, revision: str | None = None) -> Spli
     """
     query = select(SplitRow).where(SplitRow.name == name)
     if revision is None:
-        query = query.where(SplitRow.whole_revision.is_(None))
+        query = query.where(SplitRow.part.is_(None))
     else:
         query = query.where(SplitRow.revision == revision)
     row = session.scalars(query.order_by(SplitRow.registered_at.desc()).limit(1)).first()
@@ -143,24 +147,27 @@ def find_split(session: Session, name: str, revision: str | None = None) -> Spli
 
 
 def whole_split(session: Session, name: str, revision: str) -> SplitRow:
-    """Return the whole split of a revision: of a part, that of which it is one.
+    """Return the whole split of a revision: of a part, the one registered last that has it.
 
     Raises:
         NotFound: There is none.
     """
     row = find_split(session, name, revision)
-    return row if row.whole_revision is None else find_split(session, name, row.whole_revision)
+    if row.part is None:
+        return row
+    has_it = or_(SplitRow.public_revision == revision, SplitRow.private_revision == revision)
+    query = select(SplitRow).where(SplitRow.name == name, has_it)
+    whole = session.scalars(query.order_by(SplitRow.registered_at.desc()).limit(1)).first()
+    if whole is None:
+        raise NotFound(f"whole split {name!r} with a part like", revision)
+    return whole
 
 
 def part_revision(session: Session, name: str, revision: str, part: SplitPart | None) -> str | None:
     """Return the revision of a part, or of the whole for None; None when it has no parts."""
     whole = whole_split(session, name, revision)
-    if part is None:
-        return whole.revision
-    query = select(SplitRow.revision).where(
-        SplitRow.name == name, SplitRow.whole_revision == whole.revision, SplitRow.part == part
-    )
-    return session.scalars(query).first()
+    parts = {"public": whole.public_revision, "private": whole.private_revision}
+    return whole.revision if part is None else parts[part]
 
 
 def live_revision(session: Session, name: str, revision: str, live_part: LivePart) -> str:

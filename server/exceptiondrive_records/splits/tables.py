@@ -2,7 +2,7 @@
 
 from datetime import datetime
 
-from sqlalchemy import ForeignKey, ForeignKeyConstraint, Index, String
+from sqlalchemy import CheckConstraint, ForeignKey, ForeignKeyConstraint, Index, String
 from sqlalchemy.orm import Mapped, mapped_column
 
 from exceptiondrive_records.db.base import Base
@@ -25,6 +25,7 @@ class SplitRow(Base):
     __tablename__ = "splits"
     __table_args__ = (
         Index("uq_splits_public", "name", "revision", "public_file_digest", unique=True),
+        CheckConstraint("(public_revision IS NULL) = (private_revision IS NULL)", "ck_both_parts"),
     )
     name: Mapped[str] = mapped_column(primary_key=True)
     revision: Mapped[str] = mapped_column(primary_key=True)
@@ -36,15 +37,23 @@ class SplitRow(Base):
     """Content digest of the whole split file, for development splits alone."""
     registered_at: Mapped[datetime]
     part: Mapped[SplitPart | None] = mapped_column(String)
-    """None: all of it; else a part of `whole_revision`: its manifest names all samples, and
-    `n_samples` and `family_counts` are those of the part. Which samples it has is withheld."""
-    whole_revision: Mapped[str | None]
+    """None: all of it; else a part: its manifest names all samples, and `n_samples` and
+    `family_counts` are those of the part. Which samples it has is withheld."""
+    public_revision: Mapped[str | None]
+    """Of a whole split with parts: its public part, which may be that of an earlier revision, too."""
+    private_revision: Mapped[str | None]
+    """As `public_revision`, the private part."""
     warnings: Mapped[SplitWarnings] = mapped_column(DocumentText(SplitWarnings))
     """What lint doubts, by count; of a part: nothing."""
     changes: Mapped[SplitChange | None] = mapped_column(DocumentText(SplitChange))
     """What readers are told of a later revision; of a part: of its own samples."""
     datasheet: Mapped[Datasheet | None] = mapped_column(DocumentText(Datasheet), deferred=True)
     """How it was made, as far as anyone may know, where its makers say so."""
+
+    @property
+    def counts_private(self) -> bool:
+        """Whether samples of a private part count: as the part, or with the whole split."""
+        return self.part == "private" or self.private_revision is not None
 
     @property
     def lacks_drives(self) -> bool:

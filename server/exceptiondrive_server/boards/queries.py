@@ -189,8 +189,7 @@ def _phase_links(session: Session, chosen: Phase | None) -> tuple[PhaseLink, ...
 def phase_link(session: Session, phase: Phase, is_current: bool = False) -> PhaseLink:
     """Return what pages say of a phase."""
     split = session.get_one(SplitRow, (phase.split_name, phase.split_revision))
-    is_whole = split.whole_revision is None
-    whole = split if is_whole else whole_split(session, split.name, split.revision)
+    whole = split if split.part is None else whole_split(session, split.name, split.revision)
     now = database_now(session)
     challenge = CHALLENGES[phase.challenge]
     return PhaseLink(

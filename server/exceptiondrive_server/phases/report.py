@@ -5,7 +5,12 @@ from collections import Counter
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.boards.boards import current_board, parsed_board, was_shown
+from exceptiondrive_records.boards.boards import (
+    current_board,
+    last_shown_of_part,
+    parsed_board,
+    was_shown,
+)
 from exceptiondrive_records.boards.tables import BoardEntryRow, BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotFound
@@ -18,7 +23,6 @@ from exceptiondrive_records.phases.policy import (
     is_split_revealed,
 )
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.splits.splits import part_revision
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.phase_report import PhaseReport, PlaceChange, ShakeUp
 from exceptiondrive_schemas.api.submission import WAITING
@@ -107,19 +111,21 @@ def board_before_reveal(session: Session, phase: Phase, final: BoardRow) -> Boar
 
     Where both were, the other part of the split counts, not the end of a freeze.
     """
-    shown = (
+    if is_split_revealed(session, phase):
+        return last_shown_of_part(session, phase, "public")
+    if phase.unfrozen_at is None:
+        return None
+    return session.scalars(
         select(BoardRow)
         .join(BoardFlip, BoardFlip.board_id == BoardRow.id)
-        .where(BoardFlip.phase_id == phase.id, BoardRow.id != final.id)
+        .where(
+            BoardFlip.phase_id == phase.id,
+            BoardFlip.at < phase.unfrozen_at,
+            BoardRow.id != final.id,
+        )
         .order_by(BoardFlip.id.desc())
         .limit(1)
-    )
-    if is_split_revealed(session, phase):
-        public = part_revision(session, phase.split_name, phase.split_revision, "public")
-        return session.scalars(shown.where(BoardRow.split_revision == public)).first()
-    if phase.unfrozen_at is not None:
-        return session.scalars(shown.where(BoardFlip.at < phase.unfrozen_at)).first()
-    return None
+    ).first()
 
 
 def _shake_up(before: Board, after: Board) -> ShakeUp:

@@ -22,7 +22,9 @@ class SplitView(BaseModel):
     n_samples: int
     is_public: bool
     part: SplitPart | None = None
-    whole_revision: str | None = None
+    public_revision: str | None = None
+    """Of a whole split: its public part, where it has parts."""
+    private_revision: str | None = None
     registered_at: datetime
     words: str = ""
     """What its makers say of it, where it is a later revision."""
@@ -41,7 +43,8 @@ def get_splits(services: ServicesOf) -> list[SplitView]:
                 n_samples=split.n_samples,
                 is_public=split.public_file_digest is not None,
                 part=split.part,
-                whole_revision=split.whole_revision,
+                public_revision=split.public_revision,
+                private_revision=split.private_revision,
                 registered_at=split.registered_at,
                 words="" if split.changes is None else split.changes.words,
                 warnings=split.warnings.found,

@@ -31,11 +31,11 @@ class Digits:
         return cls(publication.percent_decimals, publication.metre_decimals)
 
     def text(self, metric: Metric, value: float | None) -> str | None:
-        """Write a metric without its unit, rounded as `metric_text` does; None stays None, never zero."""
+        """Write a published metric without its unit; None stays None (undefined is never zero)."""
         if value is None:
             return None
         if metric.unit == "fraction":
-            return fixed(100 * round(value, self.percent + 2), self.percent)
+            return fixed(100 * value, self.percent)
         return fixed(value, self.metre)
 
     def brief(self, metric: Metric, value: float | None) -> str | None:

@@ -7,7 +7,7 @@ from tests.server.pages.invented_board import COUNTS, DATASHEET, MANIFEST, N
 from tests.server.pages.page_site import Site
 
 from exceptiondrive_records.phases.phases import list_phases
-from exceptiondrive_records.splits.splits import publish_split, register_split
+from exceptiondrive_records.splits.splits import find_split, publish_split, register_split
 from exceptiondrive_schemas.datasheet import Datasheet
 from exceptiondrive_schemas.split import SplitRef
 
@@ -116,9 +116,9 @@ async def test_a_phase_on_a_part_leads_to_the_whole(lively_site: Site) -> None:
     """The datasheet is of the whole; that a part of it counts is the phase's business."""
     part = MANIFEST.model_copy(update={"revision": "sha256:" + "7" * 64})
     with lively_site.database.write() as session:
-        register_split(
-            session, part, COUNTS, "test", part="public", whole_revision=MANIFEST.revision
-        )
+        register_split(session, part, COUNTS, "test", part="public")
+        whole = find_split(session, MANIFEST.name, MANIFEST.revision)
+        whole.public_revision, whole.private_revision = part.revision, "sha256:" + "8" * 64
         for phase in list_phases(session):
             phase.split_revision = part.revision
     assert MANIFEST.revision in (await lively_site.get("/splits/sample")).text

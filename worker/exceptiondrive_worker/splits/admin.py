@@ -286,6 +286,7 @@ def _register(
         )
     splits.floors(split.name)  # refuses what cannot be read
     loaded = {part: load_split(split, protocol, part) for part in parts_of(split)}
+    parts = {part: each.manifest.revision for part, each in loaded.items() if part is not None}
     whole, warnings = loaded[None].manifest, split_warnings(split, protocol)
     sheet = read_datasheet(path)
     changes = _changes(database, splits, split, sheet, words)
@@ -298,7 +299,7 @@ def _register(
                 ACTOR,
                 n_aside=len(split.samples) - len(split.counted) if part is None else 0,
                 part=part,
-                whole_revision=None if part is None else whole.revision,
+                parts=parts if part is None else {},
                 warnings=SplitWarnings(found=() if part else tuple(w.told for w in warnings)),
                 changes=changes.get(part),
                 datasheet=sheet if part is None else None,

@@ -14,7 +14,6 @@ from exceptiondrive_records.splits.splits import (
     find_split,
     lock_split,
     lock_split_last,
-    part_revision,
 )
 from exceptiondrive_records.submissions.sheets import require_room_last, scored_within_a_day
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -113,9 +112,7 @@ def _hold(
 
 def _has_private(session: Session, ref: SplitRef) -> bool:
     """Whether samples of the private part are scored: as the part, or with the whole split."""
-    part = find_split(session, ref.name, ref.revision).part
-    private = part_revision(session, ref.name, ref.revision, "private")
-    return part == "private" or (part is None and private is not None)
+    return find_split(session, ref.name, ref.revision).counts_private
 
 
 def hold_floors_again(

@@ -92,7 +92,7 @@ def create(
     limits = f"protocol {phase['protocol']}, quota {phase['quota_per_day']} a day"
     if phase.get("quota_total") is not None:
         limits += f", {phase['quota_total']} in all"
-    made = f"phase {phase['id']} made, {phase['n_samples']} samples, {limits}"
+    made = f"phase {phase['id']} made, {phase['now']['n_counted']} samples, {limits}"
     return phase, made, *notes
 
 

@@ -212,10 +212,14 @@ def create_splits() -> None:
         sa.Column("public_file_digest", sa.String()),
         sa.Column("registered_at", TIME, nullable=False),
         sa.Column("part", sa.String()),
-        sa.Column("whole_revision", sa.String()),
+        sa.Column("public_revision", sa.String()),
+        sa.Column("private_revision", sa.String()),
         sa.Column("warnings", sa.Text(), nullable=False),
         sa.Column("changes", sa.Text()),
         sa.Column("datasheet", sa.Text()),
+        sa.CheckConstraint(
+            "(public_revision IS NULL) = (private_revision IS NULL)", "ck_both_parts"
+        ),
     )
     op.create_index(
         "uq_splits_public", "splits", ["name", "revision", "public_file_digest"], unique=True
