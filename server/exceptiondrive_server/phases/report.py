@@ -26,7 +26,7 @@ from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_server.boards.entry_facts import is_listed
 from exceptiondrive_server.boards.queries import protocol_versions
 
-LAST_PLACE = 3
+N_PLACES = 3
 
 
 def has_ended(session: Session, phase: Phase) -> bool:
@@ -67,7 +67,8 @@ def report_of(session: Session, phase: Phase) -> PhaseReport:
         raise NotFound("report of the phase", phase.id, until)
     board = parsed_board(row)
     scored = [entry for entry in board.entries if entry.source == "scored"]
-    leading = [entry for entry in scored if entry.may_lead]
+    leading = [entry for entry in scored if entry.may_lead]  # the best first
+    places = {entry.rank for entry in leading[:N_PLACES]}
     before = board_before_reveal(session, phase, row)
     stood = select(func.count(BoardEntryRow.submission_id.distinct())).join(
         BoardRow, BoardRow.id == BoardEntryRow.board_id
@@ -92,7 +93,7 @@ def report_of(session: Session, phase: Phase) -> PhaseReport:
         n_submissions=session.scalar(stood.where(BoardRow.phase_id == phase.id, was_shown())) or 0,
         n_ranked=sum(entry.rank is not None for entry in scored),
         n_listed=sum(is_listed(entry) for entry in scored),
-        winners=tuple(entry for entry in leading if (entry.rank or 0) <= LAST_PLACE),
+        winners=tuple(entry for entry in leading if entry.rank in places),
         may_be_first=tuple(
             entry.submission_id for entry in leading if entry.submission_id and entry.could_be_first
         ),
