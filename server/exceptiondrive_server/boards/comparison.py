@@ -18,7 +18,7 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_server.boards.entry_facts import challenge_of, entry_key, flags_of, is_barred
 from exceptiondrive_server.boards.table import short_title
-from exceptiondrive_server.web.numbers import Digits, listed, unit_of
+from exceptiondrive_server.web.numbers import Digits, listed, percent, unit_of
 from exceptiondrive_server.web.templating import template_filter
 
 MAX_COMPARED = 6
@@ -113,7 +113,7 @@ class Comparison:
         return (
             f"Sample by sample, the difference in {label} is "
             f"{self.digits.interval(self.first, found.interval, signed=True)} points "
-            f"({self.board.confidence:.0%} interval): {found.verdict if is_sure(found) else settled}."
+            f"({percent(self.board.confidence)}% interval): {found.verdict if is_sure(found) else settled}."
         )
 
     @cached_property

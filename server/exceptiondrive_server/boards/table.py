@@ -46,6 +46,7 @@ from exceptiondrive_server.web.numbers import (
     Scale,
     grouped,
     nice_scale,
+    percent,
     unit_of,
     with_unit,
 )
@@ -245,7 +246,9 @@ class RowBuilder:
         return Whisker(axis.at(value), low, high - low, words)
 
     def _interval_words(self, metric: Metric, interval: Interval) -> str:
-        return f"{self.board.confidence:.0%} interval {self.digits.interval(metric, interval)}"
+        return (
+            f"{percent(self.board.confidence)}% interval {self.digits.interval(metric, interval)}"
+        )
 
     def _tiles(self, entry: BoardEntry) -> tuple[FamilyTile, ...]:
         """One tile per family of the board, in its order; none if the entry has none."""

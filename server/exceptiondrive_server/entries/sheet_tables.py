@@ -6,7 +6,7 @@ from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import MetricRow, ScoreSheet
 from exceptiondrive_server.boards.entry_facts import challenge_of, primary_metrics
-from exceptiondrive_server.web.numbers import Digits, fixed, unit_of
+from exceptiondrive_server.web.numbers import Digits, fixed, percent, unit_of
 
 CONFUSION, SENSITIVITY, REMINDER = "confusion_", "d_safe_x", "reminder"
 _FACTORS = {
@@ -50,7 +50,7 @@ def effect_table(board: Board, entry: BoardEntry, digits: Digits) -> SheetTable:
             lines.append((f"{metric.label} {unit_of(metric)}", cells))
     return SheetTable(
         "What the reminder changed",
-        ("difference", f"{board.confidence:.0%} interval", "samples changed", "verdict"),
+        ("difference", f"{percent(board.confidence)}% interval", "samples changed", "verdict"),
         tuple(lines),
         f"With the reminder minus without it ({effect.without_method if effect else ''}), sample by "
         "sample; the interval draws scenes, the same for both.",

@@ -33,7 +33,7 @@ from exceptiondrive_server.boards.table import (
 from exceptiondrive_server.entries.motion import Motion, motion
 from exceptiondrive_server.entries.queries import EntryData
 from exceptiondrive_server.entries.sheet_tables import effect_table, sheet_tables
-from exceptiondrive_server.web.numbers import Digits, Scale, nice_scale
+from exceptiondrive_server.web.numbers import Digits, Scale, nice_scale, percent
 from exceptiondrive_server.web.templating import template_filter
 
 WHOLE = Scale((0.0, 1.0), (0.0, 100.0), ())
@@ -234,7 +234,7 @@ def plausibility_lines(
         ),
         "source_stationary": (
             f"paths in the original scenes that {still}",
-            f"above {section.flag_source_stationary:.0%}",
+            f"above {percent(section.flag_source_stationary)}%",
             section.flag_source_stationary,
             "source_stands_still",
         ),
@@ -247,25 +247,25 @@ def plausibility_lines(
         "source_behind": ("paths in the original scenes that end behind the start", "", 1.0, ""),
         "blind": (
             f"pairs of paths, without and with the hazard, less than {section.blind_shift_below_m:g} m apart",
-            f"above {section.flag_blind:.0%}",
+            f"above {percent(section.flag_blind)}%",
             section.flag_blind,
             "blind_to_the_edit",
         ),
         "impossible": (
             f"paths with the hazard above {section.max_acceleration_mps2:g} m/s\u00b2, {turning}, {first}",
-            f"above {section.flag_impossible:.0%}",
+            f"above {percent(section.flag_impossible)}%",
             section.flag_impossible,
             "impossible_motion",
         ),
         "first_step": (
             "paths with the hazard whose first step the speed in the original scene does not allow",
-            f"above {section.flag_first_step:.0%}",
+            f"above {percent(section.flag_first_step)}%",
             section.flag_first_step,
             "impossible_motion",
         ),
         "same_answer": (
             "answers that are the most frequent one",
-            f"above {section.flag_same_answer:.0%}",
+            f"above {percent(section.flag_same_answer)}%",
             section.flag_same_answer,
             "same_answer",
         ),

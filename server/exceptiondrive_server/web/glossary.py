@@ -40,7 +40,7 @@ _WORDS = {
     "interval": Term(
         "\u00b1 and bars",
         "How far a number moves when the scenes are drawn anew: in at least 95 of 100 such draws it stays "
-        "within the bar. \u00b1 is the distance from the number to the farther end of the bar; + or \u2212 alone: it "
+        "within the bar of a 95 % interval. \u00b1 is the distance from the number to the farther end of the bar; + or \u2212 alone: it "
         "reaches to that side only. Of withheld splits the ends are told outward to whole per cents.",
     ),
     "outcome": Term(

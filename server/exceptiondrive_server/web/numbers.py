@@ -112,6 +112,11 @@ def fixed(value: float, decimals: int) -> str:
     return f"{round(value, decimals) + 0.0:.{decimals}f}".replace("-", MINUS)
 
 
+def percent(share: float) -> str:
+    """Write a share that somebody set, as 0.995 of a confidence, in per cent without the sign: `99.5`."""
+    return f"{share * 100:g}"
+
+
 def grouped(count: int) -> str:
     """Write a count with thousands separated."""
     return f"{count:,}"

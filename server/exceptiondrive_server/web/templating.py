@@ -160,6 +160,7 @@ def environment() -> Environment:
         iso=numbers.iso,
         short=numbers.short_digest,
         grouped=numbers.grouped,
+        percent=numbers.percent,
         counted=counted,
         px=px,
         size=numbers.size_text,

@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 from tests.server.pages.invented_board import KEYS, STILL
+from tests.server.pages.page_site import fill
 
 from exceptiondrive_schemas.board import Board, PairedComparison, PairedDifference
 from exceptiondrive_schemas.challenges import PLANNING
@@ -226,7 +227,19 @@ async def test_a_comparison_says_what_its_differences_are_of_and_how_many_are_ch
         "on the samples that both define: of a metric that a sample can leave undefined, this need "
         "not be the difference of the two means above."
     ) in text
-    assert "Of equal planners, up to about one line in twenty looks sure by chance." in text
+    assert "Of equal planners, up to about 5 % of the lines look sure by chance." in text
+
+
+async def test_every_page_names_the_confidence_of_its_intervals_as_it_is(
+    site: Any, lively_board: Board
+) -> None:
+    fill(site, with_pairs(lively_board.model_copy(update={"confidence": 0.995})))
+    compared = "/compare?phase=sample&a=s0000000kq&b=s0000001kq"
+    for path in ("/", compared, "/entries/s0000000kq"):
+        answer = await site.get(path)
+        said = set(re.findall(r"([\d.]+)\s?% interval", answer.text))
+        assert said - {"95"} == {"99.5"}, path
+    assert "up to about 0.5 % of the lines" in " ".join((await site.get(compared)).text.split())
 
 
 async def test_anyone_on_the_board_is_found_by_typing_a_name(lively_site: Any) -> None:

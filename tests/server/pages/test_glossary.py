@@ -37,7 +37,10 @@ def test_a_missing_answer_is_told_of_both_challenges() -> None:
 
 def test_at_least_as_many_draws_as_the_words_say_lie_within_a_bar() -> None:
     """More where scenes are few; `draws_cut_off` leaves out so many at each end."""
-    assert "in at least 95 of 100 such draws" in TERMS["interval"].meaning
+    assert (
+        "in at least 95 of 100 such draws it stays within the bar of a 95 % interval"
+        in TERMS["interval"].meaning
+    )
     outside = [2 * draws_cut_off(1000, 0.95, n) for n in (2, 5, 6, 20, 60, 150, 1e6)]
     assert outside == sorted(outside)
     assert max(outside) <= 50
