@@ -62,7 +62,8 @@ class PhaseReport(Document):
     winners: tuple[BoardEntry, ...]
     """The first three that may lead, with their intervals, and what shares the rank of the last of them."""
     may_be_first: tuple[str, ...]
-    """Submissions that may lead and whose rank interval reaches the first place."""
+    """Submissions that may lead, whose rank interval reaches the first place, and that no comparison puts
+    behind the leader."""
     flags: dict[str, int]
     """Code of a flag to the entries of the final board that carry it."""
     shake_up: ShakeUp | None

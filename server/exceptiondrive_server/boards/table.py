@@ -3,7 +3,7 @@
 All of it is pure: from a board, a protocol's digits and a query.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -12,7 +12,7 @@ from exceptiondrive_schemas.board import Board, BoardEntry, EntrySource
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.method_facts import NO_FACTS, FactsOfBoard
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_schemas.protocol import ProtocolDocument
+from exceptiondrive_schemas.protocol import ProtocolDocument, RankingSection
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow
 from exceptiondrive_server.boards.entry_facts import (
     BADGES,
@@ -498,8 +498,7 @@ class BoardTable:
     number: int
     n_pages: int
     n_found: int
-    least_covered: float
-    """Share of the answers below which an entry takes no rank."""
+    ranking: RankingSection
 
     @property
     def average_words(self) -> str:
@@ -512,9 +511,15 @@ class BoardTable:
         return SMALL_FAMILY
 
     @cached_property
+    def first_of_all(self) -> Mapping[str, BoardEntry]:
+        """The entries that could be the first, by the keys of their rows, which are marked."""
+        first = self.ranking.order_of(self.builder.challenge)[0]
+        return {entry_key(entry): entry for entry in self.board.contenders(first)}
+
+    @cached_property
     def first_sentence(self) -> str:
-        """Say which rows are marked: those that could be the first."""
-        found = [entry for entry in self.board.entries if entry.could_be_first]
+        """Say which rows are marked."""
+        found = [*self.first_of_all.values()]
         if not found:
             return ""
         if len(found) == 1:
@@ -648,7 +653,7 @@ class BoardTable:
         """Say in a few words why a scored entry takes no rank."""
         labels = [flag.label for flag in entry.flags if flag.code in entry.unranked_flags]
         shares = [share for share in entry.coverage.values() if share is not None]
-        if shares and min(shares) < self.least_covered:
+        if shares and min(shares) < self.ranking.min_coverage:
             labels.append(f"{self.builder.digits.fraction(min(shares))} % answered")
         return ", ".join(labels) or _rank_words(entry)
 
@@ -727,7 +732,6 @@ def board_table(
         if shown:
             rows = tuple([builder.row(entry) for entry in shown])
             blocks.append(Block(source, rows))
-    least_covered = protocol.ranking.min_coverage
     return BoardTable(
-        board, query, builder, tuple(blocks), number, n_pages, len(found), least_covered
+        board, query, builder, tuple(blocks), number, n_pages, len(found), protocol.ranking
     )

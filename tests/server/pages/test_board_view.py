@@ -108,7 +108,7 @@ def test_the_rows_that_could_be_first_are_those_whose_rank_range_holds_1(
     lively_board: Board, protocol: ProtocolDocument
 ) -> None:
     seen = view(lively_board, protocol)
-    marked = [row.entry.rank_interval for row in seen.rows if row.entry.could_be_first]
+    marked = [row.entry.rank_interval for row in seen.rows if row.key in seen.first_of_all]
     assert marked == [(1, 2), (1, 3)]
     assert seen.first_sentence == "Marked at the left: the 2 that could be first."
 
