@@ -20,7 +20,7 @@ from exceptiondrive_server.boards.comparison import (
     is_sure,
 )
 from exceptiondrive_server.boards.families import dot_plot
-from exceptiondrive_server.entries.compare import verdict
+from exceptiondrive_server.entries.compare import against, verdict
 from exceptiondrive_server.web.numbers import Digits
 from exceptiondrive_server.web.templating import macro
 
@@ -70,6 +70,40 @@ def test_ahead_in_a_family_is_who_is_surely_better_there(lively_board: Board) ->
     assert turned == f"Kestrel-2 is ahead in lane blockage scenes; {rest}"
     open_ = Comparison(board, first, second, Digits()).families_sentence
     assert open_ == "In no family is one surely ahead."
+
+
+def test_where_there_is_no_interval_nothing_is_said_to_be_open(lively_board: Board) -> None:
+    """As of a split of one scene: no verdict but that there is none, and no rank ranges to look at."""
+    board = with_pairs(lively_board)
+
+    def bare(told: dict[str, PairedDifference]) -> dict[str, PairedDifference]:
+        none = {"interval": None, "verdict": "no interval"}
+        return {key: found.model_copy(update=none) for key, found in told.items()}
+
+    pairs = [
+        each.model_copy(update={"overall": bare(each.overall), "families": bare(each.families)})
+        for each in board.comparisons
+    ]
+    board = board.model_copy(update={"comparisons": tuple(pairs)})
+    first, second = board.entries[:2]
+    both = Comparison(board, first, second, Digits())
+    assert both.families_sentence == ""
+    assert both.verdict.endswith("Sample by sample, HCC gives no interval here.")
+    assert against(board, first, second, Digits()).note == "no interval"
+
+
+async def test_ranks_that_each_could_have_are_named_where_there_are_any(
+    site: Any, lively_board: Board
+) -> None:
+    site.create_phase("sample", shows_reported=True)
+    site.publish(lively_board)
+    site.create_phase("bare")
+    entries = [each.model_copy(update={"rank_interval": None}) for each in lively_board.entries]
+    changes = {"entries": tuple(entries), "phase": "bare"}
+    site.publish(lively_board.model_copy(update=changes))
+    for phase, is_told in (("sample", True), ("bare", False)):
+        text = (await site.get(f"/compare?phase={phase}&a=s0000000kq&b=s0000001kq")).text
+        assert ("comes from the ranks that each could have" in text) == is_told
 
 
 def test_of_families_that_are_not_told_nothing_is_said(lively_board: Board) -> None:
