@@ -191,7 +191,8 @@ class Board(Document):
     confidence: float
     """Of all intervals, such as 0.95."""
     interval_method: str = (
-        "expanded percentile bootstrap over scenes, the same draws for every entry"
+        "expanded percentile bootstrap over scenes, the same draws for every entry; "
+        "Wilson's for a share that is 0 in every draw, or 1 in every draw"
     )
     """How `intervals` and rank intervals are found; draws and seed stand in the protocol."""
     families: tuple[FamilyHead, ...]

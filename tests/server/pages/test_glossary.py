@@ -4,11 +4,12 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from tests.server.pages.reading import read
 
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_scoring.interval import draws_cut_off
+from exceptiondrive_scoring.interval import draws_cut_off, wilson_at_the_ends
 from exceptiondrive_server.web.glossary import TERMS
 from exceptiondrive_server.web.templating import FOLDER
 
@@ -49,6 +50,13 @@ def test_at_least_as_many_draws_as_the_words_say_lie_within_a_bar() -> None:
 def test_a_range_of_ranks_that_is_wider_than_a_comparison_is_explained() -> None:
     meaning = TERMS["rank"].meaning
     assert "Of a withheld split it follows from the intervals as they are told" in meaning
+    assert "Each pair is judged by itself" in meaning
+
+
+def test_a_bar_that_no_draw_makes_is_explained() -> None:
+    assert "no draw moves from 0 or 100 % has Wilson's interval" in TERMS["interval"].meaning
+    low, high = wilson_at_the_ends(np.array([1.0, 1.0]), np.array(120.0), 0.95)
+    assert (round(float(low), 3), high) == (0.969, 1)
 
 
 @pytest.mark.parametrize("path", ["/", "/?phase=strategy", "/entries/s0000000kq"])
