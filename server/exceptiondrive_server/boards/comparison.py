@@ -113,7 +113,7 @@ class Comparison:
         return (
             f"Sample by sample, the difference in {label} is "
             f"{self.digits.interval(self.first, found.interval, signed=True)} points "
-            f"({percent(self.board.confidence)}% interval): {found.verdict if is_sure(found) else settled}."
+            f"({percent(self.board.confidence)} interval): {found.verdict if is_sure(found) else settled}."
         )
 
     @cached_property

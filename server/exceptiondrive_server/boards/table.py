@@ -236,9 +236,7 @@ class RowBuilder:
         )
 
     def _interval_words(self, metric: Metric, interval: Interval) -> str:
-        return (
-            f"{percent(self.board.confidence)}% interval {self.digits.interval(metric, interval)}"
-        )
+        return f"{percent(self.board.confidence)} interval {self.digits.interval(metric, interval)}"
 
     def _tiles(self, entry: BoardEntry) -> tuple[FamilyTile, ...]:
         """One tile per family of the board, in its order; none if the entry has none."""
@@ -367,7 +365,7 @@ def _rank_words(entry: BoardEntry, board: Board) -> str:
     low, high = entry.rank_interval
     if low < high:
         return f"rank {entry.rank}; it could be any from {low} to {high}"
-    return f"rank {entry.rank}; no other by pairwise {percent(board.confidence)}% intervals"
+    return f"rank {entry.rank}; no other by pairwise {percent(board.confidence)} intervals"
 
 
 def _movement(entry: BoardEntry, board: Board) -> Movement | None:

@@ -50,7 +50,7 @@ def effect_table(board: Board, entry: BoardEntry, digits: Digits) -> SheetTable:
             lines.append((f"{metric.label} {unit_of(metric)}", cells))
     return SheetTable(
         "What the reminder changed",
-        ("difference", f"{percent(board.confidence)}% interval", "samples changed", "verdict"),
+        ("difference", f"{percent(board.confidence)} interval", "samples changed", "verdict"),
         tuple(lines),
         f"With the reminder minus without it ({effect.without_method if effect else ''}), sample by "
         "sample; the interval draws scenes, the same for both.",

@@ -200,7 +200,7 @@ def position_of(row: Row, board: Board) -> Position:
         return Position("–", "", ("Not ranked.", _sentence(row.rank_words)), row.rank_words)
     note = f"{row.rank_interval} possible" if row.rank_interval else ""
     if row.entry.rank_interval is not None and not note:
-        note = f"no other by pairwise {percent(board.confidence)}% intervals"
+        note = f"no other by pairwise {percent(board.confidence)} intervals"
     return Position(row.rank, note, None, row.rank_words)
 
 
@@ -235,7 +235,7 @@ def plausibility_lines(
         ),
         "source_stationary": (
             f"paths in the original scenes that {still}",
-            f"above {percent(section.flag_source_stationary)}%",
+            f"above {percent(section.flag_source_stationary)}",
             section.flag_source_stationary,
             "source_stands_still",
         ),
@@ -248,25 +248,25 @@ def plausibility_lines(
         "source_behind": ("paths in the original scenes that end behind the start", "", 1.0, ""),
         "blind": (
             f"pairs of paths, without and with the hazard, less than {section.blind_shift_below_m:g} m apart",
-            f"above {percent(section.flag_blind)}%",
+            f"above {percent(section.flag_blind)}",
             section.flag_blind,
             "blind_to_the_edit",
         ),
         "impossible": (
             f"paths with the hazard above {section.max_acceleration_mps2:g} m/s\u00b2, {turning}, {first}",
-            f"above {percent(section.flag_impossible)}%",
+            f"above {percent(section.flag_impossible)}",
             section.flag_impossible,
             "impossible_motion",
         ),
         "first_step": (
             "paths with the hazard whose first step the speed in the original scene does not allow",
-            f"above {percent(section.flag_first_step)}%",
+            f"above {percent(section.flag_first_step)}",
             section.flag_first_step,
             "impossible_motion",
         ),
         "same_answer": (
             "answers that are the most frequent one",
-            f"above {percent(section.flag_same_answer)}%",
+            f"above {percent(section.flag_same_answer)}",
             section.flag_same_answer,
             "same_answer",
         ),

@@ -113,8 +113,8 @@ def fixed(value: float, decimals: int) -> str:
 
 
 def percent(share: float) -> str:
-    """Write a share that somebody set, as 0.995 of a confidence, in per cent without the sign: `99.5`."""
-    return f"{share * 100:g}"
+    """Write a share that somebody set, such as that of intervals: `95 %`."""
+    return f"{100 * share:g}{THIN_SPACE}%"
 
 
 def grouped(count: int) -> str:

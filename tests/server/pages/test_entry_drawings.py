@@ -108,7 +108,7 @@ async def test_the_history_names_every_published_protocol_with_rank_score_and_bo
     assert re.findall(r'href="/protocols/([\d.]+)"', history) == ["1.1", "1.0"]
     assert "<b>50.11</b>" in history
     assert "<b>61.40</b>" in history
-    assert "95% interval 57.30 to 65.50" in history
+    assert "95\u202f% interval 57.30 to 65.50" in history
     assert "phase=sample&amp;board=1#board" in history
     assert "/entries/s0000000kq?phase=sample&amp;board=1" in history
 

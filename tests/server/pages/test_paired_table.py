@@ -25,7 +25,7 @@ def test_a_pair_that_the_board_carries_is_judged_by_its_own_interval(lively_boar
     board = with_pair(lively_board, SURE)
     both = Comparison(board, board.entries[0], board.entries[2], Digits())
     assert both.verdict.endswith(
-        "Sample by sample, the difference in HCC is +1.12 to +7.13 points (95% interval): "
+        "Sample by sample, the difference in HCC is +1.12 to +7.13 points (95\u202f% interval): "
         "Kestrel-2 is better."
     )
     assert both.paired is not None
