@@ -136,7 +136,7 @@ def test_the_form_says_what_a_later_run_replaces_and_the_page_by_what(
     assert "A later run of a method takes the place of the earlier one" in form
     assert re.search(rf'<li>\s*[^<]+: <a href="{first}">Planner</a>', form)  # phase, then entries
     assert (
-        "one that answers fewer than 99\u202f% of the samples, you are asked before anything counts"
+        "one that answers fewer than 99 % of the samples, you are asked before anything counts"
         in form
     )
     api.score(second.removeprefix("/submissions/"), hcc=0.1)

@@ -198,8 +198,7 @@ def check_the_rows(page: Node, board: Board, average: str) -> None:
                 [f"{', '.join(labels(entry))}: why"] if entry.flags else []
             )
         check_the_range(row, entry)
-        could = entry.rank_interval is not None and entry.rank_interval[0] == 1
-        assert ("first" in row.classes) == could
+        assert ("first" in row.classes) == could_stand_at(board, entry, 1)
         for metric in metrics:
             interval = entry.intervals.get(metric.key) if average != "micro" else None
             cell = row.one("td", metric.key)
