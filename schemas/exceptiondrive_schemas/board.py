@@ -9,7 +9,7 @@ from pydantic import Field
 
 from exceptiondrive_schemas.api.phase_settings import BoardView, SplitPart
 from exceptiondrive_schemas.base import Document, canonical_json, pieces_digest
-from exceptiondrive_schemas.challenges import ChallengeId
+from exceptiondrive_schemas.challenges import ChallengeId, RankKey
 from exceptiondrive_schemas.flags import bars_leading
 from exceptiondrive_schemas.method_facts import Links
 from exceptiondrive_schemas.protocol import Average
@@ -124,11 +124,6 @@ class BoardEntry(Document):
         barred = self.flags and bars_leading(flag.code for flag in self.flags)
         return self.rank is not None and not barred
 
-    @property
-    def could_be_first(self) -> bool:
-        """Whether the paired intervals leave open that it is the first."""
-        return self.rank_interval is not None and self.rank_interval[0] == 1
-
 
 class BoardLeader(Document):
     """Who led a board, and the value of the first metric of the challenge."""
@@ -196,7 +191,8 @@ class Board(Document):
     confidence: float
     """Of all intervals, such as 0.95."""
     interval_method: str = (
-        "expanded percentile bootstrap over scenes, the same draws for every entry"
+        "expanded percentile bootstrap over scenes, the same draws for every entry; "
+        "Wilson's for a share that is 0 in every draw, or 1 in every draw"
     )
     """How `intervals` and rank intervals are found; draws and seed stand in the protocol."""
     families: tuple[FamilyHead, ...]
@@ -219,6 +215,30 @@ class Board(Document):
         """
         fit = (entry for entry in self.entries if entry.may_lead)
         return min(fit, key=lambda entry: entry.rank or 0, default=None)
+
+    def contenders(self, first: RankKey, place: int = 1) -> tuple[BoardEntry, ...]:
+        """Return the entries whose rank intervals reach a place, the best first.
+
+        Left out is whom a comparison puts behind the leader in the metric that ranks first: on a
+        withheld split rank intervals are wider than that.
+        """
+        sign = 1 if first.order == "descending" else -1
+        behind = {
+            pair.b
+            for pair in self.comparisons
+            if self.leader is not None
+            and pair.a == self.leader.submission_id
+            and (found := pair.overall.get(first.metric)) is not None
+            and found.interval is not None
+            and min(sign * end for end in found.interval) > 0
+        }
+        return tuple(
+            entry
+            for entry in self.entries
+            if entry.rank_interval is not None
+            and entry.rank_interval[0] <= place
+            and entry.submission_id not in behind
+        )
 
     @cached_property
     def entries_by_submission(self) -> Mapping[str, BoardEntry]:

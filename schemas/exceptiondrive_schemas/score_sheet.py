@@ -11,7 +11,7 @@ from exceptiondrive_schemas.protocol import Average, ProtocolDocument, Publicati
 from exceptiondrive_schemas.python310 import Self
 from exceptiondrive_schemas.split import SplitRef
 
-HEADLINE = "macro_family"
+HEADLINE: Average = "macro_family"
 """The aggregate that is shown where no protocol says which."""
 
 MetricRow = dict[str, float | None]

@@ -252,6 +252,23 @@ IDS = {
 """What somebody copies out of a terminal."""
 
 
+def test_the_average_that_ranks_is_shown() -> None:
+    one, *_ = submissions()
+    assert one.sheet is not None
+    own_protocol = ProtocolRef(version="1.0-own", digest="sha256:0")
+    sheet = one.sheet.model_copy(update={"micro": row(0.66, 0.1), "protocol": own_protocol})
+    for headline, hcc, words in (
+        ("micro", "66.00", "mean of samples"),
+        ("macro_family", "74.12", "mean of families"),
+    ):
+        view = one.model_copy(update={"sheet": sheet, "headline": headline})
+        assert hcc in text_of([*submissions_view([view])], 160)
+        status = text_of([*submission_view(view, "page")], 160)
+        first = next(line for line in status.splitlines() if "mean of" in line)
+        assert words in first
+        assert hcc in first
+
+
 @pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("name", sorted(shown()))
 def test_it_looks_as_it_was_looked_at(name: str, width: int) -> None:

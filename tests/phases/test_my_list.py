@@ -4,8 +4,11 @@ import re
 from typing import TYPE_CHECKING
 
 from tests.phases.browsing import send, visitor
+from tests.phases.life import CAREFUL
 
 from exceptiondrive_records.protocols.protocols import add_protocol
+from exceptiondrive_schemas.api.own_entries import entry_words
+from exceptiondrive_schemas.api.submission import SubmissionView
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
 if TYPE_CHECKING:
@@ -128,3 +131,21 @@ def test_a_sheet_says_of_a_family_that_is_kept_back_that_it_is_not_told(life: "L
     page = visitor(life, "alpha").get(f"/submissions/{own}").text
     families = page.split(">Families</h2>")[1].split("</table>")[0]
     assert ("not told" in families, "none" in families) == (True, False)
+
+
+def test_a_submission_tells_which_average_ranks_it(life: "Life") -> None:
+    toml = packaged_protocol_toml("1.0").replace('version = "1.0"', 'version = "9.0"', 1)
+    with life.database.write() as session:
+        add_protocol(
+            session, toml.replace('headline = "macro_family"', 'headline = "micro"'), "test"
+        )
+    life.make_phase(split="plain", protocol="9.0")
+    mine = life.submit("alpha", CAREFUL | {"c": 9.0}, "Net", "plain")
+    life.work()
+    told = life.get(f"/api/v1/submissions/{mine}", "alpha").text
+    seen = SubmissionView.model_validate_json(told)
+    assert seen.sheet is not None
+    assert seen.sheet.micro["hcc"] != seen.sheet.macro_family["hcc"]
+    (entry,) = life.board()["entries"]
+    assert seen.sheet.average(seen.headline) == entry["metrics"]
+    assert f"HCC {100 * entry['metrics']['hcc']:.2f}, rank 1" in entry_words(seen)

@@ -137,3 +137,18 @@ def test_the_report_waits_for_what_came_in_time_and_not_for_what_is_late(life: "
     life.submit("gamma", 3.0, "Too late", "plain")
     assert life.json(REPORT)["n_ranked"] == 2
     assert in_time in life.entry_ids()
+
+
+def test_the_first_places_are_those_of_entries_that_may_lead(life: "Life") -> None:
+    life.make_phase(split="plain", closes_at=life.ahead(60))
+    parked = [life.submit("alpha", each / 100, f"Parked {each}", "plain") for each in (1, 2, 3)]
+    honest = life.submit("beta", 1.5, "Honest", "plain")
+    same = life.submit("gamma", 1.5, "Same", "plain")
+    life.work()
+    life.move(closes_at=life.now())
+    assert ranks(life.board()) == {**dict.fromkeys(parked, 1), honest: 4, same: 4}
+    assert "Honest leads" in life.get("/?phase=test").text
+    assert [entry["submission_id"] for entry in life.json(REPORT)["winners"]] == [honest, same]
+    words = text_of(life.get(PAGE).text)
+    assert "What ranks above them carries a flag that bars it from leading." in words
+    assert "No entry took a rank" not in words

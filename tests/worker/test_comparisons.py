@@ -90,7 +90,9 @@ def test_the_same_answers_differ_nowhere_and_cannot_be_told_apart(board: Board) 
 def test_a_verdict_names_the_method_and_follows_from_the_interval(board: Board) -> None:
     for (a, b), pair in by_method(board).items():
         found = pair.overall["hcc"]
-        if found.interval is None or found.interval[0] <= 0 <= found.interval[1]:
+        if found.interval is None:
+            assert found.verdict == "no interval"
+        elif found.interval[0] <= 0 <= found.interval[1]:
             assert found.verdict == "not separable on this split"
         else:
             assert found.verdict == f"{a if found.interval[0] > 0 else b} is better"

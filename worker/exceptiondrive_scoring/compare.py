@@ -28,6 +28,7 @@ Interval = tuple[float, float]
 SumsOf = Callable[[SampleScores, SplitArrays, Taxonomy], SceneSums]
 AS_MEAN = {"aggregation": "mean", "level": None}
 NOT_SEPARABLE = "not separable on this split"
+NO_INTERVAL = "no interval"
 SAME_TO = 1e-9
 """Values that lie no further apart are the same, worked out another way: arithmetic moves last bits."""
 LEAST_DEFINED = 0.5
@@ -207,7 +208,7 @@ def _difference(
     metric: Metric, mean: float | None, discordant: float | None, ends: FloatArray
 ) -> Difference:
     if np.isnan(ends).any():
-        return Difference(mean, None, discordant, NOT_SEPARABLE)
+        return Difference(mean, None, discordant, NO_INTERVAL)
     interval = (float(ends[0]), float(ends[1]))
     return Difference(mean, interval, discordant, _verdict(metric, *interval))
 

@@ -11,7 +11,7 @@ from exceptiondrive.cli.fitted_table import Column, FittedTable
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.faults import CheckReport, FaultGroup
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_schemas.protocol import ProtocolDocument, packaged_protocol
+from exceptiondrive_schemas.protocol import Average, ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.score_sheet import (
     HEADLINE,
     BreakdownRow,
@@ -109,6 +109,7 @@ def sheet_view(
     protocol: ProtocolDocument | None = None,
     with_tasks: bool = True,
     n_predictions: int | None = None,
+    headline: Average = HEADLINE,
 ) -> Iterator[RenderableType]:
     """Yield what to print for a score sheet.
 
@@ -119,6 +120,7 @@ def sheet_view(
         with_tasks: Whether to show the rows of the tasks.
         n_predictions: How many samples the file answers, where that is known: more than are scored
             where there are controls or withdrawn samples.
+        headline: Which average ranks, where no protocol says it.
     """
     n_scored = counted(sheet.n, "sample")
     if n_predictions not in (None, sheet.n):
@@ -133,7 +135,8 @@ def sheet_view(
     edited, source = sheet.coverage.edited, sheet.coverage.source
     answered = f"{edited:.2%}" if source is None else f"{edited:.2%} edited, {source:.2%} source"
     yield Text(f"answers given: {answered}", style="dim")
-    yield _sheet_table(sheet, protocol, with_tasks)
+    headline = protocol.grading.headline if protocol else headline
+    yield _sheet_table(sheet, protocol, with_tasks, headline)
     yield from _untold(sheet, protocol, with_tasks)
     yield from _sensitivity(sheet, protocol)
     yield from _plausibility(sheet)
@@ -149,11 +152,10 @@ def _shipped(wanted: ProtocolRef) -> ProtocolDocument | None:
 
 
 def _sheet_table(
-    sheet: ScoreSheet, protocol: ProtocolDocument | None, with_tasks: bool
+    sheet: ScoreSheet, protocol: ProtocolDocument | None, with_tasks: bool, headline: Average
 ) -> FittedTable:
     challenge = challenge_of(sheet.challenge)
     table = FittedTable.of("", Column("n", "number"), *metric_columns(challenge))
-    headline = protocol.grading.headline if protocol else HEADLINE
     for key in sorted(AGGREGATES, key=lambda key: key != headline):
         row: MetricRow = getattr(sheet, key)
         style = "bold" if key == headline else ""

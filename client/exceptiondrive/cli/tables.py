@@ -31,7 +31,7 @@ from exceptiondrive_schemas.api.submission import (
 )
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.method_facts import SubmissionEditView, Told
-from exceptiondrive_schemas.score_sheet import HEADLINE, metric_text
+from exceptiondrive_schemas.score_sheet import metric_text
 
 if TYPE_CHECKING:
     from exceptiondrive.transport import Record
@@ -177,7 +177,9 @@ def submission_view(
         yield f"Submission {view.confirmed_as} is in its place: the team confirmed it or sent it again."
     if view.sheet is not None:
         n_predictions = view.report.n_predictions if view.report else None
-        yield from sheet_view(view.sheet, with_tasks=False, n_predictions=n_predictions)
+        yield from sheet_view(
+            view.sheet, with_tasks=False, n_predictions=n_predictions, headline=view.headline
+        )
     if view.status is SubmissionStatus.SCORED:
         rank, why = _standing(view)
         because = f": {why}" if why else ""
@@ -254,7 +256,7 @@ def _ranking_texts(view: SubmissionView) -> dict[str, str]:
     """Return what ranks of a scored submission, by the heads of its columns."""
     if view.sheet is None:
         return {}
-    challenge, row = challenge_of(view.challenge), getattr(view.sheet, HEADLINE)
+    challenge, row = challenge_of(view.challenge), view.sheet.average(view.headline)
     metrics = (challenge.metric(each.metric) for each in challenge.primary_order)
     return {metric_head(metric): metric_text(metric, row.get(metric.key)) for metric in metrics}
 

@@ -6,7 +6,7 @@ from exceptiondrive_schemas.api.phase_settings import PhasePolicy
 from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.python310 import UTC
-from exceptiondrive_schemas.score_sheet import HEADLINE, metric_text
+from exceptiondrive_schemas.score_sheet import metric_text
 
 
 def replaced_entry(
@@ -62,7 +62,7 @@ def entry_words(view: SubmissionView) -> str:
     if view.sheet is not None and view.challenge in CHALLENGES:
         challenge = CHALLENGES[view.challenge]
         metric = challenge.metric(challenge.primary_order[0].metric)
-        value = getattr(view.sheet, HEADLINE).get(metric.key)
+        value = view.sheet.average(view.headline).get(metric.key)
         facts.append(f"{metric.label} {metric_text(metric, value)}")
     if view.rank is not None or view.unranked_because is not None:
         facts.append(f"rank {view.rank}" if view.rank else "not ranked")

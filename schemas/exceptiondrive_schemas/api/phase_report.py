@@ -60,9 +60,10 @@ class PhaseReport(Document):
     n_listed: int
     """Of the scored entries: shown without a rank."""
     winners: tuple[BoardEntry, ...]
-    """Entries of rank 1 to 3 that may lead, with their intervals; equal values share a rank."""
+    """The first three that may lead, with their intervals, and what shares the rank of the last of them."""
     may_be_first: tuple[str, ...]
-    """Submissions that may lead and whose rank interval reaches the first place."""
+    """Submissions that may lead, whose rank interval reaches the first place, and that no comparison puts
+    behind the leader."""
     flags: dict[str, int]
     """Code of a flag to the entries of the final board that carry it."""
     shake_up: ShakeUp | None

@@ -7,8 +7,9 @@ from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.method_facts import Links, MethodFacts
+from exceptiondrive_schemas.protocol import Average
 from exceptiondrive_schemas.python310 import StrEnum
-from exceptiondrive_schemas.score_sheet import Interval, ScoreSheet
+from exceptiondrive_schemas.score_sheet import HEADLINE, Interval, ScoreSheet
 
 
 class SubmissionStatus(StrEnum):
@@ -89,6 +90,8 @@ class SubmissionView(Document):
     """Of a failed one."""
     sheet: ScoreSheet | None = None
     """Its published score."""
+    headline: Average = HEADLINE
+    """Which average of its sheet ranks."""
     rank: int | None = None
     """On the current board."""
     rank_interval: tuple[int, int] | None = None

@@ -27,6 +27,7 @@ from exceptiondrive_records.phases.policy import (
 )
 from exceptiondrive_records.phases.scoring_keys import key_of_phase
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.work.board_requests import is_board_wanted
@@ -44,7 +45,8 @@ from exceptiondrive_schemas.board import BoardEntry
 from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.method_facts import Links, MethodFacts
-from exceptiondrive_schemas.score_sheet import ScoreSheet
+from exceptiondrive_schemas.protocol import Average
+from exceptiondrive_schemas.score_sheet import HEADLINE, ScoreSheet
 
 _RECENT = 20
 _RECENT_RUNS = (
@@ -124,6 +126,11 @@ class _Seen:
         return published_sheets(self._session, self.phase, {each.id for each in told}, self.now)
 
     @cached_property
+    def headline(self) -> Average:
+        """Which average ranks under the protocol of the sheets."""
+        return find_protocol(self._session, self.phase.protocol_digest).grading.headline
+
+    @cached_property
     def replaced_by(self) -> Mapping[str, Submission]:
         """See `replacements`."""
         return replacements(self._session, self.phase, self._submissions, self.now)
@@ -188,6 +195,7 @@ def _view(
             f"{holder.id} stood in its place at the deadline and was withdrawn later: the place "
             "stays empty"
         )
+    sheet = seen.sheets.get(submission.id) if is_scored else None
     return SubmissionView(
         id=submission.id,
         phase=phase.id,
@@ -207,7 +215,8 @@ def _view(
         queue=queue,
         report=_report(submission, phase, seen.now),
         failure=_failure(submission),
-        sheet=seen.sheets.get(submission.id) if is_scored else None,
+        sheet=sheet,
+        headline=HEADLINE if sheet is None else seen.headline,
         rank=shown.rank if shown else None,
         rank_interval=shown.rank_interval if shown else None,
         intervals=shown.intervals if shown else {},

@@ -179,7 +179,12 @@ def comma_separated(
 
 
 def _columns(board: Board) -> list[str]:
-    keys = challenge_of(board).metric_keys
+    challenge = challenge_of(board)
+    of_controls = [
+        metric.key
+        for metric in challenge.of_controls
+        if any(metric.key in entry.micro for entry in board.entries)
+    ]
     return [
         *(
             "board",
@@ -191,9 +196,10 @@ def _columns(board: Board) -> list[str]:
             "n_samples",
         ),
         *("source", "rank", "rank_low", "rank_high"),
-        *("submission_id", "method", "team", "submitted_at", *keys),
-        *(f"{key}_{end}" for key in keys for end in ("low", "high")),
-        *(f"{keys[0]}.{family.id}" for family in board.families),
+        *("submission_id", "method", "team", "submitted_at"),
+        *(*challenge.metric_keys, *of_controls),
+        *(f"{m.key}_{end}" for m in challenge.interval_metrics for end in ("low", "high")),
+        *(f"{challenge.metrics[0].key}.{family.id}" for family in board.families),
         *("flags", "leads", "unranked_because", "average", "board_url"),
         *_told(NOTHING_TOLD),
     ]
@@ -209,7 +215,8 @@ def _told(told: EntryFacts) -> dict[str, object]:
 
 
 def _line(board: Board, entry: BoardEntry, address: str) -> dict[str, object]:
-    first = challenge_of(board).metrics[0].key
+    challenge = challenge_of(board)
+    first = challenge.metrics[0].key
     low, high = entry.rank_interval or (None, None)
     intervals = {key: ends or (None, None) for key, ends in entry.intervals.items()}
     return {
@@ -229,6 +236,7 @@ def _line(board: Board, entry: BoardEntry, address: str) -> dict[str, object]:
         "team": spreadsheet_text(entry.team),
         "submitted_at": iso(entry.submitted_at) if entry.submitted_at else None,
         **entry.metrics,
+        **{metric.key: entry.micro.get(metric.key) for metric in challenge.of_controls},
         **{f"{key}_low": ends[0] for key, ends in intervals.items()},
         **{f"{key}_high": ends[1] for key, ends in intervals.items()},
         **{f"{first}.{id}": cell.metrics.get(first) for id, cell in entry.families.items()},

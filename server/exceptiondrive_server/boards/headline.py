@@ -10,6 +10,7 @@ from datetime import datetime
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import Challenge
 from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards.entry_facts import flags_of, is_listed, primary_metrics
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, BoardQuery
 from exceptiondrive_server.web.numbers import DASH, Digits, day, grouped, listed, with_unit
@@ -35,7 +36,7 @@ class Headline:
     facts: tuple[Fact, ...]
 
 
-def headline(board: Board | None, challenge: Challenge, n_tasks: int, digits: Digits) -> Headline:
+def headline(board: Board | None, challenge: Challenge, protocol: ProtocolDocument) -> Headline:
     """Say what the board shows of its leader, whom no flag bars from leading, and of the others."""
     words = challenge.words
     if board is None:
@@ -47,10 +48,10 @@ def headline(board: Board | None, challenge: Challenge, n_tasks: int, digits: Di
     note += f", {n_listed} without a rank" if n_listed else ""
     facts = (
         Fact("Samples scored", grouped(board.n_samples), words.sample_note),
-        Fact("Tasks", str(n_tasks), "kinds of hazard"),
+        Fact("Tasks", str(len(protocol.tasks)), "kinds of hazard"),
         Fact(words.subjects.capitalize(), grouped(len(ranked)), note),
     )
-    return Headline(_title(board, challenge), _findings(board, ranked, challenge, digits), facts)
+    return Headline(_title(board, challenge), _findings(board, ranked, challenge, protocol), facts)
 
 
 def _title(board: Board, challenge: Challenge) -> str:
@@ -96,7 +97,7 @@ def _small_fraction(share: float) -> tuple[str, int, int]:
 
 
 def _findings(
-    board: Board, ranked: Sequence[BoardEntry], challenge: Challenge, digits: Digits
+    board: Board, ranked: Sequence[BoardEntry], challenge: Challenge, protocol: ProtocolDocument
 ) -> tuple[str, ...]:
     words, leader = challenge.words, board.leader
     if not ranked:
@@ -104,6 +105,7 @@ def _findings(
     if leader is None:
         flags = listed(sorted({flag.label for entry in ranked for flag in entry.flags}))
         return (f"Nobody leads: every ranked {words.subject} is flagged ({flags}).",)
+    digits = Digits.of(protocol.publication)
     first, second = (
         with_unit(metric, digits.text(metric, leader.metrics.get(metric.key)) or DASH)
         for metric in primary_metrics(challenge)[:2]
@@ -117,7 +119,9 @@ def _findings(
         level = [entry for entry in others if entry.rank == leader.rank]
         lead = f"Of {grouped(len(ranked))} ranked {words.subjects}, {leader.method} leads"
         lead += _level_with(level)
-        lead += _could_too(leader, [entry for entry in others if entry not in level])
+        place = leader.rank or 1
+        could = board.contenders(protocol.ranking.order_of(challenge)[0], place)
+        lead += _could_too(place, sum(each in could for each in others if each not in level))
     above = [entry for entry in ranked if (entry.rank or 0) < (leader.rank or 0)]
     own_flags = f"; flagged “{flags_of(leader)}”" if leader.flags else ""  # which do not bar it
     return (f"{lead}: {numbers} ({average}){own_flags}.", *_above(above))
@@ -131,13 +135,11 @@ def _level_with(level: Sequence[BoardEntry]) -> str:
     return f", level with {names if len(level) <= MAX_NAMED else f'{len(level)} others'}"
 
 
-def _could_too(leader: BoardEntry, others: Sequence[BoardEntry]) -> str:
-    """Say how many might have its place as well, given how much the scenes vary.
+def _could_too(place: int, n: int) -> str:
+    """Say how many might have the place of the leader as well, given how much the scenes vary.
 
-    Its place is the first, or comes behind those whose flags bar them from leading.
+    It is the first, or comes behind those whose flags bar them from leading.
     """
-    place = leader.rank or 1
-    n = sum(each.rank_interval is not None and each.rank_interval[0] <= place for each in others)
     could = "could be first" if place == 1 else "could lead"
     return f", though {counted(n, 'other', 'others')} {could}" if n else ""
 

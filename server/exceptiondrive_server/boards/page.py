@@ -41,7 +41,7 @@ from exceptiondrive_server.boards.headline import (
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, Average, BoardQuery
 from exceptiondrive_server.boards.scene_drawing import answers_to, scene_drawing
 from exceptiondrive_server.boards.table import BoardTable, board_table
-from exceptiondrive_server.web.numbers import Digits, day, minute
+from exceptiondrive_server.web.numbers import day, minute
 from exceptiondrive_server.web.templating import macro
 
 NARROW_PX = (350, 400)
@@ -130,7 +130,7 @@ def _shown(
         name=board_name(board),
         address=urlencode(board_fields(board)),
         table=table,
-        headline=headline(board, table.builder.challenge, len(protocol.tasks), digits),
+        headline=headline(board, table.builder.challenge, protocol),
         change=change_line(board, before) if board.view == "main" else None,
         axes=macro("boards/table.html", "axis_symbols")(table),
         head=macro("boards/table.html", "table_head")(table),
@@ -338,8 +338,7 @@ class BoardPage:
         """The sentences on top."""
         if self.shown is not None:
             return self.shown.headline
-        digits = Digits.of(self.protocol.publication)
-        return headline(None, self.challenge, len(self.protocol.tasks), digits)
+        return headline(None, self.challenge, self.protocol)
 
     @property
     def most_compared(self) -> int:

@@ -114,7 +114,7 @@ def board_picture(reading: BoardPage) -> str:
     challenge = phase.challenge if phase else None
     title = "How driving planners respond to hazards put into driving scenes."
     if challenge is not None:
-        title = headline(board, challenge, len(reading.protocol.tasks), digits).title
+        title = headline(board, challenge, reading.protocol).title
     return render(
         "boards/picture_board.svg",
         picture={

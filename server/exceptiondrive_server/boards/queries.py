@@ -55,7 +55,7 @@ from exceptiondrive_server.boards.headline import BoardBefore, headline, moves_o
 from exceptiondrive_server.boards.page import BoardPage, PhaseLink, of_board
 from exceptiondrive_server.boards.query import BoardQuery
 from exceptiondrive_server.boards.selection import selected_board
-from exceptiondrive_server.web.numbers import Digits, minute
+from exceptiondrive_server.web.numbers import minute
 
 _NEWEST_BOARDS = 10
 """As many the history of a phase tells of in its feed."""
@@ -399,8 +399,7 @@ def _note(
 
 def _note_of_board(session: Session, row: BoardRow) -> BoardNote:
     board, protocol = parsed_board(row), find_protocol(session, row.protocol_digest)
-    digits = Digits.of(protocol.publication)
-    said = headline(board, challenge_of(board), len(protocol.tasks), digits)
+    said = headline(board, challenge_of(board), protocol)
     moves = "; ".join(moves_on(board))
     return BoardNote(
         row.number,

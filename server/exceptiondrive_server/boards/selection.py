@@ -21,7 +21,7 @@ def sort_entries(
 
     Entries that are listed without a rank stand below the others, whatever the sort. The sort is
     `rank`, `method`, `date`, `family.ID` or a metric, `-` in front for descending; without the
-    value entries come last in either direction. A metric is that of the headline, unless another
+    value entries come last in either direction, in the order of the board. A metric is that of the headline, unless another
     average is given.
 
     Raises:
@@ -34,21 +34,8 @@ def sort_entries(
     known = [(found, entry) for found, entry in keyed if found is not None]
     unknown = [entry for found, entry in keyed if found is None]
     known.sort(key=lambda pair: pair[0], reverse=descending)
-    if key == BY_RANK:  # what has no rank stands by the first metric, the best first
-        unknown.sort(key=_by_first_metric(board, average))
     found = sorted([*(e for _, e in known), *unknown], key=is_listed)
     return [entry for source in SOURCES for entry in found if entry.source == source]
-
-
-def _by_first_metric(board: Board, average: Average) -> Callable[[BoardEntry], tuple[bool, float]]:
-    metric = challenge_of(board).metrics[0]
-    sign = -1 if metric.better == "higher" else 1
-
-    def order(entry: BoardEntry) -> tuple[bool, float]:
-        value = values_of(entry, board, average).get(metric.key)
-        return (True, 0.0) if value is None else (False, sign * value)
-
-    return order
 
 
 def _sort_value(board: Board, key: str, average: Average) -> _Value:

@@ -3,7 +3,7 @@
 All of it is pure: from a board, a protocol's digits and a query.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -199,7 +199,7 @@ class RowBuilder:
             url=entry_url(entry, self.board, self.is_current),
             rank=None if entry.rank is None else str(entry.rank),
             rank_interval=_rank_interval(entry),
-            rank_words=_rank_words(entry),
+            rank_words=_rank_words(entry, self.board),
             movement=_movement(entry, self.board),
             badge=BADGES[entry.source],
             tag=told.facts.tag if told else "",
@@ -218,8 +218,7 @@ class RowBuilder:
         axis = self.axes.get(metric.key)
         interval = interval_of(entry, self.board, self.average, metric.key)
         words = "" if text is None else f"{metric.label} {with_unit(metric, text)}"
-        if interval is not None:
-            words += f", {self._interval_words(metric, interval)}"
+        spread = "" if interval is None else self._interval_words(metric, interval)
         return Cell(
             key=metric.key,
             label=metric.label,
@@ -229,21 +228,12 @@ class RowBuilder:
             spread=self.digits.spread(metric, value, interval)
             if interval and value is not None
             else "",
-            words=words,
+            words=f"{words}, {spread}" if spread else words,
             is_best=is_best,
-            whisker=self._whisker(metric, value, interval, axis)
+            whisker=_whisker(value, interval, axis, spread)
             if axis is not None and value is not None and axis.holds(value)
             else None,
         )
-
-    def _whisker(
-        self, metric: Metric, value: float, interval: Interval | None, axis: Scale
-    ) -> Whisker:
-        if interval is None:
-            return Whisker(axis.at(value), None, None, "")
-        low, high = axis.clamped(interval[0]), axis.clamped(interval[1])
-        words = self._interval_words(metric, interval)
-        return Whisker(axis.at(value), low, high - low, words)
 
     def _interval_words(self, metric: Metric, interval: Interval) -> str:
         return f"{percent(self.board.confidence)} interval {self.digits.interval(metric, interval)}"
@@ -279,6 +269,13 @@ class RowBuilder:
         share = min(max(value / self.heat_top, 0.0), 1.0)
         step = min(int(share * HEAT_STEPS), HEAT_STEPS - 1)
         return HEAT_STEPS - 1 - step if metric.better == "lower" else step
+
+
+def _whisker(value: float, interval: Interval | None, axis: Scale, words: str) -> Whisker:
+    if interval is None:
+        return Whisker(axis.at(value), None, None, "")
+    low, high = axis.clamped(interval[0]), axis.clamped(interval[1])
+    return Whisker(axis.at(value), low, high - low, words)
 
 
 def short_title(title: str) -> str:
@@ -360,14 +357,15 @@ def _rank_interval(entry: BoardEntry) -> str | None:
     return f"{low}{DASH}{high}" if low < high else None
 
 
-def _rank_words(entry: BoardEntry) -> str:
+def _rank_words(entry: BoardEntry, board: Board) -> str:
     if entry.rank is None:
         return entry.unranked_because or BADGES[entry.source].meaning
     if entry.rank_interval is None:
         return f"rank {entry.rank}"
     low, high = entry.rank_interval
-    could = f"it could be any from {low} to {high}" if low < high else "it could be no other"
-    return f"rank {entry.rank}; {could}"
+    if low < high:
+        return f"rank {entry.rank}; it could be any from {low} to {high}"
+    return f"rank {entry.rank}; no other by pairwise {percent(board.confidence)} intervals"
 
 
 def _movement(entry: BoardEntry, board: Board) -> Movement | None:
@@ -518,9 +516,15 @@ class BoardTable:
         return SMALL_FAMILY
 
     @cached_property
+    def first_of_all(self) -> Mapping[str, BoardEntry]:
+        """The entries that could be the first, by the keys of their rows, which are marked."""
+        first = self.ranking.order_of(self.builder.challenge)[0]
+        return {entry_key(entry): entry for entry in self.board.contenders(first)}
+
+    @cached_property
     def first_sentence(self) -> str:
-        """Say which rows are marked: those that could be the first."""
-        found = [entry for entry in self.board.entries if entry.could_be_first]
+        """Say which rows are marked."""
+        found = [*self.first_of_all.values()]
         if not found:
             return ""
         if len(found) == 1:
@@ -665,7 +669,7 @@ class BoardTable:
         shares = [share for share in entry.coverage.values() if share is not None]
         if shares and min(shares) < self.ranking.min_coverage:
             labels.append(f"{self.builder.digits.fraction(min(shares))} % answered")
-        return ", ".join(labels) or _rank_words(entry)
+        return ", ".join(labels) or _rank_words(entry, self.board)
 
     @cached_property
     def sort_sentence(self) -> str:

@@ -102,9 +102,9 @@ def against(board: Board, one: BoardEntry, other: BoardEntry, digits: Digits) ->
     first = challenge_of(board).metrics[0]
     text = digits.difference(first, one.metrics.get(first.key), other.metrics.get(first.key))
     pair = find_pair(board, entry_key(one), entry_key(other))
-    if pair is None:
+    found = pair.overall[first.key] if pair else None
+    if found is None or found.interval is None:
         return Against("unknown", text or "none", "no interval")
-    found = pair.overall[first.key]
     if not side_of(found):
         return Against("open", text or "none", "not separable")
     is_better = (side_of(found) > 0) == (first.better == "higher")

@@ -202,8 +202,9 @@ def position_of(row: Row, board: Board) -> Position:
         return Position("–", f"would be {row.rank}", ("Late.", reason), summary)
     if row.rank is None:
         return Position("–", "", ("Not ranked.", _sentence(row.rank_words)), row.rank_words)
-    is_known = row.entry.rank_interval is not None
-    note = f"{row.rank_interval} possible" if row.rank_interval else "no other possible" * is_known
+    note = f"{row.rank_interval} possible" if row.rank_interval else ""
+    if row.entry.rank_interval is not None and not note:
+        note = f"no other by pairwise {percent(board.confidence)} intervals"
     return Position(row.rank, note, None, row.rank_words)
 
 

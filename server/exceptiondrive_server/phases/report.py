@@ -23,14 +23,15 @@ from exceptiondrive_records.phases.policy import (
     is_split_revealed,
 )
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.phase_report import PhaseReport, PlaceChange, ShakeUp
 from exceptiondrive_schemas.api.submission import WAITING
 from exceptiondrive_schemas.board import Board, BoardEntry
-from exceptiondrive_server.boards.entry_facts import is_listed
+from exceptiondrive_server.boards.entry_facts import challenge_of, is_listed
 from exceptiondrive_server.boards.queries import protocol_versions
 
-LAST_PLACE = 3
+N_PLACES = 3
 
 
 def has_ended(session: Session, phase: Phase) -> bool:
@@ -71,7 +72,10 @@ def report_of(session: Session, phase: Phase) -> PhaseReport:
         raise NotFound("report of the phase", phase.id, until)
     board = parsed_board(row)
     scored = [entry for entry in board.entries if entry.source == "scored"]
-    leading = [entry for entry in scored if entry.may_lead]
+    leading = [entry for entry in scored if entry.may_lead]  # the best first
+    places = {entry.rank for entry in leading[:N_PLACES]}
+    order = find_protocol(session, row.protocol_digest).ranking.order_of(challenge_of(board))
+    could_be_first = board.contenders(order[0])
     before = board_before_reveal(session, phase, row)
     stood = select(func.count(BoardEntryRow.submission_id.distinct())).join(
         BoardRow, BoardRow.id == BoardEntryRow.board_id
@@ -96,9 +100,11 @@ def report_of(session: Session, phase: Phase) -> PhaseReport:
         n_submissions=session.scalar(stood.where(BoardRow.phase_id == phase.id, was_shown())) or 0,
         n_ranked=sum(entry.rank is not None for entry in scored),
         n_listed=sum(is_listed(entry) for entry in scored),
-        winners=tuple(entry for entry in leading if (entry.rank or 0) <= LAST_PLACE),
+        winners=tuple(entry for entry in leading if entry.rank in places),
         may_be_first=tuple(
-            entry.submission_id for entry in leading if entry.submission_id and entry.could_be_first
+            entry.submission_id
+            for entry in could_be_first
+            if entry.submission_id and entry.may_lead
         ),
         flags=dict(Counter(flag.code for entry in scored for flag in entry.flags)),
         shake_up=None if before is None else _shake_up(parsed_board(before), board),

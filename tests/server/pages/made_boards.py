@@ -136,7 +136,7 @@ def _difference(draw: Any, a: BoardEntry, b: BoardEntry, value: float) -> Paired
         difference=round(value, 4),
         interval=(low, high) if is_known else None,
         discordant=0.5,
-        verdict=verdict if is_known else "not separable on this split",
+        verdict=verdict if is_known else "no interval",
     )
 
 

@@ -50,6 +50,23 @@ def test_by_default_ranks_rise_and_unranked_rows_stand_last(lively_board: Board)
     assert [row.entry.rank for row in page.blocks[0].rows] == [1, 2, 3, 4, 5, 6, None]
 
 
+def test_by_rank_page_and_files_list_what_has_none_in_the_order_of_the_board(
+    lively_board: Board,
+) -> None:
+    """That is the protocol's: flagged ones before those that answer too little, the oldest first."""
+    bare = [
+        lively_board.entries[at].model_copy(update={"rank": None, "rank_interval": None})
+        for at in (4, 0, 2)
+    ]
+    kept = (*lively_board.entries[5:6], *bare, *lively_board.entries[6:])
+    board = lively_board.model_copy(update={"entries": kept})
+    in_order = [entry.method for entry in kept]
+    assert [row.entry.method for row in table_of(board).rows] == in_order
+    assert [entry.method for entry in selected_board(board, BoardQuery(), {}).entries] == in_order
+    hcc = [entry.metrics["hcc"] or 0.0 for entry in bare]
+    assert hcc != sorted(hcc, reverse=True)
+
+
 @pytest.mark.parametrize("sign", ["", "-"])
 @pytest.mark.parametrize("sort", ["ur", "hcc", "cts", "family.road_surface_hazard"])
 def test_a_row_without_the_value_stands_last_in_either_direction(

@@ -84,6 +84,16 @@ def test_only_scored_rows_carry_a_rank_and_a_best_mark(
             assert any(cell.is_best for cell in row.cells) <= (block.source == "scored")
 
 
+def test_a_range_of_one_rank_says_on_what_it_rests(
+    lively_board: Board, protocol: ProtocolDocument
+) -> None:
+    first = lively_board.entries[0].model_copy(update={"rank_interval": (1, 1)})
+    changes = {"entries": (first, *lively_board.entries[1:]), "confidence": 0.9}
+    rows = view(lively_board.model_copy(update=changes), protocol).blocks[0].rows
+    assert rows[0].rank_words == "rank 1; no other by pairwise 90\u202f% intervals"
+    assert rows[1].rank_words == "rank 2; it could be any from 1 to 3"
+
+
 def test_a_row_without_a_score_says_why_it_is_not_ranked(
     lively_board: Board, protocol: ProtocolDocument
 ) -> None:
@@ -108,7 +118,7 @@ def test_the_rows_that_could_be_first_are_those_whose_rank_range_holds_1(
     lively_board: Board, protocol: ProtocolDocument
 ) -> None:
     seen = view(lively_board, protocol)
-    marked = [row.entry.rank_interval for row in seen.rows if row.entry.could_be_first]
+    marked = [row.entry.rank_interval for row in seen.rows if row.key in seen.first_of_all]
     assert marked == [(1, 2), (1, 3)]
     assert seen.first_sentence == "Marked at the left: the 2 that could be first."
 

@@ -104,6 +104,19 @@ def check_the_title(title: str, board: Board) -> None:
         assert abs(said - share) <= (0.015 if near else 1e-9), title
 
 
+def could_stand_at(board: Board, entry: BoardEntry, place: int) -> bool:
+    """Its range reaches the place, and no interval that is told puts it behind the leader."""
+    leader = leader_of(board)
+    told = [
+        pair.overall[challenge_of(board).metrics[0].key].interval
+        for pair in board.comparisons
+        if leader and (pair.a, pair.b) == (leader.submission_id, entry.submission_id)
+    ]
+    higher = challenge_of(board).metrics[0].better == "higher"
+    is_behind = any(ends and (ends[0] > 0 if higher else ends[1] < 0) for ends in told)
+    return bool(entry.rank_interval and entry.rank_interval[0] <= place and not is_behind)
+
+
 def check_the_findings(text: str, board: Board) -> None:
     """Who leads, by how much, among how many; and every one that ranks above, with its flags."""
     leader, metrics = leader_of(board), challenge_of(board).metrics[:2]
@@ -128,7 +141,7 @@ def check_the_findings(text: str, board: Board) -> None:
     assert ("leads, level with" in text) == bool(level)
     others = [entry for entry in contenders(board) if entry.rank != leader.rank]
     place = leader.rank or 0
-    could = sum(entry.rank_interval[0] <= place for entry in others if entry.rank_interval)
+    could = sum(could_stand_at(board, entry, place) for entry in others)
     words = "could be first" if place == 1 else "could lead"
     said = re.search(rf"leads(?:, level with [^:]+?)?, though (\d+) others? {words}:", text)
     assert (int(said[1]) if said else 0) == could
@@ -185,8 +198,7 @@ def check_the_rows(page: Node, board: Board, average: str) -> None:
                 [", ".join(labels(entry))] if entry.flags else []
             )
         check_the_range(row, entry)
-        could = entry.rank_interval is not None and entry.rank_interval[0] == 1
-        assert ("first" in row.classes) == could
+        assert ("first" in row.classes) == could_stand_at(board, entry, 1)
         for metric in metrics:
             interval = entry.intervals.get(metric.key) if average != "micro" else None
             cell = row.one("td", metric.key)
@@ -245,7 +257,7 @@ def check_the_bar(bars: list[Node], values: MetricRow, challenge: Challenge) -> 
 
 
 def check_who_could_be_first(page: Node, board: Board) -> None:
-    could = [e for e in board.entries if e.rank_interval and e.rank_interval[0] == 1]
+    could = [entry for entry in board.entries if could_stand_at(board, entry, 1)]
     foot = sentence(page.one("div", "foot"))
     if not could:
         assert "could be first" not in foot

@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 from tests.server.pages.invented_board import KEYS, STILL
+from tests.server.pages.page_site import fill
 
 from exceptiondrive_schemas.board import Board, PairedComparison, PairedDifference
 from exceptiondrive_schemas.challenges import PLANNING
@@ -19,7 +20,7 @@ from exceptiondrive_server.boards.comparison import (
     is_sure,
 )
 from exceptiondrive_server.boards.families import dot_plot
-from exceptiondrive_server.entries.compare import verdict
+from exceptiondrive_server.entries.compare import against, verdict
 from exceptiondrive_server.web.numbers import Digits
 from exceptiondrive_server.web.templating import macro
 
@@ -80,6 +81,40 @@ def test_ahead_in_a_family_is_who_is_surely_better_there(lively_board: Board) ->
     assert turned == f"Kestrel-2 is ahead in lane blockage scenes; {rest}"
     open_ = Comparison(board, first, second, Digits()).families_sentence
     assert open_ == "In no family is one surely ahead."
+
+
+def test_where_there_is_no_interval_nothing_is_said_to_be_open(lively_board: Board) -> None:
+    """As of a split of one scene: no verdict but that there is none, and no rank ranges to look at."""
+    board = with_pairs(lively_board)
+
+    def bare(told: dict[str, PairedDifference]) -> dict[str, PairedDifference]:
+        none = {"interval": None, "verdict": "no interval"}
+        return {key: found.model_copy(update=none) for key, found in told.items()}
+
+    pairs = [
+        each.model_copy(update={"overall": bare(each.overall), "families": bare(each.families)})
+        for each in board.comparisons
+    ]
+    board = board.model_copy(update={"comparisons": tuple(pairs)})
+    first, second = board.entries[:2]
+    both = Comparison(board, first, second, Digits())
+    assert both.families_sentence == ""
+    assert both.verdict.endswith("Sample by sample, HCC gives no interval here.")
+    assert against(board, first, second, Digits()).note == "no interval"
+
+
+async def test_ranks_that_each_could_have_are_named_where_there_are_any(
+    site: Any, lively_board: Board
+) -> None:
+    site.create_phase("sample", shows_reported=True)
+    site.publish(lively_board)
+    site.create_phase("bare")
+    entries = [each.model_copy(update={"rank_interval": None}) for each in lively_board.entries]
+    changes = {"entries": tuple(entries), "phase": "bare"}
+    site.publish(lively_board.model_copy(update=changes))
+    for phase, is_told in (("sample", True), ("bare", False)):
+        text = (await site.get(f"/compare?phase={phase}&a=s0000000kq&b=s0000001kq")).text
+        assert ("comes from the ranks that each could have" in text) == is_told
 
 
 def test_of_families_that_are_not_told_nothing_is_said(lively_board: Board) -> None:
@@ -237,7 +272,19 @@ async def test_a_comparison_says_what_its_differences_are_of_and_how_many_are_ch
         "on the samples that both define: of a metric that a sample can leave undefined, this need "
         "not be the difference of the two means above."
     ) in text
-    assert "Of equal planners, up to about one line in twenty looks sure by chance." in text
+    assert "Of equal planners, up to about 5 % of the lines look sure by chance." in text
+
+
+async def test_every_page_names_the_confidence_of_its_intervals_as_it_is(
+    site: Any, lively_board: Board
+) -> None:
+    fill(site, with_pairs(lively_board.model_copy(update={"confidence": 0.995})))
+    compared = "/compare?phase=sample&a=s0000000kq&b=s0000001kq"
+    for path in ("/", compared, "/entries/s0000000kq"):
+        answer = await site.get(path)
+        said = set(re.findall(r"([\d.]+)\s?% interval", answer.text))
+        assert said - {"95"} == {"99.5"}, path
+    assert "up to about 0.5 % of the lines" in " ".join((await site.get(compared)).text.split())
 
 
 async def test_anyone_on_the_board_is_found_by_typing_a_name(lively_site: Any) -> None:

@@ -19,7 +19,9 @@ from exceptiondrive_schemas.method_facts import Links
 from exceptiondrive_schemas.protocol import packaged_protocol_toml
 from exceptiondrive_schemas.score_sheet import Flag, Plausibility, ProtocolRef
 from exceptiondrive_server.boards.exports import entry_bibtex
-from exceptiondrive_server.entries.view import plausibility_lines
+from exceptiondrive_server.boards.table import RowBuilder
+from exceptiondrive_server.entries.view import plausibility_lines, position_of
+from exceptiondrive_server.web.numbers import Digits
 
 
 async def test_an_entry_shows_all_tasks_both_averages_and_its_receipt(lively_site: Any) -> None:
@@ -222,6 +224,13 @@ async def test_an_entry_that_left_is_compared_on_the_board_that_shows_it(
     for address in found:
         assert (await lively_site.get(html.unescape(address))).status_code == 200
     assert "/api/v1/entries/" not in text  # it stands on no board now: nothing is given out
+
+
+def test_a_range_of_one_rank_says_on_what_it_rests(lively_board: Board) -> None:
+    first = lively_board.entries[0].model_copy(update={"rank_interval": (1, 1)})
+    build = RowBuilder.of(lively_board, lively_board.headline, Digits())
+    notes = [position_of(build.row(e), lively_board).note for e in (first, lively_board.entries[1])]
+    assert notes == ["no other by pairwise 95\u202f% intervals", "1\u20133 possible"]
 
 
 def test_of_two_shares_that_raise_one_flag_the_one_above_its_threshold_is_marked() -> None:

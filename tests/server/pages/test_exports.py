@@ -16,7 +16,7 @@ import pytest
 from tests.server.pages.invented_board import KEYS
 
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.challenges import CHALLENGES
+from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING
 from exceptiondrive_schemas.method_facts import EntryFacts, MethodFacts
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_server.boards import exports
@@ -138,6 +138,26 @@ def test_csv_holds_every_entry_with_stable_columns(
         == "62.00% of the scenes with hazard are answered; a rank needs 99%"
     )
     assert {row["average"] for row in rows} == {"macro_family"}
+
+
+def test_csv_has_columns_for_what_a_board_can_tell(
+    lively_board: Board, protocol: ProtocolDocument
+) -> None:
+    """No ends of what never has an interval; over-caution where a split has controls."""
+
+    def rows_of(board: Board) -> list[dict[str, str]]:
+        return list(csv.DictReader(io.StringIO(comma_separated(board, protocol, SITE))))
+
+    (first, *_) = rows_of(lively_board)
+    ends = {key.removesuffix("_low") for key in first if key.endswith("_low")} - {"rank"}
+    assert ends == {metric.key for metric in PLANNING.interval_metrics}
+    assert "over_caution" not in first
+    entry = lively_board.entries[0]
+    tried = entry.model_copy(update={"micro": {**entry.micro, "over_caution": 0.14}})
+    changes = {"entries": (tried, *lively_board.entries[1:])}
+    told, other, *_ = rows_of(lively_board.model_copy(update=changes))
+    assert (told["over_caution"], other["over_caution"]) == ("0.14", "")
+    assert told["hcc"] == first["hcc"]
 
 
 @pytest.mark.parametrize("method", ["=1+1", "+A1", "-A1", "@SUM(A1)"])

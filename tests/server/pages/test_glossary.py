@@ -4,11 +4,12 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from tests.server.pages.reading import read
 
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_scoring.interval import draws_cut_off
+from exceptiondrive_scoring.interval import draws_cut_off, wilson_at_the_ends
 from exceptiondrive_server.web.glossary import TERMS
 from exceptiondrive_server.web.templating import FOLDER
 
@@ -42,7 +43,10 @@ def test_a_missing_answer_is_told_of_both_challenges() -> None:
 
 def test_at_least_as_many_draws_as_the_words_say_lie_within_a_bar() -> None:
     """More where scenes are few; `draws_cut_off` leaves out so many at each end."""
-    assert "in at least 95 of 100 such draws" in TERMS["interval"].meaning
+    assert (
+        "in at least 95 of 100 such draws it stays within the bar of a 95 % interval"
+        in TERMS["interval"].meaning
+    )
     outside = [2 * draws_cut_off(1000, 0.95, n) for n in (2, 5, 6, 20, 60, 150, 1e6)]
     assert outside == sorted(outside)
     assert max(outside) <= 50
@@ -51,6 +55,13 @@ def test_at_least_as_many_draws_as_the_words_say_lie_within_a_bar() -> None:
 def test_a_range_of_ranks_that_is_wider_than_a_comparison_is_explained() -> None:
     meaning = TERMS["rank"].meaning
     assert "Of a withheld split it follows from the intervals as they are told" in meaning
+    assert "Each pair is judged by itself" in meaning
+
+
+def test_a_bar_that_no_draw_makes_is_explained() -> None:
+    assert "no draw moves from 0 or 100 % has Wilson's interval" in TERMS["interval"].meaning
+    low, high = wilson_at_the_ends(np.array([1.0, 1.0]), np.array(120.0), 0.95)
+    assert (round(float(low), 3), high) == (0.969, 1)
 
 
 @pytest.mark.parametrize("path", ["/", "/?phase=strategy", "/entries/s0000000kq"])

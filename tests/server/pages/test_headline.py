@@ -3,12 +3,13 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.server.pages.invented_board import STILL
+from tests.server.pages.invented_board import PROTOCOL, STILL
 
-from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.challenges import PLANNING, STRATEGY
+from exceptiondrive_schemas.board import Board, PairedComparison, PairedDifference
+from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, RankKey
 from exceptiondrive_server.boards.headline import headline
-from exceptiondrive_server.web.numbers import Digits
+from exceptiondrive_server.boards.query import BoardQuery
+from exceptiondrive_server.boards.table import board_table
 
 
 def with_ur(board: Board, ur: float) -> Board:
@@ -48,20 +49,20 @@ def flagged(board: Board, *places: int) -> Board:
     ],
 )
 def test_the_title_says_the_leaders_number(lively_board: Board, ur: float, title: str) -> None:
-    assert headline(with_ur(lively_board, ur), PLANNING, 21, Digits()).title == title
+    assert headline(with_ur(lively_board, ur), PLANNING, PROTOCOL).title == title
 
 
 @given(ur=st.floats(1e-9, 1 - 1e-9))
 def test_a_share_that_is_not_quite_none_or_all_is_never_said_to_be_it(
     lively_board: Board, ur: float
 ) -> None:
-    title = headline(with_ur(lively_board, ur), PLANNING, 21, Digits()).title
+    title = headline(with_ur(lively_board, ur), PLANNING, PROTOCOL).title
     assert "every time" not in title
     assert "not once" not in title
 
 
 def test_the_facts_count_what_stands_on_the_board(lively_board: Board) -> None:
-    said = headline(lively_board, PLANNING, 21, Digits())
+    said = headline(lively_board, PLANNING, PROTOCOL)
     facts = {fact.label: f"{fact.value} {fact.note}" for fact in said.facts}
     assert facts == {
         "Samples scored": "240 samples, without and with a hazard",
@@ -73,7 +74,7 @@ def test_the_facts_count_what_stands_on_the_board(lively_board: Board) -> None:
 def test_one_planner_is_one(lively_board: Board) -> None:
     (first,) = (entry for entry in lively_board.entries if entry.rank == 1)
     board = lively_board.model_copy(update={"entries": (first,)})
-    assert headline(board, PLANNING, 21, Digits()).facts[2].note == "planner ranked"
+    assert headline(board, PLANNING, PROTOCOL).facts[2].note == "planner ranked"
 
 
 @pytest.mark.parametrize("flags", [(), ("stands_still",)])
@@ -82,13 +83,11 @@ def test_what_takes_no_rank_is_counted_whyever(lively_board: Board, flags: tuple
     unranked = last.model_copy(update={"rank": None, "unranked_flags": flags})
     entries = [unranked if entry is last else entry for entry in lively_board.entries]
     board = lively_board.model_copy(update={"entries": tuple(entries)})
-    assert (
-        headline(board, PLANNING, 21, Digits()).facts[2].note == "planners ranked, 2 without a rank"
-    )
+    assert headline(board, PLANNING, PROTOCOL).facts[2].note == "planners ranked, 2 without a rank"
 
 
 def test_a_parked_car_is_passed_over_and_named(lively_board: Board) -> None:
-    said = headline(flagged(lively_board, 0), PLANNING, 21, Digits())
+    said = headline(flagged(lively_board, 0), PLANNING, PROTOCOL)
     assert said.findings[0].startswith("Of 6 ranked planners, LaneKeeper XL")
     assert said.findings[1] == (
         "AlwaysBrake (\u201cStands still\u201d) ranks above it and, flagged as that, does not lead."
@@ -97,7 +96,7 @@ def test_a_parked_car_is_passed_over_and_named(lively_board: Board) -> None:
 
 
 def test_where_every_ranked_one_is_flagged_nobody_leads(lively_board: Board) -> None:
-    said = headline(flagged(lively_board, *range(6)), PLANNING, 21, Digits())
+    said = headline(flagged(lively_board, *range(6)), PLANNING, PROTOCOL)
     assert said.title == PLANNING.words.headline.question
     assert said.findings == ("Nobody leads: every ranked planner is flagged (Stands still).",)
     assert len(said.facts) == 3
@@ -119,7 +118,7 @@ def test_who_shares_the_rank_of_the_leader_is_said_to_be_level_with_it(
         )
         for at in range(n_level + 2)
     )
-    said = headline(lively_board.model_copy(update={"entries": entries}), PLANNING, 21, Digits())
+    said = headline(lively_board.model_copy(update={"entries": entries}), PLANNING, PROTOCOL)
     assert f"m0 leads, level with {words}, though 1 other could be first: " in said.findings[0]
 
 
@@ -132,31 +131,63 @@ def test_behind_a_parked_car_others_could_lead_that_cannot_be_first(lively_board
         )
         for at, (entry, span) in enumerate(zip(board.entries, spans, strict=False), start=1)
     )
-    said = headline(board.model_copy(update={"entries": entries}), PLANNING, 21, Digits())
+    said = headline(board.model_copy(update={"entries": entries}), PLANNING, PROTOCOL)
     assert f"{entries[1].method} leads, though 1 other could lead: " in said.findings[0]
+
+
+def test_whom_a_comparison_puts_behind_the_leader_could_not_be_first(lively_board: Board) -> None:
+    """Of a withheld split ranges follow from intervals as they are told, and are wider."""
+    leader, *others = (
+        entry.model_copy(update={"rank": rank, "rank_interval": (1, 3)})
+        for rank, entry in enumerate(lively_board.entries[:3], 1)
+    )
+    board = lively_board.model_copy(update={"entries": (leader, *others)})
+    said = headline(board, PLANNING, PROTOCOL)
+    assert "leads, though 2 others could be first: " in said.findings[0]
+    pairs = [
+        PairedComparison(
+            a=leader.submission_id or "",
+            b=other.submission_id or "",
+            overall={
+                "hcc": PairedDifference(
+                    difference=0.03, interval=(low, 0.06), discordant=None, verdict=""
+                )
+            },
+            families={},
+        )
+        for other, low in zip(others, (0.0, 0.01), strict=True)
+    ]
+    told = board.model_copy(update={"comparisons": tuple(pairs)})
+    said = headline(told, PLANNING, PROTOCOL)
+    assert "leads, though 1 other could be first: " in said.findings[0]
+    table = board_table(told, PROTOCOL, BoardQuery())
+    assert table.first_sentence == "Marked at the left: the 2 that could be first."
+    assert [*table.first_of_all.values()] == [leader, others[0]]
+    fewer_is_better = RankKey(metric="hcc", order="ascending")
+    assert told.contenders(fewer_is_better) == (leader, *others)
 
 
 def test_a_flag_that_does_not_bar_is_named(lively_board: Board) -> None:
     alone = lively_board.model_copy(update={"entries": lively_board.entries[5:6]})
-    said = headline(alone, PLANNING, 21, Digits())
+    said = headline(alone, PLANNING, PROTOCOL)
     assert said.findings[0].startswith("The only ranked planner so far is nerve: it earns 22.18")
     assert said.findings[0].endswith("; flagged \u201cBlind to the edit\u201d.")
 
 
 def test_the_paper_never_makes_the_headline(paper_board: Board) -> None:
-    said = headline(paper_board, PLANNING, 21, Digits())
+    said = headline(paper_board, PLANNING, PROTOCOL)
     assert said.title == "Which planner keeps clear of the hazard?"
     assert said.findings == ("No planner is ranked on this board yet.",)
 
 
 def test_without_a_board_nothing_is_claimed() -> None:
-    said = headline(None, PLANNING, 21, Digits())
+    said = headline(None, PLANNING, PROTOCOL)
     assert said.facts == ()
     assert "%" not in " ".join(said.findings)
 
 
 def test_the_strategy_challenge_is_said_in_its_own_words(strategy_board: Board) -> None:
-    said = headline(strategy_board, STRATEGY, 21, Digits())
+    said = headline(strategy_board, STRATEGY, PROTOCOL)
     assert said.title == "Even the leading agent is too careless about 2 times in 7."
     assert "planner" not in " ".join(said.findings)
     assert [fact.label for fact in said.facts] == [
@@ -165,4 +196,4 @@ def test_the_strategy_challenge_is_said_in_its_own_words(strategy_board: Board) 
         "Agents",
     ]
     assert said.facts[0].note == "samples, with a hazard"
-    assert headline(None, STRATEGY, 21, Digits()).title == "Which agent is careful enough?"
+    assert headline(None, STRATEGY, PROTOCOL).title == "Which agent is careful enough?"

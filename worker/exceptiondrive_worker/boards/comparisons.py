@@ -22,7 +22,13 @@ from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import MetricRow, ScoreSheet
 from exceptiondrive_scoring.aliases import Columns
 from exceptiondrive_scoring.bootstrap import Uncertainty, bootstrap
-from exceptiondrive_scoring.compare import NOT_SEPARABLE, Comparison, Difference, compare
+from exceptiondrive_scoring.compare import (
+    NO_INTERVAL,
+    NOT_SEPARABLE,
+    Comparison,
+    Difference,
+    compare,
+)
 from exceptiondrive_worker.boards.rounding import Rounding
 from exceptiondrive_worker.splits.private_store import PrivateStore, Shelf, content_key
 from exceptiondrive_worker.stages import Stages, Target
@@ -213,9 +219,9 @@ def _between(key: str, rows: Sequence[MetricRow], rounding: Rounding) -> float |
 
 def published_verdict(exact: PairedDifference, interval: tuple[float, float] | None) -> str:
     """Return the exact verdict, unless the published interval no longer shows it."""
-    if interval is None or interval[0] <= 0 <= interval[1]:
-        return NOT_SEPARABLE
-    return exact.verdict
+    if interval is None:
+        return NO_INTERVAL
+    return NOT_SEPARABLE if interval[0] <= 0 <= interval[1] else exact.verdict
 
 
 _FIELDS = fields(Uncertainty)
