@@ -146,16 +146,15 @@ def metric_text(
 ) -> str:
     """Return a fraction or metres as the board shows it: with two digits, where nothing says how many.
 
-    A fraction is rounded as one, as the board's own are: 0.64375 less a hair is 64.37 %.
+    It is rounded as a board's sheets are, before it is written: 0.64375 less a hair is 64.37 %.
     """
     if value is None:
         return "-"
     if metric.unit == "fraction":
         decimals = publication.percent_decimals if publication else 2
-        number = 100 * round(value, decimals + 2)
-    else:
-        number, decimals = value, publication.metre_decimals if publication else 2
-    return decimal_text(number, decimals)
+        return decimal_text(100 * round(value, decimals + 2), decimals)
+    decimals = publication.metre_decimals if publication else 2
+    return decimal_text(round(value, decimals), decimals)
 
 
 def text_with_unit(

@@ -49,12 +49,16 @@ def test_differences_carry_a_real_minus_sign_and_zero_carries_none(
 
 @given(value=st.floats(-2, 2), decimals=st.integers(0, 4))
 @example(value=0.6437499999999999, decimals=2)
-def test_a_page_writes_a_metric_as_messages_and_commands_do(value: float, decimals: int) -> None:
+@example(value=0.125, decimals=2)
+def test_a_command_writes_what_was_not_rounded_as_a_page_what_was(
+    value: float, decimals: int
+) -> None:
     digits = {"percent_decimals": decimals, "metre_decimals": decimals}
     publication = packaged_protocol().publication.model_copy(update=digits)
     for metric in PLANNING.metrics:
         told = metric_text(metric, value, publication)
-        assert Digits.of(publication).text(metric, value) == told.replace("-", "\u2212")
+        published = round(value, decimals + 2 * (metric.unit == "fraction"))
+        assert Digits.of(publication).text(metric, published) == told.replace("-", "\u2212")
 
 
 def test_a_share_that_somebody_set_keeps_the_decimals_that_it_has() -> None:
