@@ -47,7 +47,8 @@ def add_split(
     leave_open(folder)
     (folder / file_name).write_text(split.model_dump_json(by_alias=True, exclude_none=True))
     registered = register_all_splits(database, SplitStore(splits_dir), packaged_protocol(), words)
-    return next(each.manifest.revision for each in registered if each.manifest.name == split.name)
+    revisions = {each.manifest.name: each.manifest.revision for each in registered}
+    return revisions[split.name]
 
 
 def submit(

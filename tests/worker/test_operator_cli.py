@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from structlog.testing import capture_logs
+from tests.support.floors import write_floors
 from tests.support.made_pictures import png
 
 from exceptiondrive_records.db.database import Database
@@ -455,6 +456,21 @@ def test_an_earlier_revision_that_is_held_is_nothing_new(
     assert "--split-revision" in out
     assert "it lies at" not in out
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_records_that_are_made_anew_know_which_revision_is_the_current_one(
+    operate: Operate, tmp_path: Path, sqlite_url: str, make_split: MakeSplit
+) -> None:
+    folder = tmp_path / "splits" / "tiny"
+    write_floors(folder)
+    for name, task in (("split.json", "RS1"), ("split-1.json", "SE1"), ("split-2.json", "LB1")):
+        split = make_split({"a": {"task": task}})
+        (folder / name).write_text(split.model_dump_json(by_alias=True, exclude_none=True))
+    assert operate("register-splits")[0] == 0
+    current = read_split(folder / "split.json").revision
+    with Database(sqlite_url).read() as session:
+        came = {row.revision: row.registered_at for row in list_splits(session)}
+    assert came[current] == max(came.values())
 
 
 @pytest.mark.parametrize("removed", [None, 1, 2], ids=["none removed", "first", "second"])

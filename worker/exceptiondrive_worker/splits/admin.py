@@ -72,8 +72,9 @@ def register_all_splits(
 ) -> list[RegisteredSplit]:
     """Register the manifest of every split file; what is registered already stays as it is.
 
-    A file that is refused keeps no other from being registered. The words are told to readers of a
-    revision that is new and has no datasheet that says what changed.
+    The current file of a split comes last, as new phases take what was registered last. A file that is
+    refused keeps no other from being registered. The words are told to readers of a revision that is new
+    and has no datasheet that says what changed.
 
     Raises:
         SplitUnavailableError: There is no file.
@@ -86,8 +87,9 @@ def register_all_splits(
             f"no split lies in {splits.folder.absolute()}, as NAME/split.json.gz. Run this where the "
             "server was started, or name the folder: EXCEPTIONDRIVE_SPLITS_DIR"
         )
+    current = {path.parent: path for path in reversed(paths)}
     registered, refused = [], {}
-    for path in paths:
+    for path in sorted(paths, key=lambda path: path == current[path.parent]):
         try:
             registered.append(_register(database, splits, path, protocol, words))
         except _REFUSALS as error:
