@@ -464,7 +464,7 @@ def test_nobody_picks_after_the_reveal(life: "Life") -> None:
     other = life.submit("beta", CAREFUL)
     life.work()
     for who, each in (("alpha", older), ("alpha", chosen), ("beta", other)):
-        life.request("POST", f"/api/v1/submissions/{each}/publish", who)
+        life.request("POST", f"/api/v1/submissions/{each}/publish?replace=true", who)
     life.request("POST", f"/api/v1/submissions/{chosen}/choose", "alpha")
     secret = life.submit("beta", PUBLIC_ONLY, "Kept private")
     life.work()
