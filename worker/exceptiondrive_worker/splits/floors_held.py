@@ -145,7 +145,12 @@ def held_floors_are_told(
     try:
         yield
     except FloorHeldError as held:
-        detail = {"phase": phase_id, "protocol": protocol.version, "asked": list(held.asked)}
+        detail = {
+            "phase": phase_id,
+            "protocol": protocol.version,
+            "revision": ref.revision,
+            "asked": list(held.asked),
+        }
         with database.write() as session:
             audit_once(session, "worker", SPLIT_FLOOR_HELD, ref.name, detail)
         raise
