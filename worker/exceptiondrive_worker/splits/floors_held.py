@@ -77,7 +77,8 @@ def _hold_and_count(
             lock_split(session, ref.name)
             opened = opened_protocols(session, ref.name)
             _hold(session, floors, ref, protocol, opened)
-            count_opening(session, ref.name, protocol.digest)
+            if protocol.digest not in opened:  # else another worker was first
+                count_opening(session, ref.name, protocol.digest)
 
 
 def _day_full(floors: SplitFloors, scored: str) -> SplitDayFullError:
