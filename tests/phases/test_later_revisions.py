@@ -148,13 +148,20 @@ def test_a_run_to_another_part_is_told_the_part_of_that_revision(life: "Life") -
 def test_what_readers_are_told_of_a_split_waits_until_a_phase_shows_it(life: "Life") -> None:
     """The public part is that of both revisions: the later one is known when its private part is."""
     life.make_phase(closes_at=life.ahead(60))
+
+    def n_samples() -> int:
+        return int(life.json("/api/v1/phases/test")["n_samples"])
+
+    n_first = n_samples()
     first, later = life.revisions(), correct(life, "private")
 
     def known(revision: str | None) -> bool:
         return bool(life.get(f"/splits/parted?revision={revision}").status_code == 200)
 
     assert (known(first[None]), known(later[None])) == (True, False)
+    assert n_samples() == n_first
     end(life)
     apply(life, life.reveal())
     assert (known(first[None]), known(later[None])) == (True, True)
+    assert n_samples() == n_first - 1
     assert str(later[None]) in life.get("/splits/parted").text

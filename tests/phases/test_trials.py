@@ -8,6 +8,7 @@ import pytest
 from sqlalchemy import delete, update
 from tests.canary.values import CANARY_M
 from tests.phases.browsing import visitor
+from tests.phases.life import CAREFUL
 from tests.support.documents import region_ahead, split_document
 from tests.support.floors import let_begin_together, write_floors
 
@@ -147,6 +148,25 @@ def test_floors_hold_for_trials_and_trials_count_among_the_protocols(scored: "Li
     assert "at most 2" in str(trial)
     actions = [line["action"] for line in scored.json("/api/v1/organizer/audit", "organizer")]
     assert "split floor held" in actions
+
+
+def test_the_overview_says_what_floors_hold_of_one_part_while_another_is_scored(
+    life: "Life",
+) -> None:
+    folder = life.worker.splits_dir / "parted"
+    write_floors(folder, "private_part_from = 2999-01-01T00:00:00Z")
+    life.make_phase(closes_at=life.ahead(60))
+    life.submit("alpha", CAREFUL)
+    life.work()
+    life.done("/phases/test/reveal", {"what": "split", "reason": "too early"})
+    life.work()
+    life.submit("beta", CAREFUL)
+    life.work()
+    browser, told = visitor(life, "organizer"), "the private part is closed until 2999-01-01"
+    assert told in browser.get("/organize").text
+    (run,) = life.json("/api/v1/organizer/rescoring", "organizer")
+    life.done(f"/rescoring/{run['id']}/cancel", {"reason": "no"})
+    assert told not in browser.get("/organize").text
 
 
 def bound(life: "Life", max_protocols: int) -> None:

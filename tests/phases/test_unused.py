@@ -116,8 +116,15 @@ def test_a_protocol_in_use_stays(life: "Life") -> None:
     organizer = visitor(life, "organizer")
     life.done(f"/rescoring/{drafted['id']}/cancel", WHY)
     assert "of cancelled ones too" in life.refused("/protocols/7.7/delete", WHY, 409)
+    add(life, DRAFT.replace('"7.7"', '"7.8"'))
+    life.make_phase("gone", split="plain", protocol="7.8")
+    life.work()
+    life.done("/phases/gone/delete", WHY)
+    assert "an opening of split plain" in life.refused("/protocols/7.8/delete", WHY, 409)
     protocols = organizer.get("/organize/protocols").text
-    assert "/organize/protocols/7.7/delete" not in protocols, "what is refused is not offered"
+    for version in ("7.7", "7.8"):
+        address = f"/organize/protocols/{version}/delete"
+        assert address not in protocols, "what is refused is not offered"
     assert 'href="/organize/protocols/new?start=1.0"' in protocols, "not from a draft"
     starts = organizer.get("/organize/protocols/new").text
     assert starts.index("?start=1.0") < starts.index("?start=7.7")

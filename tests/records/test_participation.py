@@ -179,7 +179,10 @@ def test_who_is_reinstated_is_told_what_stays_disqualified(world: World) -> None
     with world.database.write() as session:
         reinstate(session, everywhere, **WHY)
         reinstate(session, here, **WHY)
-    assert last_words(world) == ("Your entry Planner stays disqualified in Development.",)
+    assert last_words(world) == (
+        "Your entry Planner stays disqualified in Development.",
+        "What else was scored stands on the next board.",
+    )
 
 
 def test_notes_of_an_anonymous_phase_join_with_no_other_by_phase_or_time(world: World) -> None:

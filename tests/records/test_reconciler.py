@@ -5,13 +5,14 @@ from datetime import timedelta
 from typing import Any
 
 import pytest
-from sqlalchemy import update
-from sqlalchemy.exc import OperationalError
+from sqlalchemy import text, update
+from sqlalchemy.exc import OperationalError, ProgrammingError
 from structlog.testing import capture_logs
+from tests.support.databases import POSTGRES_ALONE
 from tests.support.records import count_audit_lines
 from tests.support.work import let_time_pass
 
-from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.database import Database, sentence_of
 from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.operations.reconciler import Pass, reconcile_once, run_reconciler
 from exceptiondrive_records.submissions.tables import Submission
@@ -25,6 +26,12 @@ from exceptiondrive_schemas.api.submission import SubmissionStatus
 World = Any
 Broker = Any
 SETTINGS = RecordsSettings(max_attempts=2)
+
+
+class OneLook(threading.Event):
+    def wait(self, timeout: float | None = None) -> bool:
+        self.set()
+        return True
 
 
 def hours_pass(world: World) -> None:
@@ -163,17 +170,21 @@ def test_one_leads_until_its_lease_ends(database: Database) -> None:
 
 
 def test_the_log_says_why_the_database_does_not_answer(broker: Broker) -> None:
-    class OneLook(threading.Event):
-        def wait(self, timeout: float | None = None) -> bool:
-            self.set()
-            return True
-
     away = Database("postgresql+psycopg://nobody@127.0.0.1:1/none")
     with capture_logs() as logs, pytest.raises(OperationalError):  # it cannot give up the lead
         run_reconciler(away, Dispatcher(broker.url), SETTINGS, OneLook())
     away.dispose()
     (line,) = [line for line in logs if line["event"] == "the database did not answer"]
     assert "Connection refused" in line["reason"]
+
+
+@POSTGRES_ALONE
+def test_where_a_table_is_missing_it_ends_and_says_so(world: World, broker: Broker) -> None:
+    with world.database.write() as session:
+        session.execute(text("ALTER TABLE rescoring_runs RENAME TO gone"))
+    with pytest.raises(ProgrammingError) as found:
+        run_reconciler(world.database, Dispatcher(broker.url), SETTINGS, OneLook())
+    assert "nothing is set up in this database yet" in sentence_of(found.value)
 
 
 def test_two_reconcilers_wake_no_more_than_one(world: World, broker: Broker) -> None:

@@ -25,8 +25,10 @@ from exceptiondrive_records.work.lease import claim_oldest
 from exceptiondrive_records.work.tables import Recheck
 from exceptiondrive_schemas.api.rescoring import RunAction, RunKind, VerificationView, VerifyState
 from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_scoring import SCORER_VERSION, challenge
 from exceptiondrive_worker import stages
+from exceptiondrive_worker.splits.admin import publish_split_file
 from exceptiondrive_worker.splits.private_store import Shelf
 
 Stage = Any
@@ -74,6 +76,27 @@ def test_a_sheet_of_another_scorer_says_so_and_a_run_to_the_next_version_makes_i
     assert found.n_different == 3
     stage.apply(stage.ready(make_protocol("1.1")))  # the same numbers under the next version
     assert verified(stage).n_equal == 3
+
+
+@pytest.mark.publishes_regions
+def test_of_a_split_that_became_public_sheets_of_another_scorer_agree_as_they_were_published(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Sheets of a public split tell more, such as the clearance curve."""
+    context = stage.context
+    publish_split_file(
+        context.database,
+        context.files,
+        context.splits,
+        "tiny",
+        packaged_protocol(),
+        while_open=True,
+    )
+    stage.submit(3.0, "later")
+    stage.work()
+    monkeypatch.setattr(challenge, "SCORER_VERSION", "99")
+    found = verified(stage)
+    assert [one.note is not None and one.note[-5:] for one in found.problems] == ["agree"] * 4
 
 
 def test_what_a_verification_came_to_is_shown_later_too(

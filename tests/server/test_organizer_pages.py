@@ -11,6 +11,7 @@ from sqlalchemy import select, text
 from exceptiondrive_records.audit.log import PROBING_SUSPECTED, SPLIT_FLOOR_HELD, audit_once
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.news.questions import ask_question
+from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.teams.teams import register_team
 from exceptiondrive_records.work.heartbeats import beat
@@ -152,6 +153,7 @@ def test_the_overview_says_what_workers_refused_and_suspect(
 ) -> None:
     asked = {"phase": "dev", "protocol": "1.0", "asked": ["waypoints is 1, it must lie from 4"]}
     with api.database.write() as session:
+        asked["revision"] = session.get_one(Phase, "dev").split_revision
         for _ in range(2):
             audit_once(session, "worker", SPLIT_FLOOR_HELD, "sample", asked)
         of_a_cancelled_run = asked | {"protocol": "9.0", "asked": ["what nobody asks any more"]}

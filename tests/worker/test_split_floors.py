@@ -577,6 +577,23 @@ def test_two_protocols_at_once_take_no_more_than_is_left(
     assert held(world)[-1][1]["asked"] == ["it would be protocol number 2, at most 1 may be"]
 
 
+def test_two_jobs_at_once_open_a_split_under_one_new_protocol(
+    world: World, tiny: Split, planning_file: Callable[..., bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both are let begin, since it is not counted, and it is counted once."""
+    write_floors(world, "max_protocols = 1", tiny.name)
+    open_phase(world, changed("9.1"), tiny)
+    jobs = [
+        world.submit(planning_file(tiny, edited_mps=1.1 + n / 10), phase_id="made")
+        for n in range(2)
+    ]
+    floors.let_begin_together(monkeypatch)
+    score_at_once(world, jobs)
+    assert {world.submission(own).status for own, _ in jobs} == {SubmissionStatus.SCORED}
+    with world.database.read() as session:
+        assert len(opened_protocols(session, tiny.name)) == 1
+
+
 def test_two_submissions_at_once_take_no_more_than_is_left_of_a_day(
     world: World, tiny: Split, planning_file: Callable[..., bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:

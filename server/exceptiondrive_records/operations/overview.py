@@ -13,6 +13,12 @@ from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.news.questions import count_waiting
 from exceptiondrive_records.operations.troubles import Trouble, troubles
 from exceptiondrive_records.phases.phases import list_phases
+from exceptiondrive_records.phases.scoring_keys import (
+    ScoringKey,
+    is_of_key,
+    key_of_phase,
+    new_key,
+)
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.rescoring.runs import list_runs
 from exceptiondrive_records.rescoring.tables import RescoringRun
@@ -107,20 +113,26 @@ def _floors_held(session: Session, open_runs: Sequence[RescoringRun]) -> list[Au
 
     What was scored since is refused no longer.
     """
-    asked = {(phase.id, phase.protocol_digest) for phase in list_phases(session, with_hidden=True)}
-    asked |= {(run.phase_id, run.to_protocol_digest) for run in open_runs}
-    digests = {(phase, find_protocol(session, digest).version): digest for phase, digest in asked}
+    phases = list_phases(session, with_hidden=True)
+    asked = {(phase.id, *key_of_phase(phase)) for phase in phases}
+    asked |= {(run.phase_id, *new_key(run)) for run in open_runs}
+    keys = {
+        (phase_id, find_protocol(session, digest).version, revision): ScoringKey(digest, revision)
+        for phase_id, digest, revision in asked
+    }
     found = []
     for line in session.scalars(_of_workers(session, SPLIT_FLOOR_HELD)):
         phase_id = line.detail["phase"]
-        digest = digests.get((phase_id, line.detail["protocol"]))
+        key = keys.get((phase_id, line.detail["protocol"], line.detail["revision"]))
+        if key is None:
+            continue
         scored_since = exists().where(
-            ScoreSheetRow.protocol_digest == digest,
+            is_of_key(ScoreSheetRow, key),
             ScoreSheetRow.created_at > line.at,
             ScoreSheetRow.submission_id == Submission.id,
             Submission.phase_id == phase_id,
         )
-        if digest is not None and not session.scalar(select(scored_since)):
+        if not session.scalar(select(scored_since)):
             found.append(line)
     return found[:NEWEST]
 

@@ -12,7 +12,7 @@ import time
 from dataclasses import dataclass
 
 import structlog
-from sqlalchemy.exc import OperationalError, SQLAlchemyError
+from sqlalchemy.exc import OperationalError, ProgrammingError, SQLAlchemyError
 
 from exceptiondrive_records.boards.renewal import renew_where_families_show
 from exceptiondrive_records.db.database import Database, sentence_of
@@ -58,7 +58,11 @@ def reconcile_once(database: Database, dispatcher: Dispatcher, settings: Records
 def run_reconciler(
     database: Database, dispatcher: Dispatcher, settings: RecordsSettings, stop: threading.Event
 ) -> None:
-    """Make passes while leading, until `stop` is set; what the database refuses or does not answer is tried again."""
+    """Make passes while leading, until `stop` is set; what the database refuses or does not answer is tried again.
+
+    Raises:
+        ProgrammingError: A right, a table or a column is missing: no other try would help.
+    """
     looked_at_s = -math.inf
     holder = f"{socket.gethostname()}:{os.getpid()}:{random_id(6)}"
     while not stop.is_set():
@@ -74,6 +78,8 @@ def run_reconciler(
                     _log.info("reconciled", **vars(done))
         except OperationalError as error:
             _log.warning("the database did not answer", reason=sentence_of(error))
+        except ProgrammingError:
+            raise
         except SQLAlchemyError as error:  # as where two lead, of whom one was frozen
             _log.warning("a pass was broken off", error=type(error).__name__)
         stop.wait(settings.reconcile_every_s)

@@ -127,11 +127,14 @@ def reinstate(
         raise Conflict(f"It was reinstated at {row.reinstated_at:%Y-%m-%d %H:%M} UTC.")
     row.reinstated_at = database_now(session)
     detail = {"reason": checked_reason(reason)}
+    lasting = _lasting_beside(session, row)
     words = [
         f"{name} stays disqualified in {where}."
-        for name, where in (_named(session, team, each) for each in _lasting_beside(session, row))
+        for name, where in (_named(session, team, each) for each in lasting)
     ]
-    words = words or ["What was scored stands on the next board."]
+    if not any(_keeps_off(each, row) for each in lasting):
+        what = "What else" if lasting else "What"
+        words.append(f"{what} was scored stands on the next board.")
     _publish(session, team, row, "reinstated", detail, words, actor)
     return row
 
@@ -146,6 +149,14 @@ def _lasting_beside(session: Session, row: Disqualification) -> list[Disqualific
         and (row.phase_id is None or each.phase_id in (None, row.phase_id))
         and (row.submission_id is None or each.submission_id in (None, row.submission_id))
     ]
+
+
+def _keeps_off(one: Disqualification, other: Disqualification) -> bool:
+    """Whether one keeps off the boards all that the other kept off."""
+    return one.phase_id in (None, other.phase_id) and one.submission_id in (
+        None,
+        other.submission_id,
+    )
 
 
 def _named(session: Session, team: Team, row: Disqualification) -> tuple[str, str]:

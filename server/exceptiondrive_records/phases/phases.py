@@ -17,6 +17,7 @@ from exceptiondrive_records.phases.quotas import quota_of
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.phases.terms import terms_accepted_at, terms_version
 from exceptiondrive_records.protocols.protocols import find_protocol, usual_protocol
+from exceptiondrive_records.splits.shown import shown_whole
 from exceptiondrive_records.splits.splits import find_split, live_revision, whole_split
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.tables import Submission
@@ -223,7 +224,7 @@ def phase_view(
     session: Session, phase: Phase, *, max_upload_bytes: int, team_id: int | None = None
 ) -> PhaseView:
     """Return the phase as the API shows it, with the quota of a team if given."""
-    whole = whole_split(session, phase.split_name, phase.split_revision)
+    whole = shown_whole(session, phase)
     quota = None if team_id is None else quota_of(session, team_id, phase)
     own_closes_at = None if quota is None else quota.closes_at
     return PhaseView(

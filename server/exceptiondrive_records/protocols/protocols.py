@@ -13,6 +13,7 @@ from exceptiondrive_records.db.identifiers import checked_reason
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.splits.tables import SplitOpening
 from exceptiondrive_schemas.protocol import (
     NEWEST,
     NEWEST_WITHHELD,
@@ -60,7 +61,7 @@ def delete_protocol(
     Raises:
         NotFound: There is none.
         InvalidRecord: The reason is empty.
-        Conflict: A phase, a run, a board or a sheet names it, or it came with this software.
+        Conflict: A phase or a run names it, a split was opened under it, or it came with this software.
     """
     row = find_protocol_row(session, version_or_digest)
     protocol = find_protocol(session, row.digest)
@@ -81,12 +82,14 @@ def delete_protocol(
 
 
 def protocol_users(session: Session) -> dict[str, list[str]]:
-    """Return which phases and rescoring runs name each protocol, in words; those of none are left out."""
+    """Return what names each protocol, in words: phases, rescoring runs, and withheld splits opened under it."""
     phases = session.execute(select(Phase.protocol_digest, Phase.id))
     sides = RescoringRun.from_protocol_digest, RescoringRun.to_protocol_digest
     runs = [row for side in sides for row in session.execute(select(side, RescoringRun.id))]
     named = {(digest, f"phase {key}") for digest, key in phases}
     named |= {(digest, f"rescoring run {key}") for digest, key in runs}
+    openings = session.execute(select(SplitOpening.protocol_digest, SplitOpening.split_name))
+    named |= {(digest, f"an opening of split {name}") for digest, name in openings}
     users: dict[str, list[str]] = {}
     for digest, words in sorted(named):
         users.setdefault(digest, []).append(words)

@@ -4,14 +4,15 @@ A revision that is registered for a run in preparation is not among them.
 """
 
 from collections.abc import Iterable
+from contextlib import suppress
 
 from sqlalchemy import select, union
-from sqlalchemy.orm import Session, undefer
+from sqlalchemy.orm import Session
 
 from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_records.phases.tables import Phase
-from exceptiondrive_records.splits.splits import find_split
+from exceptiondrive_records.splits.splits import find_split, whole_split
 from exceptiondrive_records.splits.tables import SplitRow
 
 
@@ -36,7 +37,6 @@ def shown_revisions(session: Session, name: str) -> list[SplitRow]:
     wholes = session.scalars(
         select(SplitRow)
         .where(SplitRow.name == name, SplitRow.part.is_(None))
-        .options(undefer(SplitRow.datasheet))
         .order_by(SplitRow.registered_at.desc())
     ).all()
     first = _last_with(wholes)
@@ -56,6 +56,18 @@ def _last_with(wholes: Iterable[SplitRow]) -> dict[str | None, str]:
         for row in wholes
         for each in (row.revision, row.public_revision, row.private_revision)
     }
+
+
+def shown_whole(session: Session, phase: Phase) -> SplitRow:
+    """Return the whole split of a phase as readers know it; of a hidden one that nobody knows, the newest."""
+    split = session.get_one(SplitRow, (phase.split_name, phase.split_revision))
+    if split.part is None:
+        return split
+    with suppress(NotFound):
+        for row in shown_revisions(session, split.name):
+            if split.revision in (row.public_revision, row.private_revision):
+                return row
+    return whole_split(session, split.name, split.revision)
 
 
 def shown_revision(session: Session, name: str, revision: str | None) -> SplitRow:

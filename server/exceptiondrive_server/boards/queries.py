@@ -38,7 +38,7 @@ from exceptiondrive_records.protocols.shown import shown_protocol
 from exceptiondrive_records.protocols.tables import ProtocolRow
 from exceptiondrive_records.rescoring.views import update_words
 from exceptiondrive_records.splits.drawings import protocol_drawing
-from exceptiondrive_records.splits.splits import whole_split
+from exceptiondrive_records.splits.shown import shown_whole
 from exceptiondrive_records.splits.tables import SplitRow
 from exceptiondrive_records.submissions.edits import edits_of_phase, facts_of_entries
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
@@ -189,7 +189,7 @@ def _phase_links(session: Session, chosen: Phase | None) -> tuple[PhaseLink, ...
 def phase_link(session: Session, phase: Phase, is_current: bool = False) -> PhaseLink:
     """Return what pages say of a phase."""
     split = session.get_one(SplitRow, (phase.split_name, phase.split_revision))
-    whole = split if split.part is None else whole_split(session, split.name, split.revision)
+    whole = shown_whole(session, phase)
     now = database_now(session)
     challenge = CHALLENGES[phase.challenge]
     return PhaseLink(

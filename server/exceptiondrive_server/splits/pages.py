@@ -54,6 +54,7 @@ def show_split(
         found = [row for row in rows if revision in (None, row.revision)]
         if not found:
             raise NotFound("split", name)
+        sheet = found[0].datasheet
         phases = [phase for phase in list_phases(session) if phase.split_name == name]
         families = {it.id: it.title for it in featured_protocol(session).families}
     return page(
@@ -61,7 +62,7 @@ def show_split(
         "splits/split.html",
         "protocol",
         split=found[0],
-        sheet=found[0].datasheet,
+        sheet=sheet,
         revisions=rows,
         phases=phases,
         challenges=CHALLENGES,

@@ -77,7 +77,8 @@ def _hold_and_count(
             lock_split(session, ref.name)
             opened = opened_protocols(session, ref.name)
             _hold(session, floors, ref, protocol, opened)
-            count_opening(session, ref.name, protocol.digest)
+            if protocol.digest not in opened:  # else another worker was first
+                count_opening(session, ref.name, protocol.digest)
 
 
 def _day_full(floors: SplitFloors, scored: str) -> SplitDayFullError:
@@ -145,7 +146,12 @@ def held_floors_are_told(
     try:
         yield
     except FloorHeldError as held:
-        detail = {"phase": phase_id, "protocol": protocol.version, "asked": list(held.asked)}
+        detail = {
+            "phase": phase_id,
+            "protocol": protocol.version,
+            "revision": ref.revision,
+            "asked": list(held.asked),
+        }
         with database.write() as session:
             audit_once(session, "worker", SPLIT_FLOOR_HELD, ref.name, detail)
         raise
