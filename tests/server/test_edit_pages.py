@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
 from typing import TYPE_CHECKING, Any
 
@@ -9,10 +10,12 @@ import pytest
 from markupsafe import escape
 from sqlalchemy import insert, update
 from tests.server.nasty_strings import NASTY, UNSHOWABLE
+from tests.support.databases import wait_until_it_waits
 from tests.support.documents import digest_of
 
 from exceptiondrive_records.accounts.tables import Token
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.entries.selection import publish
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.phase_settings import PhasePolicy
 from exceptiondrive_server.web import browser_session
@@ -155,6 +158,23 @@ def test_a_public_run_is_named_however_many_private_ones_came_after_it(
         session.execute(insert(Submission), later)
     told = api.post(f"/submissions/{second}/publish", "alpha")
     assert f"It replaces {first} (HCC 50.00)" in as_problem(told, 409, "not_confirmed")["detail"]
+
+
+def test_of_two_that_are_published_at_one_moment_the_later_is_asked_about(
+    api_on_both: "Api", as_problem: Problem
+) -> None:
+    api = api_on_both
+    api.phase("quiet", policy=PhasePolicy(entries_private=True))
+    first, second = (api.submit(one, phase="quiet").json()["id"] for one in "ab")
+    for each in (first, second):
+        api.score(each)
+    with ThreadPoolExecutor() as pool:
+        with api.database.write() as session:
+            publish(session, first, actor="test")
+            session.flush()
+            other = pool.submit(api.post, f"/submissions/{second}/publish", "alpha")
+            wait_until_it_waits(api.database, other.done)
+        as_problem(other.result(), 409, "not_confirmed")
 
 
 def test_another_teams_edit_and_file_are_not_found(api: "Api", browse: Browse) -> None:
