@@ -432,8 +432,8 @@ class Client(Connection):
             replaces = replaced_entry(own, method, phase.policy, is_open=phase.is_open)
         shows_one = phase.policy.entries_shown == "chosen"
         if first is None and phase.is_open:
-            of_place = (each for each in scored if shows_one or each.method == method)
-            stays = next((each for each in of_place if each.is_chosen), None)
+            chosen = (each for each in scored if each.is_chosen and each.is_published)
+            stays = next((each for each in chosen if shows_one or each.method == method), None)
         names = {each.method for each in own if each.status not in SENT_ANEW} - {method}
         alike = (name for name in names if method and name.casefold() == method.casefold())
         said: RunRule = next((each.run_rule for each in scored if each.method == method), "newest")

@@ -43,7 +43,7 @@ def too_little_covered(
         for key, share in shares.items()
         if share < least
     ]
-    return f"{' and '.join(parts)} are answered; a rank needs {least:.0%}" if parts else None
+    return f"{' and '.join(parts)} are answered; a rank needs {100 * least:g}%" if parts else None
 
 
 def _below(share: float, least: float) -> str:
@@ -52,4 +52,4 @@ def _below(share: float, least: float) -> str:
         text = f"{share:.{decimals}%}"
         if float(text[:-1]) < round(100 * least, 9):
             return text
-    return f"less than {least:.0%}"
+    return f"less than {100 * least:g}%"

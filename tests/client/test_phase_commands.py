@@ -199,6 +199,19 @@ def test_check_says_that_the_run_that_was_chosen_stays(
     assert view["replaced_by"] == chosen
 
 
+def test_a_chosen_run_that_is_private_is_not_said_to_stand(
+    working: "Running", planning_file: MakeFile
+) -> None:
+    make_phase(working, "--entries-shown=chosen", "--entries-private")
+    chosen = scored(working, planning_file(), "Planner")
+    assert run(working, "choose", chosen).exit_code == 0
+    file = other_bytes(planning_file("two.json"))
+    check = ("check", file, "--phase", "test", "--method", "Planner")
+    assert "it will be ranked once your team publishes it" in run(working, *check).stdout
+    assert run(working, "publish", chosen).exit_code == 0
+    assert f"not stand on the board: {chosen} (HCC " in run(working, *check).stdout
+
+
 def test_a_team_publishes_and_takes_back(working: "Running", planning_file: MakeFile) -> None:
     make_phase(working, "--entries-private")
     mine = scored(working, planning_file(), "Planner")

@@ -16,6 +16,7 @@ from exceptiondrive_schemas.score_sheet import (
     ScoreSheet,
 )
 from exceptiondrive_schemas.split import SplitRef
+from exceptiondrive_server.web.numbers import fixed
 
 ROW: MetricRow = {"accuracy": 0.5, "under_warning": 0.25, "over_warning": 0.25, "missing": 0.0}
 
@@ -24,6 +25,7 @@ def printed(
     extra: dict[str, MetricRow],
     families: Mapping[str, BreakdownRow] = {},
     protocol: ProtocolDocument | None = None,
+    shares: Mapping[str, float | None] = {},
 ) -> list[str]:
     sheet = ScoreSheet(
         challenge=STRATEGY.id,
@@ -36,7 +38,7 @@ def printed(
         macro_family=ROW,
         families=dict(families),
         tasks={},
-        plausibility=Plausibility(shares={}),
+        plausibility=Plausibility(shares=dict(shares)),
         extra=extra,
     )
     console = Console(width=160)
@@ -61,6 +63,13 @@ def test_confusion_is_printed_as_counts_and_reminder_scores_as_shares() -> None:
 
 def test_answers_without_a_source_are_not_called_edited() -> None:
     assert "answers given: 100.00%" in printed({})
+
+
+def test_shares_of_plausibility_are_rounded_as_on_the_page_of_an_entry() -> None:
+    for share in (0.0625, 0.4715, 0.06254999, 0.0):
+        page = fixed(100 * round(share, 4), 1)
+        assert f"plausibility: blind {page}%" in printed({}, shares={"blind": share})
+    assert "plausibility: blind 6.3%" in printed({}, shares={"blind": 0.0625})
 
 
 def test_a_family_that_is_not_told_is_explained() -> None:

@@ -234,6 +234,8 @@ def test_a_withdrawal_asks_and_says_what_stands_again(
         assert f"Withdraw {second['id']} (HCC " in asked.stderr
         assert "Nothing was changed." in asked.stderr
         assert asked.exit_code == 2
+        stranger = run(working, "withdraw", second["id"], token="edk_s_unknown")
+        assert (stranger.exit_code, "Withdraw" in stranger.stderr) == (4, False)
         told = run(working, "withdraw", second["id"], "--yes").stdout
     assert f"withdrawn: with the next board there stands again {first['id']} (HCC " in told
     assert "no other run takes its place" in run(working, "withdraw", first["id"]).stdout

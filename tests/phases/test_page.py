@@ -56,6 +56,9 @@ def test_a_page_says_what_of_an_entry_stands_on_the_board(life: "Life") -> None:
     assert "Teams and methods stand under pseudonyms until the organizers reveal them." in words
     board = text_of(life.get("/?phase=test").text)
     assert "They appear on the board once your team publishes the entry." in board
+    life.done("/phases/test/freeze")
+    board = text_of(life.get("/?phase=test").text)
+    assert "once your team publishes the entry and the organizers reveal the board." in board
 
 
 def test_what_comes_to_a_closed_phase_appears_on_its_late_view(life: "Life") -> None:

@@ -10,6 +10,7 @@ import pytest
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.check import check
+from exceptiondrive_schemas.coverage import too_little_covered
 from exceptiondrive_schemas.flags import FLAGS, bars_leading
 from exceptiondrive_schemas.protocol import (
     NEWEST,
@@ -181,3 +182,17 @@ def test_coverage_is_exact_where_numbers_are_told() -> None:
     assert told.exact_shares(299) == {"edited": 296 / 299, "source": 1.0}
     assert Coverage(edited=0.99).exact_shares(299) == {"edited": 0.99}
     assert Coverage(edited=0.99).model_dump() == {"edited": 0.99, "source": None}
+
+
+@pytest.mark.parametrize(
+    ("share", "least", "said"),
+    [
+        (0.75, 0.99, "75.00% of the scenes are answered; a rank needs 99%"),
+        (0.99, 0.995, "99.00% of the scenes are answered; a rank needs 99.5%"),
+        (0.995 - 1e-9, 0.995, "less than 99.5% of the scenes are answered; a rank needs 99.5%"),
+    ],
+)
+def test_the_least_share_is_said_as_the_protocol_has_it(
+    share: float, least: float, said: str
+) -> None:
+    assert too_little_covered({"edited": "scenes"}, {"edited": share}, least) == said

@@ -2,16 +2,21 @@
 
 import re
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from datetime import timedelta
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from markupsafe import escape
-from sqlalchemy import update
+from sqlalchemy import insert, update
 from tests.server.nasty_strings import NASTY, UNSHOWABLE
+from tests.support.databases import wait_until_it_waits
 from tests.support.documents import digest_of
 
 from exceptiondrive_records.accounts.tables import Token
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.entries.selection import publish
+from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.phase_settings import PhasePolicy
 from exceptiondrive_server.web import browser_session
 
@@ -128,6 +133,48 @@ def test_a_public_run_is_named_before_another_takes_its_place(
     assert api.get(f"/submissions/{first}", "alpha").json()["replaced_by"] == second
     assert api.post(f"/submissions/{first}/unpublish", "alpha").status_code == 200
     assert api.post(f"{address}?replace=true", "alpha").status_code == 200, "twice is once"
+
+
+def test_a_public_run_is_named_however_many_private_ones_came_after_it(
+    api: "Api", as_problem: Problem
+) -> None:
+    api.phase("quiet", policy=PhasePolicy(entries_private=True))
+    first, second = (api.submit(one, phase="quiet").json()["id"] for one in "ab")
+    for each in (first, second):
+        api.score(each)
+    assert api.post(f"/submissions/{first}/publish", "alpha").status_code == 200
+    with api.database.write() as session:
+        one = session.get_one(Submission, second)
+        same = {each.key: getattr(one, each.key) for each in Submission.__mapper__.column_attrs}
+        later = [
+            {
+                **same,
+                "id": f"later{at}",
+                "file_digest": f"sha256:{at}",
+                "received_at": one.received_at + timedelta(seconds=at),
+            }
+            for at in range(1, 251)
+        ]
+        session.execute(insert(Submission), later)
+    told = api.post(f"/submissions/{second}/publish", "alpha")
+    assert f"It replaces {first} (HCC 50.00)" in as_problem(told, 409, "not_confirmed")["detail"]
+
+
+def test_of_two_that_are_published_at_one_moment_the_later_is_asked_about(
+    api_on_both: "Api", as_problem: Problem
+) -> None:
+    api = api_on_both
+    api.phase("quiet", policy=PhasePolicy(entries_private=True))
+    first, second = (api.submit(one, phase="quiet").json()["id"] for one in "ab")
+    for each in (first, second):
+        api.score(each)
+    with ThreadPoolExecutor() as pool:
+        with api.database.write() as session:
+            publish(session, first, actor="test")
+            session.flush()
+            other = pool.submit(api.post, f"/submissions/{second}/publish", "alpha")
+            wait_until_it_waits(api.database, other.done)
+        as_problem(other.result(), 409, "not_confirmed")
 
 
 def test_another_teams_edit_and_file_are_not_found(api: "Api", browse: Browse) -> None:

@@ -10,7 +10,7 @@ from exceptiondrive.challenges import challenge_of
 from exceptiondrive.cli.fitted_table import Column, FittedTable
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.faults import CheckReport, FaultGroup
-from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.printable import counted, decimal_text
 from exceptiondrive_schemas.protocol import Average, ProtocolDocument, packaged_protocol
 from exceptiondrive_schemas.score_sheet import (
     HEADLINE,
@@ -133,7 +133,9 @@ def sheet_view(
         style="bold",
     )
     edited, source = sheet.coverage.edited, sheet.coverage.source
-    answered = f"{edited:.2%}" if source is None else f"{edited:.2%} edited, {source:.2%} source"
+    answered = _percent(edited)
+    if source is not None:
+        answered += f" edited, {_percent(source)} source"
     yield Text(f"answers given: {answered}", style="dim")
     headline = protocol.grading.headline if protocol else headline
     yield _sheet_table(sheet, protocol, with_tasks, headline)
@@ -225,7 +227,8 @@ def _sensitivity(sheet: ScoreSheet, protocol: ProtocolDocument | None) -> Iterat
 def _plausibility(sheet: ScoreSheet) -> Iterator[RenderableType]:
     shares = {key: share for key, share in sheet.plausibility.shares.items() if share is not None}
     if shares:
-        listed = ", ".join(f"{key.replace('_', ' ')} {share:.1%}" for key, share in shares.items())
+        each = (f"{key.replace('_', ' ')} {_percent(share, 1)}" for key, share in shares.items())
+        listed = ", ".join(each)
         yield Text(f"plausibility: {listed}", style="dim")
     for flag in sheet.plausibility.flags:
         yield Text.assemble(("flag ", "yellow"), (flag.label, "bold yellow"), f": {flag.detail}")
@@ -248,4 +251,9 @@ def _extra(sheet: ScoreSheet) -> Iterator[RenderableType]:
 def _extra_cell(value: float | None, is_count: bool) -> str:
     if value is None:
         return "none"
-    return f"{value:.0f}" if is_count else f"{value:.2%}"
+    return f"{value:.0f}" if is_count else _percent(value)
+
+
+def _percent(share: float, decimals: int = 2) -> str:
+    """Write a share that is no metric as pages do, one of this machine rounded as a board's."""
+    return f"{decimal_text(100 * round(share, 4), decimals)}%"

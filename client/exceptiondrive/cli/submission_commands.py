@@ -37,6 +37,7 @@ from exceptiondrive.errors import (
     ExceptionDriveError,
     InvalidArgumentError,
     NotAllowedError,
+    NotSignedInError,
 )
 from exceptiondrive.facts import facts_of_pairs
 from exceptiondrive.outlook import Outlook
@@ -277,9 +278,12 @@ def withdraw(
     It stays in the team's own list; until the deadline the run of the method that it had replaced
     stands again.
     """
-    asked = None
-    with suppress(NotAllowedError):  # a token may withdraw what it cannot read
+    try:
         asked = client.status(submission_id)
+    except NotSignedInError:
+        raise
+    except NotAllowedError:  # a token may withdraw what it cannot read
+        asked = None
     stands = asked is None or asked.status is not SubmissionStatus.WITHDRAWN
     if stands and can_ask():  # a script goes on: the same bytes may be sent again
         be_sure(f"Withdraw {submission_id if asked is None else entry_words(asked)}?", yes)

@@ -246,7 +246,8 @@ def _numbers(values: Mapping[str, Any], challenge: Challenge) -> tuple[MetricRow
 
 def _is_passed_over(name: str, challenge: Challenge) -> bool:
     is_end = name.removesuffix("_low").removesuffix("_high") in challenge.metric_keys
-    return is_end or name in _PASSED_OVER or name in NEEDED or name in OPTIONAL
+    is_of_controls = any(name == metric.key for metric in challenge.of_controls)
+    return is_end or is_of_controls or name in {*_PASSED_OVER, *NEEDED, *OPTIONAL}
 
 
 def _number(name: str, value: Any, metric: Metric) -> float | None:

@@ -115,13 +115,16 @@ def _findings(
     if len(ranked) == 1:
         lead = f"The only ranked {words.subject} so far is {leader.method}"
     else:
-        others = [entry for entry in ranked if entry is not leader and entry.may_lead]
-        level = [entry for entry in others if entry.rank == leader.rank]
+        level = [
+            entry
+            for entry in ranked
+            if entry.rank == leader.rank and entry.may_lead and entry is not leader
+        ]
         lead = f"Of {grouped(len(ranked))} ranked {words.subjects}, {leader.method} leads"
         lead += _level_with(level)
         place = leader.rank or 1
         could = board.contenders(protocol.ranking.order_of(challenge)[0], place)
-        lead += _could_too(place, sum(each in could for each in others if each not in level))
+        lead += _could_too(place, sum(each.may_lead and each.rank != leader.rank for each in could))
     above = [entry for entry in ranked if (entry.rank or 0) < (leader.rank or 0)]
     own_flags = f"; flagged “{flags_of(leader)}”" if leader.flags else ""  # which do not bar it
     return (f"{lead}: {numbers} ({average}){own_flags}.", *_above(above))

@@ -452,10 +452,12 @@ class BoardPage:
         """Where what is scored now stands, and when."""
         takes_late = self.phase is not None and self.phase.takes_late
         where = f"on the {'late view' if takes_late else 'board'}"
+        after = []
+        if self.phase is not None and self.phase.entries_private:
+            after.append("your team publishes the entry")
         if self.now is not None and self.now.frozen_since is not None:
-            return f"{where} when the organizers reveal it"
-        is_private = self.phase is not None and self.phase.entries_private
-        return f"{where} {'once your team publishes the entry' if is_private else 'within seconds'}"
+            after.append("the organizers reveal the board")
+        return f"{where} once {' and '.join(after)}" if after else f"{where} within seconds"
 
     @property
     def banners(self) -> tuple[Notice, ...]:

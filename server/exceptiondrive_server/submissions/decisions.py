@@ -6,18 +6,19 @@ A team decides about its own, an organizer about any, of which its team is told.
 from collections.abc import Callable
 from datetime import datetime
 
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.sessions import require_unrevoked
 from exceptiondrive_records.accounts.tokens import Principal, Scope
+from exceptiondrive_records.boards.standings import replacements
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import NotConfirmed
 from exceptiondrive_records.notifications.inbox import tell_about
+from exceptiondrive_records.phases.policy import is_published
+from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.edits import edits_of
-from exceptiondrive_records.submissions.submissions import (
-    confirm,
-    find_submission,
-    submission_page,
-)
+from exceptiondrive_records.submissions.submissions import confirm, find_submission, lock_team
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import view, views
 from exceptiondrive_schemas.api.own_entries import entry_words
@@ -27,7 +28,6 @@ from exceptiondrive_server.submissions.upload import told_to
 from exceptiondrive_server.web.auth import own_team
 from exceptiondrive_server.web.services import Services
 
-_MAX_LOOKED_AT = 200
 _OFF_THE_BOARD = (
     "The next boards leave it out; earlier ones keep what they showed, and a frozen board goes on "
     "showing it until it is revealed."
@@ -90,19 +90,18 @@ def decide(
 
 
 def _standing(session: Session, submission: Submission) -> dict[str, SubmissionView]:
-    """Return the entries of its team that stand in its phase, by their ids."""
-    scored, _ = submission_page(
-        session,
-        team_id=submission.team_id,
-        phase_id=submission.phase_id,
-        status=SubmissionStatus.SCORED,
-        limit=_MAX_LOOKED_AT,
+    """Return the entries of its team that stand in its phase, by their ids; who publishes another waits."""
+    lock_team(session, submission.team_id)
+    phase = session.get_one(Phase, submission.phase_id)
+    query = select(Submission).where(
+        Submission.team_id == submission.team_id,
+        Submission.phase_id == phase.id,
+        Submission.status == SubmissionStatus.SCORED,
     )
-    return {
-        each.id: each
-        for each in views(session, scored)
-        if each.is_published and each.replaced_by is None
-    }
+    scored = session.scalars(query).all()
+    replaced = replacements(session, phase, scored, database_now(session))
+    standing = [each for each in scored if is_published(phase, each) and each.id not in replaced]
+    return {each.id: each for each in views(session, standing)}
 
 
 def _decided(submission: Submission) -> tuple[datetime | None, ...]:

@@ -245,6 +245,8 @@ def test_rows_by_rank_stand_in_the_order_of_the_protocol(
     table = view(lively_board, protocol.model_copy(update={"ranking": ranking}))
     assert table.sort_sentence == "Sorted by rank: UR, then HCC."
     assert [(c.key, c.aria_sort) for c in table.columns if c.aria_sort] == [("ur", "ascending")]
+    row = macro("boards/table.html", "board_row")(table.rows[0], table, False)
+    assert [key for key in KEYS if f"{key} by" in row] == ["ur"], "it leads the row of a phone"
 
 
 def test_under_the_other_average_no_column_stands_in_the_order_of_the_ranks(

@@ -15,6 +15,7 @@ import pandas as pd
 import pytest
 from tests.server.pages.invented_board import KEYS
 
+from exceptiondrive_records.boards.reported_files import read_rows
 from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import CHALLENGES, PLANNING
 from exceptiondrive_schemas.method_facts import EntryFacts, MethodFacts
@@ -154,10 +155,13 @@ def test_csv_has_columns_for_what_a_board_can_tell(
     assert "over_caution" not in first
     entry = lively_board.entries[0]
     tried = entry.model_copy(update={"micro": {**entry.micro, "over_caution": 0.14}})
-    changes = {"entries": (tried, *lively_board.entries[1:])}
-    told, other, *_ = rows_of(lively_board.model_copy(update=changes))
+    changes = {"entries": (tried, lively_board.entries[1])}
+    with_controls = lively_board.model_copy(update=changes)
+    told, other, *_ = rows_of(with_controls)
     assert (told["over_caution"], other["over_caution"]) == ("0.14", "")
     assert told["hcc"] == first["hcc"]
+    imported, *_ = read_rows(comma_separated(with_controls, protocol, SITE), PLANNING)
+    assert imported.metrics["hcc"] == float(first["hcc"]), "it can be imported beside another board"
 
 
 @pytest.mark.parametrize("method", ["=1+1", "+A1", "-A1", "@SUM(A1)"])

@@ -1,11 +1,13 @@
 """The sentences on top come from the numbers."""
 
+from itertools import count
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.server.pages.invented_board import PROTOCOL, STILL
 
-from exceptiondrive_schemas.board import Board, PairedComparison, PairedDifference
+from exceptiondrive_schemas.board import Board, BoardEntry, PairedComparison, PairedDifference
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, RankKey
 from exceptiondrive_server.boards.headline import headline
 from exceptiondrive_server.boards.query import BoardQuery
@@ -133,6 +135,20 @@ def test_behind_a_parked_car_others_could_lead_that_cannot_be_first(lively_board
     )
     said = headline(board.model_copy(update={"entries": entries}), PLANNING, PROTOCOL)
     assert f"{entries[1].method} leads, though 1 other could lead: " in said.findings[0]
+
+
+def test_many_that_could_be_first_are_counted_without_comparing_each_with_each(
+    lively_board: Board, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    entries = tuple(
+        lively_board.entries[0].model_copy(update={"rank": at, "rank_interval": (1, 90)})
+        for at in range(1, 91)
+    )
+    n_compared = count()
+    monkeypatch.setattr(BoardEntry, "__eq__", lambda *_: next(n_compared) < 0)
+    said = headline(lively_board.model_copy(update={"entries": entries}), PLANNING, PROTOCOL)
+    assert "though 89 others could be first" in said.findings[0]
+    assert next(n_compared) == 0
 
 
 def test_whom_a_comparison_puts_behind_the_leader_could_not_be_first(lively_board: Board) -> None:

@@ -367,7 +367,9 @@ def test_names_from_right_to_left_stay_in_the_order_of_the_sentence(visit: Visit
 def test_what_a_row_of_one_s_own_would_say_is_not_cut(visit: Visit) -> None:
     page = visit.open("/", width=1440)
     words = page.locator(".you .tm")
-    words.evaluate("(part) => { part.textContent = 'on the board when the organizers reveal it'; }")
+    words.evaluate(
+        "(part) => { part.textContent = 'on the board once the organizers reveal the board'; }"
+    )
     assert words.evaluate("(part) => part.scrollWidth <= part.clientWidth")
     command = page.locator(".you .cmd")
     command.evaluate(
