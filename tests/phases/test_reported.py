@@ -124,6 +124,19 @@ def test_what_we_export_we_import(scored: "Life", export: Callable[["Life"], str
     assert all(not each["differences"] for each in made["rows"])
 
 
+def test_a_board_of_a_later_release_is_imported_as_far_as_its_words_are_known(
+    scored: "Life",
+) -> None:
+    board = as_board(scored)
+    newer = board.replace('"headline":', '"of_tomorrow":1,"headline":', 1)
+    scored.make_phase("other", split="plain")
+    assert rows_of(scored.done("/phases/other/reported", sent(newer)))
+    unheard = newer.replace('"source":"scored"', '"source":"of_tomorrow"', 1)
+    assert unheard != newer
+    refusal = scored.refused("/phases/other/reported", sent(unheard), 400)
+    assert "no board of an ExceptionDrive site: entries" in refusal
+
+
 def test_a_list_of_objects_is_taken_as_a_table_is(scored: "Life") -> None:
     (line,) = csv.DictReader(io.StringIO(ROWS))
     made = scored.done(PATH, sent(json.dumps([line])))

@@ -140,7 +140,7 @@ def _json_lines(text: str) -> list[Any]:
 def _of_board(text: str, challenge: Challenge) -> Iterator[_Line]:
     """The entries of a board, without what papers report, which is of other samples."""
     try:
-        board = Board.read(text)
+        board = Board.model_validate_json(text, extra="allow")
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         where = ".".join(map(str, first["loc"]))

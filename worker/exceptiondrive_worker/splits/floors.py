@@ -1,7 +1,7 @@
 """Floors of a withheld split: what nobody may publish of it, whatever a phase or protocol says.
 
 They lie beside the split file, in `floors.toml`, where only workers read and no organizer, API or
-server writes. A worker that is asked for more does not open the split, and says so in the audit log.
+server writes. A worker that is asked for more tells nothing of it, and says so in the audit log.
 What the file does not say, or no file, is as advised: what protocol `1.1-withheld` asks passes, and what
 shows smaller cells does not. A public split has nothing to hold back.
 """
