@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 REPLACES_UNKNOWN = (
-    "Which entry of your team it replaces cannot be told without a token with the scope read:own"
+    "which entry of your team it replaces cannot be told without a token with the scope read:own"
 )
 
 
@@ -67,7 +67,9 @@ class Outlook:
             return {}
         from exceptiondrive_schemas.api.own_entries import to_confirm
 
-        unknown = {"replace": f"{REPLACES_UNKNOWN}."} if self.may_replace_unseen else {}
+        unknown = (
+            {"replace": f"{REPLACES_UNKNOWN.capitalize()}."} if self.may_replace_unseen else {}
+        )
         return {**unknown, **to_confirm(self.report.unranked_because, self.replaces)}
 
     @property

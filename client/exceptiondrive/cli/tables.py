@@ -121,7 +121,7 @@ def outlook_view(outlook: Outlook, phase: str | None = None) -> Iterator[Rendera
     if outlook.replaces is not None:
         yield f"outlook: it replaces {entry_words(outlook.replaces)}"
     elif outlook.may_replace_unseen:
-        yield f"outlook: {REPLACES_UNKNOWN[0].lower()}{REPLACES_UNKNOWN[1:]}"
+        yield f"outlook: {REPLACES_UNKNOWN}"
     elif outlook.report.is_valid and outlook.alike is not None:
         yield f"outlook: it takes the place of no other entry; {outlook.alike!r} is another method"
     elif outlook.report.is_valid and outlook.stays is None:

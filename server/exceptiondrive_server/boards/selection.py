@@ -21,8 +21,8 @@ def sort_entries(
 
     Entries that are listed without a rank stand below the others, whatever the sort. The sort is
     `rank`, `method`, `date`, `family.ID` or a metric, `-` in front for descending; without the
-    value entries come last in either direction, in the order of the board. A metric is that of the headline, unless another
-    average is given.
+    value entries come last in either direction, in the order of the board. A metric is that of the
+    headline, unless another average is given.
 
     Raises:
         InvalidRecord: This board has nothing of that name to sort by.

@@ -32,8 +32,8 @@ def _of_metrics() -> Iterator[tuple[str, Term]]:
 _WORDS = {
     "rank": Term(
         "Rank and its range",
-        "The rank is by the metric that the protocol names first, then by the next; equal numbers share a rank. A range such as "
-        "1\u20133 beside it says which ranks the planner could have, given how much the scenes vary: "
+        "The rank is by the metric that the protocol names first, then by the next; equal numbers share "
+        "a rank. A range such as 1\u20133 beside it says which ranks the planner could have, given how much the scenes vary: "
         "other scenes of the same kind could have put it anywhere in there. Of a withheld split it follows "
         "from the intervals as they are told, so it can be wider than a comparison sample by sample says. "
         "Each pair is judged by itself: of many planners that are nearly equal some have a range that is too "
@@ -43,8 +43,8 @@ _WORDS = {
         "\u00b1 and bars",
         "How far a number moves when the scenes are drawn anew: in at least 95 of 100 such draws it stays "
         "within the bar of a 95 % interval. A share that no draw moves from 0 or 100 % has Wilson's interval, by "
-        "the number of scenes. \u00b1 is the distance from the number to the farther end of the bar; + or \u2212 alone: it "
-        "reaches to that side only. Of withheld splits the ends are told outward to whole per cents.",
+        "the number of scenes. \u00b1 is the distance from the number to the farther end of the bar; "
+        "+ or \u2212 alone: it reaches to that side only. Of withheld splits the ends are told outward to whole per cents.",
     ),
     "outcome": Term(
         "What happened",
