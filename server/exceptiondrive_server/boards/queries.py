@@ -189,7 +189,7 @@ def _phase_links(session: Session, chosen: Phase | None) -> tuple[PhaseLink, ...
 def phase_link(session: Session, phase: Phase, is_current: bool = False) -> PhaseLink:
     """Return what pages say of a phase."""
     split = session.get_one(SplitRow, (phase.split_name, phase.split_revision))
-    whole = shown_whole(session, phase)
+    whole = split if split.part is None else shown_whole(session, phase)
     now = database_now(session)
     challenge = CHALLENGES[phase.challenge]
     return PhaseLink(
