@@ -527,9 +527,11 @@ class BoardTable:
         found = [*self.first_of_all.values()]
         if not found:
             return ""
+        n_from_1 = sum([(each.rank_interval or (0,))[0] == 1 for each in self.board.entries])
+        told_by = ", as they compare sample by sample" if n_from_1 > len(found) else ""
         if len(found) == 1:
-            return f"Marked at the left: {found[0].method}, which alone could be first."
-        return f"Marked at the left: the {len(found)} that could be first."
+            return f"Marked at the left: {found[0].method}, which alone could be first{told_by}."
+        return f"Marked at the left: the {len(found)} that could be first{told_by}."
 
     @cached_property
     def best_sentence(self) -> str:

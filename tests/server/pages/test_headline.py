@@ -177,7 +177,8 @@ def test_whom_a_comparison_puts_behind_the_leader_could_not_be_first(lively_boar
     said = headline(told, PLANNING, PROTOCOL)
     assert "leads, though 1 other could be first: " in said.findings[0]
     table = board_table(told, PROTOCOL, BoardQuery())
-    assert table.first_sentence == "Marked at the left: the 2 that could be first."
+    marked = "Marked at the left: the 2 that could be first, as they compare sample by sample."
+    assert table.first_sentence == marked
     assert [*table.first_of_all.values()] == [leader, others[0]]
     fewer_is_better = RankKey(metric="hcc", order="ascending")
     assert told.contenders(fewer_is_better) == (leader, *others)
