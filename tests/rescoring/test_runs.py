@@ -50,6 +50,15 @@ def sheets(stage: Stage) -> int:
         return session.scalar(select(func.count()).select_from(ScoreSheetRow)) or 0
 
 
+def fanned_out(stage: Stage, make_protocol: Callable[..., str]) -> str:
+    """Begin a run of a new d_safe, of which no sheet is made yet; return its id."""
+    stage.add_protocol(make_protocol("1.1", *D_SAFE))
+    run_id: str = stage.draft(protocol="1.1")
+    stage.step("start", run_id)
+    tend_runs(stage.reconciler, 4)
+    return run_id
+
+
 def begun(stage: Stage, make_protocol: Callable[..., str]) -> str:
     """Begin a run of a new d_safe, of which one sheet is made; return its id."""
     stage.add_protocol(make_protocol("1.1", *D_SAFE))
@@ -144,10 +153,7 @@ def test_every_sheet_that_could_not_be_made_is_told_with_its_reason_and_five_by_
     for number in range(3):
         stage.submit(3.0 + number / 4, f"more {number}")
     stage.work()
-    stage.add_protocol(make_protocol("1.1", *D_SAFE))
-    run_id = stage.draft(protocol="1.1")
-    stage.step("start", run_id)
-    tend_runs(stage.reconciler, 4)
+    run_id = fanned_out(stage, make_protocol)
     failed = []
     for code in ("time_limit", *["out_of_memory"] * 5):
         with stage.context.database.write() as session:
@@ -166,10 +172,7 @@ def test_every_sheet_that_could_not_be_made_is_told_with_its_reason_and_five_by_
 def test_a_failed_sheet_that_is_tried_again_waits_like_any_other(
     stage: Stage, make_protocol: Callable[..., str]
 ) -> None:
-    stage.add_protocol(make_protocol("1.1", *D_SAFE))
-    run_id = stage.draft(protocol="1.1")
-    stage.step("start", run_id)
-    tend_runs(stage.reconciler, 4)
+    run_id = fanned_out(stage, make_protocol)
     with stage.context.database.write() as session:
         claim = jobs.claim_job(session, Lane.RESCORE, 120, 4)
         assert claim is not None
@@ -280,10 +283,7 @@ def test_a_paused_run_scores_nothing_until_it_is_resumed(
 def test_what_is_given_back_while_a_run_is_paused_waits_until_it_is_resumed(
     stage: Stage, make_protocol: Callable[..., str]
 ) -> None:
-    stage.add_protocol(make_protocol("1.1", *D_SAFE))
-    run_id = stage.draft(protocol="1.1")
-    stage.step("start", run_id)
-    tend_runs(stage.reconciler, 4)
+    run_id = fanned_out(stage, make_protocol)
     with stage.context.database.write() as session:
         claim = jobs.claim_job(session, Lane.RESCORE, 120, 4)
     assert claim is not None

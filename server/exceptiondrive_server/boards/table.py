@@ -55,6 +55,8 @@ HEAT_STEPS = 10
 HEAT_ROWS = 12
 SMALL_FAMILY = 30
 WIDE_COLUMNS = 9
+NO_OTHER = "no other by pairwise {} intervals"
+"""What is said of an entry whose range of ranks is its rank alone."""
 
 
 @dataclass(frozen=True)
@@ -365,7 +367,7 @@ def _rank_words(entry: BoardEntry, board: Board) -> str:
     low, high = entry.rank_interval
     if low < high:
         return f"rank {entry.rank}; it could be any from {low} to {high}"
-    return f"rank {entry.rank}; no other by pairwise {percent(board.confidence)} intervals"
+    return f"rank {entry.rank}; {NO_OTHER.format(percent(board.confidence))}"
 
 
 def _movement(entry: BoardEntry, board: Board) -> Movement | None:

@@ -24,6 +24,7 @@ from exceptiondrive_server.boards.entry_facts import (
 from exceptiondrive_server.boards.families import DOT_WIDE, DOT_WIDTH, DotPlot, dot_plot
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, OTHER_AVERAGE
 from exceptiondrive_server.boards.table import (
+    NO_OTHER,
     SMALL_FAMILY,
     OutcomeBar,
     Row,
@@ -204,7 +205,7 @@ def position_of(row: Row, board: Board) -> Position:
         return Position("–", "", ("Not ranked.", _sentence(row.rank_words)), row.rank_words)
     note = f"{row.rank_interval} possible" if row.rank_interval else ""
     if row.entry.rank_interval is not None and not note:
-        note = f"no other by pairwise {percent(board.confidence)} intervals"
+        note = NO_OTHER.format(percent(board.confidence))
     return Position(row.rank, note, None, row.rank_words)
 
 
