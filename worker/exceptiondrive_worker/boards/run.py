@@ -1,6 +1,8 @@
 """The board run: rank the scored entries of a phase under a protocol into a new snapshot."""
 
-from collections.abc import Sequence
+import gc
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from itertools import zip_longest
@@ -63,20 +65,34 @@ def build_board(context: WorkerContext, claimed: BoardRequest) -> None:
     """Build and publish the board that was claimed; what is drawn beside it follows."""
     phase_id = claimed.phase_id
     try:
-        board, drawable, like = _board(context, claimed)
-        late = _late_board(context, claimed)
+        with _collector_at_rest():
+            board, drawable, like = _board(context, claimed)
+            late = _late_board(context, claimed)
+            with context.database.write() as session:
+                row = publish_board(session, claimed, board, late)
     except SplitUnavailableError as error:
         _log.error("split unavailable: board not built", phase=phase_id, reason=str(error))
         return
     except FloorHeldError as held:
         _log.error("floors of the split: board not built", phase=phase_id, reason=str(held))
         return
-    with context.database.write() as session:
-        row = publish_board(session, claimed, board, late)
     _log.info("board built", phase=phase_id, number=None if row is None else row.number)
     draw_protocol(context, claimed.protocol_digest)
     draw_entries(context, drawable)
     compare_submissions(context, phase_id, like)
+
+
+@contextmanager
+def _collector_at_rest() -> Iterator[None]:
+    """Let the collector of cycles rest while many objects are made that stay to the end.
+
+    It goes through all of them whenever they are a quarter more: of 10,000 entries a fifth of the time.
+    """
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
 
 
 def with_previous_ranks(
