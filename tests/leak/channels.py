@@ -23,9 +23,11 @@ from exceptiondrive_scoring.bootstrap import (
     scene_counts,
     scene_sums,
     scene_weights,
+    scenes_by_freedom,
     where_enough,
 )
 from exceptiondrive_scoring.challenge import SCORING, exact_sheet
+from exceptiondrive_scoring.compare import SAME_TO, scenes_that_differ
 from exceptiondrive_scoring.grade import SampleScores
 from exceptiondrive_scoring.interval import percentile_intervals
 from exceptiondrive_scoring.rank import rank_intervals, told_rank_intervals
@@ -135,21 +137,25 @@ def _pairs(
     protocol: ProtocolDocument,
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Intervals of the differences, as `exceptiondrive_scoring.compare` has them."""
-    sums = (sums_of(replace(each, values=each.values - other.values)) for each in scores)
-    ranking = protocol.ranking
-    for entry, draws in resample(sums, ranking, METRICS):
-        n = scene_counts(entry)
-        headline = protocol.grading.headline
+    gaps = [replace(each, values=each.values - other.values) for each in scores]
+    differs = [
+        replace(each, values=np.where(np.abs(each.values) > SAME_TO, 1.0, 0.0)) for each in gaps
+    ]
+    ranking, headline = protocol.ranking, protocol.grading.headline
+    drawn = resample([sums_of(each) for each in gaps], ranking, METRICS)
+    for (entry, draws), each in zip(drawn, differs, strict=True):
+        n, n_differing = scene_counts(entry), scenes_that_differ(sums_of(each))
+        free = scenes_by_freedom(n)
+        of_headline = np.minimum(free.headline(headline), n_differing.headline(headline))
+        of_families = np.minimum(free.families, n_differing.families)
         yield (
             where_enough(
-                percentile_intervals(
-                    draws.headline(headline), n.headline(headline), ranking.confidence
-                ),
+                percentile_intervals(draws.headline(headline), of_headline, ranking.confidence),
                 n.headline(headline),
                 ranking,
             ),
             where_enough(
-                percentile_intervals(draws.families, n.families, ranking.confidence),
+                percentile_intervals(draws.families, of_families, ranking.confidence),
                 n.families,
                 ranking,
             ),

@@ -17,9 +17,10 @@ from exceptiondrive_scoring.bootstrap import (
     bootstrap,
     scene_counts,
     scene_sums,
+    scenes_by_freedom,
 )
 from exceptiondrive_scoring.grade import SampleScores
-from exceptiondrive_scoring.rank import long_rank_intervals, rank_intervals
+from exceptiondrive_scoring.rank import MOST_EQUAL, long_rank_intervals, rank_intervals
 
 MakeSplit = Callable[..., SplitArrays]
 NAN = float("nan")
@@ -105,19 +106,27 @@ def test_a_draw_that_holds_no_sample_of_a_family_averages_the_others(
 
 
 @pytest.mark.parametrize(
-    ("of_families", "worth"),
+    ("of_families", "worth", "freedom"),
     [
-        pytest.param([range(2), range(2, 9)], 4 / (1 / 2 + 1 / 7), id="of families that have any"),
-        pytest.param([range(6), range(6)], 6.0, id="never more than there are scenes"),
+        pytest.param(
+            [range(2), range(2, 9)],
+            4 / (1 / 2 + 1 / 7),
+            (1 / 2 + 1 / 7) ** 2 / (1 / (4 * 1) + 1 / (49 * 6)),
+            id="of families that have any",
+        ),
+        pytest.param([range(6), range(6)], 6.0, 5.0, id="never more than there are scenes"),
+        pytest.param([range(1), range(1, 9)], 4 / (1 + 1 / 8), 0.0, id="a family of one scene"),
     ],
 )
-def test_how_many_scenes_the_mean_of_families_is_worth(
-    of_families: list[range], worth: float
+def test_how_many_scenes_the_mean_of_families_is_worth_and_its_degrees_of_freedom(
+    of_families: list[range], worth: float, freedom: float
 ) -> None:
     counts = np.zeros((6, 1, 9))
     for family, scenes in enumerate(of_families):
         counts[family, 0, list(scenes)] = 2
-    assert scene_counts(SceneSums(counts, counts)).macro_family[0] == pytest.approx(worth)
+    n = scene_counts(SceneSums(counts, counts))
+    assert n.macro_family[0] == pytest.approx(worth)
+    assert scenes_by_freedom(n).macro_family[0] == pytest.approx(1 + freedom)
 
 
 def test_the_same_seed_gives_the_same_bits_whoever_else_is_on_the_board(
@@ -248,6 +257,7 @@ def test_rank_intervals_of_many_are_those_of_every_pair(
     sure = [
         [
             np.count_nonzero(a > b) >= 60 - min(cut_a, cut_b)
+            and np.count_nonzero((a > b) | (a < b)) >= 60 * (1 - MOST_EQUAL)
             for b, cut_b in zip(signed, cuts, strict=True)
         ]
         for a, cut_a in zip(signed, cuts, strict=True)

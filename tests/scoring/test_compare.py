@@ -79,6 +79,21 @@ def test_paired_samples_separate_what_single_intervals_do_not(
     assert rank_intervals([first, second], "descending").tolist() == [[1, 1], [2, 2]]
 
 
+@pytest.mark.parametrize(("n_differing", "is_told"), [(4, False), (8, True)])
+def test_few_scenes_that_differ_do_not_say_which_is_better(
+    split: SplitArrays, protocol: ProtocolDocument, n_differing: int, *, is_told: bool
+) -> None:
+    hits = np.random.default_rng(2).random(N) < 0.5
+    a, b = _scores(hits), _scores(hits | (np.arange(N) % SCENES < n_differing))
+    a.values[:n_differing, 0], b.values[:n_differing, 0] = 1.0, 0.0
+    found = compare(a, b, split, protocol, SIX_METRICS).overall["hcc"]
+    assert (found.verdict == "A is better") is is_told
+    entries = [scene_sums(each, split, protocol.taxonomy) for each in (a, b)]
+    uncertain = list(bootstrap(entries, SIX_METRICS, protocol.ranking, "macro_family"))
+    ranges = rank_intervals(uncertain, "descending").tolist()
+    assert ranges == ([[1, 1], [2, 2]] if is_told else [[1, 2], [1, 2]])
+
+
 def test_a_diagnostic_is_higher_and_never_better(
     split: SplitArrays, protocol: ProtocolDocument
 ) -> None:

@@ -93,7 +93,8 @@ def naive_effect(
             for s in split.samples
         ]
         means = sorted(macro(rows, taken) for taken in draws)
-        cut = draws_cut_off(len(means), protocol.ranking.confidence, len(names))
+        n_differing = len({scene for scene, _, value in rows if value})
+        cut = draws_cut_off(len(means), protocol.ranking.confidence, n_differing)
         interval = (means[cut], means[len(means) - 1 - cut])
         discordant = sum(row[2] != 0 for row in rows) / len(rows)
         found[metric] = (macro(rows, Counter(names)), interval, discordant)

@@ -11,7 +11,7 @@ themselves. Entries are resampled in blocks, so memory does not grow with them.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import islice
 
@@ -115,6 +115,23 @@ def scene_counts(entry: SceneSums) -> OfAggregates:
     return OfAggregates(micro, np.minimum(worth, micro), families)
 
 
+def scenes_by_freedom(n_scenes: OfAggregates) -> OfAggregates:
+    """Put in place of what the mean of families is worth one more than its degrees of freedom.
+
+    By Welch and Satterthwaite they are (sum 1 / n_f)^2 / sum(1 / (n_f^2 (n_f - 1))) where families vary
+    alike: of a family of few scenes the mean varies most, and how much, these few alone tell.
+    """
+    families = n_scenes.families
+    variances = np.divide(1, families, out=np.zeros_like(families), where=families > 0)
+    of_each = np.where(families == 1, np.inf, 0.0)  # a family of one scene tells nothing of it
+    np.divide(variances**2, families - 1, out=of_each, where=families > 1)
+    unsure = of_each.sum(axis=0)
+    freedom = np.divide(
+        variances.sum(axis=0) ** 2, unsure, out=np.zeros_like(unsure), where=unsure > 0
+    )
+    return replace(n_scenes, macro_family=np.minimum(1 + freedom, n_scenes.micro))
+
+
 BLOCK_DRAWS = 64_000
 """Draws, of all entries of a block together, that are held at once."""
 
@@ -151,22 +168,23 @@ def bootstrap(
     primary = [m.key for m in metrics].index(ranking.order_of(challenge)[0].metric)
     is_share = np.array([m.unit == "fraction" and m.order_level is None for m in metrics])
 
-    def intervals(values: FloatArray, n: FloatArray) -> FloatArray:
-        found = percentile_intervals(values, n, ranking.confidence)
+    def intervals(values: FloatArray, n: FloatArray, n_freedom: FloatArray) -> FloatArray:
+        found = percentile_intervals(values, n_freedom, ranking.confidence)
         wilson = wilson_at_the_ends(found, n, ranking.confidence)
         return where_enough(np.where(is_share[:, None], wilson, found), n, ranking)
 
     for entry, draws in resample(entries, ranking, metrics):
-        n_scenes = scene_counts(entry)
+        n = scene_counts(entry)
+        free = scenes_by_freedom(n)
         yield Uncertainty(
-            micro=intervals(draws.micro, n_scenes.micro),
-            macro_family=intervals(draws.macro_family, n_scenes.macro_family),
-            families=intervals(draws.families, n_scenes.families),
+            micro=intervals(draws.micro, n.micro, free.micro),
+            macro_family=intervals(draws.macro_family, n.macro_family, free.macro_family),
+            families=intervals(draws.families, n.families, free.families),
             primary_draws=draws.headline(headline)[primary].copy(),
             primary_cut=draws_cut_off(
                 ranking.bootstrap_draws,
                 ranking.confidence,
-                float(n_scenes.headline(headline)[primary]),
+                float(free.headline(headline)[primary]),
             ),
         )
 

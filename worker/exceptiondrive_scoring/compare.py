@@ -18,6 +18,7 @@ from exceptiondrive_scoring.bootstrap import (
     scene_counts,
     scene_sums,
     scene_sums_by_task,
+    scenes_by_freedom,
     where_enough,
 )
 from exceptiondrive_scoring.grade import SampleScores
@@ -101,13 +102,19 @@ class _Paired:
     discordant: Breakdown
     draws: Draws
     n_scenes: OfAggregates
+    n_differing: OfAggregates
     ranking: RankingSection
 
     def intervals(self, of: str) -> FloatArray:
-        """Intervals of an aggregate, or of the families."""
-        n: FloatArray = getattr(self.n_scenes, of)
+        """Intervals of an aggregate, or of the families.
+
+        They rest on the scenes that differ: the others say nothing of which one is better, and of few
+        that do, many draws take none.
+        """
+        free, n_differing = scenes_by_freedom(self.n_scenes), getattr(self.n_differing, of)
+        n = np.minimum(getattr(free, of), n_differing)
         found = percentile_intervals(getattr(self.draws, of), n, self.ranking.confidence)
-        return where_enough(found, n, self.ranking)
+        return where_enough(found, getattr(self.n_scenes, of), self.ranking)
 
 
 def _paired(
@@ -141,13 +148,22 @@ def _paired(
         draws.micro[columns] = of_a.micro - of_b.micro
         draws.macro_family[columns] = of_a.macro_family - of_b.macro_family
         draws.families[:, columns] = of_a.families - of_b.families
+    discordant = SampleScores(means, differs)
     return _Paired(
         values=values,
-        discordant=aggregate(SampleScores(means, differs), split, taxonomy),
+        discordant=aggregate(discordant, split, taxonomy),
         draws=draws,
         n_scenes=scene_counts(sums),
+        n_differing=scenes_that_differ(sums_of(discordant, split, taxonomy)),
         ranking=ranking,
     )
+
+
+def scenes_that_differ(discordant: SceneSums) -> OfAggregates:
+    """Count the scenes with a sample in which the two differ."""
+    families = discordant.sums > 0
+    overall = families.any(axis=0).sum(axis=-1, dtype=np.float64)
+    return OfAggregates(overall, overall, families.sum(axis=-1, dtype=np.float64))
 
 
 def _are_compared(gaps: FloatArray, split: SplitArrays) -> BoolArray:
