@@ -459,6 +459,34 @@ def test_one_acts_for_own_teams_alone_and_organizers_do_not_mix(
     assert ada.get("/my").headers["location"] == "/my/team"
 
 
+def test_a_form_that_was_opened_for_one_team_does_nothing_for_another(
+    small_site: "Api", person: Open
+) -> None:
+    """Another tab chooses the other team meanwhile."""
+    ada = person(small_site)
+    ada.sign_in()
+    alpha, beta = (small_site.team_ids[name] for name in ("alpha", "beta"))
+    with small_site.database.write() as session:
+        person_id = session.scalars(select(Person.id)).one()
+        for team in (find_team(session, "alpha"), find_team(session, "beta")):
+            add_member(session, team, person_id, actor="test")
+    ada.sign_in()
+    opened = {path: ada.browser.form(path) for path in ("/submit", "/my/tokens")}
+    ada.post("/my/team/act-for", {"team": str(beta)}, page="/my/team")
+    before = actions(small_site)
+    upload = {**opened["/submit"], "phase": "dev", "method": "Planner"}
+    answers = [
+        ada.browser.send("/submit", upload, "text/html", files={"file": ("a.json", b"a")}),
+        ada.browser.send("/my/tokens", {**opened["/my/tokens"], "name": "x"}, "text/html"),
+    ]
+    for answer in answers:
+        assert answer.status_code == 403
+        assert "was opened while you acted for another team" in " ".join(answer.text.split())
+    assert actions(small_site) == before
+    ada.post("/my/team/act-for", {"team": str(alpha)}, page="/my/team")
+    assert ada.browser.send("/submit", upload, files={"file": ("a.json", b"a")}).status_code == 303
+
+
 def test_a_person_registers_a_team_where_that_is_switched_on(
     small_site: "Api", person: Open
 ) -> None:

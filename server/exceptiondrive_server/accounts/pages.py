@@ -82,7 +82,7 @@ def sign_in(
     """Open a session for the team of the token."""
     require_private_channel(request)
     require_same_origin(request)
-    require_form_token(form_secret(request), given)
+    require_form_token(form_token(form_secret(request)), given)
     opened = _session_for(services, token.strip(), address_of(request))
     if opened is None:
         return show_form(request, back, status=401, fault=REFUSED)

@@ -97,7 +97,7 @@ async def submit(browser: Browser) -> Response:
         async with received_upload(
             browser.request, browser.services, who, has_form_token=True
         ) as upload:
-            require_form_token(browser.secret, upload.form_token)
+            require_form_token(browser.form_token, upload.form_token)
             taken, _ = await run_in_threadpool(take_upload, browser.services, who, upload, began_s)
     except (RecordsError, RequestValidationError) as error:
         if not wants_page(browser.request):
