@@ -163,6 +163,16 @@ def test_a_second_click_of_who_is_signed_in_leads_on(small_site: "Api", person: 
     assert ada.has_session
 
 
+def test_who_signs_in_anew_leaves_no_earlier_session(small_site: "Api", person: Open) -> None:
+    ada = person(small_site)
+    ada.browser.sign_in("alpha")
+    ada.sign_in()
+    (ada_herself,) = people_of(small_site)
+    with small_site.database.read() as session:
+        (opened,) = session.scalars(select(BrowserSession))
+    assert opened.person_id == ada_herself.id
+
+
 def test_of_two_flows_of_a_browser_the_later_counts_and_the_earlier_is_told(
     small_site: "Api", person: Open
 ) -> None:

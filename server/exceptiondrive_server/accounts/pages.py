@@ -219,6 +219,7 @@ def _session_for_person(
     """Return the secret of a new session, and whether an organizer signed in."""
     with services.database.write() as session:
         give_attempt_back(session, _limits(request))
+        end_session(session, form_secret(request))  # an earlier one of this browser
         person = welcome_person(session, identity)
         return open_person_session(session, person), person.is_organizer
 

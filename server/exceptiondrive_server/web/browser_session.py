@@ -183,7 +183,7 @@ def require_private_channel(request: Request) -> None:
 
 
 def form_secret(request: Request) -> str:
-    """Return the secret of a browser that has not signed in; a new one if there is none."""
+    """Return the secret of a browser, signed in or not; a new one if there is none."""
     return _cookie(request)[1] or secrets.token_urlsafe(32)
 
 
