@@ -286,6 +286,27 @@ def test_who_declines_at_the_provider_is_told_so(
     assert "aria-invalid" not in text, "nothing is wrong with a token that nobody typed"
 
 
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        ("invalid_scope", "invalid_scope"),
+        ("server_error", "server_error"),
+        ("hush", "another error"),
+    ],
+)
+def test_another_error_of_the_provider_is_told_as_its_own_and_logged_by_its_code(
+    small_site: "Api", person: Open, logs: list[Any], error: str, told: str
+) -> None:
+    ada = person(small_site)
+    for _ in range(31):  # none of them counts as an attempt of somebody who guesses
+        back = f"/sign-in/callback?state={query_of(ada.begin())['state']}&error={error}"
+        text = assert_refused(ada.come_back(f"{back}&error_description=hush"), ada)
+    assert "did not sign you in" in text
+    assert [line["why"] for line in logs if "why" in line] == [f"the provider answered {told}"] * 31
+    assert "hush" not in repr(logs)
+    assert_refused(ada.come_back(back), ada, 400)
+
+
 def test_a_provider_that_names_another_issuer_is_not_used(
     small_site: "Api", browse: Browse, provider: "RunningProvider", logs: list[Any]
 ) -> None:

@@ -39,6 +39,14 @@ LEEWAY_S = 60
 """How far the provider's clock may be from ours."""
 FLOW_S = 600
 """How long somebody may take at the provider."""
+ERRORS = frozenset(
+    "invalid_request unauthorized_client unsupported_response_type invalid_scope server_error "
+    "temporarily_unavailable invalid_client invalid_grant unsupported_grant_type interaction_required "
+    "login_required account_selection_required consent_required invalid_request_uri "
+    "invalid_request_object request_not_supported request_uri_not_supported "
+    "registration_not_supported".split()
+)
+"""What a provider may answer by the standard (RFC 6749, OpenID Connect): logs hold nothing else of it."""
 _DISCOVERY = "/.well-known/openid-configuration"
 _ENDPOINTS = ("authorization_endpoint", "token_endpoint", "jwks_uri")
 _log = structlog.get_logger("exceptiondrive.oidc")
@@ -122,7 +130,8 @@ class Provider:
             claims = token.get("userinfo") or {}
             profile = claims if claims.get("name") else await _with_profile(client, token, claims)
         except AuthlibBaseError as error:
-            raise _refused(f"the code was not taken ({error.error})") from None
+            code = error.error if error.error in ERRORS else "another error"
+            raise _refused(f"the provider answered {code}") from None
         except (httpx2.HTTPError, json.JSONDecodeError) as error:
             raise _away(error) from None
         except (JoseError, ValueError, TypeError) as error:

@@ -199,10 +199,11 @@ async def come_back(
         return go(HERE)
     if back is None:
         return show_form(request, HERE, status=400, fault=STALE)
-    if error:
+    if error == "access_denied":
         request.session.clear()
         return show_form(request, back, status=403, fault=CANCELLED.format(provider.name))
-    await run_in_threadpool(_count, services, _limits(request))  # until it has succeeded
+    if not error:
+        await run_in_threadpool(_count, services, _limits(request))  # until it has succeeded
     try:
         identity = await provider.identity(request)
         opened = await run_in_threadpool(_session_for_person, services, identity, request)
