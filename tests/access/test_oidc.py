@@ -104,18 +104,40 @@ def test_a_bad_name_is_no_reason_to_refuse(
     assert somebody.name.isprintable()
 
 
+@pytest.mark.parametrize("names", [[], ["name"], ["email"]])
 def test_a_profile_kept_apart_is_fetched(
-    small_site: "Api", person: Open, provider: "RunningProvider"
+    small_site: "Api", person: Open, provider: "RunningProvider", names: list[str]
 ) -> None:
-    provider.order(thin_id_token=True)
+    provider.order(id_token_names=names)
     assert person(small_site).sign_in().status_code == 303
-    assert people_of(small_site)[0].name == "Ada Example"
+    (ada,) = people_of(small_site)
+    assert (ada.name, ada.email) == ("Ada Example", "ada@example.org")
+
+
+@pytest.mark.parametrize("answer", [["", 403], ["a.signed.document", 200]])
+def test_without_the_profile_kept_apart_the_id_token_is_as_good(
+    small_site: "Api", person: Open, provider: "RunningProvider", answer: list[Any]
+) -> None:
+    provider.order(id_token_names=["name"], userinfo_answers=answer)
+    assert person(small_site).sign_in().status_code == 303
+    (ada,) = people_of(small_site)
+    assert (ada.name, ada.email) == ("Ada Example", None)
+
+
+@pytest.mark.parametrize(("says", "kept"), [(False, None), ("false", None), (True, "e@x.org")])
+def test_an_address_that_the_provider_calls_unverified_is_not_kept(
+    small_site: "Api", person: Open, provider: "RunningProvider", says: Any, kept: str | None
+) -> None:
+    provider.order(person={"sub": "s", "name": "E", "email": "e@x.org", "email_verified": says})
+    person(small_site).sign_in()
+    (somebody,) = people_of(small_site)
+    assert somebody.email == kept
 
 
 def test_a_profile_of_somebody_else_is_refused(
     small_site: "Api", person: Open, provider: "RunningProvider"
 ) -> None:
-    provider.order(thin_id_token=True, userinfo={"sub": "sub-2"})
+    provider.order(id_token_names=[], userinfo={"sub": "sub-2"})
     ada = person(small_site)
     assert_refused(ada.sign_in(), ada)
 

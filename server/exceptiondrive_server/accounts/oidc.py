@@ -128,7 +128,8 @@ class Provider:
                 leeway=LEEWAY_S,
             )
             claims = token.get("userinfo") or {}
-            profile = claims if claims.get("name") else await _with_profile(client, token, claims)
+            has_all = claims.get("name") and claims.get("email")
+            profile = claims if has_all else await _with_profile(client, token, claims)
         except AuthlibBaseError as error:
             code = error.error if error.error in ERRORS else "another error"
             raise _refused(f"the provider answered {code}") from None
@@ -145,7 +146,7 @@ class Provider:
             issuer=self.issuer,
             subject=str(claims["sub"]),
             name=_first_text(profile, "name", "preferred_username", "nickname"),
-            email=_first_text(profile, "email"),
+            email=_first_text(profile, "email") if _may_be_theirs(profile) else None,
         )
 
     async def _discovered(self) -> Any:
@@ -205,11 +206,20 @@ def _flow_key(settings: ServerSettings) -> str:
 async def _with_profile(
     client: Any, token: Mapping[str, Any], claims: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Add the profile that some providers keep apart."""
+    """Add the profile that some providers keep apart; without it the ID token is as good."""
     metadata = await client.load_server_metadata()
     if not metadata.get("userinfo_endpoint") or not token.get("access_token"):
         return dict(claims)
-    return {**claims, **await client.userinfo(token=token)}
+    try:
+        return {**claims, **await client.userinfo(token=token)}
+    except (httpx2.HTTPStatusError, ValueError) as error:
+        _log.warning("the sign-in provider gives no profile", kind=type(error).__name__)
+        return dict(claims)
+
+
+def _may_be_theirs(profile: Mapping[str, Any]) -> bool:
+    """Whether the provider does not say that it never verified the address; some say it as a text."""
+    return profile.get("email_verified") not in (False, "false")
 
 
 def _first_text(claims: Mapping[str, Any], *names: str) -> str | None:
