@@ -413,6 +413,27 @@ def test_an_organizer_without_a_team_finds_the_way_to_organize(
     assert ">Organizer</button>" in ada.get("/my/team").text
 
 
+@pytest.mark.parametrize("is_organizer", [True, False])
+def test_who_belongs_to_a_team_and_acts_for_none_is_offered_it_and_no_new_one(
+    small_site: "Api", person: Open, is_organizer: bool
+) -> None:
+    """As an organizer, or where the team that they acted for was merged into another."""
+    ada = person(small_site)
+    ada.sign_in()
+    with small_site.database.write() as session:
+        switch_self_registration(session, True, actor="test")
+        person_id = session.scalars(select(Person.id)).one()
+    assert "Register a team" in ada.get("/my/team").text
+    with small_site.database.write() as session:
+        if is_organizer:
+            set_organizer(session, person_id, OrganizerRole.OWNER, actor="test")
+        add_member(session, find_team(session, "alpha"), person_id, actor="test")
+    page = ada.get("/my/team").text
+    assert ">Alpha</button>" in page
+    for words in ("No team", "Welcome", "Register a team"):
+        assert words not in page, words
+
+
 @pytest.mark.parametrize(
     "path",
     ["/my/team/act-for", "/my/team/invitations", "/my/team/invitations/x/withdraw",
