@@ -39,14 +39,13 @@ LEEWAY_S = 60
 """How far the provider's clock may be from ours."""
 FLOW_S = 600
 """How long somebody may take at the provider."""
-ERRORS = frozenset(
-    "invalid_request unauthorized_client unsupported_response_type invalid_scope server_error "
-    "temporarily_unavailable invalid_client invalid_grant unsupported_grant_type interaction_required "
-    "login_required account_selection_required consent_required invalid_request_uri "
-    "invalid_request_object request_not_supported request_uri_not_supported "
-    "registration_not_supported".split()
-)
-"""What a provider may answer by the standard (RFC 6749, OpenID Connect): logs hold nothing else of it."""
+ERRORS = frozenset({
+    "invalid_request", "unauthorized_client", "unsupported_response_type", "invalid_scope",
+    "server_error", "temporarily_unavailable", "invalid_client", "invalid_grant",
+    "unsupported_grant_type", "interaction_required", "login_required",
+    "account_selection_required", "consent_required",
+})  # fmt: skip
+"""Of RFC 6749 and OpenID Connect: of what else a provider answers, logs hold nothing."""
 _DISCOVERY = "/.well-known/openid-configuration"
 _ENDPOINTS = ("authorization_endpoint", "token_endpoint", "jwks_uri")
 _log = structlog.get_logger("exceptiondrive.oidc")

@@ -41,7 +41,7 @@ from exceptiondrive_server.web.browser_session import (
     require_same_origin,
 )
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
-from exceptiondrive_server.web.responses import private_page, safe_back
+from exceptiondrive_server.web.responses import my_page, private_page, safe_back
 from exceptiondrive_server.web.services import Services, services_of
 
 if TYPE_CHECKING:
@@ -61,13 +61,13 @@ def show_sign_in(
     back: Annotated[str, Query(max_length=MAX_BACK)] = HERE,
     unsaved: bool = False,
 ) -> Response:
-    """Show the form, or go on when somebody has signed in already.
+    """Show the form; to who has signed in already, as whom, and the way out.
 
     `unsaved` says that a form was sent when nobody was signed in any more.
     """
     require_private_channel(request)
     if browser is not None:
-        return go(back)
+        return my_page(browser, "accounts/signed_in.html", back=safe_back(back))
     return show_form(request, back, is_unsaved=unsaved)
 
 

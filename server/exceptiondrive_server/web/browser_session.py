@@ -147,14 +147,14 @@ async def posted_form(browser: Browser) -> FormData:
 PostedForm = Annotated[FormData, Depends(posted_form)]
 
 
-def require_scope(browser: SignedIn, scope: Scope) -> None:
-    """Refuse what the token of the session may not do."""
+def require_scope(browser: SignedIn, *scopes: Scope) -> None:
+    """Refuse what the token of the session may not do: it takes any of the scopes."""
     who = browser.principal
-    if scope in who.scopes:
+    if not who.scopes.isdisjoint(scopes):
         return
     if who.person_id is not None and who.team_id is None:
         raise TeamNeeded
-    detail = f"You signed in with a token that lacks the scope {scope.value!r}."
+    detail = f"You signed in with a token that lacks the scope {scopes[0].value!r}."
     raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
 
 
