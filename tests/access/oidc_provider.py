@@ -214,8 +214,8 @@ def _register_grant(server: Any, state: State) -> None:
             return {"key": state.key, "alg": "RS256", "iss": state.issuer, "exp": 600}
 
         def generate_user_info(self, user: dict[str, Any], scope: str) -> Any:
-            thin = state.orders.get("thin_id_token")
-            return UserInfo({"sub": user["sub"]} if thin else user)
+            kept = state.orders.get("id_token_names", list(user))
+            return UserInfo({name: user[name] for name in ("sub", *kept)})
 
         def get_audiences(self, request: Any) -> list[str]:
             return [CLIENT_ID]
@@ -271,6 +271,8 @@ def _add_endpoints(app: flask.Flask, server: Any, state: State) -> None:
     @app.get("/userinfo")
     @protector()  # type: ignore[untyped-decorator]
     def userinfo() -> Any:
+        if "userinfo_answers" in state.orders:
+            return tuple(state.orders["userinfo_answers"])
         return {**current_token.person, **state.orders.get("userinfo", {})}
 
     @app.post("/control")

@@ -104,18 +104,40 @@ def test_a_bad_name_is_no_reason_to_refuse(
     assert somebody.name.isprintable()
 
 
+@pytest.mark.parametrize("names", [[], ["name"], ["email"]])
 def test_a_profile_kept_apart_is_fetched(
-    small_site: "Api", person: Open, provider: "RunningProvider"
+    small_site: "Api", person: Open, provider: "RunningProvider", names: list[str]
 ) -> None:
-    provider.order(thin_id_token=True)
+    provider.order(id_token_names=names)
     assert person(small_site).sign_in().status_code == 303
-    assert people_of(small_site)[0].name == "Ada Example"
+    (ada,) = people_of(small_site)
+    assert (ada.name, ada.email) == ("Ada Example", "ada@example.org")
+
+
+@pytest.mark.parametrize("answer", [["", 403], ["a.signed.document", 200]])
+def test_without_the_profile_kept_apart_the_id_token_is_as_good(
+    small_site: "Api", person: Open, provider: "RunningProvider", answer: list[Any]
+) -> None:
+    provider.order(id_token_names=["name"], userinfo_answers=answer)
+    assert person(small_site).sign_in().status_code == 303
+    (ada,) = people_of(small_site)
+    assert (ada.name, ada.email) == ("Ada Example", None)
+
+
+@pytest.mark.parametrize(("says", "kept"), [(False, None), ("false", None), (True, "e@x.org")])
+def test_an_address_that_the_provider_calls_unverified_is_not_kept(
+    small_site: "Api", person: Open, provider: "RunningProvider", says: Any, kept: str | None
+) -> None:
+    provider.order(person={"sub": "s", "name": "E", "email": "e@x.org", "email_verified": says})
+    person(small_site).sign_in()
+    (somebody,) = people_of(small_site)
+    assert somebody.email == kept
 
 
 def test_a_profile_of_somebody_else_is_refused(
     small_site: "Api", person: Open, provider: "RunningProvider"
 ) -> None:
-    provider.order(thin_id_token=True, userinfo={"sub": "sub-2"})
+    provider.order(id_token_names=[], userinfo={"sub": "sub-2"})
     ada = person(small_site)
     assert_refused(ada.sign_in(), ada)
 
@@ -161,6 +183,16 @@ def test_a_second_click_of_who_is_signed_in_leads_on(small_site: "Api", person: 
     again = ada.come_back(back)
     assert (again.status_code, again.headers["location"]) == (303, "/my")
     assert ada.has_session
+
+
+def test_who_signs_in_anew_leaves_no_earlier_session(small_site: "Api", person: Open) -> None:
+    ada = person(small_site)
+    ada.browser.sign_in("alpha")
+    ada.sign_in()
+    (ada_herself,) = people_of(small_site)
+    with small_site.database.read() as session:
+        (opened,) = session.scalars(select(BrowserSession))
+    assert opened.person_id == ada_herself.id
 
 
 def test_of_two_flows_of_a_browser_the_later_counts_and_the_earlier_is_told(
@@ -274,6 +306,27 @@ def test_who_declines_at_the_provider_is_told_so(
     text = assert_refused(ada.sign_in(), ada, 403)
     assert "called off" in text
     assert "aria-invalid" not in text, "nothing is wrong with a token that nobody typed"
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        ("invalid_scope", "invalid_scope"),
+        ("server_error", "server_error"),
+        ("hush", "another error"),
+    ],
+)
+def test_another_error_of_the_provider_is_told_as_its_own_and_logged_by_its_code(
+    small_site: "Api", person: Open, logs: list[Any], error: str, told: str
+) -> None:
+    ada = person(small_site)
+    for _ in range(31):  # none of them counts as an attempt of somebody who guesses
+        back = f"/sign-in/callback?state={query_of(ada.begin())['state']}&error={error}"
+        text = assert_refused(ada.come_back(f"{back}&error_description=hush"), ada)
+    assert "did not sign you in" in text
+    assert [line["why"] for line in logs if "why" in line] == [f"the provider answered {told}"] * 31
+    assert "hush" not in repr(logs)
+    assert_refused(ada.come_back(back), ada, 400)
 
 
 def test_a_provider_that_names_another_issuer_is_not_used(

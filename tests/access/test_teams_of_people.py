@@ -413,6 +413,27 @@ def test_an_organizer_without_a_team_finds_the_way_to_organize(
     assert ">Organizer</button>" in ada.get("/my/team").text
 
 
+@pytest.mark.parametrize("is_organizer", [True, False])
+def test_who_belongs_to_a_team_and_acts_for_none_is_offered_it_and_no_new_one(
+    small_site: "Api", person: Open, is_organizer: bool
+) -> None:
+    """As an organizer, or where the team that they acted for was merged into another."""
+    ada = person(small_site)
+    ada.sign_in()
+    with small_site.database.write() as session:
+        switch_self_registration(session, True, actor="test")
+        person_id = session.scalars(select(Person.id)).one()
+    assert "Register a team" in ada.get("/my/team").text
+    with small_site.database.write() as session:
+        if is_organizer:
+            set_organizer(session, person_id, OrganizerRole.OWNER, actor="test")
+        add_member(session, find_team(session, "alpha"), person_id, actor="test")
+    page = ada.get("/my/team").text
+    assert ">Alpha</button>" in page
+    for words in ("No team", "Welcome", "Register a team"):
+        assert words not in page, words
+
+
 @pytest.mark.parametrize(
     "path",
     ["/my/team/act-for", "/my/team/invitations", "/my/team/invitations/x/withdraw",
@@ -457,6 +478,34 @@ def test_one_acts_for_own_teams_alone_and_organizers_do_not_mix(
     with site.database.write() as session:
         set_organizer(session, person_id, None, actor="test")
     assert ada.get("/my").headers["location"] == "/my/team"
+
+
+def test_a_form_that_was_opened_for_one_team_does_nothing_for_another(
+    small_site: "Api", person: Open
+) -> None:
+    """Another tab chooses the other team meanwhile."""
+    ada = person(small_site)
+    ada.sign_in()
+    alpha, beta = (small_site.team_ids[name] for name in ("alpha", "beta"))
+    with small_site.database.write() as session:
+        person_id = session.scalars(select(Person.id)).one()
+        for team in (find_team(session, "alpha"), find_team(session, "beta")):
+            add_member(session, team, person_id, actor="test")
+    ada.sign_in()
+    opened = {path: ada.browser.form(path) for path in ("/submit", "/my/tokens")}
+    ada.post("/my/team/act-for", {"team": str(beta)}, page="/my/team")
+    before = actions(small_site)
+    upload = {**opened["/submit"], "phase": "dev", "method": "Planner"}
+    answers = [
+        ada.browser.send("/submit", upload, "text/html", files={"file": ("a.json", b"a")}),
+        ada.browser.send("/my/tokens", {**opened["/my/tokens"], "name": "x"}, "text/html"),
+    ]
+    for answer in answers:
+        assert answer.status_code == 403
+        assert "was opened while you acted for another team" in " ".join(answer.text.split())
+    assert actions(small_site) == before
+    ada.post("/my/team/act-for", {"team": str(alpha)}, page="/my/team")
+    assert ada.browser.send("/submit", upload, files={"file": ("a.json", b"a")}).status_code == 303
 
 
 def test_a_person_registers_a_team_where_that_is_switched_on(

@@ -102,7 +102,12 @@ def test_the_client_tries_again_and_then_says_what_to_do(
 
 
 def test_the_log_holds_no_address_that_is_a_secret(site: Nginx, browser: httpx.Client) -> None:
-    for path in ("/contacts/a/confirm?key=hush", "/join/b.hush", "/sign-in/callback?code=hush"):
+    for path in (
+        "/contacts/a/confirm?key=hush",
+        "/join/b.hush",
+        "/sign-in/callback?code=hush",
+        "/sign-in?back=%2Fjoin%2Fb.hush",
+    ):
         assert browser.get(path, headers=BROWSER).status_code == 502
     assert browser.get("/history?phase=told", headers=BROWSER).status_code == 502
     assert ("hush" in site.log, "GET /history?phase=told" in site.log) == (False, True)

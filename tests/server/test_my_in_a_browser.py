@@ -204,6 +204,27 @@ def test_one_long_word_for_a_name_keeps_pages_within_their_width(
         assert page.evaluate("document.documentElement.scrollWidth") <= 390
 
 
+def test_no_request_names_the_page_that_it_comes_from(
+    browser: Browser, api: "Api", address: str
+) -> None:
+    """The proxy writes beside an error what a browser names, and some addresses hold a secret."""
+    with browser.new_context() as context:
+        page = context.new_page()
+        named: dict[str, str] = {}
+        page.on(
+            "request",
+            lambda request: named.update({request.url: request.headers.get("referer", "")}),
+        )
+        page.goto(f"{address}/sign-in?back=/join/b.hush")
+        page.fill("input[name=token]", api.tokens["alpha"])
+        page.click("main form button")
+        page.wait_for_url("**/join/b.hush")
+        page.click("header .brand")
+        page.wait_for_url(f"{address}/")
+    assert f"{address}/" in named.values(), "nothing was noted"
+    assert "hush" not in str(named.values())
+
+
 def test_of_a_form_older_than_the_session_the_browser_still_holds_what_was_typed(
     api: "Api", my_page: Callable[..., Page], address: str
 ) -> None:

@@ -322,6 +322,10 @@ def test_terms_are_accepted_on_a_page_or_by_api_before_an_upload(
     with api.database.write() as session:
         update_phase(session, "dev", PhaseChange.model_validate(change), actor="test")
     assert "/my/terms/dev" in as_problem(api.submit("a"), 403, "not_allowed")["detail"]
+    made = api.post("/tokens", "beta", json={"name": "ci", "scopes": ["submit"]})
+    ci = browse(api)
+    ci.sign_in_with(made.json()["token"])
+    assert "Accept for Beta" in ci.get("/my/terms/dev").text
     browser = browse(api)
     assert 'href="/my/terms/dev"' in browser.get("/phases/dev").text
     browser.sign_in("alpha")

@@ -231,6 +231,34 @@ def test_a_token_that_may_only_read_sees_all_and_changes_nothing(api: "Api", bro
     assert reader.get("/my/tokens").status_code == 403
 
 
+def test_a_token_that_may_only_submit_is_led_to_where_it_does_and_finds_the_way_out(
+    api: "Api", browse: Open
+) -> None:
+    api.tokens["ci"] = api.post(
+        "/tokens", "alpha", json={"name": "ci", "scopes": ["submit"]}
+    ).json()["token"]
+    ci = browse(api)
+    led = ci.get(ci.sign_in("ci").headers["location"])
+    assert (led.status_code, led.headers["location"]) == (303, "/submit")
+    assert "The server has submission" not in ci.get("/submit").text
+    own = ci.submit("a").headers["location"]
+    for page in (
+        own,
+        ci.post(f"{own}/edit", {"method": "M"}, page=f"{own}/edit").headers["location"],
+    ):
+        shown = ci.get(ci.get(page).headers["location"])
+        assert shown.status_code == 200
+        assert f"The server has submission <code>{own.rpartition('/')[2]}</code>" in shown.text
+    theirs = api.submit("b", "beta").json()["id"]
+    assert ci.get(f"/submit?sent={theirs}").status_code == 404
+    assert 'href="/sign-in">Sign out' in ci.get("/submit").text
+    refused = ci.get("/my/notices")
+    assert (refused.status_code, 'href="/sign-in"' in refused.text) == (403, True)
+    assert "With the token “ci”." in ci.get("/sign-in").text
+    assert ci.post("/sign-out", {}, page="/sign-in").headers["location"] == "/"
+    assert "You are signed in" not in ci.get("/sign-in").text
+
+
 def test_a_token_is_revoked_by_a_second_step_that_says_what_follows(
     api: "Api", alpha: "TeamBrowser"
 ) -> None:

@@ -55,7 +55,7 @@ class Scope(StrEnum):
 
 
 MEANING_OF_SCOPE: Mapping[Scope, str] = {
-    Scope.SUBMIT: "submit and withdraw",
+    Scope.SUBMIT: "submit, edit, publish and withdraw",
     Scope.READ_OWN: "see the team's submissions",
     Scope.TOKENS: "manage the team's tokens",
     Scope.ORGANIZE: "everything that organizers do",

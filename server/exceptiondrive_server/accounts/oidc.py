@@ -39,6 +39,13 @@ LEEWAY_S = 60
 """How far the provider's clock may be from ours."""
 FLOW_S = 600
 """How long somebody may take at the provider."""
+ERRORS = frozenset({
+    "invalid_request", "unauthorized_client", "unsupported_response_type", "invalid_scope",
+    "server_error", "temporarily_unavailable", "invalid_client", "invalid_grant",
+    "unsupported_grant_type", "interaction_required", "login_required",
+    "account_selection_required", "consent_required",
+})  # fmt: skip
+"""Of RFC 6749 and OpenID Connect: of what else a provider answers, logs hold nothing."""
 _DISCOVERY = "/.well-known/openid-configuration"
 _ENDPOINTS = ("authorization_endpoint", "token_endpoint", "jwks_uri")
 _log = structlog.get_logger("exceptiondrive.oidc")
@@ -120,9 +127,11 @@ class Provider:
                 leeway=LEEWAY_S,
             )
             claims = token.get("userinfo") or {}
-            profile = claims if claims.get("name") else await _with_profile(client, token, claims)
+            has_all = claims.get("name") and claims.get("email")
+            profile = claims if has_all else await _with_profile(client, token, claims)
         except AuthlibBaseError as error:
-            raise _refused(f"the code was not taken ({error.error})") from None
+            code = error.error if error.error in ERRORS else "another error"
+            raise _refused(f"the provider answered {code}") from None
         except (httpx2.HTTPError, json.JSONDecodeError) as error:
             raise _away(error) from None
         except (JoseError, ValueError, TypeError) as error:
@@ -136,7 +145,7 @@ class Provider:
             issuer=self.issuer,
             subject=str(claims["sub"]),
             name=_first_text(profile, "name", "preferred_username", "nickname"),
-            email=_first_text(profile, "email"),
+            email=_first_text(profile, "email") if _may_be_theirs(profile) else None,
         )
 
     async def _discovered(self) -> Any:
@@ -196,11 +205,20 @@ def _flow_key(settings: ServerSettings) -> str:
 async def _with_profile(
     client: Any, token: Mapping[str, Any], claims: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Add the profile that some providers keep apart."""
+    """Add the profile that some providers keep apart; without it the ID token is as good."""
     metadata = await client.load_server_metadata()
     if not metadata.get("userinfo_endpoint") or not token.get("access_token"):
         return dict(claims)
-    return {**claims, **await client.userinfo(token=token)}
+    try:
+        return {**claims, **await client.userinfo(token=token)}
+    except (httpx2.HTTPStatusError, ValueError) as error:
+        _log.warning("the sign-in provider gives no profile", kind=type(error).__name__)
+        return dict(claims)
+
+
+def _may_be_theirs(profile: Mapping[str, Any]) -> bool:
+    """Whether the provider does not say that it never verified the address; some say it as a text."""
+    return profile.get("email_verified") not in (False, "false")
 
 
 def _first_text(claims: Mapping[str, Any], *names: str) -> str | None:

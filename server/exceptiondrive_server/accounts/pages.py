@@ -41,7 +41,7 @@ from exceptiondrive_server.web.browser_session import (
     require_same_origin,
 )
 from exceptiondrive_server.web.problem_vocabulary import ApiProblem
-from exceptiondrive_server.web.responses import private_page, safe_back
+from exceptiondrive_server.web.responses import my_page, private_page, safe_back
 from exceptiondrive_server.web.services import Services, services_of
 
 if TYPE_CHECKING:
@@ -61,13 +61,13 @@ def show_sign_in(
     back: Annotated[str, Query(max_length=MAX_BACK)] = HERE,
     unsaved: bool = False,
 ) -> Response:
-    """Show the form, or go on when somebody has signed in already.
+    """Show the form; to who has signed in already, as whom, and the way out.
 
     `unsaved` says that a form was sent when nobody was signed in any more.
     """
     require_private_channel(request)
     if browser is not None:
-        return go(back)
+        return my_page(browser, "accounts/signed_in.html", back=safe_back(back))
     return show_form(request, back, is_unsaved=unsaved)
 
 
@@ -82,7 +82,7 @@ def sign_in(
     """Open a session for the team of the token."""
     require_private_channel(request)
     require_same_origin(request)
-    require_form_token(form_secret(request), given)
+    require_form_token(form_token(form_secret(request)), given)
     opened = _session_for(services, token.strip(), address_of(request))
     if opened is None:
         return show_form(request, back, status=401, fault=REFUSED)
@@ -199,10 +199,11 @@ async def come_back(
         return go(HERE)
     if back is None:
         return show_form(request, HERE, status=400, fault=STALE)
-    if error:
+    if error == "access_denied":
         request.session.clear()
         return show_form(request, back, status=403, fault=CANCELLED.format(provider.name))
-    await run_in_threadpool(_count, services, _limits(request))  # until it has succeeded
+    if not error:
+        await run_in_threadpool(_count, services, _limits(request))  # until it has succeeded
     try:
         identity = await provider.identity(request)
         opened = await run_in_threadpool(_session_for_person, services, identity, request)
@@ -219,6 +220,7 @@ def _session_for_person(
     """Return the secret of a new session, and whether an organizer signed in."""
     with services.database.write() as session:
         give_attempt_back(session, _limits(request))
+        end_session(session, form_secret(request))  # an earlier one of this browser
         person = welcome_person(session, identity)
         return open_person_session(session, person), person.is_organizer
 

@@ -17,7 +17,7 @@ router = APIRouter(include_in_schema=False)
 @router.get("/my/terms/{phase_id}")
 def show_terms(browser: Browser, phase_id: PhaseId) -> Response:
     """Show the terms of a phase, and whether the team accepted them."""
-    require_scope(browser, Scope.READ_OWN)
+    require_scope(browser, Scope.SUBMIT, Scope.READ_OWN)
     with browser.services.database.read() as session:
         phase = shown_phase(session, phase_id)
         accepted_at = terms_accepted_at(session, team_of(browser.principal), phase)

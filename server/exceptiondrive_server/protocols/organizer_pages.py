@@ -156,7 +156,7 @@ async def post_new(browser: OrganizerBrowser) -> Response:
     async with browser.request.form(
         max_files=1, max_fields=MAX_FIELDS, max_part_size=4 * MAX_PROTOCOL_CHARACTERS
     ) as form:
-        require_form_token(browser.secret, str(form.get(FORM_TOKEN, "")))
+        require_form_token(browser.form_token, str(form.get(FORM_TOKEN, "")))
         shall_add = form.get("do") == "add"
         try:
             toml = _checked(await _text(form))

@@ -7,6 +7,7 @@ import time
 from collections.abc import Mapping
 from functools import partial
 from typing import Annotated, Literal
+from urllib.parse import urlencode
 
 from fastapi import APIRouter, Query, Request
 from fastapi.concurrency import run_in_threadpool
@@ -81,9 +82,17 @@ _DECISIONS = {"publish": publish, "unpublish": unpublish}
 
 
 @router.get("/submit")
-def show_submit(request: Request, browser: MaybeSignedIn, phase: str | None = None) -> Response:
-    """Show how to submit; to a team that may, the form too."""
-    return _submit_page(request, browser, phase)
+def show_submit(
+    request: Request,
+    browser: MaybeSignedIn,
+    phase: str | None = None,
+    sent: Annotated[str | None, Query(max_length=64)] = None,
+) -> Response:
+    """Show how to submit; to a team that may, the form too.
+
+    `sent` is the submission that a session has sent or changed which may not see it.
+    """
+    return _submit_page(request, browser, phase, sent=sent)
 
 
 @router.post("/submit")
@@ -97,7 +106,7 @@ async def submit(browser: Browser) -> Response:
         async with received_upload(
             browser.request, browser.services, who, has_form_token=True
         ) as upload:
-            require_form_token(browser.secret, upload.form_token)
+            require_form_token(browser.form_token, upload.form_token)
             taken, _ = await run_in_threadpool(take_upload, browser.services, who, upload, began_s)
     except (RecordsError, RequestValidationError) as error:
         if not wants_page(browser.request):
@@ -117,6 +126,7 @@ def _submit_page(
     wanted: str | None,
     texts: Mapping[str, str] = NOTHING_KEPT,
     refusal: ApiProblem | None = None,
+    sent: str | None = None,
 ) -> Response:
     """Show the quick start for a phase, and the form again with what was typed before a refusal."""
     services = services_of(request)
@@ -125,6 +135,8 @@ def _submit_page(
         protocol = featured_protocol(session)
         phases = _phases(session, services, None if browser is None else browser.principal)
         standing = () if browser is None else _standing(session, browser.principal)
+        if browser is not None and sent is not None:
+            find_submission(session, sent, team_id=own_team(browser.principal))
     phase = _chosen(links, wanted)
     challenge = phase.challenge if phase else next(iter(CHALLENGES.values()))
     code = challenge.words.code
@@ -140,6 +152,8 @@ def _submit_page(
             "standing": stand,
             "counterparts": [one for one in stand if CHALLENGES[one.challenge].counterpart],
             "wanted": wanted,
+            "sent": sent,
+            "sees_own": Scope.READ_OWN in browser.principal.scopes,
             "form_token": browser.form_token,
             "typed": texts,
             "facts": filled(FACT_FIELDS, texts),
@@ -174,6 +188,10 @@ def _submit_page(
 
 def _may_submit(who: Principal) -> bool:
     return Scope.SUBMIT in who.scopes and not who.team_is_pending
+
+
+def _only_submits(who: Principal) -> bool:
+    return Scope.SUBMIT in who.scopes and Scope.READ_OWN not in who.scopes
 
 
 def _standing(session: Session, who: Principal) -> tuple[SubmissionView, ...]:
@@ -228,6 +246,8 @@ def show_my_submissions(
     browser: Browser, after: Annotated[str | None, Query(max_length=64)] = None
 ) -> Response:
     """List the team's submissions, newest first, and what is left of its quotas."""
+    if _only_submits(browser.principal):
+        return RedirectResponse("/submit", status_code=303)
     require_scope(browser, Scope.READ_OWN)
     who = browser.principal
     if who.phases:
@@ -267,6 +287,8 @@ def show_my_submissions(
 @router.get("/submissions/{submission_id}")
 def show_submission(browser: Browser, submission_id: SubmissionId, again: bool = False) -> Response:
     """Show where a submission stands: this address stays the same from upload to rank."""
+    if _only_submits(browser.principal):
+        return RedirectResponse(f"/submit?{urlencode({'sent': submission_id})}", status_code=303)
     return _submission(browser, submission_id, is_again=again)
 
 

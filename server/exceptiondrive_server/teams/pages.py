@@ -183,6 +183,7 @@ def _page(
     with browser.services.database.read() as session:
         team = None if who.team_id is None else session.get(Team, who.team_id)
         person = None if who.person_id is None else find_person(session, who.person_id)
+        teams = [] if person is None else teams_of(session, person.id)
         members = [] if team is None else members_of(session, team.id)
         people = [f"person:{member.id}" for member, _ in members]
         return my_page(
@@ -195,8 +196,8 @@ def _page(
             made_by={} if team is None else live_tokens_by_maker(session, people, team.id),
             invitations=[] if team is None else open_invitations(session, team.id),
             may_invite=may_invite(who),
-            roles=[] if person is None else _roles(person, who, teams_of(session, person.id)),
-            may_register=may_register and team is None,
+            roles=[] if person is None else _roles(person, who, teams),
+            may_register=may_register and not teams,
             provider=None if browser.services.provider is None else browser.services.provider.name,
             link=link,
             refusal=refusal,

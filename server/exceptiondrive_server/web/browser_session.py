@@ -47,8 +47,8 @@ MAX_FIELDS = 100
 MAX_BACK = 2000
 """Longest address that the sign-in page leads back to."""
 _FORGED = (
-    "The form did not come from this site, or is older than your session. Open its page again and "
-    "send it."
+    "The form did not come from this site, is older than your session, or was opened while you acted "
+    "for another team. Open its page again and send it."
 )
 
 
@@ -67,8 +67,8 @@ class SignedIn:
 
     @property
     def form_token(self) -> str:
-        """What every form of the session carries."""
-        return form_token(self.secret)
+        """What every form of the session carries while it acts for one team, or for none."""
+        return form_token(self.secret, self.principal.team_id)
 
 
 class SignInNeeded(Exception):  # noqa: N818 - named for what it asks
@@ -138,7 +138,7 @@ async def posted_form(browser: Browser) -> FormData:
     """
     require_same_origin(browser.request)
     form = await browser.request.form(max_files=0, max_fields=MAX_FIELDS)
-    require_form_token(browser.secret, str(form.get(FORM_TOKEN, "")))
+    require_form_token(browser.form_token, str(form.get(FORM_TOKEN, "")))
     if await run_in_threadpool(signed_in_or_none, browser.request, browser.services) != browser:
         raise SignInNeeded
     return form
@@ -147,25 +147,25 @@ async def posted_form(browser: Browser) -> FormData:
 PostedForm = Annotated[FormData, Depends(posted_form)]
 
 
-def require_scope(browser: SignedIn, scope: Scope) -> None:
-    """Refuse what the token of the session may not do."""
+def require_scope(browser: SignedIn, *scopes: Scope) -> None:
+    """Refuse what the token of the session may not do: it takes any of the scopes."""
     who = browser.principal
-    if scope in who.scopes:
+    if not who.scopes.isdisjoint(scopes):
         return
     if who.person_id is not None and who.team_id is None:
         raise TeamNeeded
-    detail = f"You signed in with a token that lacks the scope {scope.value!r}."
+    detail = f"You signed in with a token that lacks the scope {scopes[0].value!r}."
     raise ApiProblem(ProblemCode.NOT_ALLOWED, detail)
 
 
-def form_token(secret: str) -> str:
-    """Return the token that binds a form to the secret of a cookie."""
-    return hmac.new(secret.encode(), b"form", hashlib.sha256).hexdigest()
+def form_token(secret: str, team_id: int | None = None) -> str:
+    """Return the token that binds a form to the secret of a cookie, and to a team."""
+    return hmac.new(secret.encode(), f"form {team_id}".encode(), hashlib.sha256).hexdigest()
 
 
-def require_form_token(secret: str, given: str) -> None:
-    """Refuse a form that was not made for the holder of this secret."""
-    if not hmac.compare_digest(form_token(secret).encode(), given.encode("utf-8", "replace")):
+def require_form_token(wanted: str, given: str) -> None:
+    """Refuse a form that was not made for who sends it."""
+    if not hmac.compare_digest(wanted.encode(), given.encode("utf-8", "replace")):
         raise ApiProblem(ProblemCode.NOT_ALLOWED, _FORGED)
 
 
@@ -183,7 +183,7 @@ def require_private_channel(request: Request) -> None:
 
 
 def form_secret(request: Request) -> str:
-    """Return the secret of a browser that has not signed in; a new one if there is none."""
+    """Return the secret of a browser, signed in or not; a new one if there is none."""
     return _cookie(request)[1] or secrets.token_urlsafe(32)
 
 

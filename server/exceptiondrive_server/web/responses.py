@@ -27,8 +27,9 @@ Reading = tuple[object, Callable[[], Mapping[str, Any]]]
 THEMES: tuple[Theme, ...] = ("auto", "light", "dark")
 THEME_COOKIE = "theme"
 YEAR_S = 365 * 24 * 3600
-SECURITY_HEADERS = {**HEADERS, "Referrer-Policy": "same-origin"}
-"""No other site is told a page; without any referrer, browsers put no `Origin` on forms."""
+SECURITY_HEADERS = {**HEADERS, "Referrer-Policy": "strict-origin"}
+"""No address of a page is told: some hold a secret, and the proxy logs what is told beside an error.
+Without any referrer, browsers put no `Origin` on forms."""
 PUBLIC_PROBLEM = {**SECURITY_HEADERS, "Cache-Control": "no-cache", "Vary": "Cookie"}
 PUBLIC_PAGE = {**PROXY_KEEPS, **PUBLIC_PROBLEM}
 

@@ -838,6 +838,17 @@ def test_addresses_in_the_page_lead_somewhere(visit: Visit) -> None:
             assert answer.status == 200, path
 
 
+@pytest.mark.parametrize("path", ["/", "/entries/s0000000kq"])
+def test_no_link_tells_another_site_where_it_was_followed(visit: Visit, path: str) -> None:
+    kinds = (
+        visit.open(path)
+        .locator("a[href^=http]")
+        .evaluate_all("links => links.filter((a) => a.host !== location.host).map((a) => a.rel)")
+    )
+    assert kinds
+    assert all("noreferrer" in kind for kind in kinds), kinds
+
+
 @pytest.mark.parametrize("path", ["/", "/?phase=strategy"])
 def test_a_tablet_shows_every_number_of_the_board_without_scrolling(
     visit: Visit, path: str
