@@ -9,7 +9,6 @@ from fastapi import FastAPI
 
 from exceptiondrive_records.db.settings import load_settings
 from exceptiondrive_records.operations.logs import set_up_logs
-from exceptiondrive_server.boards.reader import BoardReader
 from exceptiondrive_server.routes import ROUTES, WEBHOOKS
 from exceptiondrive_server.web.browser_session import lead_to_sign_in
 from exceptiondrive_server.web.compression import PublicCompression
@@ -69,8 +68,5 @@ def app_from_environment() -> FastAPI:
 
 @asynccontextmanager
 async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
-    reader = BoardReader(app.state.services.database)
-    reader.start()
     yield
-    reader.stop()
     app.state.services.close()

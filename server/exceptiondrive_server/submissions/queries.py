@@ -1,7 +1,7 @@
 """What the pages of a submission read from the records."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from sqlalchemy.orm import Session
 
@@ -11,37 +11,41 @@ from exceptiondrive_records.phases.policy import can_publish
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_schemas.api.submission import SubmissionView
-from exceptiondrive_schemas.challenges import CHALLENGES, Metric
+from exceptiondrive_schemas.board import FamilyCell
+from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
+from exceptiondrive_schemas.protocol import Average, ProtocolDocument
 from exceptiondrive_server.boards.query import AVERAGE_TITLES, OTHER_AVERAGE
 from exceptiondrive_server.submissions.runs import PhaseRules
-from exceptiondrive_server.submissions.view import FamilyLine, ScoreLine, families_of, scores_of
+from exceptiondrive_server.web.numbers import Digits
 
 
-@dataclass(frozen=True)
-class ScoreTables:
-    """The score sheet of a submission, ready to be drawn; both tables are empty without one."""
+class ScoreTables(NamedTuple):
+    """What the score sheet of a submission is drawn with."""
 
-    metrics: tuple[ScoreLine, ...]
-    families: tuple[FamilyLine, ...]
-    columns: tuple[Metric, ...]
-    """Of the families."""
-    headline_title: str
-    """The average that ranks."""
-    other_title: str
+    protocol: ProtocolDocument
+    challenge: Challenge
+    digits: Digits
+    families: dict[str, FamilyCell]
+    """Of its entry on the board, which alone tells their intervals."""
+    other_average: Average
+    """Which does not rank."""
+    titles: tuple[str, str]
+    """Of the average that ranks, and of the other one."""
 
 
 def score_tables(session: Session, seen: SubmissionView) -> ScoreTables:
-    """Return the scores of a submission as its team sees it, with the intervals of the board."""
+    """Return what draws the scores of a submission as its team sees it."""
     phase = find_phase(session, seen.phase)
     protocol = find_protocol(session, phase.protocol_digest)
     entry = entries_on(session, phase.current_board_id).get(seen.id)
     headline = protocol.grading.headline
     return ScoreTables(
-        metrics=scores_of(seen, protocol),
-        families=families_of(seen, protocol, entry),
-        columns=CHALLENGES[seen.challenge].columns,
-        headline_title=AVERAGE_TITLES[headline],
-        other_title=AVERAGE_TITLES[OTHER_AVERAGE[headline]],
+        protocol=protocol,
+        challenge=CHALLENGES[seen.challenge],
+        digits=Digits.of(protocol.publication),
+        families=entry.families if entry else {},
+        other_average=OTHER_AVERAGE[headline],
+        titles=(AVERAGE_TITLES[headline], AVERAGE_TITLES[OTHER_AVERAGE[headline]]),
     )
 
 

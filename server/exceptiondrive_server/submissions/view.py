@@ -12,12 +12,8 @@ from exceptiondrive_schemas.api.submission import (
     SubmissionStatus,
     SubmissionView,
 )
-from exceptiondrive_schemas.board import BoardEntry
-from exceptiondrive_schemas.challenges import CHALLENGES, Challenge
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_schemas.protocol import ProtocolDocument
-from exceptiondrive_server.boards.query import OTHER_AVERAGE
-from exceptiondrive_server.web.numbers import Digits, minute, unit_of
+from exceptiondrive_server.web.numbers import minute
 from exceptiondrive_server.web.templating import template_filter
 
 _MEANING = {
@@ -103,30 +99,6 @@ def _wait(seconds: float) -> str:
     if seconds < 90:
         return f"about {math.ceil(seconds)} s to wait"
     return f"about {counted(math.ceil(seconds / 60), 'minute')} to wait"
-
-
-@dataclass(frozen=True)
-class ScoreLine:
-    """A metric of the sheet, under both averages."""
-
-    ranks: bool
-    """Whether the rank is made of it."""
-    label: str
-    title: str
-    unit: str
-    headline: str | None
-    interval: str
-    """As the board shows it; empty while none is known."""
-    other: str | None
-
-
-@dataclass(frozen=True)
-class FamilyLine:
-    """One family of the sheet: how many samples, and each metric with its interval."""
-
-    title: str
-    n: int | None
-    cells: tuple[tuple[str, str], ...]
 
 
 def policy_sentences(seen: SubmissionView, policy: PhasePolicy) -> Iterator[str]:
@@ -243,58 +215,3 @@ def left_words(quota: Quota) -> str:
         n_files = quota.rejected_today
         return f"{words}; {n_files} files brought no score, which is the limit of a day"
     return f"{words}; {left} wrong {'file' if left == 1 else 'files'} more may be sent today"
-
-
-def scores_of(seen: SubmissionView, protocol: ProtocolDocument) -> tuple[ScoreLine, ...]:
-    """Return a line per metric of its sheet; none without one."""
-    if seen.sheet is None:
-        return ()
-    challenge: Challenge = CHALLENGES[seen.challenge]
-    digits = Digits.of(protocol.publication)
-    average = protocol.grading.headline
-    headline, other = seen.sheet.average(average), seen.sheet.average(OTHER_AVERAGE[average])
-    ranking = {key.metric for key in challenge.primary_order}
-    return tuple(
-        ScoreLine(
-            ranks=metric.key in ranking,
-            label=metric.label,
-            title=metric.title,
-            unit=unit_of(metric),
-            headline=digits.text(metric, headline.get(metric.key)),
-            interval=digits.interval(metric, seen.intervals.get(metric.key)),
-            other=digits.text(metric, other.get(metric.key)),
-        )
-        for metric in challenge.metrics
-    )
-
-
-def families_of(
-    seen: SubmissionView, protocol: ProtocolDocument, entry: BoardEntry | None
-) -> tuple[FamilyLine, ...]:
-    """Return a line per family of its sheet, in the order of the protocol; none without one.
-
-    Intervals are told by the entry on the board alone; the sheet holds no family that is not shown
-    yet.
-    """
-    if seen.sheet is None:
-        return ()
-    digits = Digits.of(protocol.publication)
-    metrics = CHALLENGES[seen.challenge].columns
-    known = entry.families if entry else {}
-    return tuple(
-        FamilyLine(
-            title=family.title,
-            n=row.n,
-            cells=tuple(
-                (
-                    digits.text(metric, row.metrics.get(metric.key)) or "not told",
-                    digits.interval(metric, known[family.id].intervals.get(metric.key))
-                    if family.id in known
-                    else "",
-                )
-                for metric in metrics
-            ),
-        )
-        for family in protocol.families
-        if (row := seen.sheet.families.get(family.id)) is not None
-    )
