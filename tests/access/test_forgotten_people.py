@@ -23,6 +23,7 @@ from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
 from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.teams.teams import switch_self_registration
 
 if TYPE_CHECKING:
     from tests.access.people import RunningProvider
@@ -98,6 +99,22 @@ def test_an_organizer_is_forgotten_once_the_role_is_taken(api: "Api") -> None:
     assert told_of(api, "Ben Example") == []
     again = {"is_organizer": True, "role": "owner"}
     assert api.post(f"{path}/organizer", "organizer", json=again).status_code == 404
+
+
+def test_who_registered_a_team_that_was_refused_stays_until_they_are_forgotten(
+    site: "Api", person: Open
+) -> None:
+    with site.database.write() as session:
+        switch_self_registration(session, True, actor="test")
+    ada = person(site)
+    ada.sign_in()
+    wanted = {"id": "gamma", "name": "Gamma", "note": "Gamma group"}
+    assert ada.post("/my/team/register", wanted, page="/my/team").status_code == 303
+    assert site.post("/organizer/teams/gamma/refuse", "organizer", json=WHY).is_success
+    (known,) = site.get("/organizer/people", "organizer").json()
+    assert (known["name"], known["email"]) == ADA[:2]
+    assert site.post(f"/organizer/people/{known['id']}/forget", "organizer", json=WHY).is_success
+    assert told_of(site, *ADA) == []
 
 
 def test_whoever_takes_a_role_or_forgets_is_told_which_tokens_work_on(

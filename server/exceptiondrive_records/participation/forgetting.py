@@ -1,7 +1,8 @@
 """Forget a team or a person: people, addresses and words go; an alias stands for a team that was named.
 
 Bytes and digests of boards stay in the table that nothing may alter. The alias is put in when they
-are read (`boards.parsed_board`); the digest of what the board says is the one it always had.
+are read (`boards.parsed_board`); the digest of what the board says is the one it always had. So it is
+with what an applied run compared.
 """
 
 import secrets
