@@ -98,7 +98,9 @@ def checked_name(kind: str, name: str) -> str:
     if not _UNSEEN.isdisjoint(name) or _PILE.search(_marks_of(name)) is not None:
         raise InvalidRecord(f"The {kind} holds characters that cannot be shown.")
     if is_reserved(name) or skeleton(name) in _reserved():
-        raise InvalidRecord(f"The {kind} {name!r} is reserved for the reference rows of boards and what the paper reports.")
+        raise InvalidRecord(
+            f"The {kind} {name!r} is reserved for the reference rows of boards and what the paper reports."
+        )
     return name
 
 
