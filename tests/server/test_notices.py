@@ -162,8 +162,6 @@ def test_an_address_that_said_no_is_asked_by_no_team_again(
         True,
     )
     assert set(addresses(api).values()) == {""}
-    again = browse(api).get(leave)
-    assert (again.status_code, "mail to it has ended" in again.text) == (404, True)
     assert api.get("/contacts", "beta").json() == [], "what another team asked is withdrawn"
     with api.database.read() as session:
         kept = session.get_one(ContactPoint, first)
@@ -175,6 +173,49 @@ def test_an_address_that_said_no_is_asked_by_no_team_again(
         assert "asked for no more mail" in told["detail"]
     assert browse(api).client.post(link(api, waits, "confirm")).status_code == 404
     assert ask(api, "adam@example.org", "beta").status_code == 201
+
+
+def test_a_no_is_said_whole_before_the_click_and_taken_back_by_its_link(
+    api_on_both: "Api", browse: Browse, as_problem: Problem
+) -> None:
+    """Another team may have asked; so may have a program that opens links for a person."""
+    api = api_on_both
+    asked = ask(api, "prof@gmail.com", "beta").json()["id"]
+    leave = link(api, asked, "unsubscribe")
+    body = message_of(NoticeSettings(), "a@b.example", mails(api)[0][1], leave).get_content()
+    assert "No more mail about this team, nor a question of any team: " in body
+    reader = browse(api)
+    assert "no team can ask it again, until that is taken back" in reader.get(leave).text
+    for _ in range(2):
+        said = reader.client.post(leave)
+        assert (said.status_code, "Let teams ask again" in said.text) == (200, True)
+    as_problem(ask(api, "p.rof+1@gmail.com"), 409, "conflict")
+    forgotten = {"reason": "They asked us to."}
+    assert api.post("/organizer/teams/beta/forget", "organizer", json=forgotten).status_code == 200
+    allow = re.findall(r'action="(/contacts/\S+)"', reader.get(leave).text)[0]
+    assert reader.client.post(f"{allow}x").status_code == 404, "a wrong key"
+    assert "can ask the address of this link again" in reader.client.post(allow).text
+    for closed in (leave, allow):
+        ended = reader.client.post(closed)
+        assert (ended.status_code, "mail to it has ended" in ended.text) == (404, True)
+    with api.database.read() as session:
+        kept = session.get_one(ContactPoint, asked)
+        assert (kept.address, kept.secret, kept.mailbox_digest) == ("", None, None)
+        lines = ("contact unsubscribed", "contact allowed")
+        assert [count_audit_lines(session, line) for line in lines] == [1, 1]
+    assert ask(api, "p.rof+1@gmail.com").status_code == 201
+    assert mails(api)[-1][1].kind == "confirm_address", "and it waits for a yes"
+
+
+def test_no_team_takes_the_last_question_of_a_mailbox_from_the_others(
+    api: "Api", as_problem: Problem
+) -> None:
+    for number in range(2):
+        asked = ask(api, f"alice+{number}@example.org", "beta").json()["id"]
+        assert api.post(f"/contacts/{asked}/remove", "beta").status_code == 200
+    refused = as_problem(ask(api, "alice+2@example.org", "beta"), 409, "conflict")
+    assert "asked 2 times in 24 hours by the team" in refused["detail"]
+    assert ask(api, "alice@example.org").status_code == 201
 
 
 def test_a_team_adds_so_many_addresses_a_day_and_goes_on_the_next(
