@@ -17,7 +17,7 @@ from tests.support.databases import POSTGRES_ALONE
 from tests.support.records import count_audit_lines, next_moment
 
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.errors import NotAllowed
+from exceptiondrive_records.db.errors import InvalidRecord, NotAllowed
 from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.notifications import contacts, events
 from exceptiondrive_records.notifications.channels import NoticeSettings, message_of
@@ -34,6 +34,7 @@ from exceptiondrive_records.operations.reconciler import run_reconciler
 from exceptiondrive_records.operations.unlogged import unlogged_submissions
 from exceptiondrive_records.participation.allowances import set_allowance
 from exceptiondrive_records.participation.disqualification import disqualify_team, reinstate
+from exceptiondrive_records.participation.importing import import_teams
 from exceptiondrive_records.participation.tables import Allowance
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.teams.teams import find_team, register_team
@@ -190,6 +191,10 @@ def test_a_no_is_said_whole_before_the_click_and_taken_back_by_its_link(
         said = reader.client.post(leave)
         assert (said.status_code, "Let teams ask again" in said.text) == (200, True)
     as_problem(ask(api, "p.rof+1@gmail.com"), 409, "conflict")
+    table = "id,name,email\ngamma,Gamma,\ndelta,Delta,prof@gmail.com\n"
+    with pytest.raises(InvalidRecord) as refused, api.database.write() as session:
+        import_teams(session, table, actor="test")
+    assert "Line 3: Whoever reads at this address asked for no more mail" in str(refused.value)
     forgotten = {"reason": "They asked us to."}
     assert api.post("/organizer/teams/beta/forget", "organizer", json=forgotten).status_code == 200
     allow = re.findall(r'action="(/contacts/\S+)"', reader.get(leave).text)[0]
