@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY, ChallengeId
 
 TEAM = "Reference"
+PAPER_TEAM = "ExceptionDrive paper"
+"""Of the rows that the paper reports (`reported`)."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ REFERENCES: dict[ChallengeId, tuple[Reference, ...]] = {
 
 
 def is_reserved(name: str) -> bool:
-    """Whether a name of a team or method reads as that of a reference row."""
+    """Whether a name of a team or method reads as that of a reference row, or of the paper's rows."""
     return _as_read(name) in _RESERVED
 
 
@@ -50,6 +52,7 @@ def _as_read(name: str) -> str:
 RESERVED_NAMES = (
     TEAM,
     f"ExceptionDrive {TEAM}",
+    PAPER_TEAM,
     *(each.method for references in REFERENCES.values() for each in references),
 )
 _RESERVED = {_as_read(name) for name in RESERVED_NAMES}

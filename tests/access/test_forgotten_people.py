@@ -9,6 +9,7 @@ from tests.access.test_teams_of_people import EVE, Browse, Open, invitation_from
 from exceptiondrive_records.accounts.people import (
     Identity,
     accept_invitation,
+    find_invitation,
     invite,
     list_people,
     members_of,
@@ -18,9 +19,11 @@ from exceptiondrive_records.accounts.people import (
 )
 from exceptiondrive_records.accounts.roles import OrganizerRole
 from exceptiondrive_records.accounts.tables import Person
+from exceptiondrive_records.accounts.tokens import TEAM_SCOPES, issue_token
 from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.db.base import Base
 from exceptiondrive_records.db.errors import NotFound
+from exceptiondrive_records.teams.teams import switch_self_registration
 
 if TYPE_CHECKING:
     from tests.access.people import RunningProvider
@@ -96,6 +99,52 @@ def test_an_organizer_is_forgotten_once_the_role_is_taken(api: "Api") -> None:
     assert told_of(api, "Ben Example") == []
     again = {"is_organizer": True, "role": "owner"}
     assert api.post(f"{path}/organizer", "organizer", json=again).status_code == 404
+
+
+def test_who_registered_a_team_that_was_refused_stays_until_they_are_forgotten(
+    site: "Api", person: Open
+) -> None:
+    with site.database.write() as session:
+        switch_self_registration(session, True, actor="test")
+    ada = person(site)
+    ada.sign_in()
+    wanted = {"id": "gamma", "name": "Gamma", "note": "Gamma group"}
+    assert ada.post("/my/team/register", wanted, page="/my/team").status_code == 303
+    assert site.post("/organizer/teams/gamma/refuse", "organizer", json=WHY).is_success
+    (known,) = site.get("/organizer/people", "organizer").json()
+    assert (known["name"], known["email"]) == ADA[:2]
+    assert site.post(f"/organizer/people/{known['id']}/forget", "organizer", json=WHY).is_success
+    assert told_of(site, *ADA) == []
+
+
+def test_whoever_takes_a_role_or_forgets_is_told_which_tokens_work_on(
+    api_on_both: "Api", browse: Browse
+) -> None:
+    """Such as a token that an organizer gave another team, without an end, on the last day."""
+    api = api_on_both
+    with api.database.write() as session:
+        ben = welcome_person(session, Identity("https://id.example.org", "ben", "Ben Example")).id
+        set_organizer(session, ben, OrganizerRole.OWNER, actor="test")
+        beta = api.team_ids["beta"]
+        text, door = issue_token(session, beta, "door", TEAM_SCOPES, actor=f"person:{ben}")
+        api.tokens["door"], prefix = text, door.prefix
+        link, _ = invite(session, beta, "an organizer", actor=f"person:{ben}")
+    again = api.post("/tokens", "door", json={"name": "again"}).json()["view"]
+    seen = {one["name"]: one["made_by"] for one in api.get("/tokens", "beta").json()}
+    assert seen["door"] == "organizers", "who never was of the team is nobody it knows"
+    owner = browse(api, who="organizer")
+    page, path = f"/organize/people/{ben}", f"/organizer/people/{ben}"
+    for shown in (page, f"{page}/forget"):
+        assert f"<li>door (Beta), {prefix}</li>" in owner.get(shown).text
+        assert f"<li>again (Beta), {again['prefix']}</li>" in owner.get(shown).text
+    told = api.post(f"{path}/organizer", "organizer", json={"is_organizer": False}).json()
+    assert {one["name"] for one in told["still_work"]} == {"door", "again"}
+    with api.database.read() as session, pytest.raises(NotFound):
+        find_invitation(session, link, None)
+    for token in told["still_work"]:
+        assert api.post(f"/organizer/tokens/{token['id']}/revoke", "organizer").is_success
+    assert "Made tokens" not in owner.get(f"{page}/forget").text
+    assert api.post(f"{path}/forget", "organizer", json=WHY).json()["still_work"] == []
 
 
 def test_a_form_of_somebody_who_was_forgotten_meanwhile_adds_nobody(api_on_both: "Api") -> None:

@@ -65,6 +65,15 @@ def test_who_only_reads_gets_no_cookie_and_stands_in_no_row_and_no_log(
     assert [line for line in logs if re.search(r"Marker|203\.0|testclient|phase=", str(line))] == []
 
 
+def test_labels_of_metrics_name_nobody(api: "Api") -> None:
+    api.score(api.submit("a").json()["id"])
+    named = set(re.findall(r'[{,](\w+)="', api.get("/metrics").text))
+    told = {"route", "method", "status", "state", "lane", "phase"}
+    assert told <= named <= told | {"le", "worker", "trouble", "subject"}
+    told_in_words = "their labels are routes, methods, states, lanes, troubles, ids of phases and workers, names of splits"
+    assert told_in_words in DOCUMENT
+
+
 def test_the_document_says_of_every_table_what_it_holds_of_people() -> None:
     places, _, rest = DOCUMENT.partition("Nothing of a person: ")
     rows = [line.split("|")[1] for line in places.splitlines() if line.startswith("| `")]

@@ -7,6 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from exceptiondrive_records.accounts.people import Identity, welcome_person
+from exceptiondrive_records.accounts.tokens import issue_token
 from exceptiondrive_server.operations.cli import app
 
 if TYPE_CHECKING:
@@ -70,7 +71,15 @@ def test_operators_do_the_same_by_command(
     run = CliRunner()
     assert run.invoke(app, ["set-organizer", person_id]).exit_code == 0
     assert run.invoke(app, ["list-people"]).stdout == f"{person_id}\tAda\t\towner\n"
-    assert run.invoke(app, ["set-organizer", person_id, "off"]).exit_code == 0
+    with api.database.write() as session:
+        _, handed = issue_token(
+            session, api.team_ids["beta"], "handed", ("submit",), actor=f"person:{person_id}"
+        )
+        made = f"{handed.id}\thanded\n"
+    assert run.invoke(app, ["set-organizer", person_id]).stdout == ""
+    taken = run.invoke(app, ["set-organizer", person_id, "off"])
+    assert (taken.exit_code, taken.stdout) == (0, made)
+    assert "tokens that they made work on" in taken.stderr
     assert run.invoke(app, ["list-people"]).stdout == f"{person_id}\tAda\t\t\n"
     assert run.invoke(app, ["self-registration", "on"]).exit_code == 0
     assert api.post("/registrations", json=WANTED).status_code == 201

@@ -286,6 +286,7 @@ def test_the_taxonomy_of_the_page_is_that_of_the_protocol() -> None:
         ("rescoring", "most once an hour and phase", events._PASSED_WITHIN, timedelta(hours=1)),
         ("rescoring", "redirects not followed), for 20 s", channels._LONGEST_S, 20),
         ("trust", "three a day at most to one mailbox", contacts.MAX_ASKED_A_DAY, 3),
+        ("trust", "two of them of one team", contacts.MAX_ASKED_BY_ONE, 2),
     ],
 )
 def test_a_limit_is_what_a_document_says(

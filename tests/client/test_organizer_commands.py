@@ -488,3 +488,18 @@ def test_a_preview_and_an_apply_say_whose_deadline_a_reveal_ends(
     for named in ((), ("--preview", "sha256:seen")):
         done = said("apply", "R", *named, "--reason", "the end")
         assert (done.exit_code, words in done.stderr) == (0, True), done.stderr
+
+
+def test_who_takes_a_role_or_forgets_a_person_reads_which_tokens_work_on(
+    canned_server: "CannedServer",
+) -> None:
+    door = {"id": "q3", "name": "door", "prefix": "edk_s_q3", "made_by": "Ben"}
+    left = {"name": "Ben", "role": None, "still_work": [door]}
+    canned_server.answer("POST /organizer/people/ben/organizer", 200, left)
+    canned_server.answer("POST /organizer/people/ben/forget", 200, left)
+    to = {"EXCEPTIONDRIVE_SERVER": canned_server.url, "EXCEPTIONDRIVE_TOKEN": "edk_x"}
+    for words in (("set", "ben"), ("forget", "ben", "--yes", "--reason", "why")):
+        done = CliRunner().invoke(app, ["organizer", "people", *words], env=to)
+        assert done.exit_code == 0, done.stderr
+        assert "tokens that they made work on; revoke these too" in done.output
+        assert "q3  door  (edk_s_q3, made by Ben)" in done.output

@@ -54,6 +54,7 @@ def test_news_stand_on_the_page_in_the_feed_and_in_every_inbox_until_withdrawn(
     assert "It is on <strong>Friday</strong> now." in life.get("/phases/test").text
     feed = life.get("/feed.atom?phase=test").text
     assert "The workshop moves" in feed
+    assert "<summary>It is on Friday now.</summary>" in feed, "without the marks of Markdown"
     anchor = f"news-{published['id']}"
     assert feed.count(f"/phases/test#{anchor}") == 2, "name and link"
     assert f'id="{anchor}"' in life.get("/phases/test").text

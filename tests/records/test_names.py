@@ -15,6 +15,7 @@ from exceptiondrive_records.db.identifiers import (
 )
 from exceptiondrive_records.participation.changes import change_team
 from exceptiondrive_records.teams.teams import create_team
+from exceptiondrive_schemas.reported import reported_paper
 
 BLANK = ("\u3164", "\uffa0", "\u115f", "\u1160", "\u2800", "...", "\u0301")
 UNSEEN = ("\u034f", "\ufe0f", "\U000e0100", "\u180b", "\u17b4", "\u3164", "\u200b", "\u202e")
@@ -75,6 +76,9 @@ def test_accents_do_not_pile_up() -> None:
         "SOURC\u0395 AS EDITED",
         "Ref\u0435rence",
         "\u0395xceptionDrive reference",
+        reported_paper().team,
+        "\u0395xceptionDrive p\u0430per",
+        "Exception-Drive Paper",
     ],
     ids=ascii,
 )

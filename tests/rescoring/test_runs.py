@@ -211,7 +211,10 @@ def test_what_an_applied_run_compared_names_no_team_that_was_forgotten(
         alias = forget_team(session, "alpha", reason="asked for", actor="test").name
     with stage.database.read() as session:
         told = public_run(session, run_id).comparison
+        kept = find_run(session, run_id).comparison
     assert [entry.team for entry in told.entries] == [alias, alias, "Beta"]
+    assert kept is not None
+    assert kept.entries[0].team == "Alpha", "as docs/privacy.md says of what was recorded"
     stage.work()
     stage.rollback(run_id)
     with stage.database.read() as session:

@@ -17,7 +17,7 @@ from tests.support.databases import POSTGRES_ALONE
 from tests.support.records import count_audit_lines, next_moment
 
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.db.errors import NotAllowed
+from exceptiondrive_records.db.errors import InvalidRecord, NotAllowed
 from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.notifications import contacts, events
 from exceptiondrive_records.notifications.channels import NoticeSettings, message_of
@@ -34,6 +34,7 @@ from exceptiondrive_records.operations.reconciler import run_reconciler
 from exceptiondrive_records.operations.unlogged import unlogged_submissions
 from exceptiondrive_records.participation.allowances import set_allowance
 from exceptiondrive_records.participation.disqualification import disqualify_team, reinstate
+from exceptiondrive_records.participation.importing import import_teams
 from exceptiondrive_records.participation.tables import Allowance
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.teams.teams import find_team, register_team
@@ -162,8 +163,6 @@ def test_an_address_that_said_no_is_asked_by_no_team_again(
         True,
     )
     assert set(addresses(api).values()) == {""}
-    again = browse(api).get(leave)
-    assert (again.status_code, "mail to it has ended" in again.text) == (404, True)
     assert api.get("/contacts", "beta").json() == [], "what another team asked is withdrawn"
     with api.database.read() as session:
         kept = session.get_one(ContactPoint, first)
@@ -175,6 +174,53 @@ def test_an_address_that_said_no_is_asked_by_no_team_again(
         assert "asked for no more mail" in told["detail"]
     assert browse(api).client.post(link(api, waits, "confirm")).status_code == 404
     assert ask(api, "adam@example.org", "beta").status_code == 201
+
+
+def test_a_no_is_said_whole_before_the_click_and_taken_back_by_its_link(
+    api_on_both: "Api", browse: Browse, as_problem: Problem
+) -> None:
+    """Another team may have asked; so may have a program that opens links for a person."""
+    api = api_on_both
+    asked = ask(api, "prof@gmail.com", "beta").json()["id"]
+    leave = link(api, asked, "unsubscribe")
+    body = message_of(NoticeSettings(), "a@b.example", mails(api)[0][1], leave).get_content()
+    assert "No more mail about this team, nor a question of any team: " in body
+    reader = browse(api)
+    assert "no team can ask it again, until that is taken back" in reader.get(leave).text
+    for _ in range(2):
+        said = reader.client.post(leave)
+        assert (said.status_code, "Let teams ask again" in said.text) == (200, True)
+    as_problem(ask(api, "p.rof+1@gmail.com"), 409, "conflict")
+    table = "id,name,email\ngamma,Gamma,\ndelta,Delta,prof@gmail.com\n"
+    with pytest.raises(InvalidRecord) as refused, api.database.write() as session:
+        import_teams(session, table, actor="test")
+    assert "Line 3: Whoever reads at this address asked for no more mail" in str(refused.value)
+    forgotten = {"reason": "They asked us to."}
+    assert api.post("/organizer/teams/beta/forget", "organizer", json=forgotten).status_code == 200
+    allow = re.findall(r'action="(/contacts/\S+)"', reader.get(leave).text)[0]
+    assert reader.client.post(f"{allow}x").status_code == 404, "a wrong key"
+    assert "can ask the address of this link again" in reader.client.post(allow).text
+    for closed in (leave, allow):
+        ended = reader.client.post(closed)
+        assert (ended.status_code, "mail to it has ended" in ended.text) == (404, True)
+    with api.database.read() as session:
+        kept = session.get_one(ContactPoint, asked)
+        assert (kept.address, kept.secret, kept.mailbox_digest) == ("", None, None)
+        lines = ("contact unsubscribed", "contact allowed")
+        assert [count_audit_lines(session, line) for line in lines] == [1, 1]
+    assert ask(api, "p.rof+1@gmail.com").status_code == 201
+    assert mails(api)[-1][1].kind == "confirm_address", "and it waits for a yes"
+
+
+def test_no_team_takes_the_last_question_of_a_mailbox_from_the_others(
+    api: "Api", as_problem: Problem
+) -> None:
+    for number in range(2):
+        asked = ask(api, f"alice+{number}@example.org", "beta").json()["id"]
+        assert api.post(f"/contacts/{asked}/remove", "beta").status_code == 200
+    refused = as_problem(ask(api, "alice+2@example.org", "beta"), 409, "conflict")
+    assert "asked 2 times in 24 hours by the team" in refused["detail"]
+    assert ask(api, "alice@example.org").status_code == 201
 
 
 def test_a_team_adds_so_many_addresses_a_day_and_goes_on_the_next(

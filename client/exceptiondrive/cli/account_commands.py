@@ -138,11 +138,17 @@ def revoke_token(
 def show_revoked(token: Record, json: bool) -> None:
     """Say that a token is revoked, and which that were made with it work on."""
     show_result(token, json, f"token {token['id']} revoked")
-    made = token.get("still_work", [])
-    if made and not json:
-        say("what was made with it works on; revoke these too, unless they are to stay:")
-        for one in made:
-            say(f"  {one['id']}  {one['name']}  ({one['prefix']}, made by {one['made_by']})")
+    for line in () if json else left_words("what was made with it works on", token):
+        say(line)
+
+
+def left_words(what: str, told: Record) -> list[str]:
+    """Return which tokens work on, of an answer of the API; nothing where there are none."""
+    made = [
+        f"  {one['id']}  {one['name']}  ({one['prefix']}, made by {one['made_by']})"
+        for one in told.get("still_work", [])
+    ]
+    return [f"{what}; revoke these too, unless they are to stay:", *made] if made else []
 
 
 tokens = {

@@ -41,6 +41,11 @@ def live_tokens_by_maker(
     return {actor: _made(actor, makers, live) for actor in actors}
 
 
+def left_behind(session: Session, actor: str, team_id: int | None = None) -> list[Token]:
+    """Return the tokens that work on when one that made them ends, newest first."""
+    return live_tokens_by_maker(session, [actor], team_id)[actor]
+
+
 def _made(actor: str, makers: Mapping[str, str], live: Iterable[Token]) -> list[Token]:
     reached, before = {actor}, 0
     while len(reached) > before:
@@ -53,7 +58,7 @@ def makers_in_words(session: Session, team_id: int, makers: Mapping[str, str]) -
     """Return who made each token in words for the team: its tokens and its people by name alone."""
     own = {f"token:{one.id}": f"{one.name} ({one.prefix})" for one in list_tokens(session, team_id)}
     own |= _people(session, team_id, set(makers.values()))
-    return {token_id: own.get(actor) or _stranger(actor) for token_id, actor in makers.items()}
+    return {token_id: own.get(actor) or _beyond(actor) for token_id, actor in makers.items()}
 
 
 def _people(session: Session, team_id: int, actors: Collection[str]) -> dict[str, str]:
@@ -70,7 +75,6 @@ def _people(session: Session, team_id: int, actors: Collection[str]) -> dict[str
     return names
 
 
-def _stranger(actor: str) -> str:
-    if actor == "registration":
-        return actor
-    return "somebody else" if actor.startswith("person:") else "organizers"
+def _beyond(actor: str) -> str:
+    """Return who made a token that neither is of the team nor was."""
+    return actor if actor == "registration" else "organizers"

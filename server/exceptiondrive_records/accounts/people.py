@@ -100,7 +100,8 @@ def set_organizer(
 ) -> Person:
     """Make a person an organizer, or no longer; it counts from the next request on.
 
-    Without a role it is no longer one; without phases the role is for the whole site.
+    Without a role it is no longer one; without phases the role is for the whole site. With the role
+    that they had end the invitations that they made; tokens that they made work on (`left_behind`).
 
     Raises:
         NotFound: There is no such person or phase.
@@ -109,6 +110,8 @@ def set_organizer(
     person = find_person(session, person_id, lock=True)
     wanted = role, checked_phases(session, phases if role else ())
     if (person.organizer_role, person.organizer_phases) != wanted:
+        if person.is_organizer:
+            withdraw_invitations_of(session, f"person:{person_id}", actor=actor)
         person.organizer_role, person.organizer_phases = wanted
         detail = {} if role is None else {"role": str(role), "phases": wanted[1]}
         audit(session, actor, "organizer granted" if role else "organizer ended", person_id, detail)

@@ -90,7 +90,7 @@ def checked_name(kind: str, name: str) -> str:
 
     Raises:
         InvalidRecord: It cannot be used, shows nothing to read, piles up accents, holds what no eye
-            sees, or reads as the name of a reference row.
+            sees, or reads as the name of a reference row or of the paper's rows.
     """
     name = checked_text(kind, name, max_length=80)
     if not any(c.isalnum() and c not in _UNSEEN for c in name):
@@ -98,7 +98,9 @@ def checked_name(kind: str, name: str) -> str:
     if not _UNSEEN.isdisjoint(name) or _PILE.search(_marks_of(name)) is not None:
         raise InvalidRecord(f"The {kind} holds characters that cannot be shown.")
     if is_reserved(name) or skeleton(name) in _reserved():
-        raise InvalidRecord(f"The {kind} {name!r} is reserved for the reference rows of boards.")
+        raise InvalidRecord(
+            f"The {kind} {name!r} is reserved for the reference rows of boards and what the paper reports."
+        )
     return name
 
 

@@ -207,7 +207,8 @@ def message_of(
     message["List-Unsubscribe"] = f"<{leave}>"
     message["List-Unsubscribe-Post"] = "List-Unsubscribe=One-Click"
     message.set_content(
-        f"{text_of(notice, settings.public_url)}\nNo more mail about this team: {leave}\n"
+        f"{text_of(notice, settings.public_url)}\n"
+        f"No more mail about this team, nor a question of any team: {leave}\n"
     )
     return message
 

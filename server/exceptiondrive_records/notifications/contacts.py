@@ -35,6 +35,8 @@ MAX_CHANGED_A_DAY = 50
 """Of a team, whichever address: each leaves an audit line for ever."""
 MAX_ASKED_A_DAY = 3
 """How often one mailbox is asked for its yes, by all teams together."""
+MAX_ASKED_BY_ONE = 2
+"""Of these by one team, so that it takes no other team's."""
 _EMAIL = re.compile(r"[A-Za-z0-9._%+-]{1,64}@(?:[A-Za-z0-9-]{1,63}\.)+[A-Za-z]{2,24}")
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
@@ -52,7 +54,7 @@ def add_contact(
     """Let a team be told at an address; a webhook gets a secret that signs what is sent.
 
     An e-mail address is written to once, and told nothing more until whoever reads there confirms
-    it. One that said no by the link in a mail is asked by no team again. `may_be_private` lets http
+    it. One that said no by the link in a mail is asked by no team until the no is taken back. `may_be_private` lets http
     to this very machine through, for tests.
 
     Raises:
@@ -75,7 +77,7 @@ def add_contact(
     _require_additions_left(session, team_id, now)
     mailbox_digest = _mailbox_digest(address) if channel is Channel.EMAIL else None
     if mailbox_digest is not None:
-        _require_may_be_asked(session, mailbox_digest, now)
+        _require_may_be_asked(session, team_id, mailbox_digest, now)
     contact = ContactPoint(
         id=random_id(),
         team_id=team_id,
@@ -127,7 +129,7 @@ def find_by_key(
     """Return the e-mail address that a link in a mail speaks for.
 
     Raises:
-        NotFound: There is none, it said no or was removed, or the key is wrong: the answer is the same.
+        NotFound: There is none, it was removed, or the key is wrong: the answer is the same.
     """
     contact = session.get(ContactPoint, contact_id)
     if (
@@ -135,7 +137,6 @@ def find_by_key(
         or contact.secret is None
         or not secrets.compare_digest(contact.secret.encode(), key.encode("utf-8", "replace"))
         or contact.channel is not Channel.EMAIL
-        or contact.unsubscribed_at is not None
         or (contact.removed_at is not None and not may_be_removed)
     ):
         ended = " that this link opens: mail to it has ended, or the link was not copied whole"
@@ -157,16 +158,19 @@ def confirm_contact(session: Session, contact_id: str, key: str) -> ContactPoint
 
 
 def unsubscribe_contact(session: Session, contact_id: str, key: str) -> str:
-    """Tell an address nothing more, and let no team ask it again; return the address.
+    """Tell an address nothing more, and let no team ask it again; return the address. Twice is once.
 
     A team that removed it cannot keep whoever reads there from saying no. What other teams asked
-    there and got no answer to is withdrawn; what was said yes to stays.
+    there and got no answer to is withdrawn; what was said yes to stays. The same link takes it back
+    (`allow_contact`).
 
     Raises:
         NotFound: As `find_by_key`, but for an address that was removed.
     """
     contact = find_by_key(session, contact_id, key, may_be_removed=True)
     hold_words(session, f"mailbox {contact.mailbox_digest}")
+    if contact.unsubscribed_at is not None:
+        return contact.address
     address, now = contact.address, database_now(session)
     contact.unsubscribed_at = now
     unanswered = select(ContactPoint).where(
@@ -178,6 +182,22 @@ def unsubscribe_contact(session: Session, contact_id: str, key: str) -> str:
         take_away(each, now)
     audit(session, f"contact:{contact.id}", "contact unsubscribed", contact.id)
     return address
+
+
+def allow_contact(session: Session, contact_id: str, key: str) -> None:
+    """Take back what was said no to at a mailbox: teams may ask there again, and wait for its yes.
+
+    The links that said no open nothing more: so each says it once.
+
+    Raises:
+        NotFound: As `find_by_key`, but for an address that was removed.
+    """
+    contact = find_by_key(session, contact_id, key, may_be_removed=True)
+    hold_words(session, f"mailbox {contact.mailbox_digest}")
+    of_mailbox = select(ContactPoint).where(ContactPoint.mailbox_digest == contact.mailbox_digest)
+    for each in session.scalars(of_mailbox.where(ContactPoint.unsubscribed_at.is_not(None))):
+        each.unsubscribed_at = each.secret = each.mailbox_digest = None
+        audit(session, f"contact:{contact.id}", "contact allowed", each.id)
 
 
 def contact_link(contact: ContactPoint, what: Literal["confirm", "unsubscribe"]) -> str:
@@ -197,7 +217,7 @@ def _question(session: Session, contact: ContactPoint, now: datetime) -> Notific
         what_changed=(
             f"The team {team}, or an organizer for it, wants to be told here about its submissions.",
             "If you do not want that, do nothing: nothing more will be sent for this team.",
-            "The link that ends mail to this address keeps every team from asking again.",
+            "The link that ends mail to this address keeps every team from asking again, or takes it back.",
         ),
         comparison=contact_link(contact, "confirm"),
     )
@@ -224,14 +244,21 @@ def _mailbox_digest(address: str) -> str:
     return bytes_digest(f"{name}@{host}".encode())
 
 
-def _require_may_be_asked(session: Session, mailbox_digest: str, now: datetime) -> None:
+def _require_may_be_asked(
+    session: Session, team_id: int, mailbox_digest: str, now: datetime
+) -> None:
     hold_words(session, f"mailbox {mailbox_digest}")
     asked = select(func.count()).where(ContactPoint.mailbox_digest == mailbox_digest)
     if session.scalar(asked.where(ContactPoint.unsubscribed_at.is_not(None))):
-        raise Conflict("Whoever reads at this address asked for no more mail; take another one.")
+        raise Conflict(
+            "Whoever reads at this address asked for no more mail; take another one, or let them take "
+            "that back by the link in the mail."
+        )
     today = asked.where(ContactPoint.created_at > now - timedelta(days=1))
-    if (session.scalar(today) or 0) >= MAX_ASKED_A_DAY:
-        raise Conflict(f"This address was asked {MAX_ASKED_A_DAY} times in 24 hours; go on later.")
+    own = today.where(ContactPoint.team_id == team_id)
+    for query, most, by in ((own, MAX_ASKED_BY_ONE, " by the team"), (today, MAX_ASKED_A_DAY, "")):
+        if (session.scalar(query) or 0) >= most:
+            raise Conflict(f"This address was asked {most} times in 24 hours{by}; go on later.")
 
 
 def find_contact(session: Session, team_id: int, contact_id: str) -> ContactPoint:

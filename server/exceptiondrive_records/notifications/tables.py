@@ -47,7 +47,7 @@ class ContactPoint(Base):
     """Of an e-mail address, however it is written: says how often it was asked, and that it said no."""
     unsubscribed_at: Mapped[datetime | None]
     """When whoever reads there said no: the address goes then, as it does once it is removed, and the
-    digest stays."""
+    digest stays. None again once they took it back."""
 
 
 class Notification(Base):

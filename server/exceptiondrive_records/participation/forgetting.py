@@ -1,7 +1,8 @@
 """Forget a team or a person: people, addresses and words go; an alias stands for a team that was named.
 
 Bytes and digests of boards stay in the table that nothing may alter. The alias is put in when they
-are read (`boards.parsed_board`); the digest of what the board says is the one it always had.
+are read (`boards.parsed_board`); the digest of what the board says is the one it always had. So it is
+with what an applied run compared.
 """
 
 import secrets
@@ -146,17 +147,16 @@ def _forget_people(session: Session, team: Team) -> None:
 def _forget_notices(session: Session, team: Team) -> None:
     now = database_now(session)
     contacts = select(ContactPoint.id).where(ContactPoint.team_id == team.id)
+    said_no = ContactPoint.unsubscribed_at.is_not(None)
     cancel(session, Delivery, now, Delivery.contact_id.in_(contacts))
     session.execute(
         update(ContactPoint)
         .where(ContactPoint.team_id == team.id)
         .values(
             address="",
-            secret=None,
+            secret=case((said_no, ContactPoint.secret)),
             removed_at=now,
-            mailbox_digest=case(
-                (ContactPoint.unsubscribed_at.is_not(None), ContactPoint.mailbox_digest)
-            ),
+            mailbox_digest=case((said_no, ContactPoint.mailbox_digest)),
         )
     )
     for row in session.scalars(select(Notification).where(Notification.team_id == team.id)):

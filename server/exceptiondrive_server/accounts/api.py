@@ -5,6 +5,7 @@ from typing import Annotated
 from fastapi import APIRouter, Path
 from pydantic import Field
 
+from exceptiondrive_records.accounts.makers import left_behind
 from exceptiondrive_records.accounts.tokens import (
     DEFAULT_KEEP_DAYS,
     MAX_KEEP_DAYS,
@@ -22,7 +23,6 @@ from exceptiondrive_server.accounts.queries import (
     IssuedToken,
     RevokedToken,
     TokenView,
-    left_behind,
     team_token_views,
 )
 from exceptiondrive_server.web.auth import MaybePrincipal, ServicesOf, TokenKeeper, team_of
@@ -93,7 +93,8 @@ def post_own_revocation(
     team_id = team_of(keeper)
     with services.database.write() as session:
         token = revoke_team_token(session, keeper, token_id)
-        view, *made = team_token_views(session, team_id, [token, *left_behind(session, token)])
+        left = left_behind(session, f"token:{token.id}", team_id)
+        view, *made = team_token_views(session, team_id, [token, *left])
         return RevokedToken(**dict(view), still_work=tuple(made))
 
 

@@ -5,7 +5,9 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path
 from pydantic import BaseModel, Field, StrictBool
+from sqlalchemy.orm import Session
 
+from exceptiondrive_records.accounts.makers import left_behind
 from exceptiondrive_records.accounts.people import invite, list_people, set_organizer
 from exceptiondrive_records.accounts.roles import MAX_PHASES, OrganizerRole
 from exceptiondrive_records.accounts.tables import Person
@@ -15,6 +17,7 @@ from exceptiondrive_records.teams.teams import (
     self_registration_is_on,
     switch_self_registration,
 )
+from exceptiondrive_server.accounts.queries import TokenView, token_views
 from exceptiondrive_server.web.auth import Organizer, ServicesOf
 from exceptiondrive_server.web.forms import Deed, Form
 from exceptiondrive_server.web.path_ids import TeamId
@@ -34,6 +37,13 @@ class PersonView(BaseModel):
     phases: tuple[str, ...]
     """To which the role is confined; none: it is for the whole site."""
     signed_in_at: datetime
+
+
+class ChangedPerson(PersonView):
+    """A person whose role was set, or who was forgotten, and what works on."""
+
+    still_work: tuple[TokenView, ...]
+    """Tokens that they made, or that were made with one of these: none of them ended."""
 
 
 class OrganizerSwitch(Form):
@@ -76,25 +86,25 @@ def get_people(services: ServicesOf) -> list[PersonView]:
 @router.post("/people/{person_id}/organizer", operation_id="switchOrganizer")
 def post_organizer(
     services: ServicesOf, organizer: Organizer, person_id: PersonId, wanted: OrganizerSwitch
-) -> PersonView:
-    """Make a person an organizer in some role, or no longer."""
+) -> ChangedPerson:
+    """Make a person an organizer in some role, or no longer; `still_work` says which tokens they made."""
     role = wanted.role if wanted.is_organizer else None
     with services.database.write() as session:
-        return _person(
-            set_organizer(session, person_id, role, wanted.phases, actor=organizer.actor)
-        )
+        person = set_organizer(session, person_id, role, wanted.phases, actor=organizer.actor)
+        return _changed(session, person)
 
 
 @router.post("/people/{person_id}/forget", operation_id="forgetPerson")
 def post_forgetting(
     services: ServicesOf, organizer: Organizer, person_id: PersonId, deed: Deed
-) -> PersonView:
+) -> ChangedPerson:
     """Take a person out of their teams and of the records, whose id alone stays.
 
-    The reason stays in the audit log: name nobody in it.
+    The reason stays in the audit log: name nobody in it. `still_work` says which tokens they made.
     """
     with services.database.write() as session:
-        return _person(forget_person(session, person_id, reason=deed.reason, actor=organizer.actor))
+        person = forget_person(session, person_id, reason=deed.reason, actor=organizer.actor)
+        return _changed(session, person)
 
 
 @router.post("/teams/{team_id}/invitations", operation_id="inviteToTeam", status_code=201)
@@ -123,6 +133,13 @@ def post_self_registration(
     with services.database.write() as session:
         switch_self_registration(session, wanted.is_on, actor=organizer.actor)
     return get_self_registration(services)
+
+
+def _changed(session: Session, person: Person) -> ChangedPerson:
+    left = left_behind(session, f"person:{person.id}")
+    return ChangedPerson(
+        **dict(_person(person)), still_work=tuple(token_views(session, left, None))
+    )
 
 
 def _person(person: Person) -> PersonView:

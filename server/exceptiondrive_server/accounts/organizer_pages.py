@@ -6,9 +6,11 @@ from fastapi import APIRouter, Path, Query
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.accounts.makers import left_behind
 from exceptiondrive_records.accounts.people import find_person, list_people, set_organizer
 from exceptiondrive_records.accounts.roles import OrganizerRole
 from exceptiondrive_records.accounts.tables import Person
+from exceptiondrive_records.accounts.tokens import names_of_actors
 from exceptiondrive_records.participation.forgetting import forget_person
 from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_server.web.auth import ServicesOf
@@ -52,6 +54,7 @@ def role_of(services: ServicesOf, person_id: PersonId) -> Step:
     """Give a person a role, or take it."""
     with services.database.read() as session:
         person = find_person(session, person_id)
+        facts = _facts(session, person)
 
     def kept(session: Session) -> dict[str, str]:
         return _role_texts(find_person(session, person_id, lock=True))
@@ -82,7 +85,7 @@ def role_of(services: ServicesOf, person_id: PersonId) -> Step:
         ),
         texts=_role_texts(person),
         kept=kept,
-        facts=_facts(person),
+        facts=facts,
         command=f"exceptiondrive organizer people set {person_id} --role helper --phase ID",
     )
 
@@ -92,6 +95,7 @@ def forget(services: ServicesOf, person_id: PersonId) -> Step:
     """Forget a person."""
     with services.database.read() as session:
         person = find_person(session, person_id)
+        facts = _facts(session, person)
 
     def take(session: Session, reason: str, actor: str) -> None:
         forget_person(session, person_id, reason=reason, actor=actor)
@@ -108,7 +112,7 @@ def forget(services: ServicesOf, person_id: PersonId) -> Step:
         take=take,
         done="person_forgotten",
         fields=(REASON,),
-        facts=_facts(person),
+        facts=facts,
         command=f'exceptiondrive organizer people forget {person_id} --reason "…"',
         is_grave=True,
         blockers=("The person is an organizer: take their role first.",)
@@ -117,8 +121,16 @@ def forget(services: ServicesOf, person_id: PersonId) -> Step:
     )
 
 
-def _facts(person: Person) -> tuple[tuple[str, str], ...]:
-    return ("Name", person.name), ("Email", person.email or "none"), ("Id", person.id)
+def _facts(session: Session, person: Person) -> tuple[tuple[str, str | tuple[str, ...]], ...]:
+    left = {f"token:{one.id}": one.prefix for one in left_behind(session, f"person:{person.id}")}
+    names = names_of_actors(session, left)
+    made = tuple(f"{names[actor]}, {prefix}" for actor, prefix in left.items())
+    return (
+        ("Name", person.name),
+        ("Email", person.email or "none"),
+        ("Id", person.id),
+        *([("Made tokens, which work on until they are revoked", made)] if made else ()),
+    )
 
 
 def _role_texts(person: Person) -> dict[str, str]:

@@ -7,7 +7,6 @@ from pydantic import BaseModel
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.accounts.makers import (
-    live_tokens_by_maker,
     makers_in_words,
     makers_of_tokens,
 )
@@ -63,12 +62,6 @@ def token_views(
     names = names_of_actors(session, makers.values())
     words = {token_id: names.get(actor, actor) for token_id, actor in makers.items()}
     return [_view(token, words.get(token.id, _UNKNOWN)) for token in tokens]
-
-
-def left_behind(session: Session, token: Token) -> list[Token]:
-    """Return the tokens that work on when one is revoked, though it made them."""
-    actor = f"token:{token.id}"
-    return live_tokens_by_maker(session, [actor], token.team_id)[actor]
 
 
 def _made_now(tokens: Sequence[Token], actor: str) -> dict[str, str]:

@@ -55,6 +55,7 @@ from exceptiondrive_server.boards.headline import BoardBefore, headline, moves_o
 from exceptiondrive_server.boards.page import BoardPage, PhaseLink, of_board
 from exceptiondrive_server.boards.query import BoardQuery
 from exceptiondrive_server.boards.selection import selected_board
+from exceptiondrive_server.web.markdown import plain_text
 from exceptiondrive_server.web.numbers import minute
 
 _NEWEST_BOARDS = 10
@@ -374,7 +375,7 @@ def read_history(session: Session, query: BoardQuery) -> History:
 
 def _news(session: Session, phase_id: str) -> Iterator[PhaseDate]:
     for row in news_of(session, phase_id):
-        yield PhaseDate("news", row.published_at, row.title, row.text, f"news-{row.id}")
+        yield PhaseDate("news", row.published_at, row.title, plain_text(row.text), f"news-{row.id}")
 
 
 def _dates(phase: Phase, now: datetime) -> Iterator[PhaseDate]:

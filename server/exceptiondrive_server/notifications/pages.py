@@ -10,6 +10,7 @@ from exceptiondrive_records.accounts.tokens import Scope
 from exceptiondrive_records.db.errors import NotFound, RecordsError
 from exceptiondrive_records.notifications.contacts import (
     add_contact,
+    allow_contact,
     confirm_contact,
     find_by_key,
     list_contacts,
@@ -113,7 +114,8 @@ def show_link(
         raise NotFound("page", what)
     with services.database.read() as session:
         contact = find_by_key(session, contact_id, key, may_be_removed=what == "unsubscribe")
-    return _answer(request, what=what, address=contact.address, key=key, id=contact_id)
+    said = "unsubscribed" if contact.unsubscribed_at else what
+    return _answer(request, what=said, address=contact.address, key=key, id=contact_id)
 
 
 @router.post("/contacts/{contact_id}/confirm")
@@ -136,7 +138,15 @@ def post_unsubscribe(
     """
     with services.database.write() as session:
         address = unsubscribe_contact(session, contact_id, key)
-    return _answer(request, what="unsubscribed", address=address)
+    return _answer(request, what="unsubscribed", address=address, key=key, id=contact_id)
+
+
+@router.post("/contacts/{contact_id}/allow")
+def post_allow(request: Request, services: ServicesOf, contact_id: ContactId, key: Key) -> Response:
+    """Let teams ask at an address again whose reader said no."""
+    with services.database.write() as session:
+        allow_contact(session, contact_id, key)
+    return _answer(request, what="allowed", address="")
 
 
 @template_filter

@@ -13,9 +13,10 @@ from typing import Annotated
 import typer
 
 from exceptiondrive_records.accounts import tokens
-from exceptiondrive_records.accounts.makers import live_tokens_by_maker
+from exceptiondrive_records.accounts.makers import left_behind
 from exceptiondrive_records.accounts.people import list_people, set_organizer
 from exceptiondrive_records.accounts.roles import OrganizerRole
+from exceptiondrive_records.accounts.tables import Token
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.settings import RecordsSettings, load_settings
 from exceptiondrive_records.operations.setup import DATA_HELP, opened
@@ -93,15 +94,16 @@ def revoke_token(
     """Revoke a token for good."""
     with opened(load_settings(RecordsSettings, data)) as database, database.write() as session:
         team_id = tokens.revoke_token(session, token_id, actor=ACTOR).team_id
-        maker = f"token:{token_id}"
-        made = [
-            (one.id, one.name) for one in live_tokens_by_maker(session, [maker], team_id)[maker]
-        ]
+        left = left_behind(session, f"token:{token_id}", team_id)
     say(f"token {token_id} revoked")
-    if made:
-        say("what was made with it works on; revoke these too, if they are not wanted:")
-    for made_id, name in made:
-        typer.echo(f"{made_id}\t{name}")
+    _show_left("what was made with it works on", left)
+
+
+def _show_left(what: str, tokens_left: list[Token]) -> None:
+    if tokens_left:
+        say(f"{what}; revoke these too, if they are not wanted:")
+    for one in tokens_left:
+        typer.echo(f"{one.id}\t{one.name}")
 
 
 # Operator commands on people and self-registration.
@@ -135,8 +137,10 @@ def set_organizer_command(
     wanted = role if switch is Switch.ON else None
     with opened(load_settings(RecordsSettings, data)) as database, database.write() as session:
         row = set_organizer(session, person, wanted, phase or (), actor=ACTOR)
-        name = row.name
+        name, left = row.name, left_behind(session, f"person:{person}")
     say(f"{name} is {'an organizer' if switch is Switch.ON else 'no organizer'} now")
+    if wanted is None:
+        _show_left("tokens that they made work on", left)
 
 
 @records_app.command("self-registration")

@@ -6,6 +6,7 @@ from typing import Annotated
 from fastapi import APIRouter, Path
 from pydantic import BaseModel, Field, StrictBool
 
+from exceptiondrive_records.accounts.makers import left_behind
 from exceptiondrive_records.accounts.tokens import (
     TEAM_SCOPES,
     Scope,
@@ -22,7 +23,6 @@ from exceptiondrive_server.accounts.queries import (
     IssuedToken,
     RevokedToken,
     TokenView,
-    left_behind,
     token_views,
 )
 from exceptiondrive_server.participation.queries import standings_of_teams
@@ -136,7 +136,8 @@ def post_revocation(
     """Revoke a token for good; `still_work` says which it made."""
     with services.database.write() as session:
         token = revoke_token(session, token_id, actor=organizer.actor)
-        view, *made = token_views(session, [token, *left_behind(session, token)], token.team_id)
+        left = left_behind(session, f"token:{token.id}", token.team_id)
+        view, *made = token_views(session, [token, *left], token.team_id)
         return RevokedToken(**dict(view), still_work=tuple(made))
 
 

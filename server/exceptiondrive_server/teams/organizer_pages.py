@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Query
 from fastapi.responses import Response
 
+from exceptiondrive_records.accounts.makers import left_behind
 from exceptiondrive_records.accounts.tokens import (
     MEANING_OF_SCOPE,
     TEAM_SCOPES,
@@ -27,7 +28,7 @@ from exceptiondrive_records.submissions.submissions import counts_by_team
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team, list_teams, refuse_team
 from exceptiondrive_schemas.api.form_fields import FormField
-from exceptiondrive_server.accounts.queries import left_behind, token_views
+from exceptiondrive_server.accounts.queries import token_views
 from exceptiondrive_server.audit.queries import history
 from exceptiondrive_server.participation.queries import participation_of, standings_of_teams
 from exceptiondrive_server.web.auth import ServicesOf
@@ -247,7 +248,8 @@ def revocation(services: ServicesOf, token_id: TokenId) -> Step:
         token = find_token(session, token_id)
         team = None if token.team_id is None else session.get(Team, token.team_id)
         (seen,) = token_views(session, [token], token.team_id)
-        made = [f"{one.name} ({one.prefix})" for one in left_behind(session, token)]
+        left = left_behind(session, f"token:{token.id}", token.team_id)
+        made = [f"{one.name} ({one.prefix})" for one in left]
     return Step(
         section="teams",
         title=f"Revoke {token.name}",

@@ -8,7 +8,7 @@ import typer
 
 from exceptiondrive.checking import write_file
 from exceptiondrive.cli import completion, news_commands, options
-from exceptiondrive.cli.account_commands import TOKEN_COLUMNS, show_revoked
+from exceptiondrive.cli.account_commands import TOKEN_COLUMNS, left_words, show_revoked
 from exceptiondrive.cli.options import argument, flag, one_of, option
 from exceptiondrive.cli.organizer import participation, phases, rescoring
 from exceptiondrive.cli.output import (
@@ -34,6 +34,7 @@ from exceptiondrive_schemas.protocols.sense import nonsense
 from exceptiondrive_schemas.split import SplitRef
 
 ROLES = ("owner", "helper", "read-only")
+_LEFT = "tokens that they made work on"
 FileArgument = Annotated[Path, argument("FILE", "Protocol document, TOML.")]
 
 
@@ -479,7 +480,8 @@ def set_role(
 ) -> Answer:
     """Give a person a role of organizers, or take it; it counts from their next request on."""
     told = organizer.set_role(person, role, phase_ids or ())
-    return told, f"{told['name']}: {told['role'] or 'no organizer'}"
+    left = [] if told["role"] else left_words(_LEFT, told)
+    return told, f"{told['name']}: {told['role'] or 'no organizer'}", *left
 
 
 @with_organizer
@@ -491,7 +493,8 @@ def forget_person(
 ) -> Answer:
     """Take a person out of their teams and of the records; needs --yes where it cannot ask."""
     be_sure(f"Forget {person} for good? Who signs in again is somebody new.", yes)
-    return organizer.forget_person(person, reason), f"person {person} is forgotten"
+    told = organizer.forget_person(person, reason)
+    return told, f"person {person} is forgotten", *left_words(_LEFT, told)
 
 
 @with_organizer
