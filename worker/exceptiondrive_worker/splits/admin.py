@@ -2,7 +2,7 @@
 
 import gzip
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
@@ -117,7 +117,7 @@ def add_split_file(
         SplitUnreadableError: It is no split, or the datasheet beside it is none, or not this one's.
         SplitRefusedError: It cannot be scored.
         SplitUnavailableError: Another revision lies there, and there are no words about the change,
-            or its samples are others.
+            or its samples are others, or of another part.
         FloorsUnreadableError: The floors beside the split cannot be read. Whatever is raised, nothing
             was copied.
     """
@@ -136,7 +136,9 @@ def add_split_file(
                 f'{source} --words "..."'
             )
         if held:
-            _require_same_samples(read_split(held[0]), split)
+            current = read_split(held[0])
+            _require_same_samples(current, split)
+            _require_same_parts(current, split)
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         number = next(n for n in count(len(held)) if not any(folder.glob(f"*-{n}.*")))
         for path in (*folder.glob("split.json*"), *folder.glob("datasheet.json")):
@@ -173,6 +175,19 @@ def _require_same_samples(earlier: Split, later: Split) -> None:
         'samples: mark those that count no more with "withdrawn": "why", or give another set of '
         "samples another name."
     )
+
+
+def _require_same_parts(earlier: Split, later: Split) -> None:
+    """Refuse a revision that takes samples out of their part: a private one would be scored before its time."""
+    part_of = {sample.sample_id: sample.part for sample in earlier.samples}
+    moved = [it for it in later.samples if part_of.get(it.sample_id) not in (None, it.part)]
+    if moved:
+        named = ", ".join(sorted(it.sample_id for it in moved)[:3])
+        raise SplitUnavailableError(
+            f"This revision of split {later.name!r} takes {len(moved)} samples out of the part that they "
+            f'are of ({named}). A later revision keeps the part of each sample: put "part" back as it '
+            f"stands in revision {earlier.revision}, or give the split another name."
+        )
 
 
 def with_drives(split: Split, drives: PlanningSubmission, *, are_public: bool) -> Split:
@@ -287,6 +302,8 @@ def _register(
             f"rename {path.parent} to {split.name}"
         )
     splits.floors(split.name)  # refuses what cannot be read
+    for earlier in _earlier_revisions(database, splits, split):
+        _require_same_parts(earlier, split)
     loaded = {part: load_split(split, protocol, part) for part in parts_of(split)}
     parts = {part: each.manifest.revision for part, each in loaded.items() if part is not None}
     whole, warnings = loaded[None].manifest, split_warnings(split, protocol)
@@ -307,6 +324,15 @@ def _register(
                 datasheet=sheet if part is None else None,
             )
     return RegisteredSplit(path, whole, warnings)
+
+
+def _earlier_revisions(database: Database, splits: SplitStore, split: Split) -> Iterator[Split]:
+    """Yield what lies beside a revision that is not registered yet, and is registered itself."""
+    with database.read() as session:
+        known = {row.revision for row in list_splits(session) if row.name == split.name}
+    if split.revision not in known:
+        beside = (path for path in splits.files() if path.parent.name == split.name)
+        yield from (each for each in map(read_split, beside) if each.revision in known)
 
 
 def _changes(
