@@ -122,6 +122,10 @@ class SplitChange(Document):
     """Samples that counted before."""
     restored: Count = 0
     """Samples that were withdrawn before, and count again."""
+    drives: Count = 0
+    """Samples of which another drive is recorded, or one where none was, or none where one was."""
+    marks: Count = 0
+    """Samples that are a control and were none, or were one and are none."""
 
     @classmethod
     def between(cls, before: Split, after: Split, words: str) -> Self:
@@ -136,11 +140,13 @@ class SplitChange(Document):
                 old.withdrawn is None and new.withdrawn is not None for old, new in pairs
             ),
             restored=sum(old.withdrawn is not None and new.withdrawn is None for old, new in pairs),
+            drives=sum(old.recorded != new.recorded for old, new in pairs),
+            marks=sum(old.control != new.control for old, new in pairs),
         )
 
     @property
-    def sentences(self) -> tuple[str, ...]:
-        """The makers' words, and how many samples it is about."""
+    def counts(self) -> tuple[str, ...]:
+        """How many samples it is about."""
         moved = (
             "the region of 1 sample changes"
             if self.moved == 1
@@ -149,13 +155,14 @@ class SplitChange(Document):
         withdrawn = (
             f"{counted(self.withdrawn, 'sample')} withdrawn: files still answer, none counts"
         )
-        restored = f"{counted(self.restored, 'sample')} restored: counted again"
-        return (
-            self.words,
-            *([moved] if self.moved else []),
-            *([withdrawn] if self.withdrawn else []),
-            *([restored] if self.restored else []),
+        told = (
+            (self.moved, moved),
+            (self.withdrawn, withdrawn),
+            (self.restored, f"{counted(self.restored, 'sample')} restored: counted again"),
+            (self.drives, f"the recorded drive of {counted(self.drives, 'sample')} changed"),
+            (self.marks, f"the control mark of {counted(self.marks, 'sample')} changed"),
         )
+        return tuple(sentence for n, sentence in told if n)
 
 
 class Example(Document):

@@ -144,7 +144,7 @@ def split_changes(
     if old.revision == new.revision:
         return ()
     before, after = set(old.sample_ids), set(new.sample_ids)
-    sentences = [sentence for step in steps for sentence in step.sentences]
+    sentences = [sentence for step in steps for sentence in (step.words, *step.counts)]
     if n_counted is not None and n_counted[0] != n_counted[1]:
         sentences.append(f"N goes from {n_counted[0]:,} to {n_counted[1]:,}")
     if after - before:

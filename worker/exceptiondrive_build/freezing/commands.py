@@ -124,6 +124,11 @@ def freeze_split(
             "warning nothing_changed: the split is the previous revision itself; what was accepted since "
             "waits for the next split"
         )
+    if before is not None and frozen.manifest.recorded and not before.recorded_is_public:
+        typer.echo(
+            f"warning drives_become_public ({len(frozen.manifest.recorded):,}): the previous revision "
+            "withholds the recorded paths, and this one's manifest tells them to everybody"
+        )
     if alone:
         typer.echo(
             f"warning changed_alone ({len(alone):,}): one sample alone changes in {', '.join(alone)}; on a "

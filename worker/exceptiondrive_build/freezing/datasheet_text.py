@@ -92,11 +92,9 @@ def _sections(sheet: Datasheet) -> Iterable[_Section]:
             yield _Section(question, (words[key], *filter(None, links)))
     if sheet.changes is not None:
         change = sheet.changes
-        counts = (
-            f"Since revision {change.previous}: {counted(change.moved, 'region')} moved, "
-            f"{counted(change.withdrawn, 'sample')} withdrawn, {change.restored:,} restored."
-        )
-        yield _Section("What changed", (change.words, counts))
+        counts = "; ".join(change.counts) or "no sample changed"
+        since = f"Since revision {change.previous}: {counts}."
+        yield _Section("What changed", (change.words, since))
     if sheet.withdrawn:
         yield _Section(
             "Withdrawn samples",
