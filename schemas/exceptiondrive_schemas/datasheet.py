@@ -1,7 +1,7 @@
 """The datasheet of a split: what anyone may know of how it was made. No region, no sample's task.
 
 The workshop writes it when a split is frozen; the worker takes it along when the split is
-registered; the page of the split shows it and nothing else. Made of counts over decisions, and of
+registered; the page of the split shows it, with the worker's own warnings. Made of counts over decisions, and of
 the organizers' own words.
 """
 

@@ -81,6 +81,9 @@ def register_split(
                 f"Split {manifest.name!r} revision {manifest.revision} is recorded otherwise; "
                 "a revision never changes."
             )
+        if datasheet is not None and held.datasheet not in (None, datasheet):
+            detail = {"revision": manifest.revision}
+            audit(session, actor, "datasheet replaced", manifest.name, detail)
         held.warnings = warnings
         held.changes, held.datasheet = changes or held.changes, datasheet or held.datasheet
         return held

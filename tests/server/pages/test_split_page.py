@@ -1,4 +1,4 @@
-"""The page of a split: made of its datasheet alone, of a revision that readers know of."""
+"""The page of a split: made of its datasheet and of the lint, of a revision that readers know of."""
 
 import re
 from html.parser import HTMLParser
@@ -8,7 +8,7 @@ from tests.server.pages.page_site import Site
 
 from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.splits.splits import find_split, publish_split, register_split
-from exceptiondrive_schemas.datasheet import Datasheet
+from exceptiondrive_schemas.datasheet import Datasheet, SplitWarning, SplitWarnings
 from exceptiondrive_schemas.split import SplitRef
 
 
@@ -46,6 +46,17 @@ async def test_the_page_says_how_the_split_was_made(lively_site: Site) -> None:
     ):
         assert words in text
     assert answer.text.count("data:image/jpeg;base64,") == 6
+
+
+async def test_doubts_are_those_of_the_lint_whatever_the_datasheet_says(lively_site: Site) -> None:
+    what = "the same corners stand in several scenes"
+    doubt = SplitWarning(code="one_region_in_many_samples", what=what, count=9)
+    with lively_site.database.write() as session:
+        found = SplitWarnings(found=(doubt,))
+        register_split(session, MANIFEST, COUNTS, "test", datasheet=DATASHEET, warnings=found)
+    text = text_of((await lively_site.get("/splits/sample")).text)
+    assert f"9: {what}." in text
+    assert "no moving car avoids" not in text
 
 
 async def test_the_datasheet_is_an_answer_too(lively_site: Site) -> None:
