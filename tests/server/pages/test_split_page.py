@@ -10,6 +10,7 @@ from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.splits.splits import find_split, publish_split, register_split
 from exceptiondrive_schemas.datasheet import Datasheet, SplitWarning, SplitWarnings
 from exceptiondrive_schemas.split import SplitRef
+from exceptiondrive_server.web.numbers import short_digest
 
 
 class _Text(HTMLParser):
@@ -46,6 +47,20 @@ async def test_the_page_says_how_the_split_was_made(lively_site: Site) -> None:
     ):
         assert words in text
     assert answer.text.count("data:image/jpeg;base64,") == 6
+
+
+async def test_a_revision_before_that_no_board_showed_is_said_to_be_such(lively_site: Site) -> None:
+    """What it changes, a reader who saw an earlier one may never have met."""
+    assert DATASHEET.changes is not None
+    since = f"Since revision {short_digest(DATASHEET.changes.previous)}"
+    text = text_of((await lively_site.get("/splits/sample")).text)
+    assert f"{since} , which was not shown: the regions of 3 samples change; 2 samples" in text
+    with lively_site.database.write() as session:
+        held = find_split(session, "sample")
+        assert held.changes is not None
+        held.changes = held.changes.model_copy(update={"previous": held.revision})
+    text = text_of((await lively_site.get("/splits/sample")).text)
+    assert f"Since revision {short_digest(MANIFEST.revision)} : the regions of 3 samples" in text
 
 
 async def test_doubts_are_those_of_the_lint_whatever_the_datasheet_says(lively_site: Site) -> None:
