@@ -71,6 +71,9 @@ class Audit(Document):
 
     accepted: Count
     drawn: Count
+    """Those of the draw that people have looked at."""
+    waiting: Count = 0
+    """Further ones of the draw, which nobody has looked at yet."""
     passed: Count
     confidence: float
     wilson: Interval
@@ -197,6 +200,8 @@ class Datasheet(Document):
     deciders: tuple[Decider, ...] = ()
     warnings: tuple[SplitWarning, ...] = ()
     examples: tuple[Example, ...] = ()
+    picture_licence: str = ""
+    """Under which the examples are shown."""
 
     @property
     def n_withdrawn(self) -> int:

@@ -202,6 +202,8 @@ def test_no_corner_leaves_but_in_the_split_file(shop: Path) -> None:
     assert b"ada-canary" not in published
     sheet = Datasheet.model_validate_json(files["datasheet.json"])
     (example,) = sheet.examples
+    assert sheet.picture_licence == "CC0"
+    assert b"<p>Licence of the pictures: CC0.</p>" in files["datasheet.html"]
     assert example.caption == "", "a picture of a sample does not tell its family"
     assert example.source[:2] == example.edited[:2] == b"\xff\xd8"
     manifest = json.loads(files["manifest.json"])
@@ -298,7 +300,7 @@ def test_a_later_revision_keeps_its_samples_and_says_what_changed(shop: Path) ->
         "drives": 0,
         "marks": 0,
     }
-    assert (sheet.n_samples, sheet.n_withdrawn) == (36, 2)
+    assert (sheet.n_samples, sheet.n_withdrawn, sheet.n_recorded) == (36, 2, 36)
     counts = "the region of 1 sample changes; 2 samples withdrawn: files still answer, none counts."
     assert counts in files["datasheet.md"].decode()
     assert sheet.withdrawn[0].reason == "On the pavement."
@@ -541,6 +543,50 @@ def test_what_was_accepted_since_waits_for_the_next_split(read: Path, tmp_path: 
         "freeze", folder / "4", "-w", folder, "--previous", previous, "--words", "One less."
     )
     assert "nothing_changed" not in other.output
+
+
+def test_a_revision_counts_no_candidate_of_the_next_split(shop: Path) -> None:
+    """A scene is read in for the next split: the datasheet of this one tells how this one was made."""
+    scenes = shop / "scenes.jsonl"
+    both = scenes.read_text()
+    scenes.write_text(both.split("\n")[0])
+    first = Datasheet.model_validate_json(frozen(shop, "1")["datasheet.json"])
+    assert first.stages[0].of == 21
+    scenes.write_text(both)
+    folder = shop / "frozen" / "1"
+    withdraw(shop, [read_split(folder / "split.json.gz").samples[0].sample_id])
+    told = ("--previous", folder / "split.json.gz", "--words", "One failed.")
+    later = Datasheet.model_validate_json(frozen(shop, "2", *told)["datasheet.json"])
+    how = {"audit", "agreement", "deciders"}
+    assert later.model_dump(include=how) == first.model_dump(include=how)
+    assert later.stages[:-1] == first.stages[:-1]
+    assert later.stages[-1].n == later.n_samples == first.n_samples - 1
+    for before, after in ((first.families, later.families), (first.tasks, later.tasks)):
+        assert [it.candidates for it in after] == [it.candidates for it in before]
+        assert sum(it.n for it in after) == later.n_samples
+    (folder / "datasheet.json").unlink()
+    result = run("freeze", shop / "frozen" / "3", "-w", shop, *told)
+    assert "warning no_datasheet_before: " in result.output
+    without = Datasheet.model_validate_json((shop / "frozen" / "3" / "datasheet.json").read_bytes())
+    assert without.stages[0].of == 42
+
+
+def test_an_audit_of_mid_season_is_told_by_the_next_revision(shop: Path) -> None:
+    before = Datasheet.model_validate_json(frozen(shop, "1")["datasheet.json"]).audit
+    assert before is not None
+    assert (before.drawn, before.waiting) == (5, 5)
+    with Workshop(shop) as workshop:
+        candidates = walk(workshop)
+        drawn = draw(candidates, workshop.settings.inspect)
+        left = next(candidates[key] for key in drawn if candidates[key].inspected is None)
+        word = Inspected(passed=True)
+        workshop.append(record(Kind.INSPECT, left.sample_id, "ada", left.pictures, word))
+    previous = shop / "frozen" / "1" / "split.json.gz"
+    files = frozen(shop, "2", "--previous", previous, "--words", "One more was looked at.")
+    after = Datasheet.model_validate_json(files["datasheet.json"]).audit
+    assert after is not None
+    assert (after.drawn, after.waiting) == (6, 4)
+    assert "4 more were drawn, and wait to be looked at." in files["datasheet.md"].decode()
 
 
 def test_controls_are_marked_and_counted_apart(shop: Path) -> None:

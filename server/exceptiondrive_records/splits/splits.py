@@ -82,8 +82,8 @@ def register_split(
                 "a revision never changes."
             )
         if datasheet is not None and held.datasheet not in (None, datasheet):
-            detail = {"revision": manifest.revision}
-            audit(session, actor, "datasheet replaced", manifest.name, detail)
+            told = {"revision": manifest.revision}
+            audit(session, actor, "datasheet replaced", manifest.name, told)
         held.warnings = warnings
         held.changes, held.datasheet = changes or held.changes, datasheet or held.datasheet
         return held

@@ -23,6 +23,7 @@ from exceptiondrive_build.values import Corners, Edited
 from exceptiondrive_build.workshop import Workshop
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.datasheet import (
+    Cell,
     Datasheet,
     Example,
     SplitChange,
@@ -73,11 +74,13 @@ def freeze(
     candidates: Mapping[str, Candidate],
     previous: Split | None = None,
     words: str = "",
+    sheet_before: Datasheet | None = None,
 ) -> Frozen:
     """Freeze what is accepted and verified.
 
     Of a previous revision all samples stay, each counted or withdrawn; later ones wait for the next
-    split, since the files of this one do not answer them. Readers are told `words` of the change.
+    split, since the files of this one do not answer them. Readers are told `words` of the change, and
+    where further candidates were edited since, how the split was made as `sheet_before` has it.
 
     Raises:
         BuildError: Nothing is verified, a sample of the previous revision is neither verified nor
@@ -93,7 +96,9 @@ def freeze(
     _refuse_faults(split, workshop)
     return Frozen(
         split=split,
-        datasheet=_datasheet(workshop, candidates, split, previous, words),
+        datasheet=_as_counted_before(
+            _datasheet(workshop, candidates, split, previous, words), sheet_before
+        ),
         provenance=tuple(_provenance(workshop, candidates, split)),
         manifest=Manifest.of(split, workshop.protocol.geometry),
     )
@@ -343,7 +348,7 @@ def _datasheet(
         n_samples=len(counted),
         n_scenes=len({sample.scene_id for sample in split.counted}),
         n_controls=len(split.controls),
-        n_recorded=sum(sample.recorded is not None for sample in split.samples),
+        n_recorded=sum(it.recorded is not None for it in (*split.counted, *split.controls)),
         withdrawn=tuple(WithdrawnSamples(reason=why, n=n) for why, n in sorted(reasons.items())),
         changes=None if previous is None else SplitChange.between(previous, split, words),
         words=Words(**settings.datasheet.model_dump(exclude={"examples"})),
@@ -359,6 +364,29 @@ def _datasheet(
         deciders=deciders(workshop, candidates.values()),
         warnings=tuple(found.told for found in split_warnings(split, workshop.protocol)),
         examples=tuple(_examples(workshop, candidates, split)),
+        picture_licence=settings.licence if settings.datasheet.examples else "",
+    )
+
+
+def _as_counted_before(sheet: Datasheet, before: Datasheet | None) -> Datasheet:
+    """Leave out candidates of the next split: where some came since, the counts of before stand."""
+    if before is None or not before.stages or before.stages[:2] == sheet.stages[:2]:
+        return sheet
+    n_of = {cell.id: cell.n for cell in (*sheet.families, *sheet.tasks)}
+
+    def recounted(cells: tuple[Cell, ...]) -> tuple[Cell, ...]:
+        return tuple(cell.model_copy(update={"n": n_of.get(cell.id, 0)}) for cell in cells)
+
+    frozen = before.stages[-1].model_copy(update={"n": sheet.stages[-1].n})
+    return sheet.model_copy(
+        update={
+            "stages": (*before.stages[:-1], frozen),
+            "families": recounted(before.families),
+            "tasks": recounted(before.tasks),
+            "audit": before.audit,
+            "agreement": before.agreement,
+            "deciders": before.deciders,
+        }
     )
 
 

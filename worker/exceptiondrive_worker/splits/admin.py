@@ -31,9 +31,11 @@ from exceptiondrive_worker.splits.store import (
     SplitStore,
     SplitUnavailableError,
     SplitUnreadableError,
+    datasheet_beside,
     family_counts,
     load_split,
     parts_of,
+    read_datasheet,
     read_split,
 )
 from exceptiondrive_worker.splits.warnings import split_warnings
@@ -361,28 +363,3 @@ def _changes(
         if old.revision != new.revision:
             told[part] = SplitChange.between(old, new, words)
     return told if said is None else {**told, None: said}
-
-
-def datasheet_beside(split_path: Path) -> Path:
-    """Return where the datasheet of a split file lies, if it has one."""
-    name = split_path.name.split(".json")[0].replace("split", "datasheet", 1)
-    return split_path.with_name(f"{name}.json")
-
-
-def read_datasheet(split_path: Path) -> Datasheet | None:
-    """Return the datasheet that lies beside a split file, if there is one.
-
-    `split.json.gz` has `datasheet.json`, and `split-2026.json.gz` has `datasheet-2026.json`.
-
-    Raises:
-        SplitUnreadableError: It is no datasheet.
-    """
-    path = datasheet_beside(split_path)
-    if not path.exists():
-        return None
-    try:
-        return Datasheet.model_validate_json(path.read_bytes())
-    except (OSError, ValidationError) as error:
-        raise SplitUnreadableError(
-            f"{path.name} is no datasheet ({type(error).__name__})"
-        ) from None
