@@ -80,7 +80,7 @@ def freeze(
 
     Of a previous revision all samples stay, each counted or withdrawn; later ones wait for the next
     split, since the files of this one do not answer them. Readers are told `words` of the change, and
-    where further candidates were edited since, how the split was made as `sheet_before` has it.
+    where further candidates came since, how the split was made as `sheet_before` has it.
 
     Raises:
         BuildError: Nothing is verified, a sample of the previous revision is neither verified nor
