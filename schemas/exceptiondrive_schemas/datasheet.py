@@ -1,7 +1,7 @@
 """The datasheet of a split: what anyone may know of how it was made. No region, no sample's task.
 
 The workshop writes it when a split is frozen; the worker takes it along when the split is
-registered; the page of the split shows it and nothing else. Made of counts over decisions, and of
+registered; the page of the split shows it, with the worker's own warnings. Made of counts over decisions, and of
 the organizers' own words.
 """
 
@@ -71,6 +71,9 @@ class Audit(Document):
 
     accepted: Count
     drawn: Count
+    """Those of the draw that people have looked at."""
+    waiting: Count = 0
+    """Further ones of the draw, which nobody has looked at yet."""
     passed: Count
     confidence: float
     wilson: Interval
@@ -122,6 +125,10 @@ class SplitChange(Document):
     """Samples that counted before."""
     restored: Count = 0
     """Samples that were withdrawn before, and count again."""
+    drives: Count = 0
+    """Samples of which another drive is recorded, or one where none was, or none where one was."""
+    marks: Count = 0
+    """Samples that are a control and were none, or were one and are none."""
 
     @classmethod
     def between(cls, before: Split, after: Split, words: str) -> Self:
@@ -136,11 +143,13 @@ class SplitChange(Document):
                 old.withdrawn is None and new.withdrawn is not None for old, new in pairs
             ),
             restored=sum(old.withdrawn is not None and new.withdrawn is None for old, new in pairs),
+            drives=sum(old.recorded != new.recorded for old, new in pairs),
+            marks=sum(old.control != new.control for old, new in pairs),
         )
 
     @property
-    def sentences(self) -> tuple[str, ...]:
-        """The makers' words, and how many samples it is about."""
+    def counts(self) -> tuple[str, ...]:
+        """How many samples it is about."""
         moved = (
             "the region of 1 sample changes"
             if self.moved == 1
@@ -149,13 +158,14 @@ class SplitChange(Document):
         withdrawn = (
             f"{counted(self.withdrawn, 'sample')} withdrawn: files still answer, none counts"
         )
-        restored = f"{counted(self.restored, 'sample')} restored: counted again"
-        return (
-            self.words,
-            *([moved] if self.moved else []),
-            *([withdrawn] if self.withdrawn else []),
-            *([restored] if self.restored else []),
+        told = (
+            (self.moved, moved),
+            (self.withdrawn, withdrawn),
+            (self.restored, f"{counted(self.restored, 'sample')} restored: counted again"),
+            (self.drives, f"the recorded drive of {counted(self.drives, 'sample')} changed"),
+            (self.marks, f"the control mark of {counted(self.marks, 'sample')} changed"),
         )
+        return tuple(sentence for n, sentence in told if n)
 
 
 class Example(Document):
@@ -190,6 +200,8 @@ class Datasheet(Document):
     deciders: tuple[Decider, ...] = ()
     warnings: tuple[SplitWarning, ...] = ()
     examples: tuple[Example, ...] = ()
+    picture_licence: str = ""
+    """Under which the examples are shown."""
 
     @property
     def n_withdrawn(self) -> int:

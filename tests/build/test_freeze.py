@@ -30,6 +30,7 @@ from exceptiondrive_build.values import Corners, Edited, Inspected, Verified
 from exceptiondrive_build.workshop import RECORDS, Workshop
 from exceptiondrive_schemas.datasheet import Datasheet, Words
 from exceptiondrive_schemas.split import Split
+from exceptiondrive_schemas.taxonomy import Strategy
 from exceptiondrive_worker.splits.store import load_split, read_split
 
 Run = Callable[..., Result]
@@ -201,6 +202,8 @@ def test_no_corner_leaves_but_in_the_split_file(shop: Path) -> None:
     assert b"ada-canary" not in published
     sheet = Datasheet.model_validate_json(files["datasheet.json"])
     (example,) = sheet.examples
+    assert sheet.picture_licence == "CC0"
+    assert b"<p>Licence of the pictures: CC0.</p>" in files["datasheet.html"]
     assert example.caption == "", "a picture of a sample does not tell its family"
     assert example.source[:2] == example.edited[:2] == b"\xff\xd8"
     manifest = json.loads(files["manifest.json"])
@@ -294,12 +297,91 @@ def test_a_later_revision_keeps_its_samples_and_says_what_changed(shop: Path) ->
         "moved": 1,
         "withdrawn": 2,
         "restored": 0,
+        "drives": 0,
+        "marks": 0,
     }
-    assert (sheet.n_samples, sheet.n_withdrawn) == (36, 2)
-    assert "1 region moved, 2 samples withdrawn, 0 restored." in files["datasheet.md"].decode()
+    assert (sheet.n_samples, sheet.n_withdrawn, sheet.n_recorded) == (36, 2, 36)
+    counts = "the region of 1 sample changes; 2 samples withdrawn: files still answer, none counts."
+    assert counts in files["datasheet.md"].decode()
     assert sheet.withdrawn[0].reason == "On the pavement."
     for name in ("datasheet.md", "datasheet.html"):
         assert "Two failed the audit." in files[name].decode()
+
+
+def test_a_revision_keeps_what_only_the_file_of_the_one_before_says(shop: Path) -> None:
+    """Parts, clearances and drives that somebody put into it; a part that is lost would be scored."""
+    scenes = shop / "scenes.jsonl"
+    first, *rest = [json.loads(line) for line in scenes.read_text().splitlines()]
+    bare = {key: value for key, value in first.items() if key != "recorded"}
+    scenes.write_text("\n".join(map(json.dumps, [bare, *rest])))
+    split = split_of(frozen(shop, "1"))
+    drive = tuple((2.0 * step, 0.0) for step in range(1, 7))
+    own = {"d_safe_m": 0.5, "acceptable": (Strategy.C, Strategy.D)}
+    parted = split.model_copy(
+        update={
+            "samples": tuple(
+                it.model_copy(
+                    update=own
+                    | {"part": "public" if n % 3 else "private", "recorded": it.recorded or drive}
+                )
+                for n, it in enumerate(split.samples)
+            )
+        }
+    )
+    assert drive in {it.recorded for it in parted.samples}
+    previous = shop / "parted.json.gz"
+    previous.write_bytes(gzipped(parted))
+    withdraw(shop, [parted.samples[0].sample_id])
+    later = split_of(frozen(shop, "2", "--previous", previous, "--words", "One failed."))
+    gone = later.samples[0].model_copy(update={"withdrawn": None})
+    assert (gone, *later.samples[1:]) == parted.samples
+
+
+def test_drives_and_control_marks_that_change_are_told(shop: Path) -> None:
+    first = split_of(frozen(shop, "1"))
+    previous = shop / "frozen" / "1" / "split.json.gz"
+    set_freeze(shop, "controls = []", f'controls = ["{first.samples[0].sample_id}"]')
+    set_freeze(shop, "recorded_is_public = false", "recorded_is_public = true")
+    command = ("freeze", shop / "frozen" / "2", "-w", shop, "--previous", previous)
+    told = run(*command, "--words", "Marked.").output
+    n = len(first.samples)
+    assert f"warning drives_become_public ({n}): the previous revision withholds" in told
+    set_freeze(shop, "recorded = true", "recorded = false")
+    files = frozen(shop, "3", "--previous", previous, "--words", "Marked.")
+    assert (
+        "; ".join(
+            (f"the recorded drive of {n} samples changed", "the control mark of 1 sample changed")
+        )
+        in files["datasheet.md"].decode()
+    )
+    again = ("freeze", shop / "frozen" / "4", "-w", shop, "--previous")
+    later = run(*again, shop / "frozen" / "2" / "split.json.gz", "--words", "Nothing.").output
+    assert "drives_become_public" not in later
+
+
+@pytest.mark.parametrize("file", ["tasks.toml", "workshop.toml"])
+def test_samples_decided_under_other_words_or_by_another_model_keep_their_place(
+    shop: Path, file: str
+) -> None:
+    """A typo in the words of tasks is mended: nothing is wrong with their samples."""
+    frozen(shop, "1")
+    path = shop / file
+    before = path.read_text()
+    old, new = {
+        "tasks.toml": ('suitable = "', 'suitable = "here '),
+        "workshop.toml": ('model = "vision-model"', 'model = "other-model"'),
+    }[file]
+    assert old in before
+    path.write_text(before.replace(old, new))
+    previous = shop / "frozen" / "1" / "split.json.gz"
+    command = ("freeze", shop / "2", "-w", shop, "--previous", previous, "--words", "Nothing.")
+    told = run(*command)
+    assert told.exit_code == 2
+    assert "that were decided with other words, models or settings" in told.output
+    assert "Put back what workshop.toml, tasks.toml and prompts/ said" in told.output
+    assert "withdraw" not in told.output.lower()
+    path.write_text(before)
+    assert run(*command).exit_code == 0
 
 
 def test_a_previous_revision_that_is_not_as_it_was_frozen_is_refused(shop: Path) -> None:
@@ -314,6 +396,11 @@ def test_a_previous_revision_that_is_not_as_it_was_frozen_is_refused(shop: Path)
         assert result.exit_code == 2
         assert f"twice, or with another task (1): {sample.sample_id}." in result.stderr
         assert not out.exists()
+    half = (sample.model_copy(update={"part": "public"}), *rest)
+    edited.write_bytes(gzipped(first.model_copy(update={"samples": half})))
+    result = run("freeze", out, "-w", shop, "--previous", edited, "--words", "Nothing.")
+    assert "samples of no part, though others have one" in result.stderr
+    assert "Verify these regions" not in result.stderr, "it is no fault of regions"
 
 
 def test_a_tag_in_a_makers_words_is_read_as_text(shop: Path) -> None:
@@ -350,8 +437,10 @@ def test_a_revision_tells_how_many_withdrawn_samples_count_again(shop: Path) -> 
     changes = Datasheet.model_validate_json(files["datasheet.json"]).changes
     assert changes is not None
     assert (changes.moved, changes.withdrawn, changes.restored) == (0, 0, 1)
-    assert changes.sentences == ("One failed by mistake.", "1 sample restored: counted again")
-    assert "0 samples withdrawn, 1 restored." in files["datasheet.md"].decode()
+    assert changes.counts == ("1 sample restored: counted again",)
+    assert (
+        f"Since revision {changes.previous}: {changes.counts[0]}." in files["datasheet.md"].decode()
+    )
 
 
 def test_a_revision_in_which_one_sample_of_a_family_changes_alone_is_warned_of(shop: Path) -> None:
@@ -456,6 +545,50 @@ def test_what_was_accepted_since_waits_for_the_next_split(read: Path, tmp_path: 
     assert "nothing_changed" not in other.output
 
 
+def test_a_revision_counts_no_candidate_of_the_next_split(shop: Path) -> None:
+    """A scene is read in for the next split: the datasheet of this one tells how this one was made."""
+    scenes = shop / "scenes.jsonl"
+    both = scenes.read_text()
+    scenes.write_text(both.split("\n")[0])
+    first = Datasheet.model_validate_json(frozen(shop, "1")["datasheet.json"])
+    assert first.stages[0].of == 21
+    scenes.write_text(both)
+    folder = shop / "frozen" / "1"
+    withdraw(shop, [read_split(folder / "split.json.gz").samples[0].sample_id])
+    told = ("--previous", folder / "split.json.gz", "--words", "One failed.")
+    later = Datasheet.model_validate_json(frozen(shop, "2", *told)["datasheet.json"])
+    how = {"audit", "agreement", "deciders"}
+    assert later.model_dump(include=how) == first.model_dump(include=how)
+    assert later.stages[:-1] == first.stages[:-1]
+    assert later.stages[-1].n == later.n_samples == first.n_samples - 1
+    for before, after in ((first.families, later.families), (first.tasks, later.tasks)):
+        assert [it.candidates for it in after] == [it.candidates for it in before]
+        assert sum(it.n for it in after) == later.n_samples
+    (folder / "datasheet.json").unlink()
+    result = run("freeze", shop / "frozen" / "3", "-w", shop, *told)
+    assert "warning no_datasheet_before: " in result.output
+    without = Datasheet.model_validate_json((shop / "frozen" / "3" / "datasheet.json").read_bytes())
+    assert without.stages[0].of == 42
+
+
+def test_an_audit_of_mid_season_is_told_by_the_next_revision(shop: Path) -> None:
+    before = Datasheet.model_validate_json(frozen(shop, "1")["datasheet.json"]).audit
+    assert before is not None
+    assert (before.drawn, before.waiting) == (5, 5)
+    with Workshop(shop) as workshop:
+        candidates = walk(workshop)
+        drawn = draw(candidates, workshop.settings.inspect)
+        left = next(candidates[key] for key in drawn if candidates[key].inspected is None)
+        word = Inspected(passed=True)
+        workshop.append(record(Kind.INSPECT, left.sample_id, "ada", left.pictures, word))
+    previous = shop / "frozen" / "1" / "split.json.gz"
+    files = frozen(shop, "2", "--previous", previous, "--words", "One more was looked at.")
+    after = Datasheet.model_validate_json(files["datasheet.json"]).audit
+    assert after is not None
+    assert (after.drawn, after.waiting) == (6, 4)
+    assert "4 more were drawn, and wait to be looked at." in files["datasheet.md"].decode()
+
+
 def test_controls_are_marked_and_counted_apart(shop: Path) -> None:
     ids = [sample.sample_id for sample in split_of(frozen(shop, "1")).samples]
     settings = shop / "workshop.toml"
@@ -471,6 +604,23 @@ def test_controls_are_marked_and_counted_apart(shop: Path) -> None:
         result.exit_code,
         "Controls in workshop.toml that are not verified (1): nobody" in result.output,
     ) == (2, True)
+
+
+def test_samples_are_parted_as_the_settings_say_and_stay_so(shop: Path) -> None:
+    ids = [sample.sample_id for sample in split_of(frozen(shop, "1")).samples]
+    set_freeze(shop, "public_part = []", f"public_part = {json.dumps(ids[:10])}")
+    first = split_of(frozen(shop, "2"))
+    assert [it.sample_id for it in first.samples if it.part == "public"] == ids[:10]
+    assert {it.part for it in first.samples} == {"public", "private"}
+    set_freeze(shop, f'public_part = ["{ids[0]}"', f'public_part = ["{ids[20]}"')
+    withdraw(shop, ids[:1])
+    previous = shop / "frozen" / "2" / "split.json.gz"
+    later = split_of(frozen(shop, "3", "--previous", previous, "--words", "One failed."))
+    assert [it.part for it in later.samples] == [it.part for it in first.samples]
+    assert run("freeze", shop / "frozen" / "4", "-w", shop, "--auxiliary").exit_code == 0
+    set_freeze(shop, f'public_part = ["{ids[20]}"', 'public_part = ["nobody"')
+    told = run("freeze", shop / "frozen" / "5", "-w", shop)
+    assert "Public samples in workshop.toml that are not verified (1): nobody" in told.output
 
 
 def test_a_control_that_is_withdrawn_keeps_nothing_from_being_frozen(shop: Path) -> None:

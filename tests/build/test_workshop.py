@@ -2,6 +2,7 @@
 
 import hashlib
 import sqlite3
+import stat
 from collections.abc import Callable
 from pathlib import Path
 
@@ -33,6 +34,11 @@ def word(candidate: str, by: Author, passed: bool, supersedes: int | None = None
         value={"passed": passed},
         supersedes=supersedes,
     )
+
+
+def test_a_new_workshop_lets_in_its_owner_alone(workshop: Workshop) -> None:
+    """Its records and answers hold verified regions, and are written with the usual rights."""
+    assert stat.S_IMODE(workshop.folder.stat().st_mode) == 0o700
 
 
 def test_a_new_workshop_opens_with_words_for_every_task(workshop: Workshop) -> None:

@@ -111,7 +111,7 @@ def test_a_later_revision_tells_of_each_part_what_changes_in_it(life: "Life", to
         rows = [row for row in list_splits(session) if row.changes is not None]
         after = {row.part: row.revision for row in rows}
         told = {row.part: row.changes.model_dump() for row in rows if row.changes is not None}
-    told_words = {"words": words, "restored": 0}
+    told_words = {"words": words, "restored": 0, "drives": 0, "marks": 0}
     assert told == {
         None: told_words | {"previous": before[None], "moved": 1, "withdrawn": 1},
         "public": told_words | {"previous": before["public"], "moved": 0, "withdrawn": 1},

@@ -127,7 +127,7 @@ def test_a_run_over_two_revisions_tells_what_each_of_them_changed(stage: Stage) 
     run_id = stage.draft(split_revision=put_revision(stage, second, "b failed the audit.", 3))
     assert stage.view(run_id).difference.sentences == (
         "The region of d lay too far.",
-        "the region of 1 sample changes",
+        "in a revision between: the region of 1 sample changes",
         "b failed the audit.",
         "1 sample withdrawn: files still answer, none counts",
         "N goes from 4 to 3",

@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from sqlalchemy import select
 from structlog.testing import capture_logs
 from tests.support.floors import write_floors
 from tests.support.made_pictures import png
 
+from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.splits.splits import find_split, list_splits
 from exceptiondrive_records.submissions.file_store import FileStore
@@ -432,8 +434,60 @@ def test_a_revision_of_other_samples_is_refused_and_nothing_is_copied(
     assert [path.name for path in held.parent.iterdir()] == [held.name]
 
 
-def test_an_earlier_revision_that_is_held_is_nothing_new(
+@pytest.mark.parametrize(
+    ("way", "later"),
+    [
+        ("add-split", None),
+        ("add-split", "public"),
+        ("beside", None),
+        ("beside", "public"),
+        ("over", None),
+    ],
+)
+def test_a_revision_that_takes_samples_out_of_their_part_is_refused(
+    operate: Operate,
+    tmp_path: Path,
+    sqlite_url: str,
+    make_split: MakeSplit,
+    way: str,
+    later: str | None,
+) -> None:
+    """Else what is private would be scored with all that counts; also where a file is put by hand."""
+    parts = {"a": "public", "b": "private", "c": "private"}
+    parted = make_split({key: {"part": part} for key, part in parts.items()})
+    held = put(tmp_path, parted)
+    assert operate("register-splits")[0] == 0
+    after = {"a": later, "b": later, "c": later and "private"}
+    moved = make_split({key: {"part": part} for key, part in after.items()})
+    text = moved.model_dump_json(by_alias=True, exclude_none=True)
+    if way == "beside":
+        held.rename(held.with_name("split-1.json"))
+    file = tmp_path / "new-split.json" if way == "add-split" else held
+    file.write_text(text)
+    command = ("add-split", str(file)) if way == "add-split" else ("register-splits",)
+    code, _, err = operate(*command, "--words", "Regions lay wrong.")
+    assert code == 2
+    assert "keeps the part of each sample" in err or "has parts, and revision" in err
+    with Database(sqlite_url).read() as session:
+        assert {row.revision for row in list_splits(session)} == {
+            split.revision for split in (parted, parted.part("public"), parted.part("private"))
+        }
+    assert way != "add-split" or [path.name for path in held.parent.iterdir()] == [held.name]
+
+
+def test_a_split_may_get_parts_and_its_records_be_made_anew(
     operate: Operate, tmp_path: Path, make_split: MakeSplit
+) -> None:
+    held = put(tmp_path, make_split({"a": {}, "b": {}}))
+    held.rename(held.with_name("split-1.json"))
+    put(tmp_path, make_split({"a": {"part": "public"}, "b": {"part": "private"}}))
+    for _ in range(2):
+        code, _, err = operate("register-splits", "--words", "Half is kept for the end.")
+        assert (code, err) == (0, "")
+
+
+def test_an_earlier_revision_that_is_held_is_nothing_new(
+    operate: Operate, tmp_path: Path, sqlite_url: str, make_split: MakeSplit
 ) -> None:
     """`exceptiondrive-server run --split FILE` adds the file of the first start at each start."""
     (tmp_path / "private").mkdir()
@@ -452,10 +506,26 @@ def test_an_earlier_revision_that_is_held_is_nothing_new(
     assert (code, err) == (0, "")
     assert read_split(later).revision in out, "the current one is told"
     assert f"an earlier revision, {read_split(first).revision}: it is held already" in out
-    assert "nothing is changed" in out
+    assert "A datasheet beside it takes the place of the one held" in out
     assert "--split-revision" in out
     assert "it lies at" not in out
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    sheet_file = first.with_name("datasheet-first.json")
+    edited = Datasheet.model_validate_json(sheet_file.read_bytes()).model_copy(
+        update={"title": "Another title"}
+    )
+    sheet_file.write_text(edited.model_dump_json(by_alias=True))
+    assert operate("add-split", str(first))[0] == 0
+    assert (folder / "datasheet-1.json").read_bytes() == sheet_file.read_bytes()
+    for _ in range(2):
+        assert operate("register-splits")[0] == 0
+    with Database(sqlite_url).read() as session:
+        replaced = select(AuditLine).where(AuditLine.action == "datasheet replaced")
+        assert [line.detail for line in session.scalars(replaced)] == [
+            {"revision": read_split(first).revision}
+        ]
+        shown = find_split(session, "tiny", read_split(first).revision).datasheet
+        assert shown == edited
 
 
 def test_records_that_are_made_anew_know_which_revision_is_the_current_one(

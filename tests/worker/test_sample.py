@@ -18,8 +18,7 @@ from exceptiondrive_worker.sample.files import write_planners, write_sample_spli
 from exceptiondrive_worker.sample.hazards import PLACEMENTS
 from exceptiondrive_worker.sample.planners import PLANNERS, Planner, predictions
 from exceptiondrive_worker.sample.scenes import SEED, SampleScene, sample_scenes
-from exceptiondrive_worker.splits.admin import read_datasheet
-from exceptiondrive_worker.splits.store import LoadedSplit, load_split, read_split
+from exceptiondrive_worker.splits.store import LoadedSplit, load_split, read_datasheet, read_split
 
 ROOT = Path(__file__).parents[2]
 COMMITTED = ROOT / "hidden_splits" / "sample" / "split.json.gz"

@@ -659,6 +659,15 @@ def test_the_private_part_is_closed_until_its_date(
     assert held(world)[-1][1]["asked"] == ["the private part is closed until 2999-01-01 00:00 UTC"]
 
 
+def test_a_split_without_parts_is_closed_until_the_date_of_its_private_part(
+    world: World, tiny: Split, planning_file: Callable[..., bytes]
+) -> None:
+    """Whose parts were lost on the way has all of them to lose."""
+    write_floors(world, "private_part_from = 2999-01-01T00:00:00Z", tiny.name)
+    world.add_phase(tiny)
+    assert code_of(world, world.score(planning_file(tiny))) == FailureCode.SPLIT_FLOOR.value
+
+
 @pytest.mark.parametrize(
     "text",
     [

@@ -87,7 +87,8 @@ def audit(candidates: Mapping[str, Candidate], settings: InspectSection) -> Audi
     if not words:
         return None
     accepted = sum(it.passed_review for it in candidates.values())
-    return audited(accepted, len(words), sum(word.passed for word in words))
+    found = audited(accepted, len(words), sum(word.passed for word in words))
+    return found.model_copy(update={"waiting": len(drawn) - len(words)})
 
 
 def audited(accepted: int, drawn: int, passed: int) -> Audit:

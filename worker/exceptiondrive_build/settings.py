@@ -126,6 +126,10 @@ class FreezeSection(Document):
     controls: tuple[str, ...] = Field(
         default=(), description="sample ids whose region no good driver would heed"
     )
+    public_part: tuple[str, ...] = Field(
+        default=(),
+        description="sample ids of the public part; the rest is private. Empty: no parts",
+    )
 
 
 class DatasheetSection(Words):

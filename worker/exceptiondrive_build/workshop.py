@@ -276,7 +276,8 @@ def new_workshop(folder: Path, name: str, id_key: str) -> None:
         raise BuildError(f"{folder}: there is a workshop already.")
     template = files("exceptiondrive_build") / "template"
     try:
-        (folder / "prompts").mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        (folder / "prompts").mkdir(exist_ok=True)
         for path in ("prompts/screen.md", "prompts/edit.md", "prompts/review.md", "tasks.toml"):
             (folder / path).write_text((template / path).read_text("utf-8"), encoding="utf-8")
         settings = (template / SETTINGS).read_text("utf-8")

@@ -192,11 +192,13 @@ def add_split(
         typer.echo(f"  it lies at {registered.path}")
     else:
         typer.echo(
-            f"  {file} is an earlier revision, {given}: it is held already, nothing is changed,"
+            f"  {file} is an earlier revision, {given}: it is held already, and the later one above stays"
         )
         typer.echo(
-            "  and the later one above stays current. A phase, or a run, names it: --split-revision"
+            "  current. A datasheet beside it takes the place of the one held, and is shown after "
+            "register-splits."
         )
+        typer.echo("  A phase, or a run, names the revision: --split-revision")
 
 
 @app.command("add-drives")

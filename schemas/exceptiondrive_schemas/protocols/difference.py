@@ -139,12 +139,15 @@ def split_changes(
     """Return the changes from one revision of a split to another, as far as they may be known.
 
     `n_counted` is N of the earlier and of the later one; `steps` are what the makers say of each step
-    between them, oldest first.
+    between them, oldest first. What a step changes that is not the last one, a later one may change back.
     """
     if old.revision == new.revision:
         return ()
     before, after = set(old.sample_ids), set(new.sample_ids)
-    sentences = [sentence for step in steps for sentence in step.sentences]
+    sentences = []
+    for step in steps:
+        where = "" if step is steps[-1] else "in a revision between: "
+        sentences += [step.words, *(f"{where}{told}" for told in step.counts)]
     if n_counted is not None and n_counted[0] != n_counted[1]:
         sentences.append(f"N goes from {n_counted[0]:,} to {n_counted[1]:,}")
     if after - before:

@@ -55,7 +55,8 @@ def register_split(
 
     Raises:
         InvalidRecord: The counts do not add up, or the datasheet is of another split.
-        Conflict: The revision is known with another manifest, other counts or other parts.
+        Conflict: The revision is known with another manifest, other counts or other parts, or it has no
+            parts though the split does.
     """
     n_samples = sum(family_counts.values())
     n_named = len(manifest.sample_ids)
@@ -80,9 +81,22 @@ def register_split(
                 f"Split {manifest.name!r} revision {manifest.revision} is recorded otherwise; "
                 "a revision never changes."
             )
+        if datasheet is not None and held.datasheet not in (None, datasheet):
+            told = {"revision": manifest.revision}
+            audit(session, actor, "datasheet replaced", manifest.name, told)
         held.warnings = warnings
         held.changes, held.datasheet = changes or held.changes, datasheet or held.datasheet
         return held
+    has_parts = SplitRow.name == manifest.name, SplitRow.private_revision.is_not(None)
+    if (
+        part is None
+        and not parts
+        and session.scalars(select(SplitRow.name).where(*has_parts)).first()
+    ):
+        raise Conflict(
+            f"Split {manifest.name!r} has parts, and revision {manifest.revision} has none: its private "
+            'samples would count with the others. Put "part" of each sample back into the file.'
+        )
     row = SplitRow(
         name=manifest.name,
         revision=manifest.revision,

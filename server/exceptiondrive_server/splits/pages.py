@@ -1,4 +1,4 @@
-"""The page of a split, as its datasheet says, and pictures of public ones. No split is opened here."""
+"""The page of a split, as its datasheet and the lint say, and pictures of public ones. No split is opened here."""
 
 from base64 import b64encode
 from typing import Annotated

@@ -107,6 +107,7 @@ DATASHEET = Datasheet(
     audit=Audit(
         accepted=3181,
         drawn=168,
+        waiting=2,
         passed=163,
         confidence=0.95,
         wilson=(0.9322, 0.9872),
@@ -134,6 +135,7 @@ DATASHEET = Datasheet(
     ),
     warnings=(SplitWarning(code="unavoidable", what="no moving car avoids the region", count=4),),
     examples=(Example(caption="Lane Blockage", source=PIXEL, edited=PIXEL),) * 3,
+    picture_licence="CC BY-NC 4.0",
 )
 """What a workshop might have said of the small split; the shares of the funnel are the paper's."""
 LONG_AGO = datetime(2020, 5, 4, 9, 30, tzinfo=UTC)

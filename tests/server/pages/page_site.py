@@ -36,6 +36,7 @@ from exceptiondrive_schemas.board import (
     BoardEntry,
 )
 from exceptiondrive_schemas.challenges import PLANNING, ChallengeId
+from exceptiondrive_schemas.datasheet import SplitWarnings
 from exceptiondrive_schemas.drawing import EntryDrawings
 from exceptiondrive_schemas.protocol import (
     packaged_protocol_toml,
@@ -132,7 +133,11 @@ class Site:
         """Create a phase over a split, by default the small one, registering protocol and split."""
         with self.database.write() as session:
             add_protocol(session, packaged_protocol_toml(), "test")
-            made: dict[str, Any] = {"datasheet": DATASHEET, "changes": DATASHEET.changes}
+            made: dict[str, Any] = {
+                "datasheet": DATASHEET,
+                "changes": DATASHEET.changes,
+                "warnings": SplitWarnings(found=DATASHEET.warnings),
+            }
             told = made if manifest is MANIFEST else {}
             register_split(session, manifest, COUNTS, "test", **told)
             create_phase(

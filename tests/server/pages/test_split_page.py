@@ -1,4 +1,4 @@
-"""The page of a split: made of its datasheet alone, of a revision that readers know of."""
+"""The page of a split: made of its datasheet and of the lint, of a revision that readers know of."""
 
 import re
 from html.parser import HTMLParser
@@ -8,8 +8,9 @@ from tests.server.pages.page_site import Site
 
 from exceptiondrive_records.phases.phases import list_phases
 from exceptiondrive_records.splits.splits import find_split, publish_split, register_split
-from exceptiondrive_schemas.datasheet import Datasheet
+from exceptiondrive_schemas.datasheet import Datasheet, SplitWarning, SplitWarnings
 from exceptiondrive_schemas.split import SplitRef
+from exceptiondrive_server.web.numbers import short_digest
 
 
 class _Text(HTMLParser):
@@ -38,6 +39,8 @@ async def test_the_page_says_how_the_split_was_made(lively_site: Site) -> None:
         "Region verified by two people 0 – 0",
         "168 were drawn at random and looked at by people; 163 passed, 97.02 %",
         "93.22 to 98.72 % (Wilson)",
+        "2 more were drawn, and wait to be looked at.",
+        "Licence of the pictures: CC BY-NC 4.0.",
         "Krippendorff's alpha over accepted and rejected: 0.714.",
         "Two samples failed the audit, and three regions lay a metre too far.",
         "2: The hazard stands on the pavement.",
@@ -46,6 +49,31 @@ async def test_the_page_says_how_the_split_was_made(lively_site: Site) -> None:
     ):
         assert words in text
     assert answer.text.count("data:image/jpeg;base64,") == 6
+
+
+async def test_a_revision_before_that_no_board_showed_is_said_to_be_such(lively_site: Site) -> None:
+    """What it changes, a reader who saw an earlier one may never have met."""
+    assert DATASHEET.changes is not None
+    since = f"Since revision {short_digest(DATASHEET.changes.previous)}"
+    text = text_of((await lively_site.get("/splits/sample")).text)
+    assert f"{since} , which was not shown: the regions of 3 samples change; 2 samples" in text
+    with lively_site.database.write() as session:
+        held = find_split(session, "sample")
+        assert held.changes is not None
+        held.changes = held.changes.model_copy(update={"previous": held.revision})
+    text = text_of((await lively_site.get("/splits/sample")).text)
+    assert f"Since revision {short_digest(MANIFEST.revision)} : the regions of 3 samples" in text
+
+
+async def test_doubts_are_those_of_the_lint_whatever_the_datasheet_says(lively_site: Site) -> None:
+    what = "the same corners stand in several scenes"
+    doubt = SplitWarning(code="one_region_in_many_samples", what=what, count=9)
+    with lively_site.database.write() as session:
+        found = SplitWarnings(found=(doubt,))
+        register_split(session, MANIFEST, COUNTS, "test", datasheet=DATASHEET, warnings=found)
+    text = text_of((await lively_site.get("/splits/sample")).text)
+    assert f"9: {what}." in text
+    assert "no moving car avoids" not in text
 
 
 async def test_the_datasheet_is_an_answer_too(lively_site: Site) -> None:

@@ -26,11 +26,17 @@ from exceptiondrive_build.freezing.freeze import (
 from exceptiondrive_build.records import Author, Kind, Record, person_named
 from exceptiondrive_build.values import MAX_REASON_LENGTH, Withdrawn
 from exceptiondrive_build.workshop import Workshop
+from exceptiondrive_schemas.datasheet import Datasheet
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.jury import Verdict, files_of_jury, jury
 from exceptiondrive_worker.splits.faults import SplitRefusedError, split_faults
-from exceptiondrive_worker.splits.store import SplitUnreadableError, load_split, read_split
+from exceptiondrive_worker.splits.store import (
+    SplitUnreadableError,
+    load_split,
+    read_datasheet,
+    read_split,
+)
 from exceptiondrive_worker.splits.warnings import check_report, split_warnings, warning_lines
 
 
@@ -101,7 +107,8 @@ def freeze_split(
     """Write the split of all that is accepted and verified, and what is published beside it."""
     with Workshop(workshop) as shop:
         candidates, before = walk(shop), _read(previous) if previous else None
-        frozen = freeze(shop, candidates, before, words)
+        sheet_before = _sheet_of(before, previous) if before and previous else None
+        frozen = freeze(shop, candidates, before, words, sheet_before)
         n_unseen = not_inspected(shop, candidates, frozen.split)
         n_undecided = undecided(shop, candidates) if before is None else 0
         alone = (
@@ -123,6 +130,16 @@ def freeze_split(
         typer.echo(
             "warning nothing_changed: the split is the previous revision itself; what was accepted since "
             "waits for the next split"
+        )
+    if before is not None and sheet_before is None:
+        typer.echo(
+            "warning no_datasheet_before: no datasheet of the previous revision lies beside its file, so "
+            "funnel, audit and agreement count what was edited since, too"
+        )
+    if before is not None and frozen.manifest.recorded and not before.recorded_is_public:
+        typer.echo(
+            f"warning drives_become_public ({len(frozen.manifest.recorded):,}): the previous revision "
+            "withholds the recorded paths, and this one's manifest tells them to everybody"
         )
     if alone:
         typer.echo(
@@ -182,6 +199,15 @@ def _read(path: Path) -> Split:
         return read_split(path)
     except SplitUnreadableError as error:
         raise BuildError(str(error)) from None
+
+
+def _sheet_of(split: Split, path: Path) -> Datasheet | None:
+    """The datasheet that was frozen with a split, if it lies beside its file."""
+    try:
+        sheet = read_datasheet(path) if path.name.startswith("split") else None
+    except SplitUnreadableError as error:
+        raise BuildError(str(error)) from None
+    return sheet if sheet is not None and sheet.revision == split.revision else None
 
 
 def _write(folder: Path, files: Iterable[tuple[str, bytes]]) -> None:

@@ -60,7 +60,10 @@ def html_of(sheet: Datasheet) -> str:
         f"<figcaption>{escape(example.caption) or 'source, edited'}</figcaption></figure>"
         for example in sheet.examples
     )
-    examples = f"<h2>Examples</h2>{figures}" if figures else ""
+    licence = f"<p>Licence of the pictures: {escape(sheet.picture_licence)}.</p>"
+    examples = (
+        f"<h2>Examples</h2>{figures}{licence if sheet.picture_licence else ''}" if figures else ""
+    )
     title = escape(sheet.title)
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
@@ -82,7 +85,7 @@ def _sections(sheet: Datasheet) -> Iterable[_Section]:
             ("scenes", f"{sheet.n_scenes:,}"),
             ("control samples", f"{sheet.n_controls:,}"),
             ("withdrawn samples", f"{sheet.n_withdrawn:,}"),
-            ("samples with a recorded path", f"{sheet.n_recorded:,}"),
+            ("of samples and controls with a recorded path", f"{sheet.n_recorded:,}"),
         ),
     )
     words = sheet.words.model_dump()
@@ -92,11 +95,9 @@ def _sections(sheet: Datasheet) -> Iterable[_Section]:
             yield _Section(question, (words[key], *filter(None, links)))
     if sheet.changes is not None:
         change = sheet.changes
-        counts = (
-            f"Since revision {change.previous}: {counted(change.moved, 'region')} moved, "
-            f"{counted(change.withdrawn, 'sample')} withdrawn, {change.restored:,} restored."
-        )
-        yield _Section("What changed", (change.words, counts))
+        counts = "; ".join(change.counts) or "no sample changed"
+        since = f"Since revision {change.previous}: {counts}."
+        yield _Section("What changed", (change.words, since))
     if sheet.withdrawn:
         yield _Section(
             "Withdrawn samples",
@@ -148,12 +149,15 @@ def _sections(sheet: Datasheet) -> Iterable[_Section]:
 
 
 def _audit(audit: Audit) -> str:
+    waiting = (
+        f" {audit.waiting:,} more were drawn, and wait to be looked at." if audit.waiting else ""
+    )
     return (
         f"Of {audit.accepted:,} edits that passed the review, {audit.drawn:,} were drawn at random "
         f"and looked at by people; {audit.passed:,} passed, "
         f"{percent_of(audit.passed, audit.drawn)}. {audit.confidence:.0%} intervals: "
         f"{_interval(audit.wilson)} (Wilson), {_interval(audit.finite_population)} (for a draw "
-        "from so many)."
+        f"from so many).{waiting}"
     )
 
 

@@ -23,6 +23,7 @@ from exceptiondrive_build.values import Corners, Edited
 from exceptiondrive_build.workshop import Workshop
 from exceptiondrive_schemas.base import canonical_json
 from exceptiondrive_schemas.datasheet import (
+    Cell,
     Datasheet,
     Example,
     SplitChange,
@@ -73,11 +74,13 @@ def freeze(
     candidates: Mapping[str, Candidate],
     previous: Split | None = None,
     words: str = "",
+    sheet_before: Datasheet | None = None,
 ) -> Frozen:
     """Freeze what is accepted and verified.
 
     Of a previous revision all samples stay, each counted or withdrawn; later ones wait for the next
-    split, since the files of this one do not answer them. Readers are told `words` of the change.
+    split, since the files of this one do not answer them. Readers are told `words` of the change, and
+    where further candidates came since, how the split was made as `sheet_before` has it.
 
     Raises:
         BuildError: Nothing is verified, a sample of the previous revision is neither verified nor
@@ -93,7 +96,9 @@ def freeze(
     _refuse_faults(split, workshop)
     return Frozen(
         split=split,
-        datasheet=_datasheet(workshop, candidates, split, previous, words),
+        datasheet=_as_counted_before(
+            _datasheet(workshop, candidates, split, previous, words), sheet_before
+        ),
         provenance=tuple(_provenance(workshop, candidates, split)),
         manifest=Manifest.of(split, workshop.protocol.geometry),
     )
@@ -109,11 +114,13 @@ def _split(
     wanted = earlier if earlier else {key: None for key in regions if key not in withdrawn}
     if previous is not None and previous.name != settings.name:
         raise BuildError(f"The previous revision is of {previous.name!r}, not {settings.name!r}.")
-    _refuse_some(
-        [key for key in settings.freeze.controls if key not in wanted and key not in withdrawn],
-        "Controls in workshop.toml that are not verified",
-        "Take them out of [freeze] controls, or verify them.",
-    )
+    named = {"Controls": settings.freeze.controls, "Public samples": settings.freeze.public_part}
+    for what, sample_ids in named.items():
+        _refuse_some(
+            [key for key in sample_ids if key not in wanted and key not in withdrawn],
+            f"{what} in workshop.toml that are not verified",
+            "Take them out of [freeze], or verify them.",
+        )
     _refuse_some(
         [key for key in wanted if key not in candidates],
         "Samples of the previous revision whose scene or task is not in the workshop any more",
@@ -130,8 +137,15 @@ def _split(
         "Samples of the previous revision that stand there twice, or with another task",
         "Name its file as it was frozen.",
     )
+    lacking = [key for key in wanted if key not in regions and key not in withdrawn]
     _refuse_some(
-        [key for key in wanted if key not in regions and key not in withdrawn],
+        _asked_otherwise(workshop, candidates, lacking),
+        "Samples of the previous revision that were decided with other words, models or settings",
+        "Put back what workshop.toml, tasks.toml and prompts/ said: the answers count again. Or run the "
+        "stages again.",
+    )
+    _refuse_some(
+        lacking,
         "Samples of the previous revision that are not accepted and verified any more",
         'Withdraw them: exceptiondrive-build withdraw ID --reason "..." --by NAME',
     )
@@ -142,16 +156,35 @@ def _split(
     samples = [  # a withdrawn one keeps its region, which nothing reads: the file stays a split
         earlier[key].model_copy(update={"withdrawn": withdrawn[key]})
         if key in withdrawn
-        else _sample(workshop, candidates[key], regions[key])
+        else _sample(workshop, candidates[key], regions[key], wanted[key])
         for key in sorted(wanted)
     ]
     return Split(
         schema_="exceptiondrive.split/1",
         name=settings.name,
         title=settings.title,
-        samples=tuple(samples),
+        samples=tuple(_in_parts(samples, set(settings.freeze.public_part))),
         recorded_is_public=settings.freeze.recorded_is_public,
     )
+
+
+def _in_parts(samples: list[SplitSample], public: set[str]) -> Iterator[SplitSample]:
+    """Part what is of no part yet, where the settings name public samples."""
+    for it in samples:
+        part = "public" if it.sample_id in public else "private"
+        yield it.model_copy(update={"part": part}) if public and it.part is None else it
+
+
+def _asked_otherwise(
+    workshop: Workshop, candidates: Mapping[str, Candidate], sample_ids: list[str]
+) -> list[str]:
+    """Those about which a model decided that would be asked otherwise now."""
+    told = {kind: workshop.current(kind) for kind in (Kind.SCREEN, Kind.EDIT, Kind.REVIEW)}
+    return [
+        key
+        for key in sample_ids
+        if any(key in found and kind not in candidates[key].current for kind, found in told.items())
+    ]
 
 
 def withdrawals(workshop: Workshop) -> dict[str, str]:
@@ -189,16 +222,25 @@ def not_inspected(workshop: Workshop, candidates: Mapping[str, Candidate], split
     return sum(key in taken and candidates[key].inspected is None for key in wanted)
 
 
-def _sample(workshop: Workshop, candidate: Candidate, region: Corners) -> SplitSample:
-    settings = workshop.settings.freeze
-    return SplitSample(
+def _sample(
+    workshop: Workshop, candidate: Candidate, region: Corners, earlier: SplitSample | None = None
+) -> SplitSample:
+    """A sample as the workshop has it; what it does not know, the earlier revision's file says."""
+    settings, drive = workshop.settings.freeze, candidate.keyframe.recorded
+    sample = SplitSample(
         sample_id=candidate.sample_id,
         scene_id=candidate.keyframe.scene_id,
         task=candidate.task.id,
         region=region,
-        recorded=candidate.keyframe.recorded if settings.recorded else None,
+        recorded=drive if settings.recorded else None,
         control=candidate.sample_id in settings.controls,
     )
+    if earlier is None:
+        return sample
+    kept = {name: getattr(earlier, name) for name in ("part", "d_safe_m", "acceptable")}
+    if drive is None:
+        kept["recorded"] = earlier.recorded
+    return sample.model_copy(update=kept)
 
 
 def changed_alone(previous: Split, split: Split, taxonomy: Taxonomy) -> list[str]:
@@ -269,9 +311,10 @@ def _refuse_faults(split: Split, workshop: Workshop) -> None:
     faults = split_faults(split, workshop.protocol)
     if faults:
         lines = [f"{it.what} ({len(it.sample_ids)}): {_some(it.sample_ids)}" for it in faults]
+        is_of_regions = any("regions" in it.what for it in faults)
         raise BuildError(
             "The split cannot be scored: " + "; ".join(lines) + ".",
-            "Verify these regions again, or reject the pairs.",
+            "Verify these regions again, or reject the pairs." if is_of_regions else "",
         )
 
 
@@ -305,7 +348,7 @@ def _datasheet(
         n_samples=len(counted),
         n_scenes=len({sample.scene_id for sample in split.counted}),
         n_controls=len(split.controls),
-        n_recorded=sum(sample.recorded is not None for sample in split.samples),
+        n_recorded=sum(it.recorded is not None for it in (*split.counted, *split.controls)),
         withdrawn=tuple(WithdrawnSamples(reason=why, n=n) for why, n in sorted(reasons.items())),
         changes=None if previous is None else SplitChange.between(previous, split, words),
         words=Words(**settings.datasheet.model_dump(exclude={"examples"})),
@@ -321,6 +364,29 @@ def _datasheet(
         deciders=deciders(workshop, candidates.values()),
         warnings=tuple(found.told for found in split_warnings(split, workshop.protocol)),
         examples=tuple(_examples(workshop, candidates, split)),
+        picture_licence=settings.licence if settings.datasheet.examples else "",
+    )
+
+
+def _as_counted_before(sheet: Datasheet, before: Datasheet | None) -> Datasheet:
+    """Leave out candidates of the next split: where some came since, the counts of before stand."""
+    if before is None or not before.stages or before.stages[:2] == sheet.stages[:2]:
+        return sheet
+    n_of = {cell.id: cell.n for cell in (*sheet.families, *sheet.tasks)}
+
+    def recounted(cells: tuple[Cell, ...]) -> tuple[Cell, ...]:
+        return tuple(cell.model_copy(update={"n": n_of.get(cell.id, 0)}) for cell in cells)
+
+    frozen = before.stages[-1].model_copy(update={"n": sheet.stages[-1].n})
+    return sheet.model_copy(
+        update={
+            "stages": (*before.stages[:-1], frozen),
+            "families": recounted(before.families),
+            "tasks": recounted(before.tasks),
+            "audit": before.audit,
+            "agreement": before.agreement,
+            "deciders": before.deciders,
+        }
     )
 
 

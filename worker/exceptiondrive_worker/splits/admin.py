@@ -2,7 +2,7 @@
 
 import gzip
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
@@ -31,9 +31,11 @@ from exceptiondrive_worker.splits.store import (
     SplitStore,
     SplitUnavailableError,
     SplitUnreadableError,
+    datasheet_beside,
     family_counts,
     load_split,
     parts_of,
+    read_datasheet,
     read_split,
 )
 from exceptiondrive_worker.splits.warnings import split_warnings
@@ -117,7 +119,7 @@ def add_split_file(
         SplitUnreadableError: It is no split, or the datasheet beside it is none, or not this one's.
         SplitRefusedError: It cannot be scored.
         SplitUnavailableError: Another revision lies there, and there are no words about the change,
-            or its samples are others.
+            or its samples are others, or of another part.
         FloorsUnreadableError: The floors beside the split cannot be read. Whatever is raised, nothing
             was copied.
     """
@@ -136,7 +138,9 @@ def add_split_file(
                 f'{source} --words "..."'
             )
         if held:
-            _require_same_samples(read_split(held[0]), split)
+            current = read_split(held[0])
+            _require_same_samples(current, split)
+            _require_same_parts(current, split)
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         number = next(n for n in count(len(held)) if not any(folder.glob(f"*-{n}.*")))
         for path in (*folder.glob("split.json*"), *folder.glob("datasheet.json")):
@@ -173,6 +177,19 @@ def _require_same_samples(earlier: Split, later: Split) -> None:
         'samples: mark those that count no more with "withdrawn": "why", or give another set of '
         "samples another name."
     )
+
+
+def _require_same_parts(earlier: Split, later: Split) -> None:
+    """Refuse a revision that takes samples out of their part: a private one would be scored before its time."""
+    part_of = {sample.sample_id: sample.part for sample in earlier.samples}
+    moved = [it for it in later.samples if part_of.get(it.sample_id) not in (None, it.part)]
+    if moved:
+        named = ", ".join(sorted(it.sample_id for it in moved)[:3])
+        raise SplitUnavailableError(
+            f"This revision of split {later.name!r} takes {len(moved)} samples out of the part that they "
+            f'are of ({named}). A later revision keeps the part of each sample: put "part" back as it '
+            f"stands in revision {earlier.revision}, or give the split another name."
+        )
 
 
 def with_drives(split: Split, drives: PlanningSubmission, *, are_public: bool) -> Split:
@@ -287,6 +304,8 @@ def _register(
             f"rename {path.parent} to {split.name}"
         )
     splits.floors(split.name)  # refuses what cannot be read
+    for earlier in _earlier_revisions(database, splits, split):
+        _require_same_parts(earlier, split)
     loaded = {part: load_split(split, protocol, part) for part in parts_of(split)}
     parts = {part: each.manifest.revision for part, each in loaded.items() if part is not None}
     whole, warnings = loaded[None].manifest, split_warnings(split, protocol)
@@ -307,6 +326,15 @@ def _register(
                 datasheet=sheet if part is None else None,
             )
     return RegisteredSplit(path, whole, warnings)
+
+
+def _earlier_revisions(database: Database, splits: SplitStore, split: Split) -> Iterator[Split]:
+    """Yield what lies beside a revision that is not registered yet, and is registered itself."""
+    with database.read() as session:
+        known = {row.revision for row in list_splits(session) if row.name == split.name}
+    if split.revision not in known:
+        beside = (path for path in splits.files() if path.parent.name == split.name)
+        yield from (each for each in map(read_split, beside) if each.revision in known)
 
 
 def _changes(
@@ -335,28 +363,3 @@ def _changes(
         if old.revision != new.revision:
             told[part] = SplitChange.between(old, new, words)
     return told if said is None else {**told, None: said}
-
-
-def datasheet_beside(split_path: Path) -> Path:
-    """Return where the datasheet of a split file lies, if it has one."""
-    name = split_path.name.split(".json")[0].replace("split", "datasheet", 1)
-    return split_path.with_name(f"{name}.json")
-
-
-def read_datasheet(split_path: Path) -> Datasheet | None:
-    """Return the datasheet that lies beside a split file, if there is one.
-
-    `split.json.gz` has `datasheet.json`, and `split-2026.json.gz` has `datasheet-2026.json`.
-
-    Raises:
-        SplitUnreadableError: It is no datasheet.
-    """
-    path = datasheet_beside(split_path)
-    if not path.exists():
-        return None
-    try:
-        return Datasheet.model_validate_json(path.read_bytes())
-    except (OSError, ValidationError) as error:
-        raise SplitUnreadableError(
-            f"{path.name} is no datasheet ({type(error).__name__})"
-        ) from None

@@ -105,15 +105,15 @@ def _hold(
             f"it would be protocol number {n_protocols}, at most {floors.max_protocols} may be"
         )
     opens = floors.private_part_from
-    if opens is not None and database_now(session) < opens and _has_private(session, ref):
+    if opens is not None and database_now(session) < opens and _may_hold_private(session, ref):
         found.append(f"the private part is closed until {opens:%Y-%m-%d %H:%M %Z}")
     if found:
         raise FloorHeldError(*found)
 
 
-def _has_private(session: Session, ref: SplitRef) -> bool:
-    """Whether samples of the private part are scored: as the part, or with the whole split."""
-    return find_split(session, ref.name, ref.revision).counts_private
+def _may_hold_private(session: Session, ref: SplitRef) -> bool:
+    """Whether samples of a private part may be scored: all but the public part may hold some."""
+    return find_split(session, ref.name, ref.revision).part != "public"
 
 
 def hold_floors_again(

@@ -25,6 +25,7 @@ from pydantic import ValidationError
 from exceptiondrive_schemas.api.phase_settings import SplitPart
 from exceptiondrive_schemas.base import content_digest, fault_words
 from exceptiondrive_schemas.check.inflate import GZIP_MAGIC
+from exceptiondrive_schemas.datasheet import Datasheet
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest, Split
 from exceptiondrive_scoring.aliases import FloatArray, IntArray
@@ -116,6 +117,31 @@ def read_split(path: Path) -> Split:
     except ValidationError as error:
         lines = "\n".join(_problems(error, data))
         raise SplitUnreadableError(f"{path.name} is not a split:\n{lines}") from None
+
+
+def datasheet_beside(split_path: Path) -> Path:
+    """Return where the datasheet of a split file lies, if it has one."""
+    name = split_path.name.split(".json")[0].replace("split", "datasheet", 1)
+    return split_path.with_name(f"{name}.json")
+
+
+def read_datasheet(split_path: Path) -> Datasheet | None:
+    """Return the datasheet that lies beside a split file, if there is one.
+
+    `split.json.gz` has `datasheet.json`, and `split-2026.json.gz` has `datasheet-2026.json`.
+
+    Raises:
+        SplitUnreadableError: It is no datasheet.
+    """
+    path = datasheet_beside(split_path)
+    if not path.exists():
+        return None
+    try:
+        return Datasheet.model_validate_json(path.read_bytes())
+    except (OSError, ValidationError) as error:
+        raise SplitUnreadableError(
+            f"{path.name} is no datasheet ({type(error).__name__})"
+        ) from None
 
 
 def _problems(error: ValidationError, data: bytes) -> list[str]:
