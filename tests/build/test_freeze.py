@@ -626,7 +626,10 @@ def test_a_jury_is_a_gate(shop: Path) -> None:
     split = split_of(frozen(shop, "1"))
     jury = shop / "jury"
     jury.mkdir()
-    slow = planning_file({it.sample_id: 0.2 for it in split.samples}, split=split.name)
+    slow, parked = (
+        planning_file({it.sample_id: speed_mps for it in split.samples}, split=split.name)
+        for speed_mps in (2.0, 0.0)
+    )
     fast = planning_file({it.sample_id: 12.0 for it in split.samples}, split=split.name)
     (jury / "fast.json").write_bytes(fast)
     command = ("lint", "--workshop", shop, "--jury", jury, "--json")
@@ -635,9 +638,11 @@ def test_a_jury_is_a_gate(shop: Path) -> None:
     found = {each["method"]: each for each in json.loads(passed.output)["jury"]}
     assert set(found) == {"FREEZE", "CONSTANT VELOCITY", "SOURCE AS EDITED", "fast"}
     assert found["FREEZE"]["ur"] == 0
+    (jury / "parked.json").write_bytes(parked)
     (jury / "slow.json").write_bytes(slow)
     refused = run(*command[:-1])
     assert refused.exit_code == 2
+    assert "jury parked: HCC 100.00, UR 0.00 no moving planner: stands_still, " in refused.output
     assert "jury slow: HCC 100.00, UR 0.00 OBJECTION: a moving planner has HCC" in refused.output
 
 

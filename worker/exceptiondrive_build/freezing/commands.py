@@ -83,8 +83,9 @@ def verdict_line(verdict: Verdict) -> str:
     scores = ""
     if verdict.hcc is not None and verdict.ur is not None:
         scores = f" HCC {100 * verdict.hcc:.2f}, UR {100 * verdict.ur:.2f}"
+    flags = f" no moving planner: {', '.join(verdict.flags)}" if verdict.flags else ""
     objection = f" OBJECTION: {verdict.objection}" if verdict.objection else ""
-    return f"jury {verdict.method}:{scores}{objection}"
+    return f"jury {verdict.method}:{scores}{flags}{objection}"
 
 
 def freeze_split(
