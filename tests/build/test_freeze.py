@@ -605,6 +605,18 @@ def test_the_workshop_is_linted_and_so_is_a_file(shop: Path) -> None:
     assert RECORDS in {each.name for each in shop.iterdir()}
 
 
+def test_a_file_is_linted_without_a_workshop_unless_one_is_named(
+    shop: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frozen(shop, "1")
+    path = shop / "frozen" / "1" / "split.json.gz"
+    in_shop = run("lint", "--workshop", shop, "--file", path, "--json").output
+    monkeypatch.chdir(tmp_path)
+    assert run("lint", "--file", path, "--json").output == in_shop
+    refused = run("lint", "--workshop", tmp_path / "none", "--file", path)
+    assert (refused.exit_code, "no workshop" in refused.output) == (2, True)
+
+
 def test_a_file_that_cannot_be_scored_is_refused(shop: Path) -> None:
     split = split_of(frozen(shop, "1"))
     crossed = ((10.0, -1.0), (12.0, 1.0), (12.0, -1.0), (10.0, 1.0))

@@ -25,8 +25,9 @@ from exceptiondrive_build.freezing.freeze import (
 )
 from exceptiondrive_build.records import Author, Kind, Record, person_named
 from exceptiondrive_build.values import MAX_REASON_LENGTH, Withdrawn
-from exceptiondrive_build.workshop import Workshop
+from exceptiondrive_build.workshop import SETTINGS, Workshop
 from exceptiondrive_schemas.printable import printable
+from exceptiondrive_schemas.protocol import NEWEST, packaged_protocol
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.jury import Verdict, files_of_jury, jury
 from exceptiondrive_worker.splits.faults import SplitRefusedError, split_faults
@@ -44,7 +45,10 @@ def register(app: typer.Typer) -> None:
 def lint_split(
     workshop: WorkshopFolder = Path(),
     file: Annotated[
-        Path | None, typer.Option(help="A split file, in place of what the workshop would freeze.")
+        Path | None,
+        typer.Option(
+            help="A split file, in place of what the workshop would freeze; it needs no workshop."
+        ),
     ] = None,
     jury_folder: Annotated[
         Path | None, typer.Option("--jury", help="Folder with files of known planners.")
@@ -55,9 +59,12 @@ def lint_split(
 
     Exit code 2: it cannot be scored, or the jury objects.
     """
-    with Workshop(workshop) as shop:
-        protocol = shop.protocol
-        split = _read(file) if file else freeze(shop, walk(shop)).split
+    if file and workshop == Path() and not (workshop / SETTINGS).exists():
+        protocol, split = packaged_protocol(NEWEST), _read(file)
+    else:
+        with Workshop(workshop) as shop:
+            protocol = shop.protocol
+            split = _read(file) if file else freeze(shop, walk(shop)).split
     faults = split_faults(split, protocol)
     if faults and not json:
         raise BuildError(str(SplitRefusedError(split.name, faults)))
