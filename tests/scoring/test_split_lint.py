@@ -267,9 +267,21 @@ def test_a_control_is_judged_the_other_way_round(
     assert set(found) - {"few_scenes", "one_task", "small_cells"} == expected
 
 
-def test_a_split_with_controls_is_not_told_that_standing_suffices(
-    sound: Split, protocol: ProtocolDocument
+@pytest.mark.parametrize("n", [1, 19, 20])
+def test_controls_tell_a_standing_car_where_they_are_as_many_as_the_flag_asks_for(
+    sound: Split, protocol: ProtocolDocument, n: int
 ) -> None:
-    control = one(box(20, 9)).model_copy(update={"scene_id": "sample-scene-001"})
-    found = found_in([*sound.samples, control], protocol, controls=["one"])
+    controls = {
+        f"control-{row}": one(box(20 + row / 100, 9)).model_copy(
+            update={"sample_id": f"control-{row}", "scene_id": "sample-scene-001"}
+        )
+        for row in range(n)
+    }
+    found = found_in([*sound.samples, *controls.values()], protocol, controls=list(controls))
+    suffices = found.pop("standing_still_suffices", None)
     assert set(found) == {NO_RECORDED_DRIVE}
+    assert (suffices is None) == (n == 20)
+    if suffices is not None:
+        assert suffices.what.endswith(
+            f"only with 20 controls it is told from a careful one; there are {n}"
+        )

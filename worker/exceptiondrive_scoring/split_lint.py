@@ -122,7 +122,8 @@ def lint(split: LintedSplit, protocol: ProtocolDocument) -> tuple[LintWarning, .
     area_m2 = np.abs(signed_area_m2(arrays.regions_m))
     distance_m = np.linalg.norm(arrays.regions_m.mean(axis=1), axis=-1)
     suffices = counted & (still_m >= arrays.d_safe_m)
-    nearly_all = suffices.sum() >= NEARLY_ALL * counted.sum() and not split.is_control.any()
+    n_controls, enough = int(split.is_control.sum()), protocol.plausibility.flag_family_min_samples
+    nearly_all = suffices.sum() >= NEARLY_ALL * counted.sum() and n_controls < enough
     return (
         *found(
             "odd_sample_id",
@@ -205,8 +206,8 @@ def lint(split: LintedSplit, protocol: ProtocolDocument) -> tuple[LintWarning, .
         *_small_cells(split, protocol.taxonomy, protocol.publication.min_samples_per_cell),
         *found(
             "standing_still_suffices",
-            "a car that stands still scores full in (nearly) all samples, and there is no control "
-            "to tell it from a careful one",
+            "a car that stands still scores full in (nearly) all samples, and only with "
+            f"{enough} controls it is told from a careful one; there are {n_controls}",
             suffices & nearly_all,
         ),
         *found(
