@@ -152,6 +152,18 @@ def test_small_cells_are_named(sound: Split, protocol: ProtocolDocument) -> None
     assert found_in(sound.samples, stricter)["small_cells"].count == 21
 
 
+def test_cells_below_the_floor_of_a_withheld_split_are_named_whatever_the_protocol_shows(
+    sound: Split, protocol: ProtocolDocument
+) -> None:
+    arrays = split_arrays(sound.samples, protocol.taxonomy)
+    split = LintedSplit(
+        [it.sample_id for it in sound.samples], arrays, np.zeros(arrays.n_samples, dtype=np.bool_)
+    )
+    (cells,) = (it for it in lint(split, protocol, 100) if it.code == "small_cells")
+    assert cells.count == 6 + 21
+    assert "100, the least that is published of a withheld split: sudden_emergence, " in cells.what
+
+
 def test_size_and_distance_far_from_the_usual_are_found(
     sound: Split, protocol: ProtocolDocument
 ) -> None:

@@ -359,6 +359,29 @@ def test_registering_tells_the_server_how_many_samples_are_doubtful_and_not_whic
     assert "canary" not in warnings.model_dump_json()
 
 
+def test_cells_are_small_by_the_floor_of_the_split_until_it_is_public(
+    operate: Operate, tmp_path: Path, sqlite_url: str
+) -> None:
+    def small_cells() -> str:
+        with Database(sqlite_url).read() as session:
+            (row,) = list_splits(session)
+            return "".join(it.what for it in row.warnings.found if it.code == "small_cells")
+
+    operate("make-sample")
+    path = tmp_path / "splits" / "sample" / "split.json.gz"
+    assert "fewer samples than 100, " in operate("check-split", str(path))[1]
+    floors = path.with_name("floors.toml")
+    floors.unlink()
+    operate("register-splits")
+    assert "fewer samples than 100, the least that is published of a withheld" in small_cells()
+    floors.write_text("min_samples_per_cell = 21")
+    operate("register-splits")
+    assert "fewer samples than 21, " in small_cells()
+    for command in (("publish-split", "sample"), ("register-splits",)):
+        assert operate(*command)[0] == 0
+        assert small_cells() == ""
+
+
 @pytest.mark.parametrize(
     ("command", "told"),
     [

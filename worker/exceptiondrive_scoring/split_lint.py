@@ -16,7 +16,6 @@ import numpy as np
 
 from exceptiondrive_schemas.datasheet import NO_RECORDED_DRIVE, SplitWarning
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
-from exceptiondrive_schemas.taxonomy import Taxonomy
 from exceptiondrive_scoring.aliases import BoolArray, FloatArray, IntArray
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.clearance import clearance_m
@@ -97,11 +96,13 @@ class LintedSplit:
         return given
 
 
-def lint(split: LintedSplit, protocol: ProtocolDocument) -> tuple[LintWarning, ...]:
+def lint(
+    split: LintedSplit, protocol: ProtocolDocument, min_samples_per_cell: int = 1
+) -> tuple[LintWarning, ...]:
     """Every doubt about a split that can be scored, in a fixed order.
 
     It holds all samples that are not withdrawn, their regions finite, simple and clear of the footprint
-    at t = 0.
+    at t = 0. Cells smaller than the split's floor, or than those of the protocol, are small.
     """
     arrays, geometry = split.arrays, protocol.geometry
     counted, scene, task = ~split.is_control, arrays.scene_index, arrays.task_index
@@ -203,7 +204,7 @@ def lint(split: LintedSplit, protocol: ProtocolDocument) -> tuple[LintWarning, .
             len(np.unique(scene[counted])) < LEAST_SCENES,
         ),
         *everything("one_task", "all samples are of one task", len(np.unique(task[counted])) == 1),
-        *_small_cells(split, protocol.taxonomy, protocol.publication.min_samples_per_cell),
+        *_small_cells(split, protocol, min_samples_per_cell),
         *found(
             "standing_still_suffices",
             "a car that stands still scores full in (nearly) all samples, and only with "
@@ -269,8 +270,12 @@ def _far_from_usual(values: FloatArray, task_index: IntArray, counted: BoolArray
     return far
 
 
-def _small_cells(split: LintedSplit, taxonomy: Taxonomy, least: int) -> Iterator[LintWarning]:
+def _small_cells(
+    split: LintedSplit, protocol: ProtocolDocument, floor: int
+) -> Iterator[LintWarning]:
     """Families and tasks with fewer samples than are published, empty ones too."""
+    taxonomy, shown_from = protocol.taxonomy, protocol.publication.min_samples_per_cell
+    least, withheld = max(floor, shown_from), " of a withheld split" * (floor > shown_from)
     counted, names, rows = ~split.is_control, [], np.zeros(len(split.sample_ids), dtype=np.bool_)
     cells = (
         (taxonomy.families, split.arrays.family_index),
@@ -282,8 +287,11 @@ def _small_cells(split: LintedSplit, taxonomy: Taxonomy, least: int) -> Iterator
             names.append(members[position].id)
             rows |= counted & (index == position)
     if names:
-        what = f"families and tasks with fewer samples than {least}, the least that is published: "
-        yield LintWarning("small_cells", what + ", ".join(names), len(names), split.ids_of(rows))
+        what = (
+            f"families and tasks with fewer samples than {least}, the least that is published{withheld}: "
+            + ", ".join(names)
+        )
+        yield LintWarning("small_cells", what, len(names), split.ids_of(rows))
 
 
 class _Drives:

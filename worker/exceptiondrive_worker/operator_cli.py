@@ -19,6 +19,7 @@ from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.protocol import (
+    NEWEST,
     ProtocolDocument,
     ProtocolError,
     packaged_protocol,
@@ -68,7 +69,7 @@ WordsOption = Annotated[
     str, typer.Option("--words", help="What readers are told of a later revision.")
 ]
 ProtocolOption = Annotated[
-    Path | None, typer.Option("--protocol", help="Protocol document; by default 1.0.")
+    Path | None, typer.Option("--protocol", help=f"Protocol document; by default {NEWEST}.")
 ]
 _KNOWN_ERRORS = (
     SettingsError,
@@ -213,7 +214,7 @@ def add_drives(
 ) -> None:
     """Write a split with the recorded drives of its scenes: they tell a planner that is off course."""
     split = with_drives(read_split(split_file), read_drives(drives_file), are_public=public)
-    load_split(split, packaged_protocol())
+    load_split(split, _protocol(None))
     if new_file.exists():
         raise FileExistsError(f"{new_file} is there already")
     text = split.model_dump_json(by_alias=True, exclude_none=True)
@@ -337,4 +338,4 @@ def _lanes(text: str) -> list[Lane]:
 
 
 def _protocol(path: Path | None) -> ProtocolDocument:
-    return packaged_protocol() if path is None else read_protocol(path)
+    return packaged_protocol(NEWEST) if path is None else read_protocol(path)
