@@ -37,6 +37,8 @@ SWERVES_M = (1.0, 2.0, 3.5, 5.0, ROAD_REACH_M)
 MISS_M = 3.0
 """A recorded path that keeps more than this from a region does not meet it."""
 SAME_CORNER_M = 0.01
+LARGEST_M2 = 500.0
+"""More than any hazard within 3 s takes: a lane is 3.5 m wide. Real ones have up to 42 m2."""
 USUAL_FACTOR = 5.0
 """How many times a task's median is far from it."""
 LEAST_FOR_USUAL = 10
@@ -175,9 +177,9 @@ def lint(
         ),
         *found(
             "unusual_area",
-            f"the area of the region is over {USUAL_FACTOR:g} times, or under 1/{USUAL_FACTOR:g} "
-            "of, the task's median",
-            _far_from_usual(area_m2, task, counted),
+            f"the area of the region is over {LARGEST_M2:g} m2, or over {USUAL_FACTOR:g} times, or under "
+            f"1/{USUAL_FACTOR:g} of, the task's median",
+            _far_from_usual(area_m2, task, counted) | (counted & (area_m2 > LARGEST_M2)),
         ),
         *found(
             "unusual_distance",
@@ -204,6 +206,7 @@ def lint(
             len(np.unique(scene[counted])) < LEAST_SCENES,
         ),
         *everything("one_task", "all samples are of one task", len(np.unique(task[counted])) == 1),
+        *_few_scenes_of_a_family(split, protocol),
         *_small_cells(split, protocol, min_samples_per_cell),
         *found(
             "standing_still_suffices",
@@ -242,7 +245,7 @@ def _same_in_many(regions_m: FloatArray, scene_index: IntArray) -> BoolArray:
 
 
 def _x_y_exchanged(drives: "_Drives", recorded_m: FloatArray) -> BoolArray:
-    """Aside of the recorded path, and on it when exchanged; without one, most of a group aside.
+    """Aside, off the recorded path, and on it when exchanged; without one, most of a group aside.
 
     A single region may well lie more to the side than ahead, in a bend; a scene, a task or a whole
     split of such regions comes from a mistaken frame.
@@ -257,7 +260,7 @@ def _x_y_exchanged(drives: "_Drives", recorded_m: FloatArray) -> BoolArray:
     for group in (whole, arrays.scene_index, arrays.task_index):
         sizes, n_aside = np.bincount(group), np.bincount(group[aside], minlength=group.max() + 1)
         mostly |= ((n_aside >= LEAST_EXCHANGED) & (2 * n_aside > sizes))[group]
-    return np.where(split.has_recorded, meets_exchanged & ~split.is_control, aside & mostly)
+    return aside & np.where(split.has_recorded, meets_exchanged, mostly)
 
 
 def _far_from_usual(values: FloatArray, task_index: IntArray, counted: BoolArray) -> BoolArray:
@@ -268,6 +271,23 @@ def _far_from_usual(values: FloatArray, task_index: IntArray, counted: BoolArray
             ratio = values[rows] / np.median(values[rows])
             far[rows] = (ratio > USUAL_FACTOR) | (ratio < 1 / USUAL_FACTOR)
     return far
+
+
+def _few_scenes_of_a_family(
+    split: LintedSplit, protocol: ProtocolDocument
+) -> Iterator[LintWarning]:
+    arrays, least = split.arrays, protocol.ranking.min_scenes
+    pairs = np.stack([arrays.family_index, arrays.scene_index], axis=1)[~split.is_control]
+    n_scenes = np.bincount(np.unique(pairs, axis=0)[:, 0])
+    few = np.flatnonzero((n_scenes > 0) & (n_scenes < least))
+    ids = split.ids_of(~split.is_control & np.isin(arrays.family_index, few))
+    if ids:
+        names = ", ".join(protocol.families[family].id for family in few)
+        what = (
+            f"the family has samples in fewer than {least} scenes: neither the mean of families nor its "
+            f"rank range has an interval: {names}"
+        )
+        yield LintWarning("few_scenes_of_a_family", what, len(ids), ids)
 
 
 def _small_cells(
