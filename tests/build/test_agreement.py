@@ -76,6 +76,16 @@ def test_a_third_reading_does_not_count_as_blind() -> None:
     assert outcome(left, LIMITS).state == "open"
 
 
+@pytest.mark.parametrize("again", ["ada", "grace"])
+def test_a_third_word_is_about_the_two_that_the_third_saw(again: str) -> None:
+    seen = [word("ada", SQUARE), word("grace", None), word("lin", SQUARE, blind=False)]
+    left = [record for record in seen if record.by.person != again]
+    changed = [*left, word(again, moved(6.0 if again == "ada" else 9.0))]
+    assert outcome(changed, LIMITS).state == "third"
+    decided = outcome([*changed, word("lin", moved(6.5), blind=False)], LIMITS)
+    assert (decided.state, decided.corners) == ("verified", moved(6.5))
+
+
 @given(st.integers(0, 3), st.booleans(), st.floats(-3, 3), st.floats(-3, 3))
 def test_where_a_list_begins_and_turns_is_nothing(
     shift: int, turned: bool, ahead_m: float, left_m: float

@@ -256,6 +256,25 @@ def test_a_card_whose_readings_changed_under_a_third_is_shown_anew(desk: Desk) -
     assert (found.state, found.people) == ("verified", ("grace", "ada"))
 
 
+def test_a_third_is_asked_again_where_the_two_have_changed(desk: Desk) -> None:
+    """Also where the third says the same, and as often as it changes."""
+    card_ = disputed(desk)
+    same = accepted(desk, card_, blind=False)
+    desk.decide("verify", card_, LIN, same)
+    for ahead_m in (6.0, 9.0):
+        assert desk.seats("verify", card_) == 0
+        assert desk.undo("verify", ADA) is not None
+        desk.decide("verify", card_, ADA, accepted(desk, card_, ahead_m))
+        assert desk.seats("verify", card_) == desk.progress("verify", "lin").third == 1
+        take(desk, LIN, card_)
+        desk.decide("verify", card_, LIN, same)
+    found = outcome(desk.standing("verify", card_), desk.workshop.settings.verify)
+    assert (found.state, found.corners) == ("verified", same.corners)
+    assert desk.undo("verify", LIN) is not None
+    assert desk.is_third(card_)
+    assert desk.undo("verify", LIN) is None
+
+
 def test_who_was_shown_what_others_said_reads_the_region_blind_no_more(desk: Desk) -> None:
     card_ = disputed(desk)
     desk.decide("verify", card_, LIN, accepted(desk, card_, blind=False))

@@ -55,8 +55,10 @@ def blind_pair(records: Sequence[Record]) -> tuple[tuple[str, Verified], ...]:
 def outcome(records: Sequence[Record], limits: VerifySection) -> Outcome:
     """What the standing verifications of one candidate come to; they come oldest first.
 
-    The region of two that agree lies in the middle between theirs; a third reader's word is final.
+    The region of two that agree lies in the middle between theirs; a third reader's word is final,
+    unless one of the two has decided anew since.
     """
+    words = readings(records)
     pair = blind_pair(records)
     if len(pair) < N_BLIND:
         return Outcome("open")
@@ -68,7 +70,7 @@ def outcome(records: Sequence[Record], limits: VerifySection) -> Outcome:
     )
     if between is not None:
         return Outcome("verified", between, people)
-    for person, word in reversed(readings(records)):
+    for person, word in reversed(words[words.index(pair[-1]) :]):
         if not word.blind:
             everybody = (*people, person)
             if word.accepted:

@@ -156,8 +156,10 @@ class Desk:
         )
 
     def own(self, queue: Queue, sample_id: str, reviewer: str) -> Record | None:
-        """The standing word of a person on a card."""
+        """The standing word of a person on a card; not a third reader's on words that changed since."""
         mine = [r for r in self.standing(queue, sample_id) if r.by.person == reviewer]
+        if queue == "verify" and self.is_third(sample_id):
+            mine = [r for r in mine if r.value is not None and r.value["blind"]]
         return mine[-1] if mine else None
 
     def claim(self, queue: Queue, holder: Holder, count: int) -> list[str]:
