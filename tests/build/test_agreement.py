@@ -46,6 +46,13 @@ def test_two_that_agree_give_the_region_between_them() -> None:
     assert found.people == ("ada", "grace")
 
 
+@pytest.mark.parametrize("same", ["Anna", "ANNA", "\uff21nna", "anna"])
+def test_one_who_signs_in_otherwise_spelled_is_one_reader(same: str) -> None:
+    words = [word("Anna", SQUARE), word(same, SQUARE)]
+    assert outcome(words, LIMITS).state == "open"
+    assert outcome([*words, word("Anne", SQUARE)], LIMITS).people == (same, "Anne")
+
+
 def test_two_that_leave_the_proposal_keep_every_digit_of_it() -> None:
     odd = moved(0.123456789)
     assert outcome([word("ada", odd), word("grace", odd)], LIMITS).corners == odd

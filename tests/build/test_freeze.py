@@ -259,6 +259,23 @@ def test_the_datasheet_in_words_has_a_line_of_each_family(shop: Path) -> None:
         assert any(line.startswith(f"| {told} | ") for line in lines)
 
 
+def test_a_person_is_numbered_once_however_spelled(shop: Path) -> None:
+    with Workshop(shop) as workshop:
+        candidate = next(it for it in walk(workshop).values() if not it.inspections)
+        word = Inspected(passed=True)
+        told = record(
+            Kind.INSPECT, candidate.sample_id, PEOPLE[0].upper(), candidate.pictures, word
+        )
+        workshop.append(told)
+    sheet = Datasheet.model_validate_json(frozen(shop, "1")["datasheet.json"])
+    by_people = [(it.stage, it.by, it.decisions) for it in sheet.deciders if it.is_person]
+    assert by_people == [
+        ("inspect", "person 1", 6),
+        ("verify", "person 1", 42),
+        ("verify", "person 2", 42),
+    ]
+
+
 # Revisions.
 
 

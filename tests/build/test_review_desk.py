@@ -195,6 +195,25 @@ def test_each_region_is_read_once_by_each_of_two_and_then_by_nobody(desk: Desk) 
     assert desk.progress("verify", "lin").decided == 21
 
 
+def test_a_reader_spelled_otherwise_gets_no_card_again(desk: Desk) -> None:
+    again = Holder("b4", "ADA")
+    held, read = desk.claim("verify", ADA, 2)
+    desk.decide("verify", read, ADA, accepted(desk, read))
+    assert {held, read}.isdisjoint(desk.claim("verify", again, 99))
+    assert desk.progress("verify", "ADA").mine == 1
+    undone = desk.undo("verify", again)
+    assert undone is not None
+    assert undone[0] == read
+
+
+def test_one_who_was_third_reads_blind_no_more_however_spelled(desk: Desk) -> None:
+    card_ = disputed(desk)
+    desk.decide("verify", card_, LIN, accepted(desk, card_, blind=False))
+    assert desk.undo("verify", ADA) is not None
+    assert desk.undo("verify", LIN) is not None
+    assert not desk.may_decide("verify", card_, "Lin")
+
+
 def test_a_reader_who_differs_is_not_told_and_a_third_decides(desk: Desk) -> None:
     (card_,) = desk.claim("verify", ADA, 1)
     desk.decide("verify", card_, ADA, accepted(desk, card_))

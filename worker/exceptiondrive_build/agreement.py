@@ -13,7 +13,7 @@ import krippendorff
 import numpy as np
 import shapely
 
-from exceptiondrive_build.records import Record
+from exceptiondrive_build.records import Record, person_key
 from exceptiondrive_build.settings import VerifySection
 from exceptiondrive_build.values import Corners, Verified
 from exceptiondrive_schemas.datasheet import Agreement
@@ -40,10 +40,10 @@ class Outcome:
 
 def readings(records: Sequence[Record]) -> list[tuple[str, Verified]]:
     """The newest reading of each person, in the order of the records."""
-    newest = {str(record.by.person): record for record in records if record.value is not None}
-    ordered = sorted(newest.items(), key=lambda item: item[1].id or 0)
+    newest = {person_key(it.by.person): it for it in records if it.value is not None}
     return [
-        (person, Verified.model_validate(record.value, strict=False)) for person, record in ordered
+        (str(record.by.person), Verified.model_validate(record.value, strict=False))
+        for record in sorted(newest.values(), key=lambda record: record.id or 0)
     ]
 
 
