@@ -319,6 +319,35 @@ def test_a_later_revision_keeps_its_samples_and_says_what_changed(shop: Path) ->
         assert "Two failed the audit." in files[name].decode()
 
 
+def test_regions_that_lie_wrong_are_verified_again_by_command(shop: Path) -> None:
+    first = split_of(frozen(shop, "1"))
+    ids = [sample.sample_id for sample in first.samples]
+    command = ("reopen", ids[3], ids[5], ids[5], "--workshop", shop, "--by", "ada")
+    refused = run(*command, "nobody")
+    assert (refused.exit_code, "(1): nobody." in refused.stderr) == (2, True)
+    result = run(*command)
+    assert (result.exit_code, result.output.split(";")[0]) == (0, "reopened: 2")
+    assert run(*command).exit_code == 2, "nobody has read them since"
+    previous = shop / "frozen" / "1" / "split.json.gz"
+    options = ("--workshop", shop, "--previous", previous, "--words", "Two lay wrong.")
+    told = run("freeze", shop / "frozen" / "2", *options)
+    assert told.exit_code == 2
+    assert f"(2): {ids[3]}, {ids[5]}." in told.stderr
+    assert "Have them inspected and verified: exceptiondrive-build review; or with" in told.stderr
+    with Workshop(shop) as workshop:
+        known = walk(workshop)
+        assert known[ids[3]].verifications == known[ids[5]].verifications == ()
+        for place, key in enumerate((ids[3], ids[5])):
+            region = tuple((x + 0.5, y + 0.1 * place) for x, y in first.samples[0].region)
+            word = Verified.model_validate({"accepted": True, "corners": region}, strict=False)
+            workshop.append(
+                *(record(Kind.VERIFY, key, p, known[key].pictures, word) for p in PEOPLE)
+            )
+    assert run("freeze", shop / "frozen" / "2", *options).exit_code == 0
+    moved = zip(first.samples, read_split(shop / "frozen/2/split.json.gz").samples, strict=True)
+    assert [a.sample_id for a, b in moved if a.region != b.region] == [ids[3], ids[5]]
+
+
 def test_a_previous_revision_that_is_not_as_it_was_frozen_is_refused(shop: Path) -> None:
     first = split_of(frozen(shop, "1"))
     sample, *rest = first.samples

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 from tests.build.shop import make_shop
+from typer.testing import CliRunner
 
 from exceptiondrive_build.agreement import outcome
+from exceptiondrive_build.cli import app
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.records import Author, Kind, Record
 from exceptiondrive_build.report import report
@@ -371,6 +373,26 @@ def test_what_was_taken_back_is_no_decision_of_the_report(desk: Desk) -> None:
     desk.decide("inspect", card_, ADA, Inspected(passed=False, reason=Mark.VISIBILITY))
     (inspected, _) = report(desk.workshop).people
     assert inspected.decisions == desk.progress("inspect", "ada").mine == 1
+
+
+def test_a_region_that_is_reopened_goes_to_both_readers_again(desk: Desk, folder: Path) -> None:
+    card_, other = desk.cards("verify")[:2]
+    for holder in (ADA, GRACE):
+        for each in (card_, other):
+            desk.decide("verify", each, holder, accepted(desk, each))
+    before = report(desk.workshop).people[1]
+    command = ["reopen", card_, "--workshop", str(folder), "--by", "organizer"]
+    assert CliRunner().invoke(app, command).exit_code == 0
+    assert desk.progress("verify", "ada").decided == 1
+    after = report(desk.workshop).people[1]
+    assert (after.open, after.hours) == (before.open + 2, before.hours)
+    for holder in (ADA, GRACE):
+        assert desk.seats("verify", other) == 0
+        take(desk, holder, card_)
+        assert card(desk, "verify", card_)["others"] == []
+        desk.decide("verify", card_, holder, accepted(desk, card_, 2.0))
+    found = outcome(desk.standing("verify", card_), desk.workshop.settings.verify)
+    assert found.corners == moved(region(desk, card_), 2.0)
 
 
 def test_what_is_withdrawn_waits_for_no_reader_in_desk_and_report_alike(desk: Desk) -> None:

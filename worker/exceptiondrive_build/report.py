@@ -220,7 +220,7 @@ def _people(workshop: Workshop, candidates: Mapping[str, Candidate]) -> tuple[Pe
     for kind, left in ((Kind.INSPECT, open_pictures), (Kind.VERIFY, open_regions)):
         times: dict[str, list[float]] = defaultdict(list)
         records = tuple(workshop.records.read(kind))
-        for record in records:
+        for record in (it for it in records if it.value is not None):
             times[person_key(record.by.person)].append(
                 datetime.fromisoformat(record.at).timestamp()
             )

@@ -1,4 +1,4 @@
-"""Commands at the end of the way: lint, freeze, withdraw."""
+"""Commands at the end of the way: lint, freeze, reopen, withdraw."""
 
 import json as json_module
 import shutil
@@ -39,6 +39,7 @@ def register(app: typer.Typer) -> None:
     """Add the commands to a command line."""
     app.command("lint")(lint_split)
     app.command("freeze")(freeze_split)
+    app.command("reopen")(reopen)
     app.command("withdraw")(withdraw)
 
 
@@ -148,6 +149,37 @@ def freeze_split(
             f"warning region_not_decided ({n_undecided:,}): accepted edits whose region waits for a "
             "reader; they are not in the split: `exceptiondrive-build review`"
         )
+
+
+def reopen(
+    sample_ids: Annotated[list[str], typer.Argument(metavar="ID...", help="Sample ids.")],
+    by: Annotated[str, typer.Option(help="Who asks for it.")],
+    workshop: WorkshopFolder = Path(),
+) -> None:
+    """Take back what readers said of regions: two people verify each again, from the proposal on."""
+    author = Author(person=person_named(by))
+    with Workshop(workshop) as shop:
+        known = walk(shop)
+        wrong = [key for key in sample_ids if key not in known or not known[key].verifications]
+        if wrong:
+            raise BuildError(
+                f"No region that was read in the workshop ({len(wrong):,}): {', '.join(wrong[:10])}."
+            )
+        shop.append(
+            *(
+                Record(
+                    kind=Kind.VERIFY,
+                    candidate=key,
+                    by=author,
+                    inputs=word.inputs,
+                    value=None,
+                    supersedes=word.id,
+                )
+                for key in dict.fromkeys(sample_ids)
+                for word in known[key].verifications
+            )
+        )
+    typer.echo(f"reopened: {len(set(sample_ids)):,}; next: `exceptiondrive-build review`")
 
 
 def withdraw(
