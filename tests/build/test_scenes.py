@@ -414,7 +414,10 @@ def test_scenes_are_read_into_a_workshop_one_keyframe_of_each(made: Path, tmp_pa
     folder = tmp_path / "shop"
     new_workshop(folder, "made-2027", "0" * 64)
     said = CliRunner().invoke(app, ["scenes", "read", str(made), "-w", str(folder)])
-    assert said.output == "3 keyframes of 3 scenes; with 21 tasks 63 combinations\n"
+    assert said.output.splitlines() == [
+        "3 keyframes of 3 scenes; with 21 tasks 63 combinations",
+        "9 further keyframes of these scenes are left out: --per-scene N takes N of each",
+    ]
     given = read_scenes(made).spread(1)
     with Workshop(folder) as workshop:
         assert [*workshop.keyframes] == [keyframe.keyframe_id for keyframe in given.keyframes]
@@ -475,6 +478,7 @@ def test_reading_replaces_and_says_how_many_keyframes_are_gone(made: Path, tmp_p
     assert "3 keyframes that stood here are gone, or have other pictures" in said.output
     all_of_them = CliRunner().invoke(app, [*command, "--per-scene", "4"])
     assert "gone" not in all_of_them.output
+    assert "left out" not in all_of_them.output
 
 
 @pytest.mark.parametrize("what", ["another set", "other pictures"])

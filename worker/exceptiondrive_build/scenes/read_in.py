@@ -23,7 +23,7 @@ def read_in(
     per_scene: int = 1,
     version: str | None = None,
     replace: bool = False,
-) -> tuple[tuple[Keyframe, ...], int]:
+) -> tuple[tuple[Keyframe, ...], int, int]:
     """Read scenes into a workshop, in the place of those that stand in it.
 
     What was decided of a keyframe stands as long as its pictures are the same. No keyframe of the
@@ -31,13 +31,14 @@ def read_in(
     where `replace` says so.
 
     Returns:
-        The keyframes that stand in it now; and how many stood in it before, and are gone or have
-        other pictures now: 0 where `replace` says that nobody minds.
+        The keyframes that stand in it now; how many more the source has; and how many stood in it
+        before, and are gone or have other pictures now: 0 where `replace` says that nobody minds.
 
     Raises:
         BuildError: What is wrong with the scenes, and where; or decided keyframes would go.
     """
-    scenes = read_scenes(source, version).spread(per_scene)
+    given = read_scenes(source, version)
+    scenes = given.spread(per_scene)
     if not scenes.keyframes:
         raise BuildError(f"{source}: no keyframe has a recorded path of 3 s.")
     kept = tuple(_kept(workshop, scenes, keyframe) for keyframe in scenes.keyframes)
@@ -45,7 +46,7 @@ def read_in(
     part = workshop.folder / f"{SCENES}.part"
     write_scenes(SceneSet(workshop.folder, kept), part)
     part.replace(workshop.folder / SCENES)
-    return kept, n_gone
+    return kept, len(given.keyframes) - len(kept), n_gone
 
 
 def _gone(folder: Path, kept: Sequence[Keyframe]) -> int:
