@@ -500,6 +500,34 @@ def test_decided_keyframes_do_not_go_without_a_word(what: str, set_: Path, tmp_p
     assert (shop / "scenes.jsonl").read_bytes() != before
 
 
+Points = tuple[tuple[float, float], ...]
+WRONG_PATHS: dict[str, Callable[[Points], Points]] = {
+    "x and y exchanged": lambda path: tuple((y, x) for x, y in path),
+    "backwards": lambda path: tuple((-x, -y) for x, y in path),
+    "the last point first": lambda path: path[::-1],
+}
+
+
+@pytest.mark.parametrize("how", WRONG_PATHS)
+def test_recorded_paths_that_no_car_makes_are_not_read_in(
+    how: str, set_: Path, tmp_path: Path
+) -> None:
+    scenes = read_scenes(set_)
+    wrong = tuple(
+        keyframe.model_copy(update={"recorded": WRONG_PATHS[how](keyframe.recorded or ())})
+        for keyframe in scenes.keyframes
+    )
+    write_scenes(SceneSet(set_, wrong), set_ / "scenes.jsonl")
+    new_workshop(tmp_path / "shop", "made-2027", "0" * 64)
+    command = ["scenes", "read", str(set_ / "scenes.jsonl"), "-w", str(tmp_path / "shop")]
+    said = CliRunner().invoke(app, command)
+    assert said.exit_code == 2
+    assert "No car makes 3 of 3 recorded drives that move" in said.output
+    assert "metres, x ahead and y left of the rear axle at t = 0, 0.5 s apart?" in said.output
+    with Workshop(tmp_path / "shop") as workshop:
+        assert workshop.keyframes == {}
+
+
 @pytest.mark.parametrize("what", ["picture", "path", "far"])
 def test_nothing_of_a_wrong_set_reaches_the_workshop(what: str, set_: Path, tmp_path: Path) -> None:
     new_workshop(tmp_path / "shop", "made-2027", "0" * 64)

@@ -222,7 +222,7 @@ def test_every_warning_is_explained_in_the_documentation() -> None:
     page = (root / "docs/building-a-split.md").read_text()
     rows = [line.split("|")[1] for line in page.splitlines() if line.startswith("| `")]
     explained = {code for cell in rows for code in re.findall(r"`([a-z_]+)`", cell)}
-    assert len(codes) == 18
+    assert len(codes) == 19
     assert {*codes, NO_RECORDED_DRIVE} <= explained
 
 
@@ -263,6 +263,10 @@ def box(x_m: float, y_m: float, length_m: float = 2.0, width_m: float = 2.0) -> 
         pytest.param(box(0, 20), 8.0, 0.0, {"x_and_y_exchanged", "behind_the_car"}, id="exchanged"),
         pytest.param(box(-9, 0), 8.0, 0.0, {"behind_the_car"}, id="behind"),
         pytest.param(box(10, 0), 6.0, 1 / 5, {"recorded_path_misses"}, id="ahead of a tight turn"),
+        pytest.param(box(20, 0), -4.0, 0.0, {"recorded_not_drivable"}, id="driven backwards"),
+        pytest.param(
+            box(20, 0), 65.0, 0.0, {"recorded_not_drivable", "unavoidable"}, id="too fast for a car"
+        ),
         pytest.param(
             box(5, 0, length_m=80, width_m=52), 8.0, 0.0, {"unusual_area", "unavoidable"}, id="huge"
         ),

@@ -14,6 +14,8 @@ from itertools import compress
 
 import numpy as np
 
+from exceptiondrive_schemas.check.drives import not_driven
+from exceptiondrive_schemas.check.tracks import Tracks
 from exceptiondrive_schemas.datasheet import NO_RECORDED_DRIVE, SplitWarning
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 from exceptiondrive_scoring.aliases import BoolArray, FloatArray, IntArray
@@ -109,6 +111,7 @@ def lint(
     arrays, geometry = split.arrays, protocol.geometry
     counted, scene, task = ~split.is_control, arrays.scene_index, arrays.task_index
     drives = _Drives(split, geometry)
+    drives_wrong = _not_driven(split, protocol)
     still_m, recorded_m = drives.clearance_m(drives.standing()), drives.of_recorded_m()
 
     def found(code: str, what: str, which: BoolArray) -> Iterator[LintWarning]:
@@ -144,6 +147,12 @@ def lint(
             _same_in_many(arrays.regions_m, scene),
         ),
         *found(
+            "recorded_not_drivable",
+            "no car makes the recorded path: it sets off aside or backwards, or is too fast, too sharp or "
+            "too sudden; planners that plan well would be called off course",
+            drives_wrong,
+        ),
+        *found(
             "x_and_y_exchanged",
             "the region lies aside, and ahead once x and y are exchanged",
             _x_y_exchanged(drives, recorded_m),
@@ -173,7 +182,8 @@ def lint(
             "recorded_path_misses",
             f"the recorded path keeps more than {MISS_M:g} m and d_safe from the region: who "
             "ignores it scores full",
-            (recorded_m > np.maximum(MISS_M, arrays.d_safe_m)) & (counted & ~behind & ~away),
+            (recorded_m > np.maximum(MISS_M, arrays.d_safe_m))
+            & (counted & ~behind & ~away & ~drives_wrong),
         ),
         *found(
             "unusual_area",
@@ -222,6 +232,19 @@ def lint(
             counted & ~split.has_recorded,
         ),
     )
+
+
+def _not_driven(split: LintedSplit, protocol: ProtocolDocument) -> BoolArray:
+    """Whether a sample has a recorded path that no car makes, (N,)."""
+    wrong, rows = (
+        np.zeros(len(split.sample_ids), dtype=np.bool_),
+        np.flatnonzero(split.has_recorded),
+    )
+    if split.arrays.recorded_m is not None:
+        paths = split.arrays.recorded_m[rows].reshape(len(rows), -1)
+        tracks = Tracks.of(paths.tolist(), protocol.geometry.waypoints)
+        wrong[rows[sorted(not_driven(tracks, protocol))]] = True
+    return wrong
 
 
 def _repeats_a_corner(regions_m: FloatArray) -> BoolArray:

@@ -16,6 +16,7 @@ from exceptiondrive_records.db.settings import SettingsError, load_settings
 from exceptiondrive_records.operations.logs import set_up_logs
 from exceptiondrive_records.operations.setup import DATA_HELP, opened
 from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_schemas.check.drives import drives_fault
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.protocol import (
@@ -214,7 +215,11 @@ def add_drives(
 ) -> None:
     """Write a split with the recorded drives of its scenes: they tell a planner that is off course."""
     split = with_drives(read_split(split_file), read_drives(drives_file), are_public=public)
-    load_split(split, _protocol(None))
+    protocol = _protocol(None)
+    load_split(split, protocol)
+    fault = drives_fault([it.recorded for it in split.samples if it.recorded], protocol)
+    if fault is not None:
+        raise SplitUnreadableError(f"{drives_file.name} holds no recorded drives: {fault}")
     if new_file.exists():
         raise FileExistsError(f"{new_file} is there already")
     text = split.model_dump_json(by_alias=True, exclude_none=True)

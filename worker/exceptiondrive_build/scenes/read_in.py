@@ -14,6 +14,7 @@ from exceptiondrive_build.scenes.nuscenes import read_nuscenes
 from exceptiondrive_build.scenes.scene_set import SceneSet
 from exceptiondrive_build.workshop import SCENES, Workshop
 from exceptiondrive_schemas.base import faults_in
+from exceptiondrive_schemas.check.drives import drives_fault
 
 
 def read_in(
@@ -42,6 +43,9 @@ def read_in(
     if not scenes.keyframes:
         raise BuildError(f"{source}: no keyframe has a recorded path of 3 s.")
     kept = tuple(_kept(workshop, scenes, keyframe) for keyframe in scenes.keyframes)
+    fault = drives_fault([it.recorded for it in kept if it.recorded], workshop.protocol)
+    if fault is not None:
+        raise BuildError(f"{source}: {fault}", "Mend the recorded paths; nothing is read in.")
     n_gone = 0 if replace else _gone(workshop.folder, kept)
     part = workshop.folder / f"{SCENES}.part"
     write_scenes(SceneSet(workshop.folder, kept), part)
