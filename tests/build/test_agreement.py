@@ -46,6 +46,13 @@ def test_two_that_agree_give_the_region_between_them() -> None:
     assert found.people == ("ada", "grace")
 
 
+@pytest.mark.parametrize("same", ["Anna", "ANNA", "\uff21nna", "anna"])
+def test_one_who_signs_in_otherwise_spelled_is_one_reader(same: str) -> None:
+    words = [word("Anna", SQUARE), word(same, SQUARE)]
+    assert outcome(words, LIMITS).state == "open"
+    assert outcome([*words, word("Anne", SQUARE)], LIMITS).people == (same, "Anne")
+
+
 def test_two_that_leave_the_proposal_keep_every_digit_of_it() -> None:
     odd = moved(0.123456789)
     assert outcome([word("ada", odd), word("grace", odd)], LIMITS).corners == odd
@@ -74,6 +81,16 @@ def test_a_third_reading_does_not_count_as_blind() -> None:
     """As after one of the blind ones is taken back."""
     left = [word("ada", SQUARE), word("lin", SQUARE, blind=False)]
     assert outcome(left, LIMITS).state == "open"
+
+
+@pytest.mark.parametrize("again", ["ada", "grace"])
+def test_a_third_word_is_about_the_two_that_the_third_saw(again: str) -> None:
+    seen = [word("ada", SQUARE), word("grace", None), word("lin", SQUARE, blind=False)]
+    left = [record for record in seen if record.by.person != again]
+    changed = [*left, word(again, moved(6.0 if again == "ada" else 9.0))]
+    assert outcome(changed, LIMITS).state == "third"
+    decided = outcome([*changed, word("lin", moved(6.5), blind=False)], LIMITS)
+    assert (decided.state, decided.corners) == ("verified", moved(6.5))
 
 
 @given(st.integers(0, 3), st.booleans(), st.floats(-3, 3), st.floats(-3, 3))

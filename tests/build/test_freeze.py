@@ -262,6 +262,23 @@ def test_the_datasheet_in_words_has_a_line_of_each_family(shop: Path) -> None:
         assert any(line.startswith(f"| {told} | ") for line in lines)
 
 
+def test_a_person_is_numbered_once_however_spelled(shop: Path) -> None:
+    with Workshop(shop) as workshop:
+        candidate = next(it for it in walk(workshop).values() if not it.inspections)
+        word = Inspected(passed=True)
+        told = record(
+            Kind.INSPECT, candidate.sample_id, PEOPLE[0].upper(), candidate.pictures, word
+        )
+        workshop.append(told)
+    sheet = Datasheet.model_validate_json(frozen(shop, "1")["datasheet.json"])
+    by_people = [(it.stage, it.by, it.decisions) for it in sheet.deciders if it.is_person]
+    assert by_people == [
+        ("inspect", "person 1", 6),
+        ("verify", "person 1", 42),
+        ("verify", "person 2", 42),
+    ]
+
+
 # Revisions.
 
 
@@ -382,6 +399,35 @@ def test_samples_decided_under_other_words_or_by_another_model_keep_their_place(
     assert "withdraw" not in told.output.lower()
     path.write_text(before)
     assert run(*command).exit_code == 0
+
+
+def test_regions_that_lie_wrong_are_verified_again_by_command(shop: Path) -> None:
+    first = split_of(frozen(shop, "1"))
+    ids = [sample.sample_id for sample in first.samples]
+    command = ("reopen", ids[3], ids[5], ids[5], "--workshop", shop, "--by", "ada")
+    refused = run(*command, "nobody")
+    assert (refused.exit_code, "(1): nobody." in refused.stderr) == (2, True)
+    result = run(*command)
+    assert (result.exit_code, result.output.split(";")[0]) == (0, "reopened: 2")
+    assert run(*command).exit_code == 2, "nobody has read them since"
+    previous = shop / "frozen" / "1" / "split.json.gz"
+    options = ("--workshop", shop, "--previous", previous, "--words", "Two lay wrong.")
+    told = run("freeze", shop / "frozen" / "2", *options)
+    assert told.exit_code == 2
+    assert f"(2): {ids[3]}, {ids[5]}." in told.stderr
+    assert "Have them inspected and verified: exceptiondrive-build review; or with" in told.stderr
+    with Workshop(shop) as workshop:
+        known = walk(workshop)
+        assert known[ids[3]].verifications == known[ids[5]].verifications == ()
+        for place, key in enumerate((ids[3], ids[5])):
+            region = tuple((x + 0.5, y + 0.1 * place) for x, y in first.samples[0].region)
+            word = Verified.model_validate({"accepted": True, "corners": region}, strict=False)
+            workshop.append(
+                *(record(Kind.VERIFY, key, p, known[key].pictures, word) for p in PEOPLE)
+            )
+    assert run("freeze", shop / "frozen" / "2", *options).exit_code == 0
+    moved = zip(first.samples, read_split(shop / "frozen/2/split.json.gz").samples, strict=True)
+    assert [a.sample_id for a, b in moved if a.region != b.region] == [ids[3], ids[5]]
 
 
 def test_a_previous_revision_that_is_not_as_it_was_frozen_is_refused(shop: Path) -> None:
@@ -755,6 +801,18 @@ def test_the_workshop_is_linted_and_so_is_a_file(shop: Path) -> None:
     assert RECORDS in {each.name for each in shop.iterdir()}
 
 
+def test_a_file_is_linted_without_a_workshop_unless_one_is_named(
+    shop: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frozen(shop, "1")
+    path = shop / "frozen" / "1" / "split.json.gz"
+    in_shop = run("lint", "--workshop", shop, "--file", path, "--json").output
+    monkeypatch.chdir(tmp_path)
+    assert run("lint", "--file", path, "--json").output == in_shop
+    refused = run("lint", "--workshop", tmp_path / "none", "--file", path)
+    assert (refused.exit_code, "no workshop" in refused.output) == (2, True)
+
+
 def test_a_file_that_cannot_be_scored_is_refused(shop: Path) -> None:
     split = split_of(frozen(shop, "1"))
     crossed = ((10.0, -1.0), (12.0, 1.0), (12.0, -1.0), (10.0, 1.0))
@@ -776,7 +834,10 @@ def test_a_jury_is_a_gate(shop: Path) -> None:
     split = split_of(frozen(shop, "1"))
     jury = shop / "jury"
     jury.mkdir()
-    slow = planning_file({it.sample_id: 0.2 for it in split.samples}, split=split.name)
+    slow, parked = (
+        planning_file({it.sample_id: speed_mps for it in split.samples}, split=split.name)
+        for speed_mps in (2.0, 0.0)
+    )
     fast = planning_file({it.sample_id: 12.0 for it in split.samples}, split=split.name)
     (jury / "fast.json").write_bytes(fast)
     command = ("lint", "--workshop", shop, "--jury", jury, "--json")
@@ -785,9 +846,11 @@ def test_a_jury_is_a_gate(shop: Path) -> None:
     found = {each["method"]: each for each in json.loads(passed.output)["jury"]}
     assert set(found) == {"FREEZE", "CONSTANT VELOCITY", "SOURCE AS EDITED", "fast"}
     assert found["FREEZE"]["ur"] == 0
+    (jury / "parked.json").write_bytes(parked)
     (jury / "slow.json").write_bytes(slow)
     refused = run(*command[:-1])
     assert refused.exit_code == 2
+    assert "jury parked: HCC 100.00, UR 0.00 no moving planner: stands_still, " in refused.output
     assert "jury slow: HCC 100.00, UR 0.00 OBJECTION: a moving planner has HCC" in refused.output
 
 

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 from tests.build.shop import make_shop
+from typer.testing import CliRunner
 
 from exceptiondrive_build.agreement import outcome
+from exceptiondrive_build.cli import app
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.records import Author, Kind, Record
 from exceptiondrive_build.report import report
@@ -195,6 +197,25 @@ def test_each_region_is_read_once_by_each_of_two_and_then_by_nobody(desk: Desk) 
     assert desk.progress("verify", "lin").decided == 21
 
 
+def test_a_reader_spelled_otherwise_gets_no_card_again(desk: Desk) -> None:
+    again = Holder("b4", "ADA")
+    held, read = desk.claim("verify", ADA, 2)
+    desk.decide("verify", read, ADA, accepted(desk, read))
+    assert {held, read}.isdisjoint(desk.claim("verify", again, 99))
+    assert desk.progress("verify", "ADA").mine == 1
+    undone = desk.undo("verify", again)
+    assert undone is not None
+    assert undone[0] == read
+
+
+def test_one_who_was_third_reads_blind_no_more_however_spelled(desk: Desk) -> None:
+    card_ = disputed(desk)
+    desk.decide("verify", card_, LIN, accepted(desk, card_, blind=False))
+    assert desk.undo("verify", ADA) is not None
+    assert desk.undo("verify", LIN) is not None
+    assert not desk.may_decide("verify", card_, "Lin")
+
+
 def test_a_reader_who_differs_is_not_told_and_a_third_decides(desk: Desk) -> None:
     (card_,) = desk.claim("verify", ADA, 1)
     desk.decide("verify", card_, ADA, accepted(desk, card_))
@@ -254,6 +275,25 @@ def test_a_card_whose_readings_changed_under_a_third_is_shown_anew(desk: Desk) -
     desk.decide("verify", card_, ADA, accepted(desk, card_, 3))
     found = outcome(desk.standing("verify", card_), desk.workshop.settings.verify)
     assert (found.state, found.people) == ("verified", ("grace", "ada"))
+
+
+def test_a_third_is_asked_again_where_the_two_have_changed(desk: Desk) -> None:
+    """Also where the third says the same, and as often as it changes."""
+    card_ = disputed(desk)
+    same = accepted(desk, card_, blind=False)
+    desk.decide("verify", card_, LIN, same)
+    for ahead_m in (6.0, 9.0):
+        assert desk.seats("verify", card_) == 0
+        assert desk.undo("verify", ADA) is not None
+        desk.decide("verify", card_, ADA, accepted(desk, card_, ahead_m))
+        assert desk.seats("verify", card_) == desk.progress("verify", "lin").third == 1
+        take(desk, LIN, card_)
+        desk.decide("verify", card_, LIN, same)
+    found = outcome(desk.standing("verify", card_), desk.workshop.settings.verify)
+    assert (found.state, found.corners) == ("verified", same.corners)
+    assert desk.undo("verify", LIN) is not None
+    assert desk.is_third(card_)
+    assert desk.undo("verify", LIN) is None
 
 
 def test_who_was_shown_what_others_said_reads_the_region_blind_no_more(desk: Desk) -> None:
@@ -333,6 +373,26 @@ def test_what_was_taken_back_is_no_decision_of_the_report(desk: Desk) -> None:
     desk.decide("inspect", card_, ADA, Inspected(passed=False, reason=Mark.VISIBILITY))
     (inspected, _) = report(desk.workshop).people
     assert inspected.decisions == desk.progress("inspect", "ada").mine == 1
+
+
+def test_a_region_that_is_reopened_goes_to_both_readers_again(desk: Desk, folder: Path) -> None:
+    card_, other = desk.cards("verify")[:2]
+    for holder in (ADA, GRACE):
+        for each in (card_, other):
+            desk.decide("verify", each, holder, accepted(desk, each))
+    before = report(desk.workshop).people[1]
+    command = ["reopen", card_, "--workshop", str(folder), "--by", "organizer"]
+    assert CliRunner().invoke(app, command).exit_code == 0
+    assert desk.progress("verify", "ada").decided == 1
+    after = report(desk.workshop).people[1]
+    assert (after.open, after.hours) == (before.open + 2, before.hours)
+    for holder in (ADA, GRACE):
+        assert desk.seats("verify", other) == 0
+        take(desk, holder, card_)
+        assert card(desk, "verify", card_)["others"] == []
+        desk.decide("verify", card_, holder, accepted(desk, card_, 2.0))
+    found = outcome(desk.standing("verify", card_), desk.workshop.settings.verify)
+    assert found.corners == moved(region(desk, card_), 2.0)
 
 
 def test_what_is_withdrawn_waits_for_no_reader_in_desk_and_report_alike(desk: Desk) -> None:

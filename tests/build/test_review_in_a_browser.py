@@ -156,6 +156,10 @@ def test_holding_flips_all_views_swiping_parts_them_and_zoom_moves_both(
         assert view.evaluate("one => getComputedStyle(one).visibility") == "hidden"
     page.keyboard.up(" ")
     assert edited.evaluate("one => getComputedStyle(one).visibility") == "visible"
+    page.keyboard.down("F")
+    expect(page.locator("#shown")).to_have_text("source")
+    page.keyboard.up("F")
+    expect(page.locator("#shown")).to_have_text("edited")
     press(page, "w", "w")
     expect(page.locator("#shown")).to_have_text("edited | source")
     assert "50%" in edited.evaluate("one => getComputedStyle(one).clipPath")
@@ -247,7 +251,11 @@ def test_a_moved_corner_is_projected_into_the_view_at_once_and_kept(
     page.locator("[data-corner='0'][data-axis='0']").press("Escape")
     press(page, "z")
     assert corners_on_screen(page) == dragged
-    press(page, "a")
+    press(page, "C", "ArrowUp", "Z")  # as with caps lock
+    assert corners_on_screen(page) == dragged
+    press(page, "X", "P")
+    assert corners_on_screen(page) == start
+    press(page, "z", "L", "V", "K", "T", "a")
     expect(page.locator("#notice")).to_contain_text("Say what you checked")
     decide(page, "l", "t", "a")
     (record,) = site.records(Kind.VERIFY)
@@ -287,6 +295,7 @@ def test_two_blind_readers_a_third_one_and_undo(site: Site, browser: Browser) ->
     decide(ada, *"cccc", *["Shift+ArrowUp"] * 4, "x", "a")
     agreed = decide(ada, "x", "a")
     refused = decide(ada, "r", "4")
+    expect(ada.locator("#pace")).to_contain_text("0 of 21 decided · 3 by you")
     grace = site.reviewer(browser, "grace")
     grace.on("response", listen)
     assert begin(grace, "verify") == disputed

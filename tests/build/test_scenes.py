@@ -414,7 +414,10 @@ def test_scenes_are_read_into_a_workshop_one_keyframe_of_each(made: Path, tmp_pa
     folder = tmp_path / "shop"
     new_workshop(folder, "made-2027", "0" * 64)
     said = CliRunner().invoke(app, ["scenes", "read", str(made), "-w", str(folder)])
-    assert said.output == "3 keyframes of 3 scenes; with 21 tasks 63 combinations\n"
+    assert said.output.splitlines() == [
+        "3 keyframes of 3 scenes; with 21 tasks 63 combinations",
+        "9 further keyframes of these scenes are left out: --per-scene N takes N of each",
+    ]
     given = read_scenes(made).spread(1)
     with Workshop(folder) as workshop:
         assert [*workshop.keyframes] == [keyframe.keyframe_id for keyframe in given.keyframes]
@@ -475,6 +478,7 @@ def test_reading_replaces_and_says_how_many_keyframes_are_gone(made: Path, tmp_p
     assert "3 keyframes that stood here are gone, or have other pictures" in said.output
     all_of_them = CliRunner().invoke(app, [*command, "--per-scene", "4"])
     assert "gone" not in all_of_them.output
+    assert "left out" not in all_of_them.output
 
 
 @pytest.mark.parametrize("what", ["another set", "other pictures"])
@@ -494,6 +498,34 @@ def test_decided_keyframes_do_not_go_without_a_word(what: str, set_: Path, tmp_p
     assert (shop / "scenes.jsonl").read_bytes() == before
     assert CliRunner().invoke(app, [*command, "--replace"]).exit_code == 0
     assert (shop / "scenes.jsonl").read_bytes() != before
+
+
+Points = tuple[tuple[float, float], ...]
+WRONG_PATHS: dict[str, Callable[[Points], Points]] = {
+    "x and y exchanged": lambda path: tuple((y, x) for x, y in path),
+    "backwards": lambda path: tuple((-x, -y) for x, y in path),
+    "the last point first": lambda path: path[::-1],
+}
+
+
+@pytest.mark.parametrize("how", WRONG_PATHS)
+def test_recorded_paths_that_no_car_makes_are_not_read_in(
+    how: str, set_: Path, tmp_path: Path
+) -> None:
+    scenes = read_scenes(set_)
+    wrong = tuple(
+        keyframe.model_copy(update={"recorded": WRONG_PATHS[how](keyframe.recorded or ())})
+        for keyframe in scenes.keyframes
+    )
+    write_scenes(SceneSet(set_, wrong), set_ / "scenes.jsonl")
+    new_workshop(tmp_path / "shop", "made-2027", "0" * 64)
+    command = ["scenes", "read", str(set_ / "scenes.jsonl"), "-w", str(tmp_path / "shop")]
+    said = CliRunner().invoke(app, command)
+    assert said.exit_code == 2
+    assert "No car makes 3 of 3 recorded drives that move" in said.output
+    assert "metres, x ahead and y left of the rear axle at t = 0, 0.5 s apart?" in said.output
+    with Workshop(tmp_path / "shop") as workshop:
+        assert workshop.keyframes == {}
 
 
 @pytest.mark.parametrize("what", ["picture", "path", "far"])

@@ -146,6 +146,18 @@ def test_a_path_that_is_something_else_is_named(
     assert said in result.output
 
 
+def test_without_a_workshop_the_advice_can_be_followed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    told = CliRunner().invoke(app, ["report"])
+    assert told.exit_code == 2
+    command = told.stderr.split("`")[1].replace("FOLDER", ".").replace("NAME", "made-2027").split()
+    assert command.pop(0) == "exceptiondrive-build"
+    assert CliRunner().invoke(app, command).exit_code == 0
+    assert CliRunner().invoke(app, ["report"]).exit_code == 0
+
+
 def test_records_are_appended_and_superseded_and_taken_back(workshop: Workshop) -> None:
     (first,) = workshop.append(word("a", ADA, True))
     workshop.append(word("a", GRACE, True))

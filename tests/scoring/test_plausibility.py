@@ -10,8 +10,8 @@ from tests.support import realdata
 
 from exceptiondrive_schemas.check.motion import (
     _progress,
-    _undrivable,
     motion_flags,
+    undrivable_rows,
     wrong_first_steps,
 )
 from exceptiondrive_schemas.check.tracks import PairTracks
@@ -296,7 +296,7 @@ def test_a_check_before_an_upload_judges_each_sample_as_the_scorer_does(
     undrivable = (measured.peak_acceleration_mps2 > section.max_acceleration_mps2) | (
         measured.tightest_turn_m < section.min_turn_radius_m
     )
-    assert _undrivable(tracks.edited, protocol) == set(
+    assert undrivable_rows(tracks.edited, protocol) == set(
         np.flatnonzero(undrivable[in_order]).tolist()
     )
     progress = measured_progress(measured, section)[both]

@@ -18,6 +18,8 @@ from exceptiondrive_scoring.split_lint import LintedSplit, LintWarning, lint
 Region = Sequence[Sequence[float]]
 Breaks = Callable[[int, SplitSample], dict[str, Any]]
 N_BAD = 60
+OF_FEW = {"few_scenes", "one_task", "few_scenes_of_a_family", "small_cells"}
+"""What a single sample has anyway."""
 
 
 @pytest.fixture(scope="module")
@@ -142,6 +144,24 @@ def test_one_scene_and_one_task_are_found(sound: Split, protocol: ProtocolDocume
     assert found_in(of_one_task, protocol)["one_task"].count == 20
 
 
+@pytest.mark.parametrize(("n_scenes", "is_told"), [(4, True), (5, False), (0, False)])
+def test_a_family_in_few_scenes_is_named(
+    sound: Split, protocol: ProtocolDocument, n_scenes: int, is_told: bool
+) -> None:
+    """One that has no sample at all is no part of the mean."""
+    scenes = sorted({it.scene_id for it in sound.samples if it.task.startswith("SR")})[:n_scenes]
+    samples = [it for it in sound.samples if not it.task.startswith("SR") or it.scene_id in scenes]
+    few = {it.sample_id for it in samples if it.task.startswith("SR")}
+    ranking = protocol.ranking.model_copy(update={"min_scenes": 5})
+    stricter = protocol.model_copy(update={"ranking": ranking})
+    found = found_in(samples, stricter).get("few_scenes_of_a_family")
+    assert (found is not None) == is_told
+    if found is not None:
+        assert set(found.sample_ids) == few
+        assert "fewer than 5 scenes: it has no interval" in found.what
+        assert found.what.endswith(": signal_and_rule_conflict")
+
+
 def test_small_cells_are_named(sound: Split, protocol: ProtocolDocument) -> None:
     without_signals = [sample for sample in sound.samples if not sample.task.startswith("SR")]
     cells = found_in(without_signals, protocol)["small_cells"]
@@ -150,6 +170,18 @@ def test_small_cells_are_named(sound: Split, protocol: ProtocolDocument) -> None
     publication = protocol.publication.model_copy(update={"min_samples_per_cell": 21})
     stricter = protocol.model_copy(update={"publication": publication})
     assert found_in(sound.samples, stricter)["small_cells"].count == 21
+
+
+def test_cells_below_the_floor_of_a_withheld_split_are_named_whatever_the_protocol_shows(
+    sound: Split, protocol: ProtocolDocument
+) -> None:
+    arrays = split_arrays(sound.samples, protocol.taxonomy)
+    split = LintedSplit(
+        [it.sample_id for it in sound.samples], arrays, np.zeros(arrays.n_samples, dtype=np.bool_)
+    )
+    (cells,) = (it for it in lint(split, protocol, 100) if it.code == "small_cells")
+    assert cells.count == 6 + 21
+    assert "100, the least that is published of a withheld split: sudden_emergence, " in cells.what
 
 
 def test_size_and_distance_far_from_the_usual_are_found(
@@ -190,7 +222,7 @@ def test_every_warning_is_explained_in_the_documentation() -> None:
     page = (root / "docs/building-a-split.md").read_text()
     rows = [line.split("|")[1] for line in page.splitlines() if line.startswith("| `")]
     explained = {code for cell in rows for code in re.findall(r"`([a-z_]+)`", cell)}
-    assert len(codes) == 17
+    assert len(codes) == 19
     assert {*codes, NO_RECORDED_DRIVE} <= explained
 
 
@@ -230,6 +262,14 @@ def box(x_m: float, y_m: float, length_m: float = 2.0, width_m: float = 2.0) -> 
         pytest.param(box(20, 0), 8.0, 1 / 20, {"recorded_path_misses"}, id="past the bend"),
         pytest.param(box(0, 20), 8.0, 0.0, {"x_and_y_exchanged", "behind_the_car"}, id="exchanged"),
         pytest.param(box(-9, 0), 8.0, 0.0, {"behind_the_car"}, id="behind"),
+        pytest.param(box(10, 0), 6.0, 1 / 5, {"recorded_path_misses"}, id="ahead of a tight turn"),
+        pytest.param(box(20, 0), -4.0, 0.0, {"recorded_not_drivable"}, id="driven backwards"),
+        pytest.param(
+            box(20, 0), 65.0, 0.0, {"recorded_not_drivable", "unavoidable"}, id="too fast for a car"
+        ),
+        pytest.param(
+            box(5, 0, length_m=80, width_m=52), 8.0, 0.0, {"unusual_area", "unavoidable"}, id="huge"
+        ),
         pytest.param(box(20, 0), 0.0, 0.0, {"recorded_path_misses"}, id="a car that stands"),
     ],
 )
@@ -241,7 +281,7 @@ def test_a_recorded_path_tells_more(
     expected: set[str],
 ) -> None:
     found = found_in([one(region)], protocol, {"one": straight(speed_mps, bend_per_m)})
-    about_the_split = {"few_scenes", "one_task", "small_cells", "standing_still_suffices"}
+    about_the_split = {*OF_FEW, "standing_still_suffices"}
     assert set(found) - about_the_split == expected
 
 
@@ -264,12 +304,24 @@ def test_a_control_is_judged_the_other_way_round(
 ) -> None:
     paths = {"one": recorded} if recorded else None
     found = found_in([one(region)], protocol, paths, controls=["one"])
-    assert set(found) - {"few_scenes", "one_task", "small_cells"} == expected
+    assert set(found) - OF_FEW == expected
 
 
-def test_a_split_with_controls_is_not_told_that_standing_suffices(
-    sound: Split, protocol: ProtocolDocument
+@pytest.mark.parametrize("n", [1, 19, 20])
+def test_controls_tell_a_standing_car_where_they_are_as_many_as_the_flag_asks_for(
+    sound: Split, protocol: ProtocolDocument, n: int
 ) -> None:
-    control = one(box(20, 9)).model_copy(update={"scene_id": "sample-scene-001"})
-    found = found_in([*sound.samples, control], protocol, controls=["one"])
+    controls = {
+        f"control-{row}": one(box(20 + row / 100, 9)).model_copy(
+            update={"sample_id": f"control-{row}", "scene_id": "sample-scene-001"}
+        )
+        for row in range(n)
+    }
+    found = found_in([*sound.samples, *controls.values()], protocol, controls=list(controls))
+    suffices = found.pop("standing_still_suffices", None)
     assert set(found) == {NO_RECORDED_DRIVE}
+    assert (suffices is None) == (n == 20)
+    if suffices is not None:
+        assert suffices.what.endswith(
+            f"only with 20 controls it is told from a careful one; there are {n}"
+        )

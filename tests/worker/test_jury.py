@@ -55,6 +55,7 @@ def test_a_split_that_tells_nobody_apart_is_objected_to(
     aside = with_regions(sample_split(), (0.0, 60.0))
     found = judged(aside, protocol, planners(tmp_path / "files"), tmp_path / "kept")
     assert "tells nobody apart" in found["late-braker"].objection
+    assert found["late-braker"].flags == ()
     assert found["FREEZE"].objection == ""
 
 
@@ -74,6 +75,37 @@ def test_regions_that_crowd_the_start_and_paths_that_miss_are_objected_to(
     missed = sample_split().model_copy(update={"samples": tuple(parked)})
     verdict = judged(missed, protocol, {}, tmp_path / "2")["SOURCE AS EDITED"]
     assert "should hit at least 50%" in verdict.objection
+
+
+@pytest.mark.parametrize(
+    ("source_mps", "edited_mps", "flags"),
+    [
+        (0.0, 0.0, {"source_stands_still"}),
+        (8.0, 0.0, {"stands_still", "hardly_moves"}),
+        (8.0, 1.0, {"hardly_moves"}),
+    ],
+)
+def test_a_file_that_does_not_move_is_no_moving_planner(
+    tmp_path: Path,
+    protocol: ProtocolDocument,
+    source_mps: float,
+    edited_mps: float,
+    flags: set[str],
+) -> None:
+    split = with_regions(sample_split(), (20.0, 0.0))
+
+    def path(speed_mps: float) -> list[list[float]]:
+        return [[0.5 * speed_mps * step, 0.0] for step in range(1, 7)]
+
+    rows = [
+        {"sample_id": it.sample_id, "source": path(source_mps), "edited": path(edited_mps)}
+        for it in split.samples
+    ]
+    document = {"schema": "exceptiondrive.planning/1", "split": split.name, "predictions": rows}
+    found = judged(split, protocol, {"zeros": json.dumps(document).encode()}, tmp_path)["zeros"]
+    assert found.hcc is not None
+    assert found.hcc > 0.95
+    assert (set(found.flags), found.objection) == (flags, "")
 
 
 def test_a_file_that_cannot_be_scored_is_an_objection(

@@ -361,6 +361,81 @@ def test_registering_tells_the_server_how_many_samples_are_doubtful_and_not_whic
     assert "canary" not in warnings.model_dump_json()
 
 
+def test_cells_are_small_by_the_floor_of_the_split_until_it_is_public(
+    operate: Operate, tmp_path: Path, sqlite_url: str
+) -> None:
+    def small_cells() -> str:
+        with Database(sqlite_url).read() as session:
+            (row,) = list_splits(session)
+            return "".join(it.what for it in row.warnings.found if it.code == "small_cells")
+
+    operate("make-sample")
+    path = tmp_path / "splits" / "sample" / "split.json.gz"
+    assert "fewer samples than 100, " in operate("check-split", str(path))[1]
+    floors = path.with_name("floors.toml")
+    floors.unlink()
+    operate("register-splits")
+    assert "fewer samples than 100, the least that is published of a withheld" in small_cells()
+    floors.write_text("min_samples_per_cell = 21")
+    operate("register-splits")
+    assert "fewer samples than 21, " in small_cells()
+    for command in (("publish-split", "sample"), ("register-splits",)):
+        assert operate(*command)[0] == 0
+        assert small_cells() == ""
+
+
+WRONG_DRIVES: dict[str, tuple[Callable[[float], list[list[float]]], int, str]] = {
+    "another frame": (
+        lambda speed: [[0.0, speed * step] for step in range(1, 7)],
+        24,
+        "looks like x right / y forward: swap to (y, -x)",
+    ),
+    "few in another frame": (
+        lambda speed: [[0.0, speed * step] for step in range(1, 7)],
+        4,
+        "No car makes 4 of 4 recorded drives that move",
+    ),
+    "one point": (lambda speed: [[speed + 190, 0.0]] * 6, 24, "looks like one point repeated"),
+    "few of one point": (lambda speed: [[speed + 190, 0.0]] * 6, 3, "No car makes 3 of 3 recorded"),
+}
+
+
+@pytest.mark.parametrize("what", WRONG_DRIVES)
+def test_drives_that_an_upload_could_not_hold_are_not_added(
+    operate: Operate, tmp_path: Path, make_split: MakeSplit, what: str
+) -> None:
+    path, n, words = WRONG_DRIVES[what]
+    split = make_split({f"s{row}": {} for row in range(n)})
+    held, drives, new = put(tmp_path, split), tmp_path / "drives.json", tmp_path / "new.json.gz"
+    rows = [
+        {"sample_id": f"s{row}", "source": path(2 + row / 10), "edited": None} for row in range(n)
+    ]
+    document = {"schema": "exceptiondrive.planning/1", "split": "tiny", "predictions": rows}
+    drives.write_text(json.dumps(document))
+    code, out, err = operate("add-drives", str(held), str(drives), str(new))
+    assert (code, out, new.exists()) == (2, "", False)
+    assert "drives.json holds no recorded drives: " in err
+    assert words in err
+
+
+def test_a_single_car_that_backs_out_is_warned_of_and_refuses_nothing(
+    operate: Operate, tmp_path: Path, make_split: MakeSplit
+) -> None:
+    held = put(tmp_path, make_split({"back": {}, "ahead": {}}))
+    drives, new = tmp_path / "drives.json", tmp_path / "new.json.gz"
+    rows = [
+        {"sample_id": key, "source": [[pace * step, 0.0] for step in range(1, 7)], "edited": None}
+        for key, pace in (("back", -1.0), ("ahead", 3.0))
+    ]
+    document = {"schema": "exceptiondrive.planning/1", "split": "tiny", "predictions": rows}
+    drives.write_text(json.dumps(document))
+    assert operate("add-drives", str(held), str(drives), str(new))[0] == 0
+    out = operate("check-split", str(new))[1]
+    (line,) = (line for line in out.splitlines() if "recorded_not_drivable" in line)
+    assert line.startswith("warning recorded_not_drivable (1): no car makes the recorded path: ")
+    assert line.endswith(": back")
+
+
 @pytest.mark.parametrize(
     ("command", "told"),
     [

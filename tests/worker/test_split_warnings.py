@@ -23,13 +23,19 @@ from exceptiondrive_worker.splits.warnings import split_warnings
             {
                 "unavoidable": 39,
                 "within_d_safe_of_the_start": 115,
+                "small_cells": 6,
                 "standing_still_suffices": 3066,
                 "no_recorded_drive": 3181,
             },
         ),
         (
             "carla-pairs",
-            {"unavoidable": 27, "within_d_safe_of_the_start": 84, "no_recorded_drive": 1257},
+            {
+                "unavoidable": 27,
+                "within_d_safe_of_the_start": 84,
+                "small_cells": 22,
+                "no_recorded_drive": 1257,
+            },
         ),
     ],
 )
@@ -56,6 +62,7 @@ def test_recorded_paths_tell_what_was_unavoidable_at_the_true_speed(
     assert found == {
         "unavoidable": 309,
         "within_d_safe_of_the_start": 115,
+        "small_cells": 6,
         "standing_still_suffices": 3066,
     }
 
@@ -68,6 +75,7 @@ def test_the_made_extract_warns_of_what_it_was_made_with(protocol: ProtocolDocum
         "unavoidable": 2,
         "within_d_safe_of_the_start": 3,
         "unusual_area": 2,
+        "small_cells": 27,
         "standing_still_suffices": 157,
         "no_recorded_drive": 160,
     }

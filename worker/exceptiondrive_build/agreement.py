@@ -13,7 +13,7 @@ import krippendorff
 import numpy as np
 import shapely
 
-from exceptiondrive_build.records import Record
+from exceptiondrive_build.records import Record, person_key
 from exceptiondrive_build.settings import VerifySection
 from exceptiondrive_build.values import Corners, Verified
 from exceptiondrive_schemas.datasheet import Agreement
@@ -40,10 +40,10 @@ class Outcome:
 
 def readings(records: Sequence[Record]) -> list[tuple[str, Verified]]:
     """The newest reading of each person, in the order of the records."""
-    newest = {str(record.by.person): record for record in records if record.value is not None}
-    ordered = sorted(newest.items(), key=lambda item: item[1].id or 0)
+    newest = {person_key(it.by.person): it for it in records if it.value is not None}
     return [
-        (person, Verified.model_validate(record.value, strict=False)) for person, record in ordered
+        (str(record.by.person), Verified.model_validate(record.value, strict=False))
+        for record in sorted(newest.values(), key=lambda record: record.id or 0)
     ]
 
 
@@ -55,8 +55,10 @@ def blind_pair(records: Sequence[Record]) -> tuple[tuple[str, Verified], ...]:
 def outcome(records: Sequence[Record], limits: VerifySection) -> Outcome:
     """What the standing verifications of one candidate come to; they come oldest first.
 
-    The region of two that agree lies in the middle between theirs; a third reader's word is final.
+    The region of two that agree lies in the middle between theirs; a third reader's word is final,
+    unless one of the two has decided anew since.
     """
+    words = readings(records)
     pair = blind_pair(records)
     if len(pair) < N_BLIND:
         return Outcome("open")
@@ -68,7 +70,7 @@ def outcome(records: Sequence[Record], limits: VerifySection) -> Outcome:
     )
     if between is not None:
         return Outcome("verified", between, people)
-    for person, word in reversed(readings(records)):
+    for person, word in reversed(words[words.index(pair[-1]) :]):
         if not word.blind:
             everybody = (*people, person)
             if word.accepted:

@@ -33,6 +33,10 @@ COMMANDS = {
         "Warn of what makes the split a bad benchmark.",
     ),
     "freeze": ("exceptiondrive_build.freezing.commands", "Write the split and its datasheet."),
+    "reopen": (
+        "exceptiondrive_build.freezing.commands",
+        "Have regions that lie wrong verified again.",
+    ),
     "withdraw": (
         "exceptiondrive_build.freezing.commands",
         "Count samples no more from a revision on.",

@@ -14,7 +14,7 @@ from exceptiondrive_build.agreement import outcome
 from exceptiondrive_build.candidates import Candidate, walk
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.inspection import draw
-from exceptiondrive_build.records import Kind, Record
+from exceptiondrive_build.records import Kind, Record, person_key
 from exceptiondrive_build.settings import InspectSection, VerifySection
 from exceptiondrive_build.values import Edited
 from exceptiondrive_build.workshop import Workshop
@@ -123,13 +123,13 @@ def deciders(workshop: Workshop, candidates: Iterable[Candidate]) -> tuple[Decid
     models = workshop.settings.models.items()
     digests = {stage: content_digest(workshop.text(model.prompt)) for stage, model in models}
     records = [record for it in candidates for record in _standing(it)]
-    people = sorted({record.by.person for record in records if record.by.person is not None})
-    counts = Counter((record.kind, record.by.model, record.by.person) for record in records)
-    order = sorted(counts, key=lambda key: (list(Kind).index(key[0]), key[1] or "", key[2] or ""))
+    counts = Counter((it.kind, it.by.model, person_key(it.by.person)) for it in records)
+    people = sorted({person for _, model, person in counts if model is None})
+    order = sorted(counts, key=lambda key: (list(Kind).index(key[0]), key[1] or "", key[2]))
     return tuple(
         Decider(
             stage=kind.value,
-            by=model or f"person {people.index(str(person)) + 1}",
+            by=model or f"person {people.index(person) + 1}",
             is_person=model is None,
             decisions=counts[kind, model, person],
             prompt=digests.get(kind, "") if model else "",

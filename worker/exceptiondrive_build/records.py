@@ -7,6 +7,7 @@ ends the process; several processes may append at once.
 
 import json
 import sqlite3
+import unicodedata
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
@@ -78,6 +79,11 @@ def person_named(name: str) -> str:
     if not (0 < len(name) <= MAX_NAME_LENGTH and name.isprintable()):
         raise BuildError(f"Give a name of at most {MAX_NAME_LENGTH} characters.")
     return name
+
+
+def person_key(name: str | None) -> str:
+    """Return what is the same for all spellings of a name: it tells one person from another."""
+    return unicodedata.normalize("NFKC", name or "").casefold()
 
 
 def now_text() -> str:

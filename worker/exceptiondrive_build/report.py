@@ -19,7 +19,7 @@ from exceptiondrive_build.dry_run import StagePlan, dry_run
 from exceptiondrive_build.editing import EditStage
 from exceptiondrive_build.inspection import to_inspect
 from exceptiondrive_build.numbers import audit, cells, is_verified
-from exceptiondrive_build.records import Kind, standing
+from exceptiondrive_build.records import Kind, person_key, standing
 from exceptiondrive_build.values import Edited, Mark, Reviewed, Screened, Unanswered
 from exceptiondrive_build.workshop import Workshop
 from exceptiondrive_schemas.base import Document
@@ -220,8 +220,10 @@ def _people(workshop: Workshop, candidates: Mapping[str, Candidate]) -> tuple[Pe
     for kind, left in ((Kind.INSPECT, open_pictures), (Kind.VERIFY, open_regions)):
         times: dict[str, list[float]] = defaultdict(list)
         records = tuple(workshop.records.read(kind))
-        for record in records:
-            times[str(record.by.person)].append(datetime.fromisoformat(record.at).timestamp())
+        for record in (it for it in records if it.value is not None):
+            times[person_key(record.by.person)].append(
+                datetime.fromisoformat(record.at).timestamp()
+            )
         decisions = sum(map(len, standing(records).values()))
         gaps = [b - a for one in times.values() for a, b in pairwise(sorted(one))]
         worked = [gap for gap in gaps if gap <= PAUSE_S]

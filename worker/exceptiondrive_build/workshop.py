@@ -39,7 +39,10 @@ RECORDS = "records.sqlite3"
 IMAGES = "images"
 ANSWERS = "answers"
 _READ_AGAIN = "Read the scenes in again: exceptiondrive-build scenes read SOURCE --replace"
-_ADVICE = "`exceptiondrive-build new FOLDER` makes a workshop with all files that it needs."
+_ADVICE = (
+    "`exceptiondrive-build new FOLDER --name NAME` makes a workshop with all files that it needs; "
+    "--workshop FOLDER names one."
+)
 
 
 class Workshop:

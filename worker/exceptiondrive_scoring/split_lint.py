@@ -14,9 +14,10 @@ from itertools import compress
 
 import numpy as np
 
+from exceptiondrive_schemas.check.drives import not_driven
+from exceptiondrive_schemas.check.tracks import Tracks
 from exceptiondrive_schemas.datasheet import NO_RECORDED_DRIVE, SplitWarning
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
-from exceptiondrive_schemas.taxonomy import Taxonomy
 from exceptiondrive_scoring.aliases import BoolArray, FloatArray, IntArray
 from exceptiondrive_scoring.arrays import SplitArrays
 from exceptiondrive_scoring.clearance import clearance_m
@@ -38,6 +39,8 @@ SWERVES_M = (1.0, 2.0, 3.5, 5.0, ROAD_REACH_M)
 MISS_M = 3.0
 """A recorded path that keeps more than this from a region does not meet it."""
 SAME_CORNER_M = 0.01
+LARGEST_M2 = 500.0
+"""More than any hazard within 3 s takes: a lane is 3.5 m wide. Real ones have up to 42 m2."""
 USUAL_FACTOR = 5.0
 """How many times a task's median is far from it."""
 LEAST_FOR_USUAL = 10
@@ -97,15 +100,18 @@ class LintedSplit:
         return given
 
 
-def lint(split: LintedSplit, protocol: ProtocolDocument) -> tuple[LintWarning, ...]:
+def lint(
+    split: LintedSplit, protocol: ProtocolDocument, min_samples_per_cell: int = 1
+) -> tuple[LintWarning, ...]:
     """Every doubt about a split that can be scored, in a fixed order.
 
     It holds all samples that are not withdrawn, their regions finite, simple and clear of the footprint
-    at t = 0.
+    at t = 0. Cells smaller than the split's floor, or than those of the protocol, are small.
     """
     arrays, geometry = split.arrays, protocol.geometry
     counted, scene, task = ~split.is_control, arrays.scene_index, arrays.task_index
     drives = _Drives(split, geometry)
+    drives_wrong = _not_driven(split, protocol)
     still_m, recorded_m = drives.clearance_m(drives.standing()), drives.of_recorded_m()
 
     def found(code: str, what: str, which: BoolArray) -> Iterator[LintWarning]:
@@ -122,7 +128,8 @@ def lint(split: LintedSplit, protocol: ProtocolDocument) -> tuple[LintWarning, .
     area_m2 = np.abs(signed_area_m2(arrays.regions_m))
     distance_m = np.linalg.norm(arrays.regions_m.mean(axis=1), axis=-1)
     suffices = counted & (still_m >= arrays.d_safe_m)
-    nearly_all = suffices.sum() >= NEARLY_ALL * counted.sum() and not split.is_control.any()
+    n_controls, enough = int(split.is_control.sum()), protocol.plausibility.flag_family_min_samples
+    nearly_all = suffices.sum() >= NEARLY_ALL * counted.sum() and n_controls < enough
     return (
         *found(
             "odd_sample_id",
@@ -138,6 +145,12 @@ def lint(split: LintedSplit, protocol: ProtocolDocument) -> tuple[LintWarning, .
             "one_region_in_many_samples",
             f"the same region stands in samples of several scenes, or in {MANY_ALIKE} or more",
             _same_in_many(arrays.regions_m, scene),
+        ),
+        *found(
+            "recorded_not_drivable",
+            "no car makes the recorded path: it sets off aside or backwards, or is too fast, too sharp or "
+            "too sudden; planners that plan well would be called off course",
+            drives_wrong,
         ),
         *found(
             "x_and_y_exchanged",
@@ -169,13 +182,14 @@ def lint(split: LintedSplit, protocol: ProtocolDocument) -> tuple[LintWarning, .
             "recorded_path_misses",
             f"the recorded path keeps more than {MISS_M:g} m and d_safe from the region: who "
             "ignores it scores full",
-            (recorded_m > np.maximum(MISS_M, arrays.d_safe_m)) & (counted & ~behind & ~away),
+            (recorded_m > np.maximum(MISS_M, arrays.d_safe_m))
+            & (counted & ~behind & ~away & ~drives_wrong),
         ),
         *found(
             "unusual_area",
-            f"the area of the region is over {USUAL_FACTOR:g} times, or under 1/{USUAL_FACTOR:g} "
-            "of, the task's median",
-            _far_from_usual(area_m2, task, counted),
+            f"the area of the region is over {LARGEST_M2:g} m2, or over {USUAL_FACTOR:g} times, or under "
+            f"1/{USUAL_FACTOR:g} of, the task's median",
+            _far_from_usual(area_m2, task, counted) | (counted & (area_m2 > LARGEST_M2)),
         ),
         *found(
             "unusual_distance",
@@ -202,11 +216,12 @@ def lint(split: LintedSplit, protocol: ProtocolDocument) -> tuple[LintWarning, .
             len(np.unique(scene[counted])) < LEAST_SCENES,
         ),
         *everything("one_task", "all samples are of one task", len(np.unique(task[counted])) == 1),
-        *_small_cells(split, protocol.taxonomy, protocol.publication.min_samples_per_cell),
+        *_few_scenes_of_a_family(split, protocol),
+        *_small_cells(split, protocol, min_samples_per_cell),
         *found(
             "standing_still_suffices",
-            "a car that stands still scores full in (nearly) all samples, and there is no control "
-            "to tell it from a careful one",
+            "a car that stands still scores full in (nearly) all samples, and only with "
+            f"{enough} controls it is told from a careful one; there are {n_controls}",
             suffices & nearly_all,
         ),
         *found(
@@ -217,6 +232,19 @@ def lint(split: LintedSplit, protocol: ProtocolDocument) -> tuple[LintWarning, .
             counted & ~split.has_recorded,
         ),
     )
+
+
+def _not_driven(split: LintedSplit, protocol: ProtocolDocument) -> BoolArray:
+    """Whether a sample has a recorded path that no car makes, (N,)."""
+    wrong, rows = (
+        np.zeros(len(split.sample_ids), dtype=np.bool_),
+        np.flatnonzero(split.has_recorded),
+    )
+    if split.arrays.recorded_m is not None:
+        paths = split.arrays.recorded_m[rows].reshape(len(rows), -1)
+        tracks = Tracks.of(paths.tolist(), protocol.geometry.waypoints)
+        wrong[rows[sorted(not_driven(tracks, protocol))]] = True
+    return wrong
 
 
 def _repeats_a_corner(regions_m: FloatArray) -> BoolArray:
@@ -240,7 +268,7 @@ def _same_in_many(regions_m: FloatArray, scene_index: IntArray) -> BoolArray:
 
 
 def _x_y_exchanged(drives: "_Drives", recorded_m: FloatArray) -> BoolArray:
-    """Aside of the recorded path, and on it when exchanged; without one, most of a group aside.
+    """Aside, off the recorded path, and on it when exchanged; without one, most of a group aside.
 
     A single region may well lie more to the side than ahead, in a bend; a scene, a task or a whole
     split of such regions comes from a mistaken frame.
@@ -255,7 +283,7 @@ def _x_y_exchanged(drives: "_Drives", recorded_m: FloatArray) -> BoolArray:
     for group in (whole, arrays.scene_index, arrays.task_index):
         sizes, n_aside = np.bincount(group), np.bincount(group[aside], minlength=group.max() + 1)
         mostly |= ((n_aside >= LEAST_EXCHANGED) & (2 * n_aside > sizes))[group]
-    return np.where(split.has_recorded, meets_exchanged & ~split.is_control, aside & mostly)
+    return aside & np.where(split.has_recorded, meets_exchanged, mostly)
 
 
 def _far_from_usual(values: FloatArray, task_index: IntArray, counted: BoolArray) -> BoolArray:
@@ -268,8 +296,29 @@ def _far_from_usual(values: FloatArray, task_index: IntArray, counted: BoolArray
     return far
 
 
-def _small_cells(split: LintedSplit, taxonomy: Taxonomy, least: int) -> Iterator[LintWarning]:
+def _few_scenes_of_a_family(
+    split: LintedSplit, protocol: ProtocolDocument
+) -> Iterator[LintWarning]:
+    arrays, least = split.arrays, protocol.ranking.min_scenes
+    pairs = np.stack([arrays.family_index, arrays.scene_index], axis=1)[~split.is_control]
+    n_scenes = np.bincount(np.unique(pairs, axis=0)[:, 0])
+    few = np.flatnonzero((n_scenes > 0) & (n_scenes < least))
+    ids = split.ids_of(~split.is_control & np.isin(arrays.family_index, few))
+    if ids:
+        names = ", ".join(protocol.families[family].id for family in few)
+        what = (
+            f"the family has samples in fewer than {least} scenes: it has no interval, and that of the mean "
+            f"of families is as wide as so few make it: {names}"
+        )
+        yield LintWarning("few_scenes_of_a_family", what, len(ids), ids)
+
+
+def _small_cells(
+    split: LintedSplit, protocol: ProtocolDocument, floor: int
+) -> Iterator[LintWarning]:
     """Families and tasks with fewer samples than are published, empty ones too."""
+    taxonomy, shown_from = protocol.taxonomy, protocol.publication.min_samples_per_cell
+    least, withheld = max(floor, shown_from), " of a withheld split" * (floor > shown_from)
     counted, names, rows = ~split.is_control, [], np.zeros(len(split.sample_ids), dtype=np.bool_)
     cells = (
         (taxonomy.families, split.arrays.family_index),
@@ -281,8 +330,11 @@ def _small_cells(split: LintedSplit, taxonomy: Taxonomy, least: int) -> Iterator
             names.append(members[position].id)
             rows |= counted & (index == position)
     if names:
-        what = f"families and tasks with fewer samples than {least}, the least that is published: "
-        yield LintWarning("small_cells", what + ", ".join(names), len(names), split.ids_of(rows))
+        what = (
+            f"families and tasks with fewer samples than {least}, the least that is published{withheld}: "
+            + ", ".join(names)
+        )
+        yield LintWarning("small_cells", what, len(names), split.ids_of(rows))
 
 
 class _Drives:

@@ -23,20 +23,24 @@ STANDS_SAFE = 0.95
 UNAWARE_HITS = 0.5
 """UR of who drives on as recorded, at least: else most regions call for no response."""
 TOO_EASY = 0.95
-"""HCC of a known planner, at most: above, the split tells nobody apart."""
+"""HCC of a planner that moves, at most: above, the split tells nobody apart."""
+STANDING = frozenset({"stands_still", "source_stands_still", "hardly_moves"})
+"""Flags of files that do not move: their HCC says nothing about the split."""
 
 
 @dataclass(frozen=True)
 class Verdict:
     """How a member of the jury, a reference row or a file, fares by the average that ranks.
 
-    HCC and UR are None where it was not scored. The objection says what is not as expected.
+    HCC and UR are None where it was not scored. The objection says what is not as expected; with one
+    of the flags it is no moving planner, and nothing is expected of its HCC.
     """
 
     method: str
     hcc: float | None
     ur: float | None
     objection: str = ""
+    flags: tuple[str, ...] = ()
 
 
 def files_of_jury(folder: Path) -> dict[str, bytes]:
@@ -77,10 +81,12 @@ def _verdict(stages: Stages, target: Target, method: str) -> Verdict:
         why = "; ".join(f"{group.code.value} ({group.count:,})" for group in faults)
         return Verdict(method, None, None, why)
     row = sheet.average(target.protocol.grading.headline)
-    return Verdict(method, row["hcc"], row["ur"], _objection(method, row["hcc"], row["ur"]))
+    flags = tuple(flag.code for flag in sheet.plausibility.flags if flag.code in STANDING)
+    objection = _objection(method, row["hcc"], row["ur"], moves=not flags)
+    return Verdict(method, row["hcc"], row["ur"], objection, flags)
 
 
-def _objection(method: str, hcc: float | None, ur: float | None) -> str:
+def _objection(method: str, hcc: float | None, ur: float | None, *, moves: bool) -> str:
     if hcc is None or ur is None:
         return "has no score"
     if method == FREEZE.method:
@@ -93,6 +99,6 @@ def _objection(method: str, hcc: float | None, ur: float | None) -> str:
             return (
                 f"who drives on as recorded should hit at least {UNAWARE_HITS:.0%} of the regions"
             )
-    elif hcc > TOO_EASY:
+    elif moves and hcc > TOO_EASY:
         return f"a moving planner has HCC above {TOO_EASY:.0%}: the split tells nobody apart"
     return ""

@@ -16,9 +16,11 @@ from exceptiondrive_records.db.settings import SettingsError, load_settings
 from exceptiondrive_records.operations.logs import set_up_logs
 from exceptiondrive_records.operations.setup import DATA_HELP, opened
 from exceptiondrive_records.submissions.file_store import FileStore
+from exceptiondrive_schemas.check.drives import drives_fault
 from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_schemas.protocol import (
+    NEWEST,
     ProtocolDocument,
     ProtocolError,
     packaged_protocol,
@@ -68,7 +70,7 @@ WordsOption = Annotated[
     str, typer.Option("--words", help="What readers are told of a later revision.")
 ]
 ProtocolOption = Annotated[
-    Path | None, typer.Option("--protocol", help="Protocol document; by default 1.0.")
+    Path | None, typer.Option("--protocol", help=f"Protocol document; by default {NEWEST}.")
 ]
 _KNOWN_ERRORS = (
     SettingsError,
@@ -215,7 +217,11 @@ def add_drives(
 ) -> None:
     """Write a split with the recorded drives of its scenes: they tell a planner that is off course."""
     split = with_drives(read_split(split_file), read_drives(drives_file), are_public=public)
-    load_split(split, packaged_protocol())
+    protocol = _protocol(None)
+    load_split(split, protocol)
+    fault = drives_fault([it.recorded for it in split.samples if it.recorded], protocol)
+    if fault is not None:
+        raise SplitUnreadableError(f"{drives_file.name} holds no recorded drives: {fault}")
     if new_file.exists():
         raise FileExistsError(f"{new_file} is there already")
     text = split.model_dump_json(by_alias=True, exclude_none=True)
@@ -339,4 +345,4 @@ def _lanes(text: str) -> list[Lane]:
 
 
 def _protocol(path: Path | None) -> ProtocolDocument:
-    return packaged_protocol() if path is None else read_protocol(path)
+    return packaged_protocol(NEWEST) if path is None else read_protocol(path)

@@ -23,7 +23,7 @@ def motion_flags(
     wrong = wrong_first_steps(
         source.step_lengths_m[0][:n_both], edited.step_lengths_m[0][:n_both], protocol
     )
-    impossible = _share(len(wrong | _undrivable(edited, protocol)), edited.n)
+    impossible = _share(len(wrong | undrivable_rows(edited, protocol)), edited.n)
     first_step = _share(len(wrong), n_both)
     if impossible > section.flag_impossible:
         yield (
@@ -68,7 +68,7 @@ def _n_behind(tracks: Tracks, reach_m: float) -> int:
     )
 
 
-def _undrivable(edited: Tracks, protocol: ProtocolDocument) -> set[int]:
+def undrivable_rows(edited: Tracks, protocol: ProtocolDocument) -> set[int]:
     """Which ones accelerate too strongly, or turn too tightly where both steps have a heading."""
     geometry, section = protocol.geometry, protocol.plausibility
     most_m = section.max_acceleration_mps2 * geometry.time_step_s**2

@@ -1,4 +1,4 @@
-"""Commands at the end of the way: lint, freeze, withdraw."""
+"""Commands at the end of the way: lint, freeze, reopen, withdraw."""
 
 import json as json_module
 import shutil
@@ -25,9 +25,10 @@ from exceptiondrive_build.freezing.freeze import (
 )
 from exceptiondrive_build.records import Author, Kind, Record, person_named
 from exceptiondrive_build.values import MAX_REASON_LENGTH, Withdrawn
-from exceptiondrive_build.workshop import Workshop
+from exceptiondrive_build.workshop import SETTINGS, Workshop
 from exceptiondrive_schemas.datasheet import Datasheet
 from exceptiondrive_schemas.printable import printable
+from exceptiondrive_schemas.protocol import NEWEST, packaged_protocol
 from exceptiondrive_schemas.split import Split
 from exceptiondrive_worker.jury import Verdict, files_of_jury, jury
 from exceptiondrive_worker.splits.faults import SplitRefusedError, split_faults
@@ -44,13 +45,17 @@ def register(app: typer.Typer) -> None:
     """Add the commands to a command line."""
     app.command("lint")(lint_split)
     app.command("freeze")(freeze_split)
+    app.command("reopen")(reopen)
     app.command("withdraw")(withdraw)
 
 
 def lint_split(
     workshop: WorkshopFolder = Path(),
     file: Annotated[
-        Path | None, typer.Option(help="A split file, in place of what the workshop would freeze.")
+        Path | None,
+        typer.Option(
+            help="A split file, in place of what the workshop would freeze; it needs no workshop."
+        ),
     ] = None,
     jury_folder: Annotated[
         Path | None, typer.Option("--jury", help="Folder with files of known planners.")
@@ -61,9 +66,12 @@ def lint_split(
 
     Exit code 2: it cannot be scored, or the jury objects.
     """
-    with Workshop(workshop) as shop:
-        protocol = shop.protocol
-        split = _read(file) if file else freeze(shop, walk(shop)).split
+    if file and workshop == Path() and not (workshop / SETTINGS).exists():
+        protocol, split = packaged_protocol(NEWEST), _read(file)
+    else:
+        with Workshop(workshop) as shop:
+            protocol = shop.protocol
+            split = _read(file) if file else freeze(shop, walk(shop)).split
     faults = split_faults(split, protocol)
     if faults and not json:
         raise BuildError(str(SplitRefusedError(split.name, faults)))
@@ -89,8 +97,9 @@ def verdict_line(verdict: Verdict) -> str:
     scores = ""
     if verdict.hcc is not None and verdict.ur is not None:
         scores = f" HCC {100 * verdict.hcc:.2f}, UR {100 * verdict.ur:.2f}"
+    flags = f" no moving planner: {', '.join(verdict.flags)}" if verdict.flags else ""
     objection = f" OBJECTION: {verdict.objection}" if verdict.objection else ""
-    return f"jury {verdict.method}:{scores}{objection}"
+    return f"jury {verdict.method}:{scores}{flags}{objection}"
 
 
 def freeze_split(
@@ -157,6 +166,37 @@ def freeze_split(
             f"warning region_not_decided ({n_undecided:,}): accepted edits whose region waits for a "
             "reader; they are not in the split: `exceptiondrive-build review`"
         )
+
+
+def reopen(
+    sample_ids: Annotated[list[str], typer.Argument(metavar="ID...", help="Sample ids.")],
+    by: Annotated[str, typer.Option(help="Who asks for it.")],
+    workshop: WorkshopFolder = Path(),
+) -> None:
+    """Take back what readers said of regions: two people verify each again, from the proposal on."""
+    author = Author(person=person_named(by))
+    with Workshop(workshop) as shop:
+        known = walk(shop)
+        wrong = [key for key in sample_ids if key not in known or not known[key].verifications]
+        if wrong:
+            raise BuildError(
+                f"No region that was read in the workshop ({len(wrong):,}): {', '.join(wrong[:10])}."
+            )
+        shop.append(
+            *(
+                Record(
+                    kind=Kind.VERIFY,
+                    candidate=key,
+                    by=author,
+                    inputs=word.inputs,
+                    value=None,
+                    supersedes=word.id,
+                )
+                for key in dict.fromkeys(sample_ids)
+                for word in known[key].verifications
+            )
+        )
+    typer.echo(f"reopened: {len(set(sample_ids)):,}; next: `exceptiondrive-build review`")
 
 
 def withdraw(

@@ -147,7 +147,8 @@ def _split(
     _refuse_some(
         lacking,
         "Samples of the previous revision that are not accepted and verified any more",
-        'Withdraw them: exceptiondrive-build withdraw ID --reason "..." --by NAME',
+        "Have them inspected and verified: exceptiondrive-build review; or withdraw them: "
+        'exceptiondrive-build withdraw ID --reason "..." --by NAME',
     )
     if not wanted:
         raise BuildError(

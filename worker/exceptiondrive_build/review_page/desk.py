@@ -15,7 +15,7 @@ from exceptiondrive_build.agreement import outcome, readings, readings_left
 from exceptiondrive_build.candidates import Candidate, walk
 from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.inspection import to_inspect
-from exceptiondrive_build.records import Author, Kind, Record, now_text, standing
+from exceptiondrive_build.records import Author, Kind, Record, now_text, person_key, standing
 from exceptiondrive_build.review_page.leases import Holder, Leases
 from exceptiondrive_build.review_page.region import region_faults
 from exceptiondrive_build.values import Inspected, Verified
@@ -151,13 +151,18 @@ class Desk:
     def _knows_others(self, sample_id: str, reviewer: str) -> bool:
         """Whether a person was shown what others said of a region, and so reads it blind no more."""
         return any(
-            record.by.person == reviewer and record.value is not None and not record.value["blind"]
+            record.value is not None
+            and not record.value["blind"]
+            and person_key(record.by.person) == person_key(reviewer)
             for record in self._of_people.get((Kind.VERIFY, sample_id), ())
         )
 
     def own(self, queue: Queue, sample_id: str, reviewer: str) -> Record | None:
-        """The standing word of a person on a card."""
-        mine = [r for r in self.standing(queue, sample_id) if r.by.person == reviewer]
+        """The standing word of a person on a card; not a third reader's on words that changed since."""
+        key = person_key(reviewer)
+        mine = [r for r in self.standing(queue, sample_id) if person_key(r.by.person) == key]
+        if queue == "verify" and self.is_third(sample_id):
+            mine = [r for r in mine if r.value is not None and r.value["blind"]]
         return mine[-1] if mine else None
 
     def claim(self, queue: Queue, holder: Holder, count: int) -> list[str]:
@@ -176,7 +181,8 @@ class Desk:
                 if (
                     self.may_decide(queue, card, holder.reviewer)
                     and len(people) < self.seats(queue, card)
-                    and holder.reviewer not in {one.reviewer for one in people}
+                    and person_key(holder.reviewer)
+                    not in {person_key(it.reviewer) for it in people}
                 ):
                     yield card
 

@@ -52,7 +52,7 @@ def read(
     do not go unless you say --replace.
     """
     with Workshop(workshop) as shop:
-        keyframes, n_gone = read_in(
+        keyframes, n_left_out, n_gone = read_in(
             shop, source, per_scene=per_scene, version=version, replace=replace
         )
         n_tasks = len(shop.tasks)
@@ -61,5 +61,9 @@ def read(
         f"{len(keyframes)} keyframes of {n_scenes} scenes; with {n_tasks} tasks "
         f"{len(keyframes) * n_tasks} combinations"
     )
+    if n_left_out:
+        typer.echo(
+            f"{n_left_out} further keyframes of these scenes are left out: --per-scene N takes N of each"
+        )
     if n_gone:
         typer.echo(f"{n_gone} keyframes that stood here are gone, or have other pictures")

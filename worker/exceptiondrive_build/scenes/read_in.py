@@ -14,6 +14,7 @@ from exceptiondrive_build.scenes.nuscenes import read_nuscenes
 from exceptiondrive_build.scenes.scene_set import SceneSet
 from exceptiondrive_build.workshop import SCENES, Workshop
 from exceptiondrive_schemas.base import faults_in
+from exceptiondrive_schemas.check.drives import drives_fault
 
 
 def read_in(
@@ -23,7 +24,7 @@ def read_in(
     per_scene: int = 1,
     version: str | None = None,
     replace: bool = False,
-) -> tuple[tuple[Keyframe, ...], int]:
+) -> tuple[tuple[Keyframe, ...], int, int]:
     """Read scenes into a workshop, in the place of those that stand in it.
 
     What was decided of a keyframe stands as long as its pictures are the same. No keyframe of the
@@ -31,21 +32,25 @@ def read_in(
     where `replace` says so.
 
     Returns:
-        The keyframes that stand in it now; and how many stood in it before, and are gone or have
-        other pictures now: 0 where `replace` says that nobody minds.
+        The keyframes that stand in it now; how many more the source has; and how many stood in it
+        before, and are gone or have other pictures now: 0 where `replace` says that nobody minds.
 
     Raises:
         BuildError: What is wrong with the scenes, and where; or decided keyframes would go.
     """
-    scenes = read_scenes(source, version).spread(per_scene)
+    given = read_scenes(source, version)
+    scenes = given.spread(per_scene)
     if not scenes.keyframes:
         raise BuildError(f"{source}: no keyframe has a recorded path of 3 s.")
     kept = tuple(_kept(workshop, scenes, keyframe) for keyframe in scenes.keyframes)
+    fault = drives_fault([it.recorded for it in kept if it.recorded], workshop.protocol)
+    if fault is not None:
+        raise BuildError(f"{source}: {fault}", "Mend the recorded paths; nothing is read in.")
     n_gone = 0 if replace else _gone(workshop.folder, kept)
     part = workshop.folder / f"{SCENES}.part"
     write_scenes(SceneSet(workshop.folder, kept), part)
     part.replace(workshop.folder / SCENES)
-    return kept, n_gone
+    return kept, len(given.keyframes) - len(kept), n_gone
 
 
 def _gone(folder: Path, kept: Sequence[Keyframe]) -> int:

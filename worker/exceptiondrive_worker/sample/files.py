@@ -87,7 +87,9 @@ def sample_datasheet(split: Split) -> Datasheet:
         stages=(),
         families=tuple(cell(family, of_family[family.id]) for family in families),
         tasks=tuple(cell(task, of_task[task.id]) for task in tasks),
-        warnings=tuple(found.told for found in split_warnings(split, protocol)),
+        warnings=tuple(
+            found.told for found in split_warnings(split, protocol, min_samples_per_cell=1)
+        ),
     )
 
 

@@ -265,9 +265,8 @@ def publish_split_file(
         Conflict: A phase on it takes submissions and has scored some, and that was not asked for.
     """
     path = splits.current_file(name)
-    registered = _register(database, splits, path, protocol)
     with database.read() as session:
-        is_public = find_public_split(session, registered.manifest.ref) is not None
+        is_public = find_public_split(session, read_split(path).ref) is not None
         tested = [] if is_public or while_open else scored_while_open(session, name)
     if tested:
         raise Conflict(
@@ -275,6 +274,7 @@ def publish_split_file(
             "public whoever submits can read the answers. Close the phase first, or publish it "
             "--while-open."
         )
+    registered = _register(database, splits, path, protocol, is_public=True)
     digest, _ = files.put_stream([path.read_bytes()], limit_bytes=MAX_SPLIT_BYTES)
     with database.write() as session:
         publish_split(session, name, registered.manifest.revision, digest, ACTOR)
@@ -294,21 +294,33 @@ def current_split(splits: SplitStore, name: str) -> tuple[SplitRef, Path]:
 
 
 def _register(
-    database: Database, splits: SplitStore, path: Path, protocol: ProtocolDocument, words: str = ""
+    database: Database,
+    splits: SplitStore,
+    path: Path,
+    protocol: ProtocolDocument,
+    words: str = "",
+    *,
+    is_public: bool = False,
 ) -> RegisteredSplit:
-    """Record the whole split and, where it has parts, each part; return the whole."""
+    """Record the whole split and, where it has parts, each part; return the whole.
+
+    Lint takes a split as withheld unless it is public, or about to be.
+    """
     split = read_split(path)
     if path.parent.name != split.name:
         raise SplitUnavailableError(
             f"it holds split {split.name!r}, which workers look for in a folder of that name: "
             f"rename {path.parent} to {split.name}"
         )
-    splits.floors(split.name)  # refuses what cannot be read
+    floors = splits.floors(split.name)  # refuses what cannot be read
     for earlier in _earlier_revisions(database, splits, split):
         _require_same_parts(earlier, split)
     loaded = {part: load_split(split, protocol, part) for part in parts_of(split)}
     parts = {part: each.manifest.revision for part, each in loaded.items() if part is not None}
-    whole, warnings = loaded[None].manifest, split_warnings(split, protocol)
+    with database.read() as session:
+        is_public = is_public or find_public_split(session, split.ref) is not None
+    least = 1 if is_public else floors.min_samples_per_cell
+    whole, warnings = loaded[None].manifest, split_warnings(split, protocol, least)
     sheet = read_datasheet(path)
     changes = _changes(database, splits, split, sheet, words)
     with database.write() as session:

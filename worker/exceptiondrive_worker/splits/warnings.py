@@ -15,10 +15,18 @@ from exceptiondrive_schemas.split import Split
 from exceptiondrive_scoring.arrays import split_arrays
 from exceptiondrive_scoring.split_lint import LintedSplit, LintWarning, lint
 from exceptiondrive_worker.splits.faults import SplitFault
+from exceptiondrive_worker.splits.floors import SplitFloors
+
+ADVISED = SplitFloors().min_samples_per_cell
 
 
-def split_warnings(split: Split, protocol: ProtocolDocument) -> tuple[LintWarning, ...]:
-    """Return every doubt about a split that can be scored under this protocol."""
+def split_warnings(
+    split: Split, protocol: ProtocolDocument, min_samples_per_cell: int = ADVISED
+) -> tuple[LintWarning, ...]:
+    """Return every doubt about a split that can be scored under this protocol.
+
+    The cells are those that floors allow: as advised, of its own file, or 1 of a public split.
+    """
     left = [sample for sample in split.samples if sample.withdrawn is None]
     samples = sorted(left, key=lambda sample: sample.sample_id)
     linted = LintedSplit(
@@ -26,7 +34,7 @@ def split_warnings(split: Split, protocol: ProtocolDocument) -> tuple[LintWarnin
         arrays=split_arrays(samples, protocol.taxonomy),
         is_control=np.array([sample.control for sample in samples], dtype=np.bool_),
     )
-    return lint(linted, protocol)
+    return lint(linted, protocol, min_samples_per_cell)
 
 
 def warning_lines(warnings: Sequence[LintWarning], *, with_samples: bool) -> list[str]:

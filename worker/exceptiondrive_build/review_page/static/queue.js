@@ -31,7 +31,7 @@ export class CardQueue {
     }
     document.addEventListener("keydown", (event) => this.#key(event));
     document.addEventListener("keyup", (event) => {
-      if (event.key === " " || event.key === "f") this.pictures.flip(false);
+      if (event.key === " " || event.key.toLowerCase() === "f") this.pictures.flip(false);
     });
     document.addEventListener("click", (event) => {
       if (event.detail) document.activeElement?.closest("button")?.blur(); // Space stays for flipping
@@ -153,7 +153,7 @@ export class CardQueue {
   #tell(progress) {
     find("progress").max = progress.cards || 1;
     find("progress").value = progress.decided;
-    const words = [`${progress.decided} of ${progress.cards}`];
+    const words = [`${progress.decided} of ${progress.cards} decided`, `${progress.mine} by you`];
     if (this.#paces.length >= 3) {
       const pace = [...this.#paces].sort((a, b) => a - b)[Math.floor(this.#paces.length / 2)];
       words.push(`${pace.toFixed(1)} s each`, `at most ${lasting(pace * progress.for_me)} left`);

@@ -54,8 +54,9 @@ const page = {
     };
   },
 
-  key({ key, shiftKey, altKey }) {
-    const arrow = ARROWS[key];
+  key({ key: pressed, shiftKey, altKey }) {
+    const arrow = ARROWS[pressed];
+    const key = pressed.toLowerCase(); // caps lock may be on
     const step = STEP_M * (shiftKey ? 10 : altKey ? 0.1 : 1);
     if (arrow) editor.move(arrow[0] * step, arrow[1] * step);
     else if (key === "[" || key === "]") editor.turn(key === "[" ? 1 : -1);
