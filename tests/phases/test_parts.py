@@ -467,13 +467,14 @@ def test_nobody_picks_after_the_reveal(life: "Life") -> None:
         life.request("POST", f"/api/v1/submissions/{each}/publish?replace=true", who)
     life.request("POST", f"/api/v1/submissions/{chosen}/choose", "alpha")
     secret = life.submit("beta", PUBLIC_ONLY, "Kept private")
+    beta, pages = visitor(life, "beta"), ("/my", f"/submissions/{secret}")
+    assert all("Publish it" in beta.get(page).text for page in pages)
     life.work()
     life.move(closes_at=life.now())
     late = life.submit("gamma", CAREFUL)
     life.work()
     assert life.json(f"/api/v1/submissions/{late}", "gamma")["sheet"]["n"] == 2
-    beta, pages = visitor(life, "beta"), ("/my", f"/submissions/{secret}")
-    assert all("Publish it" in beta.get(page).text for page in pages)
+    assert not any("Publish it" in beta.get(page).text for page in pages)
     life.apply(life.reveal())
     assert not any("Publish it" in beta.get(page).text for page in pages)
     why = life.json(f"/api/v1/submissions/{secret}", "beta")["unranked_because"]

@@ -169,7 +169,8 @@ def policy_sentences(seen: SubmissionView, policy: PhasePolicy) -> Iterator[str]
     if seen.unranked_because is not None:
         yield f"It has no rank: {seen.unranked_because}."
     if seen.is_chosen:
-        yield "The team chose it: it stands on the board."
+        once = "" if seen.is_published else "once it is public, "
+        yield f"The team chose it: {once}it stands on the board."
     elif policy.run_choice == "team" and policy.entries_shown == "all":
         yield RUN_RULES[seen.run_rule]
     if not seen.is_published:
@@ -191,8 +192,12 @@ def _actions(
 ) -> Iterator[tuple[str, str]]:
     if not has_closed and not seen.is_late:
         yield from _choices(seen, policy)
-    if can_publish:
-        yield ("unpublish", "Make it private") if seen.is_published else ("publish", "Publish it")
+    if not can_publish:
+        return
+    if not seen.is_published and seen.unranked_because is None:
+        yield "publish", "Publish it"
+    if seen.is_published and (seen.is_late or not has_closed):
+        yield "unpublish", "Make it private"
 
 
 def _choices(seen: SubmissionView, policy: PhasePolicy) -> Iterator[tuple[str, str]]:
