@@ -344,7 +344,9 @@ def test_a_team_is_renamed_and_no_two_look_alike(world: World) -> None:
     assert last_action(world) == "team changed"
 
 
-def test_boards_of_an_archived_phase_keep_the_name_that_a_team_had(world: World) -> None:
+def test_a_new_name_asks_for_no_board_of_an_archived_phase_and_a_disqualification_does(
+    world: World,
+) -> None:
     def asked() -> dict[str, int]:
         with world.database.read() as session:
             return {row.phase_id: row.asked for row in session.scalars(select(BoardRequest))}
@@ -359,6 +361,12 @@ def test_boards_of_an_archived_phase_keep_the_name_that_a_team_had(world: World)
     with world.database.write() as session:
         change_team(session, "alpha", name="Gamma", **WHY)
     assert asked() == {"dev": before["dev"] + 1, "old": before["old"]}
+    with world.database.write() as session:
+        everywhere = disqualify_team(session, "alpha", **WHY).id
+    assert asked() == {"dev": before["dev"] + 2, "old": before["old"] + 1}
+    with world.database.write() as session:
+        reinstate(session, everywhere, **WHY)
+    assert asked() == {"dev": before["dev"] + 3, "old": before["old"] + 2}
 
 
 def test_two_teams_become_one_with_entries_people_and_addresses(world: World) -> None:

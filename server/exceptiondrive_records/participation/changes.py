@@ -59,7 +59,8 @@ def change_team(
 ) -> Team:
     """Change the name or the affiliation of a team; what is None stays.
 
-    New boards show the new name; earlier ones, and those of archived phases, keep the old one.
+    New boards show the new name, earlier ones keep the old one. None is built for that in an archived
+    phase: what else builds one there, such as a disqualification, brings the new name.
 
     Raises:
         NotFound: No such team.
@@ -83,7 +84,7 @@ def change_team(
     audit(session, actor, "team changed", slug, {"reason": checked_reason(reason), **changed})
     if "name" in changed:
         session.flush()
-        want_boards_of_team(session, team.id)
+        want_boards_of_team(session, team.id, with_archived=False)
         told = (f"It was {before['name']}.", "New boards show it; earlier ones stay as they are.")
         tell_team(session, team, "team_changed", f"Your team is called {team.name}", told)
     return team

@@ -132,8 +132,8 @@ def change(services: ServicesOf, team_id: TeamId) -> Step:
     return _step(
         team,
         title=f"Rename {team.name}",
-        meaning="New boards show the new name, and the team is told. Earlier boards, and those of "
-        "archived phases, stay as they are.",
+        meaning="New boards show the new name, and the team is told. Earlier boards stay as they are, and "
+        "an archived phase gets no new one for that.",
         button="Change",
         fields=NAMES,
         texts=_names(team),
