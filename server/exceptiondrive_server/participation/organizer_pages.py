@@ -171,7 +171,8 @@ def merge(services: ServicesOf, team_id: TeamId) -> Step:
         title=f"Merge {team.name} into another team",
         meaning="Its submissions, people and addresses become the other team's, its tokens are "
         "revoked, and both quotas count together. An allowance of its own holds for what it sent; the other "
-        "team is not granted it. This cannot be taken back.",
+        "team is not granted it. Of runs of one method one alone stands, and of all where a phase shows "
+        "one entry of each team. This cannot be taken back.",
         button="Merge",
         fields=(into, _again(team), REASON),
         command=f'exceptiondrive organizer teams merge {team.slug} --into TEAM --reason "…"',
