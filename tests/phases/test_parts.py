@@ -285,6 +285,24 @@ def test_no_run_is_restored_once_scores_were_revealed(life: "Life", is_revealed:
     assert "settled before" in life.refused(restore, {"reason": "x"}, 409)
 
 
+def test_what_stood_at_the_deadline_and_was_withdrawn_after_the_reveal_is_restored(
+    life: "Life",
+) -> None:
+    life.make_phase(closes_at=life.ahead(60))
+    entry = life.submit("beta", PUBLIC_ONLY)
+    life.work()
+    life.move(closes_at=life.now())
+    life.apply(life.reveal())
+    life.request("POST", f"/api/v1/submissions/{entry}/withdraw", "beta")
+    life.work()
+    assert life.entry_ids() == []
+    words = "only what was withdrawn after the deadline"
+    assert words in visitor(life, "beta").get(f"/submissions/{entry}").text
+    life.done(f"/submissions/{entry}/restore")
+    life.work()
+    assert life.entry_ids() == [entry]
+
+
 def test_an_upload_in_the_air_answers_no_board_that_was_hidden(life: "Life") -> None:
     life.make_phase(split="plain", closes_at=life.ahead(60), policy={"frozen_scores": "hidden"})
     before = life.now() - timedelta(seconds=1)

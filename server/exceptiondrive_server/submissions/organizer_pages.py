@@ -196,7 +196,8 @@ def deed_on(services: ServicesOf, submission_id: SubmissionId, deed: Deed) -> St
                 step,
                 title=f"Restore {method}",
                 meaning="It stands again at its old place in time, with the score that was kept; where "
-                "none is kept under the present protocol, it is scored. No quota is touched.",
+                "none is kept under the present protocol, it is scored. No quota is touched. What was "
+                "withdrawn before the deadline is refused once hidden scores are revealed.",
                 button="Restore",
                 facts=(("Withdrawn", minute(at)),) if at is not None else (),
                 take=partial(restore_submission, submission_id=submission_id),

@@ -157,7 +157,8 @@ def policy_sentences(seen: SubmissionView, policy: PhasePolicy) -> Iterator[str]
     elif seen.status is SubmissionStatus.WITHDRAWN and seen.disqualified_at is None:
         yield (
             "While the phase takes files its file can be sent again, which takes quota anew; an "
-            "organizer can let this one stand again."
+            "organizer can let this one stand again, though once hidden scores are revealed only what "
+            "was withdrawn after the deadline."
         )
     if seen.replaced_by is not None:
         yield (
