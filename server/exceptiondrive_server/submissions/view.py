@@ -129,8 +129,10 @@ class FamilyLine:
     cells: tuple[tuple[str, str], ...]
 
 
-def policy_sentences(seen: SubmissionView, policy: PhasePolicy) -> Iterator[str]:
-    """Yield how it stands in the policy of its phase."""
+def policy_sentences(
+    seen: SubmissionView, policy: PhasePolicy, *, has_closed: bool
+) -> Iterator[str]:
+    """Yield how it stands in the policy of its phase; `has_closed`: for this submission."""
     if seen.known_as is not None:
         yield f"On the board the team is {seen.known_as} until the organizers reveal the names."
     if seen.disqualified_at is not None:
@@ -161,10 +163,8 @@ def policy_sentences(seen: SubmissionView, policy: PhasePolicy) -> Iterator[str]
             "was withdrawn after the deadline."
         )
     if seen.replaced_by is not None:
-        yield (
-            f"Submission {seen.replaced_by} takes its place; withdraw that one, and this one stands "
-            "again."
-        )
+        again = "" if has_closed else "; withdraw that one, and this one stands again"
+        yield f"Submission {seen.replaced_by} takes its place{again}."
     if seen.awaits_board:
         yield "The next board is being built; the rank is awaited."
     if seen.unranked_because is not None:
