@@ -172,8 +172,8 @@ def _require_mergeable(session: Session, team: Team, target: Team) -> None:
     same = aliased(Submission)
     is_same = (same.phase_id == Submission.phase_id) & (same.file_digest == Submission.file_digest)
     found = select(Submission.id).join(same, is_same).order_by(Submission.id)
-    for each, its_team in ((Submission, team), (same, target)):
-        found = found.where(each.team_id == its_team.id, each.status.not_in(_GIVEN_UP))
+    for row, its_team in ((Submission, team), (same, target)):
+        found = found.where(row.team_id == its_team.id, row.status.not_in(_GIVEN_UP))
     if both := session.scalars(found).all():
         raise Conflict(
             f"Both teams submitted the same bytes: {', '.join(both[:5])}. One team has a file once "
