@@ -244,6 +244,7 @@ def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path:
                 True,
                 True,
             )
+        assert "one alone stands" in " ".join(organize(running, *merge).stderr.split())
         assert standings(running)["alef"] == ""
         merged = organize(running, *merge, "--yes")
     assert merged.stdout == "team alef is part of bet now, and brought no submissions\n"

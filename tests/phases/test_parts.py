@@ -285,23 +285,22 @@ def test_no_run_is_restored_once_scores_were_revealed(life: "Life", is_revealed:
     assert "settled before" in life.refused(restore, {"reason": "x"}, 409)
 
 
-@pytest.mark.parametrize("is_revealed", [True, False])
-def test_no_teams_of_one_phase_are_merged_once_scores_were_revealed(
-    life: "Life", is_revealed: bool
+def test_what_stood_at_the_deadline_and_was_withdrawn_after_the_reveal_is_restored(
+    life: "Life",
 ) -> None:
-    """Else one entry of two is chosen by what was kept from all."""
-    life.make_phase(split="plain", closes_at=life.ahead(60), policy={"frozen_scores": "hidden"})
-    life.done("/phases/test/freeze")
-    for team, way in (("alpha", PUBLIC_ONLY), ("beta", PRIVATE_ONLY)):
-        life.submit(team, way, "M", "plain")
+    life.make_phase(closes_at=life.ahead(60))
+    entry = life.submit("beta", PUBLIC_ONLY)
     life.work()
     life.move(closes_at=life.now())
-    merged = {"into": "beta", "reason": "one group"}
-    if not is_revealed:
-        life.done("/teams/alpha/merge", merged)
-        return
-    life.done("/phases/test/reveal", {"what": "board", "reason": "the end"})
-    assert "settled before" in life.refused("/teams/alpha/merge", merged, 409)
+    life.apply(life.reveal())
+    life.request("POST", f"/api/v1/submissions/{entry}/withdraw", "beta")
+    life.work()
+    assert life.entry_ids() == []
+    words = "only what was withdrawn after the deadline"
+    assert words in visitor(life, "beta").get(f"/submissions/{entry}").text
+    life.done(f"/submissions/{entry}/restore")
+    life.work()
+    assert life.entry_ids() == [entry]
 
 
 def test_an_upload_in_the_air_answers_no_board_that_was_hidden(life: "Life") -> None:
@@ -468,12 +467,13 @@ def test_nobody_picks_after_the_reveal(life: "Life") -> None:
     life.request("POST", f"/api/v1/submissions/{chosen}/choose", "alpha")
     secret = life.submit("beta", PUBLIC_ONLY, "Kept private")
     life.work()
+    beta, pages = visitor(life, "beta"), ("/my", f"/submissions/{secret}")
+    assert all("Publish it" in beta.get(page).text for page in pages)
     life.move(closes_at=life.now())
     late = life.submit("gamma", CAREFUL)
     life.work()
     assert life.json(f"/api/v1/submissions/{late}", "gamma")["sheet"]["n"] == 2
-    beta, pages = visitor(life, "beta"), ("/my", f"/submissions/{secret}")
-    assert all("Publish it" in beta.get(page).text for page in pages)
+    assert not any("Publish it" in beta.get(page).text for page in pages)
     life.apply(life.reveal())
     assert not any("Publish it" in beta.get(page).text for page in pages)
     why = life.json(f"/api/v1/submissions/{secret}", "beta")["unranked_because"]

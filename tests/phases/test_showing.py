@@ -6,6 +6,7 @@ from datetime import timedelta
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from tests.phases.browsing import visitor
 
 from exceptiondrive_records.boards.renewal import renew_where_families_show
 from exceptiondrive_records.phases.phases import find_phase
@@ -251,7 +252,14 @@ def test_after_the_deadline_no_older_version_takes_the_place_of_a_withdrawn_one(
     newest = submit(life, "alpha", 9.0, "A")
     kept = submit(life, "alpha", 5.0, "B")
     assert set(life.entry_ids()) == {newest, kept}
+    pages = f"/submissions/{older}", f"/organize/submissions/{older}"
+    browsers = visitor(life, "alpha"), visitor(life, "organizer")
+    words = f"Submission {newest} takes its place"
+    for browser, page in zip(browsers, pages, strict=True):
+        assert f"{words}; withdraw that one, and this one stands again." in browser.get(page).text
     life.move(closes_at=life.now())
+    for browser, page in zip(browsers, pages, strict=True):
+        assert f"{words}." in browser.get(page).text
     life.request("POST", f"/api/v1/submissions/{newest}/withdraw", "alpha")
     told = life.json(f"/api/v1/submissions/{older}", "alpha")
     assert (told["replaced_by"], told["awaits_board"]) == (None, False)
@@ -393,6 +401,54 @@ def test_an_entry_is_its_teams_alone_until_it_is_published(life: "Life") -> None
     assert life.entry_ids() == [public]
     for path in OF_ENTRY[:2] + OF_ENTRY[3:]:
         assert life.get(path.format(id=mine)).status_code == 404, path
+
+
+@pytest.mark.parametrize("shown", ["all", "chosen"])
+def test_after_the_deadline_nobody_picks_what_stands_by_publishing(
+    life: "Life", shown: str
+) -> None:
+    policy = {"entries_private": True, "entries_shown": shown, "late_entries": "own_view"}
+    plain(life, closes_at=life.ahead(60), showing=policy)
+
+    def do(what: str, submission_id: str, who: str = "alpha") -> tuple[int, str]:
+        answer = life.request("POST", f"/api/v1/submissions/{submission_id}/{what}", who)
+        life.work()
+        return answer.status_code, str(answer.json().get("detail"))
+
+    public, kept = submit(life, "alpha", 3.0), submit(life, "alpha", 1.0)
+    older, newest = submit(life, "beta", 1.0), submit(life, "beta", 9.0)
+    assert do("publish", public)[0] == 200
+    final, other = newest, older
+    if shown == "chosen":
+        final, other = older, newest
+        assert do("choose", older, "beta")[0] == 200
+        page = visitor(life, "beta").get(f"/submissions/{older}").text
+        assert "The team chose it: once it is public, it stands on the board." in page
+    life.move(closes_at=life.now())
+    assert do("unpublish", public) == (
+        409,
+        "The deadline has passed: withdraw it, and its place stays empty.",
+    )
+    for who, each in (("alpha", kept), ("beta", other)):
+        refused, words = do("publish", each, who)
+        assert (refused, "else its newest, can still" in words) == (409, True)
+        because = life.json(f"/api/v1/submissions/{each}", who)["unranked_because"]
+        assert because == "it was private at the deadline, and stays so"
+    assert "Publish it" not in visitor(life, "alpha").get("/my").text
+    assert "Make it private" not in visitor(life, "alpha").get("/my").text
+    assert visitor(life, "beta").get("/my").text.count("Publish it") == 1
+    assert life.entry_ids() == [public]
+    assert do("publish", final, "beta")[0] == 200
+    assert set(life.entry_ids()) == {public, final}
+    assert do("withdraw", public)[0] == 200
+    assert do("publish", kept)[0] == 409, "its place stays empty"
+    assert life.entry_ids() == [final]
+    late = submit(life, "gamma", 1.0)
+    assert do("publish", late, "gamma")[0] == 200, "it moves no rank"
+    assert set(life.entry_ids("&view=late")) == {final, late}
+    assert do("unpublish", late, "gamma")[0] == 200
+    assert life.get("/api/v1/leaderboard?phase=test&view=late").status_code == 404
+    assert life.entry_ids() == [final]
 
 
 def test_a_phase_that_shows_everything_has_nothing_to_choose_or_publish(life: "Life") -> None:

@@ -344,7 +344,9 @@ def test_a_team_is_renamed_and_no_two_look_alike(world: World) -> None:
     assert last_action(world) == "team changed"
 
 
-def test_boards_of_an_archived_phase_keep_the_name_that_a_team_had(world: World) -> None:
+def test_a_new_name_asks_for_no_board_of_an_archived_phase_and_a_disqualification_does(
+    world: World,
+) -> None:
     def asked() -> dict[str, int]:
         with world.database.read() as session:
             return {row.phase_id: row.asked for row in session.scalars(select(BoardRequest))}
@@ -359,6 +361,12 @@ def test_boards_of_an_archived_phase_keep_the_name_that_a_team_had(world: World)
     with world.database.write() as session:
         change_team(session, "alpha", name="Gamma", **WHY)
     assert asked() == {"dev": before["dev"] + 1, "old": before["old"]}
+    with world.database.write() as session:
+        everywhere = disqualify_team(session, "alpha", **WHY).id
+    assert asked() == {"dev": before["dev"] + 2, "old": before["old"] + 1}
+    with world.database.write() as session:
+        reinstate(session, everywhere, **WHY)
+    assert asked() == {"dev": before["dev"] + 3, "old": before["old"] + 2}
 
 
 def test_two_teams_become_one_with_entries_people_and_addresses(world: World) -> None:
@@ -377,8 +385,9 @@ def test_two_teams_become_one_with_entries_people_and_addresses(world: World) ->
         assert [one.address for one in list_contacts(session, world.team_id)] == [
             "https://example.com/x"
         ]
-        notice = list_notifications(session, world.team_id)[0].what_changed[0]
-        assert notice.startswith("Its 1 submission, people and addresses are")
+        moved, stands = list_notifications(session, world.team_id)[0].what_changed
+        assert moved.startswith("Its 1 submission, people and addresses are")
+        assert stands.startswith("Of runs of one method one alone stands")
         tokens = session.scalars(select(Token).where(Token.team_id == beta))
         assert all(token.revoked_at is not None for token in tokens)
         assert find_team(session, "beta").name == "Beta"
@@ -572,6 +581,9 @@ def test_teams_with_the_same_bytes_disqualified_or_forgotten_are_not_merged(worl
     once = f"same bytes: {theirs}\\. "
     with pytest.raises(Conflict, match=once), world.database.write() as session:
         merge_teams(session, "beta", "alpha", **WHY)
+    with world.database.write() as session:
+        withdraw(session, theirs, actor="test")
+        merge_teams(session, "beta", "alpha", **WHY)
     another(world, "gamma")
     with world.database.write() as session:
         disqualify_team(session, "gamma", **WHY)
@@ -582,6 +594,46 @@ def test_teams_with_the_same_bytes_disqualified_or_forgotten_are_not_merged(worl
         alias = forget_team(session, "delta", **WHY).slug
     with pytest.raises(Conflict, match="is forgotten"), world.database.write() as session:
         merge_teams(session, alias, "alpha", **WHY)
+
+
+@pytest.mark.parametrize(
+    ("method", "policy", "happened", "ended"),
+    [
+        ("Planner", {}, "scored", "closed"),
+        ("Planner", {}, "waits", "closed"),
+        ("Planner", {}, "withdrawn since", "closed"),
+        ("Planner", {}, "scored", "was archived"),
+        ("Other", {"entries_shown": "chosen"}, "scored", "closed"),
+        ("Other", {}, "scored", ""),
+        ("Planner", {"entries_private": True}, "scored", ""),
+    ],
+)
+def test_no_merge_takes_an_entry_off_where_what_stands_is_settled(
+    world: World, method: str, policy: dict[str, Any], happened: str, ended: str
+) -> None:
+    """A closed phase whose entries take no place of each other hinders none."""
+    beta = another(world)
+    mine, theirs = world.scored("one", "Planner"), world.submit("two", method, beta)
+    if happened != "waits":
+        world.score(theirs.job_id)
+    if ended != "was archived":
+        world.close()
+    with world.database.write() as session:
+        phase = find_phase(session, "dev")
+        phase.policy = phase.policy.model_copy(update=policy)
+        phase.visibility = "archived" if ended == "was archived" else "shown"
+        if happened == "withdrawn since":
+            withdraw(session, theirs.submission.id, actor="test")
+    before = world.standing()
+    if ended:
+        words = f"one place, and what stands there is settled since it {ended}"
+        with pytest.raises(Conflict, match=words), world.database.write() as session:
+            merge_teams(session, "beta", "alpha", **WHY)
+    else:
+        with world.database.write() as session:
+            merge_teams(session, "beta", "alpha", **WHY)
+    assert world.standing() == before
+    assert (mine in before) is (not policy.get("entries_private"))
 
 
 def test_a_message_reaches_inbox_and_addresses_once(world: World) -> None:

@@ -326,14 +326,16 @@ def choose(
     rule: RunRule = "best" if best else "newest" if newest else "this"
     view = client.choose(submission_id, rule)
     stands = f"{view.id} stands" if rule == "this" else f"the {rule} run of {view.method} stands"
-    return view, stands
+    return view, stands if view.is_published else f"{stands} once your team publishes it"
 
 
 @with_client
 def publish(
     client: "Client",
     submission_id: options.SubmissionId,
-    undo: Annotated[bool, flag("--undo", "Make it private again; earlier boards keep it.")] = False,
+    undo: Annotated[
+        bool, flag("--undo", "Make it private again, until the deadline; earlier boards keep it.")
+    ] = False,
     replace: Replace = False,
 ) -> Answer:
     """Put an entry on the board of a phase that keeps entries private.

@@ -208,8 +208,7 @@ def _standing(view: SubmissionView) -> tuple[str, str]:
     if view.awaits_board:
         return "rank awaited", "the next board is being built"
     if not view.is_published and view.unranked_because is None:
-        shows = f"exceptiondrive publish {view.id} shows it, until hidden scores are revealed"
-        return "not ranked", f"it is private: {shows}"
+        return "not ranked", f"it is private: exceptiondrive publish {view.id} shows it"
     if view.is_duplicate and view.sheet is None and view.rank is None:
         return "score and rank not told", "they are to a token with the scope read:own"
     return f"rank {view.rank}" if view.rank else "not ranked", view.unranked_because or ""

@@ -106,12 +106,40 @@ def publish(session: Session, submission_id: str, *, actor: str) -> Submission:
     return _show(session, submission_id, actor, is_public=True)
 
 
+def may_publish(session: Session, phase: Phase, submission: Submission) -> bool:
+    """Whether its team may make a private entry public.
+
+    After the deadline it is the one that the team named, else its newest, where none was public: of the
+    method, or of the team where the phase shows one entry of each. So nobody picks after the fact.
+    """
+    if not can_publish(session, phase):
+        return False
+    if not _is_settled(session, phase, submission):
+        return True
+    runs = [Submission.method == submission.method] if phase.policy.entries_shown == "all" else []
+    query = (
+        select(Submission)
+        .where(
+            Submission.team_id == submission.team_id,
+            Submission.phase_id == phase.id,
+            stood_at_deadline(phase),
+            *runs,
+        )
+        .order_by(Submission.received_at, Submission.id)
+    )
+    stood = [each for each in session.scalars(query) if not is_late(phase, each)]
+    if any(each.published_at is not None for each in stood):
+        return False
+    rule, is_named = rules_of(session, phase, [submission]).get(submission.id, ("newest", False))
+    return is_named if rule == "this" else submission is stood[-1]
+
+
 def unpublish(session: Session, submission_id: str, *, actor: str) -> Submission:
     """Take an entry off the board; boards that showed it keep what they showed. Twice is once.
 
     Raises:
         NotFound: No such submission.
-        Conflict: The phase shows every entry, there is no score yet, or it is too late to pick.
+        Conflict: The phase shows every entry, there is no score yet, or its deadline has passed.
     """
     return _show(session, submission_id, actor, is_public=False)
 
@@ -120,12 +148,25 @@ def _show(session: Session, submission_id: str, actor: str, *, is_public: bool) 
     submission, phase = _scored(session, submission_id)
     _require_private(session, phase)
     if is_public != (submission.published_at is not None):
+        if is_public and not may_publish(session, phase, submission):
+            raise Conflict(
+                "The deadline has passed: only the run that the team named, else its newest, can "
+                "still be published, and only where none was public in its place."
+            )
+        if not is_public and _is_settled(session, phase, submission):
+            raise Conflict("The deadline has passed: withdraw it, and its place stays empty.")
         _require_changes_left(session, submission)
         submission.published_at = database_now(session) if is_public else None
         renew_boards(session, phase)
         done = "entry published" if is_public else "entry made private"
         audit(session, actor, done, submission_id, {"phase": phase.id})
     return submission
+
+
+def _is_settled(session: Session, phase: Phase, submission: Submission) -> bool:
+    """Whether it came in time and its deadline has passed."""
+    now = database_now(session)
+    return not is_late(phase, submission) and not can_change(phase, submission, now)
 
 
 def _require_changes_left(session: Session, submission: Submission) -> None:

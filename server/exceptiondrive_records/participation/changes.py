@@ -2,11 +2,12 @@
 
 from itertools import product
 
-from sqlalchemy import delete, select, update
-from sqlalchemy.orm import Session
+from sqlalchemy import ColumnElement, delete, exists, select, update
+from sqlalchemy.orm import Session, aliased
 
 from exceptiondrive_records.accounts.tables import Invitation, Membership, Token
 from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.boards.standings import stood_at_deadline
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.db.identifiers import (
@@ -21,16 +22,19 @@ from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.notifications.tables import ContactPoint
 from exceptiondrive_records.participation.disqualification import want_boards_of_team
 from exceptiondrive_records.participation.tables import Disqualification
-from exceptiondrive_records.phases.policy import hid_scores
+from exceptiondrive_records.phases.policy import has_closed, is_late, is_published
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.submissions import lock_jobs, lock_team
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team, require_free_name
 from exceptiondrive_records.work.tables import Job
+from exceptiondrive_schemas.api.submission import WAITING, SubmissionStatus
 from exceptiondrive_schemas.printable import counted
 
 MAX_AFFILIATION = 200
+_GIVEN_UP = (SubmissionStatus.WITHDRAWN, SubmissionStatus.FAILED)
+"""What a team may send again."""
 
 
 def approve_team(session: Session, slug: str, *, actor: str) -> Team:
@@ -59,7 +63,8 @@ def change_team(
 ) -> Team:
     """Change the name or the affiliation of a team; what is None stays.
 
-    New boards show the new name; earlier ones, and those of archived phases, keep the old one.
+    New boards show the new name, earlier ones keep the old one. None is built for that in an archived
+    phase: what else builds one there, such as a disqualification, brings the new name.
 
     Raises:
         NotFound: No such team.
@@ -83,7 +88,7 @@ def change_team(
     audit(session, actor, "team changed", slug, {"reason": checked_reason(reason), **changed})
     if "name" in changed:
         session.flush()
-        want_boards_of_team(session, team.id)
+        want_boards_of_team(session, team.id, with_archived=False)
         told = (f"It was {before['name']}.", "New boards show it; earlier ones stay as they are.")
         tell_team(session, team, "team_changed", f"Your team is called {team.name}", told)
     return team
@@ -114,8 +119,8 @@ def merge_teams(
         NotFound: No such team.
         InvalidRecord: The reason cannot be kept.
         Conflict: They are one, one of them is merged, forgotten or disqualified, waits for approval or
-            is a reference, both submitted the same bytes to one phase, or to one whose scores were
-            revealed since: one entry of two would be chosen knowing them.
+            is a reference, both submitted the same bytes to one phase, or an entry of one would push
+            out one of the other where that is settled: in a closed or archived phase.
     """
     ids = sorted({find_team(session, slug).id, find_team(session, into).id})
     if len(ids) == 1:
@@ -135,7 +140,12 @@ def merge_teams(
     for phase_id in sorted(phases):
         want_boards_of_team(session, target.id, phase_id)
     its = f"Its {counted(n_moved, 'submission')}," if n_moved else "It had no submissions; its"
-    told = (f"{its} people and addresses are your team's from now on.",)
+    told = [f"{its} people and addresses are your team's from now on."]
+    if n_moved:
+        told.append(
+            "Of runs of one method one alone stands, and of all where a phase shows one entry of each "
+            "team."
+        )
     title = f"The team {team.name} is part of your team"
     tell_team(session, target, "team_changed", title, told)
     return target, n_moved
@@ -159,26 +169,39 @@ def _require_mergeable(session: Session, team: Team, target: Team) -> None:
     )
     if session.scalar(out.limit(1)) is not None:
         raise Conflict("One of the teams is disqualified: reinstate it first.")
-    theirs = select(Submission.phase_id, Submission.file_digest).where(
-        Submission.team_id == target.id
-    )
-    mine = {
-        (row.phase_id, row.file_digest): row.id
-        for row in session.scalars(select(Submission).where(Submission.team_id == team.id))
-    }
-    both = sorted({mine[key] for phase, digest in session.execute(theirs)
-                   if (key := (phase, digest)) in mine})  # fmt: skip
-    if both:
+    same = aliased(Submission)
+    is_same = (same.phase_id == Submission.phase_id) & (same.file_digest == Submission.file_digest)
+    found = select(Submission.id).join(same, is_same).order_by(Submission.id)
+    for row, its_team in ((Submission, team), (same, target)):
+        found = found.where(row.team_id == its_team.id, row.status.not_in(_GIVEN_UP))
+    if both := session.scalars(found).all():
         raise Conflict(
             f"Both teams submitted the same bytes: {', '.join(both[:5])}. One team has a file once "
-            "in a phase; they cannot be merged."
+            "in a phase: withdraw it for one of them first; a rejected one cannot be."
         )
-    shared = {phase_id for phase_id, _ in mine} & set(session.scalars(theirs))
-    for phase in session.scalars(select(Phase).where(Phase.id.in_(shared)).order_by(Phase.id)):
-        if hid_scores(session, phase):
+    _require_places(session, Submission.team_id.in_((team.id, target.id)))
+
+
+def _require_places(session: Session, of_both: ColumnElement[bool]) -> None:
+    """Refuse where an entry of one team would push out one of the other that nothing brings back."""
+    phases = select(Phase).where(exists().where(Submission.phase_id == Phase.id, of_both))
+    now = database_now(session)
+    for phase in session.scalars(phases.order_by(Phase.id)):
+        if not has_closed(phase, now) and phase.visibility != "archived":
+            continue
+        may_stand = stood_at_deadline(phase) | Submission.status.in_(WAITING)
+        found = select(Submission).where(Submission.phase_id == phase.id, of_both, may_stand)
+        shows_one = phase.policy.entries_shown == "chosen"
+        places = {
+            (each.team_id, "" if shows_one else each.method)
+            for each in session.scalars(found)
+            if is_published(phase, each) and not is_late(phase, each)
+        }
+        if len({place for _, place in places}) < len(places):
             raise Conflict(
-                f"Both teams have submissions in {phase.id}, where scores were revealed since: what "
-                "stands was settled before. They cannot be merged."
+                f"Both teams have entries in {phase.id} that would take one place, and what stands "
+                f"there is settled since it {'closed' if has_closed(phase, now) else 'was archived'}. "
+                "They cannot be merged."
             )
 
 

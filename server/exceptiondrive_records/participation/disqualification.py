@@ -237,14 +237,16 @@ def list_disqualifications(
     return list(session.scalars(query))
 
 
-def want_boards_of_team(session: Session, team_id: int, phase_id: str | None = None) -> None:
-    """Ask for the boards of a phase, or of every one that is not archived, where a team submitted."""
+def want_boards_of_team(
+    session: Session, team_id: int, phase_id: str | None = None, *, with_archived: bool = True
+) -> None:
+    """Ask for the boards of a phase, or of every one, where a team submitted."""
     query = select(Phase).where(
         exists().where(Submission.phase_id == Phase.id, Submission.team_id == team_id)
     )
-    if phase_id is None:
-        query = query.where(Phase.visibility != "archived")
-    else:
+    if phase_id is not None:
         query = query.where(Phase.id == phase_id)
+    if not with_archived:
+        query = query.where(Phase.visibility != "archived")
     for phase in session.scalars(query.order_by(Phase.id)):
         renew_boards(session, phase)

@@ -1,8 +1,10 @@
 """A second chance from organizers: for what failed by our own fault, and for what was withdrawn."""
 
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.boards.standings import stood_at_deadline
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.db.identifiers import checked_reason
@@ -74,7 +76,8 @@ def restore_submission(
         InvalidRecord: The reason cannot be kept.
         NotFound: No such submission.
         Conflict: It was not withdrawn, it was a question that the team confirmed, the team has
-            submitted the same bytes again since, or scores that were kept back were revealed since.
+            submitted the same bytes again since, or it was withdrawn before the deadline, and scores
+            that were kept back were revealed since.
     """
     lock_team(session, find_submission(session, submission_id).team_id)
     lock_jobs(session, Job.submission_id == submission_id)
@@ -85,7 +88,12 @@ def restore_submission(
         raise Conflict(f"It was a question, and confirmed as {submission.confirmed_as}.")
     _require_only_one(session, submission)
     phase = session.get_one(Phase, submission.phase_id)
-    if has_revealed(session, phase, submission.withdrawn_at or submission.received_at):
+    held_place = select(Submission.id).where(
+        Submission.id == submission_id, stood_at_deadline(phase)
+    )
+    if session.scalar(held_place) is None and has_revealed(
+        session, phase, submission.withdrawn_at or submission.received_at
+    ):
         raise Conflict("Scores were revealed since: what stands was settled before, and stays.")
     detail = {"reason": checked_reason(reason)}
     now = database_now(session)

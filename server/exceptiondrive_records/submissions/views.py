@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.boards.boards import entries_on, entry_ids
 from exceptiondrive_records.boards.standings import replacements
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.entries.selection import rules_of
+from exceptiondrive_records.entries.selection import may_publish, rules_of
 from exceptiondrive_records.phases.disqualified import disqualified_since
 from exceptiondrive_records.phases.policy import (
     can_publish,
@@ -157,6 +157,10 @@ class _Seen:
         """See `can_publish`."""
         return can_publish(self._session, self.phase)
 
+    def may_publish(self, submission: Submission) -> bool:
+        """See `may_publish`."""
+        return may_publish(self._session, self.phase, submission)
+
     def hides(self, submission: Submission) -> datetime | None:
         """Since when a score is kept back."""
         return score_kept_back_since(self.phase, submission, self.now)
@@ -188,8 +192,9 @@ def _view(
     unranked_because = shown.unranked_because if shown else None
     if is_to_come and seen.is_frozen and not seen.hides(submission):
         unranked_because = "the board is frozen, and shows it when the organizers reveal the board"
-    elif is_scored and not is_public and not seen.can_publish:
-        unranked_because = "it was private when hidden scores were revealed, and stays so"
+    elif is_scored and not is_public and not seen.may_publish(submission):
+        since = "at the deadline" if seen.can_publish else "when hidden scores were revealed"
+        unranked_because = f"it was private {since}, and stays so"
     elif holder is not None and not holder.is_scored:
         unranked_because = (
             f"{holder.id} stood in its place at the deadline and was withdrawn later: the place "

@@ -132,8 +132,8 @@ def change(services: ServicesOf, team_id: TeamId) -> Step:
     return _step(
         team,
         title=f"Rename {team.name}",
-        meaning="New boards show the new name, and the team is told. Earlier boards, and those of "
-        "archived phases, stay as they are.",
+        meaning="New boards show the new name, and the team is told. Earlier boards stay as they are, and "
+        "an archived phase gets no new one for that.",
         button="Change",
         fields=NAMES,
         texts=_names(team),
@@ -171,7 +171,8 @@ def merge(services: ServicesOf, team_id: TeamId) -> Step:
         title=f"Merge {team.name} into another team",
         meaning="Its submissions, people and addresses become the other team's, its tokens are "
         "revoked, and both quotas count together. An allowance of its own holds for what it sent; the other "
-        "team is not granted it. This cannot be taken back.",
+        "team is not granted it. Of runs of one method one alone stands, and of all where a phase shows "
+        "one entry of each team. This cannot be taken back.",
         button="Merge",
         fields=(into, _again(team), REASON),
         command=f'exceptiondrive organizer teams merge {team.slug} --into TEAM --reason "…"',

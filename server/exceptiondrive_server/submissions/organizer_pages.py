@@ -8,9 +8,11 @@ from urllib.parse import urlencode
 from fastapi import APIRouter, Query
 from fastapi.responses import HTMLResponse, Response
 
+from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.participation.disqualification import disqualification_of
 from exceptiondrive_records.participation.messages import write_about
 from exceptiondrive_records.phases.phases import find_phase, list_phases
+from exceptiondrive_records.phases.policy import can_change
 from exceptiondrive_records.rescoring.changes import verify_submission
 from exceptiondrive_records.rescoring.retry import restore_submission, retry_submission
 from exceptiondrive_records.submissions.similarity import similarity_report
@@ -121,6 +123,8 @@ def show_submission(browser: OrganizerBrowser, submission_id: SubmissionId) -> R
         sheet = score_tables(session, seen)
         lines = history(session, submission_id, limit=HISTORY)
         phase = find_phase(session, seen.phase)
+        found = find_submission(session, submission_id)
+        ended = not can_change(phase, found, database_now(session))
         disqualified = disqualification_of(session, seen.id)
     return organizer_page(
         browser,
@@ -131,7 +135,7 @@ def show_submission(browser: OrganizerBrowser, submission_id: SubmissionId) -> R
         sheet=sheet,
         phase_title=phase.title,
         disqualified=disqualified,
-        sentences=list(policy_sentences(seen, phase.policy)),
+        sentences=list(policy_sentences(seen, phase.policy, has_closed=ended)),
         now=status_of(seen),
         steps=steps_of(seen),
         lines=lines,
@@ -196,7 +200,8 @@ def deed_on(services: ServicesOf, submission_id: SubmissionId, deed: Deed) -> St
                 step,
                 title=f"Restore {method}",
                 meaning="It stands again at its old place in time, with the score that was kept; where "
-                "none is kept under the present protocol, it is scored. No quota is touched.",
+                "none is kept under the present protocol, it is scored. No quota is touched. What was "
+                "withdrawn before the deadline is refused once hidden scores are revealed.",
                 button="Restore",
                 facts=(("Withdrawn", minute(at)),) if at is not None else (),
                 take=partial(restore_submission, submission_id=submission_id),

@@ -321,7 +321,7 @@ def _submission(
         phase_title=phase.title,
         progress=status_of(seen),
         steps=steps_of(seen),
-        sentences=list(policy_sentences(seen, phase.policy)),
+        sentences=list(policy_sentences(seen, phase.policy, has_closed=ended)),
         rejected_per_day=phase.rejected_per_day,
         sheet=sheet,
         notices=notices,

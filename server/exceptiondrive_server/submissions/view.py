@@ -101,8 +101,10 @@ def _wait(seconds: float) -> str:
     return f"about {counted(math.ceil(seconds / 60), 'minute')} to wait"
 
 
-def policy_sentences(seen: SubmissionView, policy: PhasePolicy) -> Iterator[str]:
-    """Yield how it stands in the policy of its phase."""
+def policy_sentences(
+    seen: SubmissionView, policy: PhasePolicy, *, has_closed: bool
+) -> Iterator[str]:
+    """Yield how it stands in the policy of its phase; `has_closed`: for this submission."""
     if seen.known_as is not None:
         yield f"On the board the team is {seen.known_as} until the organizers reveal the names."
     if seen.disqualified_at is not None:
@@ -129,19 +131,19 @@ def policy_sentences(seen: SubmissionView, policy: PhasePolicy) -> Iterator[str]
     elif seen.status is SubmissionStatus.WITHDRAWN and seen.disqualified_at is None:
         yield (
             "While the phase takes files its file can be sent again, which takes quota anew; an "
-            "organizer can let this one stand again."
+            "organizer can let this one stand again, though once hidden scores are revealed only what "
+            "was withdrawn after the deadline."
         )
     if seen.replaced_by is not None:
-        yield (
-            f"Submission {seen.replaced_by} takes its place; withdraw that one, and this one stands "
-            "again."
-        )
+        again = "" if has_closed else "; withdraw that one, and this one stands again"
+        yield f"Submission {seen.replaced_by} takes its place{again}."
     if seen.awaits_board:
         yield "The next board is being built; the rank is awaited."
     if seen.unranked_because is not None:
         yield f"It has no rank: {seen.unranked_because}."
     if seen.is_chosen:
-        yield "The team chose it: it stands on the board."
+        once = "" if seen.is_published else "once it is public, "
+        yield f"The team chose it: {once}it stands on the board."
     elif policy.run_choice == "team" and policy.entries_shown == "all":
         yield RUN_RULES[seen.run_rule]
     if not seen.is_published:
@@ -163,8 +165,12 @@ def _actions(
 ) -> Iterator[tuple[str, str]]:
     if not has_closed and not seen.is_late:
         yield from _choices(seen, policy)
-    if can_publish:
-        yield ("unpublish", "Make it private") if seen.is_published else ("publish", "Publish it")
+    if not can_publish:
+        return
+    if not seen.is_published and seen.unranked_because is None:
+        yield "publish", "Publish it"
+    if seen.is_published and (seen.is_late or not has_closed):
+        yield "unpublish", "Make it private"
 
 
 def _choices(seen: SubmissionView, policy: PhasePolicy) -> Iterator[tuple[str, str]]:

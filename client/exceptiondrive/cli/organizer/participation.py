@@ -66,7 +66,11 @@ def merge_teams(
     yes: options.Yes = False,
 ) -> Answer:
     """Make a team part of another one, with submissions, people and addresses; needs --yes where it cannot ask."""
-    be_sure(f"Make {team_id} part of {into} for good? Its allowances are not passed on.", yes)
+    be_sure(
+        f"Make {team_id} part of {into} for good? Its allowances are not passed on. Of runs of one method "
+        "one alone stands, and of all where a phase shows one entry of each team.",
+        yes,
+    )
     merged = organizer.merge_teams(team_id, into, reason)
     n_moved = merged["n_submissions"]
     moved = counted(n_moved, "submission") if n_moved else "no submissions"
