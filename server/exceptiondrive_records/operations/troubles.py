@@ -12,6 +12,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.notifications.tables import Channel, ContactPoint, Delivery
+from exceptiondrive_records.operations.garbage import orphans_were_left
 from exceptiondrive_records.operations.reconciler import LEADERSHIP
 from exceptiondrive_records.phases.phases import list_phases, not_checked
 from exceptiondrive_records.phases.tables import Phase
@@ -55,6 +56,7 @@ def troubles(session: Session) -> tuple[Trouble, ...]:
         *_boards(session),
         *_phases(session),
         *_mail(session),
+        *_store(session),
     )
 
 
@@ -179,4 +181,16 @@ def _mail(session: Session) -> Iterator[Trouble]:
             "The log of exceptiondrive-server reconcile says why. Teams find all in their notices.",
             "set right what the log says at 'not delivered'; docs/rescoring.md has the settings of "
             "mail. What still waits is then sent by itself",
+        )
+
+
+def _store(session: Session) -> Iterator[Trouble]:
+    if orphans_were_left(session):
+        yield Trouble(
+            "files_without_record",
+            "file store",
+            "The file store holds more files that are in no record than crashes leave, as where the database "
+            "is older than the uploads, or another. None was removed.",
+            "put the newest database back; where this is it, remove them: exceptiondrive-server sweep "
+            "--older-than-hours 1",
         )
