@@ -106,7 +106,7 @@ def restore_backup(path: Path, database_url: str, files: FileStore) -> BackupHea
     except StoreError as error:
         raise BackupError(
             f"{error} No row was restored. This user needs room, and the right to write, where "
-            "EXCEPTIONDRIVE_FILE_STORE_URL says."
+            "EXCEPTIONDRIVE_FILE_STORE_URL says: in a new folder, as those of a former one are another's."
         ) from None
     except (tarfile.TarError, KeyError) as error:  # the latter where a table is missing
         raise BackupError(f"{path} is not a whole backup: {error}") from None
@@ -167,7 +167,10 @@ def _restore_files(archive: tarfile.TarFile, files: FileStore, head: BackupHead)
 
 def _require_empty(session: Session) -> None:
     if not is_empty(session):
-        raise BackupError("these records are not empty: restore into new ones")
+        raise BackupError(
+            "these records are not empty, and `migrate --grant-to` is enough for that: restore into a new "
+            "database and a new file store; see `restore` in docs/operating.md"
+        )
 
 
 def _restore_rows(archive: tarfile.TarFile, session: Session, head: BackupHead) -> None:
