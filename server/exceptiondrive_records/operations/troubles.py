@@ -10,6 +10,7 @@ from datetime import timedelta
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from exceptiondrive_records.audit.log import last_action
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.notifications.tables import Channel, ContactPoint, Delivery
 from exceptiondrive_records.operations.garbage import orphans_were_left
@@ -24,6 +25,8 @@ from exceptiondrive_schemas.printable import counted
 
 BEGUN_IN_VAIN = 2
 """A board that was begun so often was not finished at least once; so with a mail."""
+BACKUP, BACKUP_WRITTEN, BACKUP_FAILED = "backup", "backup written", "backup failed"
+"""Subject and actions of the audit lines of backups."""
 _MAIL_OF = timedelta(days=1)
 """Mails that were last tried before this are told no more."""
 
@@ -57,6 +60,7 @@ def troubles(session: Session) -> tuple[Trouble, ...]:
         *_phases(session),
         *_mail(session),
         *_store(session),
+        *_backup(session),
     )
 
 
@@ -193,4 +197,14 @@ def _store(session: Session) -> Iterator[Trouble]:
             "is older than the uploads, or another. None was removed.",
             "put the newest database back; where this is it, remove them: exceptiondrive-server sweep "
             "--older-than-hours 1",
+        )
+
+
+def _backup(session: Session) -> Iterator[Trouble]:
+    if last_action(session, BACKUP, BACKUP_WRITTEN, BACKUP_FAILED) == BACKUP_FAILED:
+        yield Trouble(
+            "backup_failed",
+            BACKUP,
+            "The last backup was not written.",
+            "run exceptiondrive-server backup again: it says why",
         )
