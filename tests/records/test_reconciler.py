@@ -14,6 +14,8 @@ from tests.support.work import let_time_pass
 
 from exceptiondrive_records.db.database import Database, sentence_of
 from exceptiondrive_records.db.settings import RecordsSettings
+from exceptiondrive_records.notifications.channels import NoticeSettings
+from exceptiondrive_records.notifications.outbox import run_outbox
 from exceptiondrive_records.operations.reconciler import Pass, reconcile_once, run_reconciler
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.dispatch import Dispatcher
@@ -175,6 +177,16 @@ def test_the_log_says_why_the_database_does_not_answer(broker: Broker) -> None:
         run_reconciler(away, Dispatcher(broker.url), SETTINGS, OneLook())
     away.dispose()
     (line,) = [line for line in logs if line["event"] == "the database did not answer"]
+    assert "Connection refused" in line["reason"]
+
+
+def test_the_sender_of_messages_says_why_it_sends_none() -> None:
+    away = Database("postgresql+psycopg://nobody@127.0.0.1:1/none")
+    with capture_logs() as logs:
+        run_outbox(away, NoticeSettings(), OneLook())
+    away.dispose()
+    (line,) = logs
+    assert line["event"] == "no message is sent"
     assert "Connection refused" in line["reason"]
 
 
