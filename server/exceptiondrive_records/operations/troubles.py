@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import timedelta
 
-from sqlalchemy import func, select
+from sqlalchemy import and_, func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import last_action
-from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.clock import NOW, SET_BACK, database_now
 from exceptiondrive_records.notifications.tables import Channel, ContactPoint, Delivery
 from exceptiondrive_records.operations.garbage import orphans_were_left
 from exceptiondrive_records.operations.reconciler import LEADERSHIP
@@ -109,8 +109,8 @@ def _splits(session: Session) -> Iterator[Trouble]:
 
 
 def _reconciler(session: Session) -> Iterator[Trouble]:
-    leading = (Leader.key == LEADERSHIP, Leader.lease_until > database_now(session))
-    if session.scalar(select(Leader.id).where(*leading)) is None:
+    is_held = and_(Leader.lease_until > NOW, Leader.leased_at < SET_BACK)
+    if session.scalar(select(Leader.id).where(Leader.key == LEADERSHIP, is_held)) is None:
         yield Trouble(
             "no_reconciler",
             "reconciler",

@@ -10,7 +10,7 @@ from sqlalchemy import case, func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.tables import AuditLine
-from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.clock import SET_BACK, database_now
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.operations.troubles import BACKUP, BACKUP_WRITTEN, troubles
 from exceptiondrive_records.submissions.tables import Submission
@@ -133,7 +133,8 @@ def _heartbeats(session: Session) -> Iterable[Metric]:
         "exceptiondrive_live_workers", "Workers that give signs of life.", labels=["lane"]
     )
     now = database_now(session)
-    for worker_id, at in session.execute(select(WorkerHeartbeat.worker_id, WorkerHeartbeat.at)):
+    signs = select(WorkerHeartbeat.worker_id, WorkerHeartbeat.at)
+    for worker_id, at in session.execute(signs.where(WorkerHeartbeat.at < SET_BACK)):
         age_s = (now - at).total_seconds()
         if age_s < MISSED_FOR_S:
             gauge.add_metric([worker_id], age_s)
