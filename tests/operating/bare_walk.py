@@ -43,9 +43,12 @@ class Walk:
                 f'#!/bin/sh\ncd {ROOT} && exec {sys.executable} -m tests.operating.units{verb} "$@"\n'
             )
             program.chmod(0o755)
+        (folder / "bin" / "su").write_text('#!/bin/sh\nexport PGUSER=$1\nexec sh -c "$3"\n')
+        (folder / "bin" / "su").chmod(0o755)
         self.environment = {
             **{k: v for k, v in os.environ.items() if not k.startswith("EXCEPTIONDRIVE_")},
             "PATH": f"{folder / 'bin'}:{binaries()}:{os.environ['PATH']}:/usr/sbin",
+            "PGHOST": str(folder),
             "WALK_UNITS": str(self.units),
             "WALK_STATE": str(self.state),
         }
@@ -62,7 +65,6 @@ class Walk:
             "/etc/systemd/system/": f"{self.units}/",
             "/etc/sysusers.d/": f"{self.state}/",
             "board.example.org": "127.0.0.1",
-            "su postgres -c psql": f"psql -v ON_ERROR_STOP=1 -h {self.folder} -U postgres",
             "BACKUP.tar": f"{self.home}/backups/*.tar",
         }.items():
             block = block.replace(written, here)
@@ -183,10 +185,6 @@ def carry_out(walk: Walk) -> None:
     (backup,) = (walk.home / "backups").iterdir()
     assert backup.stat().st_size > 1000
     submit(walk, team, ids, 7.0)
-    walk.run("systemctl stop exceptiondrive.target")
-    psql = f"psql -q -v ON_ERROR_STOP=1 -h {walk.folder} -U postgres"
-    walk.run(f"{psql} -c 'DROP DATABASE exceptiondrive'; rm -r {walk.home}/uploads/*")
-    walk.run(f"{psql} -c 'CREATE DATABASE exceptiondrive OWNER exceptiondrive_owner'")
     walk.block("systemctl stop exceptiondrive.target")
     walk.until(f"curl -fsk -o /dev/null {SITE}/readyz")
     assert ranks(team) == kept, "as at the backup"

@@ -17,6 +17,7 @@ from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.migrations import migrate
 from exceptiondrive_records.operations.dump import dump_rows, dumped_tables
 from exceptiondrive_records.operations.invariants import damaged_uploads, violations
+from exceptiondrive_records.operations.troubles import troubles
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.submissions.submissions import accept
 from exceptiondrive_records.submissions.tables import Submission
@@ -167,7 +168,7 @@ def test_its_tables_lie_beside_it_while_it_is_written(
 def test_it_is_not_restored_over_records_that_hold_something(lived: Lived, tmp_path: Path) -> None:
     write_backup(lived.database, lived.files, tmp_path / "backup.tar")
     other = FileStore((tmp_path / "other").as_uri())
-    with pytest.raises(BackupError, match="not empty"):
+    with pytest.raises(BackupError, match=r"not empty.*into a new database"):
         restore_backup(tmp_path / "backup.tar", lived.url, other)
     assert list(other.stored()) == []
 
@@ -179,7 +180,7 @@ def test_a_file_store_that_takes_nothing_is_told_with_what_to_do(
     files = FileStore((tmp_path / "other").as_uri())
     (tmp_path / "other").rmdir()
     (tmp_path / "other").touch()
-    with pytest.raises(BackupError, match="needs room, and the right to write"):
+    with pytest.raises(BackupError, match="says: in a new folder"):
         restore_backup(tmp_path / "backup.tar", f"sqlite:///{sqlite_path}", files)
 
 
@@ -191,6 +192,37 @@ def test_a_damaged_upload_is_not_backed_up_as_if_it_were_whole(
     with pytest.raises(Exception, match="damaged"):
         write_backup(lived.database, lived.files, tmp_path / "backup.tar")
     assert not (tmp_path / "backup.tar").exists()
+
+
+def test_lost_uploads_are_left_out_by_name_where_the_operator_says_so(
+    lived: Lived, tmp_path: Path
+) -> None:
+    missing, damaged, *others = [path for path in lived.uploads.rglob("*") if path.is_file()]
+    missing.unlink()
+    damaged.write_bytes(b"other")
+    environment = {
+        "EXCEPTIONDRIVE_DATABASE_URL": lived.url,
+        "EXCEPTIONDRIVE_FILE_STORE_URL": lived.uploads.as_uri(),
+    }
+    backup, data = str(tmp_path / "backup.tar"), tmp_path / "new"
+    failed = CliRunner().invoke(app, ["backup", backup], env=environment)
+    assert isinstance(failed.exception, BackupError)
+    assert "--without-lost" in str(failed.exception)
+    assert troubles_of_backups(lived.database) == ["backup_failed"]
+    done = CliRunner().invoke(app, ["backup", backup, "--without-lost"], env=environment)
+    assert (done.exit_code, troubles_of_backups(lived.database)) == (0, [])
+    again = CliRunner().invoke(app, ["restore", backup, "--data", str(data)])
+    assert again.exit_code == 0, again.stderr
+    for path in (missing, damaged):
+        for told in (done.stderr, again.stderr):
+            assert f"without sha256:{path.name}, which was lost" in told
+    restored = [path.name for path in (data / "uploads").rglob("*") if path.is_file()]
+    assert sorted(restored) == sorted(path.name for path in others)
+
+
+def troubles_of_backups(database: Database) -> list[str]:
+    with database.read() as session:
+        return [one.code for one in troubles(session) if one.subject == "backup"]
 
 
 def test_a_backup_cut_short_restores_nothing(lived: Lived, sqlite_path: Path) -> None:

@@ -4,6 +4,7 @@ And to teams, where it is about what nobody checks of their files.
 """
 
 import html
+import os
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -16,8 +17,10 @@ from tests.support.worker import due_jobs, score_submission
 from typer.testing import CliRunner
 
 from exceptiondrive.cli import app
+from exceptiondrive_records.operations.garbage import UnknownFiles, sweep_orphans
 from exceptiondrive_records.operations.troubles import troubles
 from exceptiondrive_records.phases.phases import find_phase, splits_in_use
+from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_records.work.board_requests import want_board
 from exceptiondrive_records.work.heartbeats import beat
 from exceptiondrive_records.work.lease import give_up_lead, take_lead
@@ -79,6 +82,20 @@ def test_a_server_without_a_reconciler(life: Life, store: SplitStore) -> None:
     with life.database.write() as session:
         give_up_lead(session, "reconciler", "somebody")
     assert told(life) == [("no_reconciler", "reconciler")]
+
+
+def test_a_file_store_with_files_that_no_record_knows(
+    life: Life, store: SplitStore, tmp_path: Path
+) -> None:
+    files = FileStore((tmp_path / "of-another").as_uri())
+    digest, _ = files.put_stream([b"later"], limit_bytes=9)
+    os.utime(tmp_path / "of-another" / digest[7:9] / digest[7:], (0, 0))
+    with pytest.raises(UnknownFiles):
+        sweep_orphans(life.database, files, actor="reconciler", at_most=0)
+    say_alive(life, store)
+    assert told(life) == [("files_without_record", "file store")]
+    sweep_orphans(life.database, files, actor="operator")
+    assert told(life) == []
 
 
 @pytest.mark.parametrize(

@@ -4,19 +4,30 @@ import os
 import threading
 import time
 from collections.abc import Callable
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
-from sqlalchemy import select
+from sqlalchemy import select, update
 from tests.support.records import count_audit_lines
+from typer.testing import CliRunner
 
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.operations import garbage
-from exceptiondrive_records.operations.garbage import remove_orphan, run_sweeper, sweep_orphans
+from exceptiondrive_records.operations.garbage import (
+    UnknownFiles,
+    orphans_were_left,
+    remove_orphan,
+    run_sweeper,
+    sweep_orphans,
+)
+from exceptiondrive_records.operations.troubles import troubles
 from exceptiondrive_records.submissions.file_store import FileStore, is_kept
 from exceptiondrive_records.submissions.submissions import accept
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_server.operations.cli import app
 
 World = Any
 HOUR = timedelta(hours=1)
@@ -147,6 +158,64 @@ def test_of_all_reconcilers_one_sweeps(world: World, files: FileStore, folder: P
     for thread in threads:
         thread.join(30)
     assert count(world) == 1
+
+
+def test_beside_a_database_that_is_older_nothing_is_removed_but_by_hand(
+    world: World, files: FileStore, folder: Path
+) -> None:
+    """As after a restore into the store that has later uploads, some sent the night before."""
+    for number in range(6):
+        grow_old(folder, store(files, b"%d" % number), hours=48 if number < 3 else 2)
+    automatic = partial(
+        sweep_orphans, world.database, files, actor="reconciler", at_most=garbage._BY_ITSELF
+    )
+    for _ in range(2):
+        with pytest.raises(UnknownFiles, match="6 stored files"):
+            automatic()
+    assert len(list(files.stored())) == 6
+    with world.database.read() as session:
+        assert count_audit_lines(session, "orphaned files left") == 1
+        (found,) = [one for one in troubles(session) if one.code == "files_without_record"]
+    words = found.do.partition("exceptiondrive-server ")[2].split()
+    settings = {"DATABASE_URL": str(world.database.engine.url), "FILE_STORE_URL": folder.as_uri()}
+    done = CliRunner().invoke(
+        app, words, env={f"EXCEPTIONDRIVE_{name}": value for name, value in settings.items()}
+    )
+    assert done.exit_code == 0, done.stderr
+    assert list(files.stored()) == []
+    assert automatic().n_files == 0
+    with world.database.read() as session:
+        assert not orphans_were_left(session)
+
+
+def test_files_that_were_not_confirmed_are_known_and_go_however_many(
+    world: World, files: FileStore, folder: Path
+) -> None:
+    for number in range(garbage._BY_ITSELF + 1):
+        digest = store(files, b"%d" % number)
+        take(world, digest)
+        grow_old(folder, digest)
+    with world.database.write() as session:
+        session.execute(update(Submission).values(confirm_until=datetime(2020, 1, 1, tzinfo=UTC)))
+    swept = sweep_orphans(world.database, files, actor="reconciler", at_most=garbage._BY_ITSELF)
+    assert swept.n_files == 4
+
+
+def test_what_a_crash_leaves_and_uploads_under_way_hinder_no_sweep(
+    world: World, files: FileStore, folder: Path
+) -> None:
+    for number in range(3):
+        grow_old(folder, store(files, b"crash %d" % number))
+    for number in range(5):
+        store(files, b"under way %d" % number)
+    stop = threading.Event()
+    thread = threading.Thread(target=run_sweeper, args=(world.database, files, stop))
+    thread.start()
+    while count(world) == 0:
+        time.sleep(0.02)
+    stop.set()
+    thread.join(30)
+    assert len(list(files.stored())) == 5
 
 
 def count(world: World) -> int:

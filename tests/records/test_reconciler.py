@@ -5,8 +5,9 @@ from datetime import timedelta
 from typing import Any
 
 import pytest
-from sqlalchemy import text, update
+from sqlalchemy import select, text, update
 from sqlalchemy.exc import OperationalError, ProgrammingError
+from sqlalchemy.orm import Session
 from structlog.testing import capture_logs
 from tests.support.databases import POSTGRES_ALONE
 from tests.support.records import count_audit_lines
@@ -14,14 +15,28 @@ from tests.support.work import let_time_pass
 
 from exceptiondrive_records.db.database import Database, sentence_of
 from exceptiondrive_records.db.settings import RecordsSettings
+from exceptiondrive_records.notifications.channels import NoticeSettings
+from exceptiondrive_records.notifications.outbox import run_outbox
+from exceptiondrive_records.operations.overview import worker_signs
 from exceptiondrive_records.operations.reconciler import Pass, reconcile_once, run_reconciler
+from exceptiondrive_records.operations.troubles import troubles
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.dispatch import Dispatcher
-from exceptiondrive_records.work.heartbeats import beat
+from exceptiondrive_records.work.heartbeats import beat, live_workers
+from exceptiondrive_records.work.jobs import claim_job
 from exceptiondrive_records.work.lease import claim_oldest, give_up_lead, take_lead
 from exceptiondrive_records.work.profiles import ask_for_profile, profiles_coming
-from exceptiondrive_records.work.tables import Job, Leader, Profile, WorkState
+from exceptiondrive_records.work.tables import (
+    Job,
+    Leader,
+    Profile,
+    WorkerHeartbeat,
+    WorkItem,
+    WorkState,
+)
 from exceptiondrive_schemas.api.submission import SubmissionStatus
+from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_server.web.metrics import RequestMetrics, exposition
 
 World = Any
 Broker = Any
@@ -169,12 +184,61 @@ def test_one_leads_until_its_lease_ends(database: Database) -> None:
     assert leads("a")
 
 
+def test_a_lead_that_a_clock_ahead_gave_is_taken_over(database: Database) -> None:
+    with database.write() as session:
+        assert take_lead(session, "reconciler", "a", 10)
+        of_tomorrow(session)
+        assert "no_reconciler" in [one.code for one in troubles(session)]
+        assert take_lead(session, "reconciler", "b", 10)
+        assert not take_lead(session, "reconciler", "a", 10)
+        assert "no_reconciler" not in [one.code for one in troubles(session)]
+
+
+def test_work_and_signs_of_life_of_a_clock_that_was_set_back_hold_no_longer(world: World) -> None:
+    world.submit("file")
+    with world.database.write() as session:
+        claimed = claim_job(session, Lane.LIVE, 120, 2)
+        assert claimed is not None
+        beat(session, "gone")
+    with world.database.write() as session:
+        assert live_workers(session) == 1
+        of_tomorrow(session)
+    with world.database.write() as session:
+        assert live_workers(session) == 0
+        assert list(worker_signs(session)) == []
+        again = claim_job(session, Lane.LIVE, 120, 2)
+        assert again is not None
+        assert (again.id, again.fence) == (claimed.id, claimed.fence + 1)
+    told = exposition(RequestMetrics(), world.database).decode()
+    assert "exceptiondrive_worker_heartbeat_age_seconds{" not in told
+
+
+def of_tomorrow(session: Session) -> None:
+    """The clock was a day ahead, and has been set back."""
+    for row in (*session.scalars(select(WorkItem)), *session.scalars(select(WorkerHeartbeat))):
+        for name in ("leased_at", "lease_until", "at", "lives_until"):
+            then = getattr(row, name, None)
+            if then is not None:
+                setattr(row, name, then + timedelta(days=1))
+    session.flush()
+
+
 def test_the_log_says_why_the_database_does_not_answer(broker: Broker) -> None:
     away = Database("postgresql+psycopg://nobody@127.0.0.1:1/none")
     with capture_logs() as logs, pytest.raises(OperationalError):  # it cannot give up the lead
         run_reconciler(away, Dispatcher(broker.url), SETTINGS, OneLook())
     away.dispose()
     (line,) = [line for line in logs if line["event"] == "the database did not answer"]
+    assert "Connection refused" in line["reason"]
+
+
+def test_the_sender_of_messages_says_why_it_sends_none() -> None:
+    away = Database("postgresql+psycopg://nobody@127.0.0.1:1/none")
+    with capture_logs() as logs:
+        run_outbox(away, NoticeSettings(), OneLook())
+    away.dispose()
+    (line,) = logs
+    assert line["event"] == "no message is sent"
     assert "Connection refused" in line["reason"]
 
 

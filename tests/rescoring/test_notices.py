@@ -34,7 +34,7 @@ from exceptiondrive_records.notifications.contacts import (
     confirm_contact,
     remove_contact,
 )
-from exceptiondrive_records.notifications.outbox import send_next
+from exceptiondrive_records.notifications.outbox import run_outbox, send_next
 from exceptiondrive_records.notifications.public_addresses import is_public
 from exceptiondrive_records.notifications.tables import Channel, ContactPoint, Delivery
 from exceptiondrive_records.operations.troubles import troubles
@@ -192,6 +192,19 @@ def test_a_webhook_that_refuses_waits_in_the_outbox_and_is_given_up_in_the_end(
     assert delivery(stage).outcome.value == "given_up"
     assert delivery(stage).note == "the webhook answered 302; it is not followed"
     assert len(receiver.received) == 2
+
+
+@pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)
+def test_where_no_attempt_is_allowed_nothing_is_sent_and_all_of_it_waits(
+    stage: Stage, make_protocol: Callable[..., str], receiver: Receiver
+) -> None:
+    """As in the drill of a restore: its teams are real."""
+    told(stage, make_protocol, Channel.WEBHOOK, receiver.url)
+    run_outbox(stage.database, settings(delivery_attempts=0), threading.Event())
+    assert receiver.received == []
+    assert delivery(stage).outcome.value == "waiting"
+    assert send_next(stage.database, settings())
+    assert delivery(stage).outcome.value == "sent"
 
 
 @pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)

@@ -111,8 +111,11 @@ def test_what_lies_there_now_takes_the_place_of_what_was_shown(shelf: Shelf) -> 
     (after,) = shelf.rows
     assert after.file_digest != before.file_digest
     assert after.licence == "CC BY 4.0, after the reader asked"
-    remove_pictures(shelf.database, shelf.ref)
+    assert not shelf.files.holds(before.file_digest)
+    assert shelf.files.holds(after.file_digest)
+    remove_pictures(shelf.database, shelf.files, shelf.ref)
     assert shelf.rows == []
+    assert not shelf.files.holds(after.file_digest)
     with shelf.database.read() as session:
         assert not shows_picture(session, "tiny", after.file_digest)
         lines = session.scalars(
@@ -128,7 +131,7 @@ def test_the_worker_shows_no_picture_of_a_withheld_split_and_stores_none(
     with pytest.raises(PicturesRefusedError, match="not public"):
         shelf.show()
     with pytest.raises(PicturesRefusedError, match="not public"):
-        remove_pictures(shelf.database, shelf.ref)
+        remove_pictures(shelf.database, shelf.files, shelf.ref)
     assert shelf.rows == []
     assert not [path for path in (tmp_path / "uploads").rglob("*") if path.is_file()]
 

@@ -290,11 +290,11 @@ def publish_pictures_of(
 
 @app.command("remove-pictures")
 def remove_pictures_of(name: str, data: DataOption = None) -> None:
-    """Show no picture of a public split any more."""
+    """Show no picture of a public split any more, and remove their files."""
     settings = load_settings(WorkerSettings, data)
     split, _ = current_split(SplitStore(settings.splits_dir), name)
     with opened(settings) as database:
-        remove_pictures(database, split)
+        remove_pictures(database, FileStore(settings.file_store_url), split)
     typer.echo(f"{name}: no picture is shown any more")
 
 

@@ -81,6 +81,14 @@ def audit_once(
         audit(session, actor, action, subject, detail)
 
 
+def last_action(session: Session, subject: str, *actions: str) -> str | None:
+    """Return which of these actions was done to the subject last, of the lines that are chained."""
+    query = select(AuditLine.action).where(
+        AuditLine.subject == subject, AuditLine.action.in_(actions)
+    )
+    return session.scalar(query.order_by(AuditLine.id.desc()).limit(1))
+
+
 def lines_of_a_day(session: Session, actions: Collection[str], subjects: Select[str]) -> int:
     """Count the lines of the last 24 hours that record such actions, done to any of the subjects."""
     since = database_now(session) - timedelta(days=1)

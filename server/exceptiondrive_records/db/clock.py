@@ -35,6 +35,8 @@ class seconds_since(GenericFunction[float]):  # noqa: N801
 
 NOW = seconds_from_now(literal_column("0"))
 """The time when a statement begins, in a statement."""
+SET_BACK = seconds_from_now(literal_column("60"))
+"""What was claimed or said later than this was so before the clock was set back: it holds no longer."""
 
 
 @compiles(seconds_from_now)

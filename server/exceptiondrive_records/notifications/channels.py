@@ -47,7 +47,8 @@ class NoticeSettings(RecordsSettings):
     webhooks_may_be_private: bool = False
     """Lets webhooks reach our own network and plain http: for tests on one machine alone."""
     deliver_every_s: Seconds = 1.0
-    delivery_attempts: Annotated[int, Field(ge=1, le=100)] = 8
+    delivery_attempts: Annotated[int, Field(ge=0, le=100)] = 8
+    """With none, no webhook is called and no e-mail sent: what waits goes on waiting."""
     delivery_backoff_s: Seconds = 30.0
     """Before the second try; doubles each time."""
 

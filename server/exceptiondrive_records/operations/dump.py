@@ -91,10 +91,12 @@ def is_empty(session: Session) -> bool:
     return not any(session.scalar(count) for count in counts)
 
 
-def file_digests(session: Session, only: str | None = None) -> list[str]:
+def file_digests(
+    session: Session, only: str | None = None, *, with_unconfirmed: bool = False
+) -> list[str]:
     """Return the digests of all stored files that any table mentions; of `only` this one, or none.
 
-    A submission that its team did not confirm in time mentions none.
+    A submission that its team did not confirm in time mentions none, unless `with_unconfirmed`.
     """
     found: set[str] = set()
     for table in dumped_tables():
@@ -103,7 +105,7 @@ def file_digests(session: Session, only: str | None = None) -> list[str]:
                 query = select(column).where(column.is_not(None)).distinct()
                 if only is not None:
                     query = query.where(column == only)
-                if table.name == Submission.__tablename__:
+                if table.name == Submission.__tablename__ and not with_unconfirmed:
                     query = query.where(keeps_its_file(session))
                 found |= set(session.scalars(query))
     return sorted(found)

@@ -5,17 +5,22 @@ confirm once the time for that has passed. The hard case is an upload
 of the same bytes at the same moment: it finds the file stored, and its record is not written yet.
 `file_store.is_kept` proves inside the transaction of the upload that the file is there, or has it
 stored again, under a lock that no removal can hold meanwhile; and storing a file makes it young.
+
+Beside a database that is older than the uploads, or empty, they look like garbage, too. So more than a
+crash leaves is removed by an operator's command alone.
 """
 
+import math
 import threading
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
 from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.orm import Session
 
-from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.audit.log import audit, last_action
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.db.errors import StoreError
+from exceptiondrive_records.db.errors import RecordsError, StoreError
 from exceptiondrive_records.db.identifiers import random_id
 from exceptiondrive_records.operations.dump import file_digests
 from exceptiondrive_records.submissions.file_store import FileStore, lock_store
@@ -25,6 +30,11 @@ GRACE = timedelta(hours=24)
 """An orphan that is younger may still belong to an upload under way."""
 SWEEP_EVERY_S = 6 * 3600.0
 _LOOK_EVERY_S = 60.0
+_BY_ITSELF = 3
+"""A crash leaves no more files that are in no record."""
+_UNDER_WAY = timedelta(hours=1)
+"""A file that is younger may be of an upload whose record is being written."""
+_SUBJECT, _SWEPT, _LEFT = "file store", "orphaned files swept", "orphaned files left"
 
 
 @dataclass(frozen=True)
@@ -35,28 +45,59 @@ class Swept:
     n_bytes: int
 
 
+class UnknownFiles(RecordsError):  # noqa: N818
+    """More files are in no record than crashes leave; none was removed."""
+
+    def __init__(self, n_files: int) -> None:
+        super().__init__(f"{n_files} stored files are in no record.")
+        self.n_files = n_files
+
+
 def sweep_orphans(
-    database: Database, files: FileStore, *, actor: str, grace: timedelta = GRACE
+    database: Database,
+    files: FileStore,
+    *,
+    actor: str,
+    grace: timedelta = GRACE,
+    at_most: float = math.inf,
 ) -> Swept:
     """Remove all stored files that are older than `grace` and that no record mentions.
 
     Raises:
+        UnknownFiles: More than `at_most` files are in no record at all, not even in one that was not
+            confirmed. The audit log says so, once.
         StoreError: The store did not answer; what was removed until then is right.
     """
-    before = datetime.now(UTC) - grace
+    now = datetime.now(UTC)
     with database.read() as session:
         mentioned = set(file_digests(session))
-    candidates = [
-        file for file in files.stored() if file.digest not in mentioned and file.changed_at < before
-    ]
+        known = set(file_digests(session, with_unconfirmed=True))
+        were_left = orphans_were_left(session)
+    orphans = [file for file in files.stored() if file.digest not in mentioned]
+    n_unknown = sum(
+        file.digest not in known and file.changed_at < now - _UNDER_WAY for file in orphans
+    )
+    if n_unknown > at_most:
+        if not were_left:
+            with database.write() as session:
+                audit(session, actor, _LEFT, _SUBJECT, {"n_files": n_unknown})
+        raise UnknownFiles(n_unknown)
+    before = now - grace
     removed = [
-        file for file in candidates if remove_orphan(database, files, file.digest, before=before)
+        file
+        for file in orphans
+        if file.changed_at < before and remove_orphan(database, files, file.digest, before=before)
     ]
     swept = Swept(len(removed), sum(file.size_bytes for file in removed))
-    if removed:
+    if removed or were_left:
         with database.write() as session:
-            audit(session, actor, "orphaned files swept", "file store", vars(swept))
+            audit(session, actor, _SWEPT, _SUBJECT, vars(swept))
     return swept
+
+
+def orphans_were_left(session: Session) -> bool:
+    """Whether the last sweep removed nothing, as more files are in no record than crashes leave."""
+    return last_action(session, _SUBJECT, _SWEPT, _LEFT) == _LEFT
 
 
 def remove_orphan(
@@ -85,7 +126,7 @@ def remove_orphan(
 def run_sweeper(
     database: Database, files: FileStore, stop: threading.Event, every_s: float = SWEEP_EVERY_S
 ) -> None:
-    """Sweep every few hours until `stop` is set; of all reconcilers one at a time."""
+    """Sweep what crashes leave every few hours until `stop` is set; of all reconcilers one at a time."""
     from structlog import get_logger  # an operator's command has no log
 
     log = get_logger("exceptiondrive.reconciler")
@@ -94,8 +135,10 @@ def run_sweeper(
             with database.write() as session:
                 is_due = take_lead(session, "sweep", random_id(), every_s)
             if is_due:
-                swept = sweep_orphans(database, files, actor="reconciler")
-                log.info("orphaned files swept", **vars(swept))
+                swept = sweep_orphans(database, files, actor="reconciler", at_most=_BY_ITSELF)
+                log.info(_SWEPT, **vars(swept))
+        except UnknownFiles as found:
+            log.warning(_LEFT, n_files=found.n_files)
         except (SQLAlchemyError, StoreError) as error:
             log.warning("orphaned files not swept", error=type(error).__name__)
         stop.wait(min(every_s, _LOOK_EVERY_S))

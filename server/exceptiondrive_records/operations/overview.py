@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import PROBING_SUSPECTED, SPLIT_FLOOR_HELD
 from exceptiondrive_records.audit.tables import AuditLine
-from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.clock import SET_BACK, database_now
 from exceptiondrive_records.news.questions import count_waiting
 from exceptiondrive_records.operations.troubles import Trouble, troubles
 from exceptiondrive_records.phases.phases import list_phases
@@ -162,8 +162,9 @@ def lane_queue(session: Session, lane: Lane) -> LaneQueue:
 def worker_signs(session: Session) -> Iterable[WorkerSign]:
     """Yield the last signs of workers, the newest first. A sign forgets those over an hour old."""
     now = database_now(session)
-    query = select(WorkerHeartbeat).order_by(WorkerHeartbeat.at.desc(), WorkerHeartbeat.worker_id)
-    for row in session.scalars(query):
+    signs = select(WorkerHeartbeat).where(WorkerHeartbeat.at < SET_BACK)
+    order = WorkerHeartbeat.at.desc(), WorkerHeartbeat.worker_id
+    for row in session.scalars(signs.order_by(*order)):
         age_s = (now - row.at).total_seconds()
         is_alive = row.lives_until > now
         yield WorkerSign(row.worker_id, tuple(row.lanes), age_s, is_alive)

@@ -7,11 +7,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import timedelta
 
-from sqlalchemy import func, select
+from sqlalchemy import and_, func, select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.audit.log import last_action
+from exceptiondrive_records.db.clock import NOW, SET_BACK, database_now
 from exceptiondrive_records.notifications.tables import Channel, ContactPoint, Delivery
+from exceptiondrive_records.operations.garbage import orphans_were_left
 from exceptiondrive_records.operations.reconciler import LEADERSHIP
 from exceptiondrive_records.phases.phases import list_phases, not_checked
 from exceptiondrive_records.phases.tables import Phase
@@ -23,6 +25,8 @@ from exceptiondrive_schemas.printable import counted
 
 BEGUN_IN_VAIN = 2
 """A board that was begun so often was not finished at least once; so with a mail."""
+BACKUP, BACKUP_WRITTEN, BACKUP_FAILED = "backup", "backup written", "backup failed"
+"""Subject and actions of the audit lines of backups."""
 _MAIL_OF = timedelta(days=1)
 """Mails that were last tried before this are told no more."""
 
@@ -55,6 +59,8 @@ def troubles(session: Session) -> tuple[Trouble, ...]:
         *_boards(session),
         *_phases(session),
         *_mail(session),
+        *_store(session),
+        *_backup(session),
     )
 
 
@@ -103,8 +109,8 @@ def _splits(session: Session) -> Iterator[Trouble]:
 
 
 def _reconciler(session: Session) -> Iterator[Trouble]:
-    leading = (Leader.key == LEADERSHIP, Leader.lease_until > database_now(session))
-    if session.scalar(select(Leader.id).where(*leading)) is None:
+    is_held = and_(Leader.lease_until > NOW, Leader.leased_at < SET_BACK)
+    if session.scalar(select(Leader.id).where(Leader.key == LEADERSHIP, is_held)) is None:
         yield Trouble(
             "no_reconciler",
             "reconciler",
@@ -179,4 +185,26 @@ def _mail(session: Session) -> Iterator[Trouble]:
             "The log of exceptiondrive-server reconcile says why. Teams find all in their notices.",
             "set right what the log says at 'not delivered'; docs/rescoring.md has the settings of "
             "mail. What still waits is then sent by itself",
+        )
+
+
+def _store(session: Session) -> Iterator[Trouble]:
+    if orphans_were_left(session):
+        yield Trouble(
+            "files_without_record",
+            "file store",
+            "The file store holds more files that are in no record than crashes leave, as where the database "
+            "is older than the uploads, or another. None was removed.",
+            "put the newest database back; where this is it, remove them: exceptiondrive-server sweep "
+            "--older-than-hours 1",
+        )
+
+
+def _backup(session: Session) -> Iterator[Trouble]:
+    if last_action(session, BACKUP, BACKUP_WRITTEN, BACKUP_FAILED) == BACKUP_FAILED:
+        yield Trouble(
+            "backup_failed",
+            BACKUP,
+            "The last backup was not written.",
+            "run exceptiondrive-server backup again: it says why",
         )

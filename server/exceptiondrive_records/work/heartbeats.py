@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from sqlalchemy import Double, bindparam, delete, select
+from sqlalchemy import Double, and_, bindparam, delete, select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.db.clock import NOW, seconds_from_now
+from exceptiondrive_records.db.clock import NOW, SET_BACK, seconds_from_now
 from exceptiondrive_records.db.database import upsert
 from exceptiondrive_records.db.last import do_last
 from exceptiondrive_records.work.tables import WorkerHeartbeat
@@ -18,7 +18,7 @@ MISSED_FOR_S = 120.0
 """A worker that fell silent is missed for so long; then it counts as gone."""
 
 
-_LIVES = WorkerHeartbeat.lives_until > NOW
+_LIVES = and_(WorkerHeartbeat.lives_until > NOW, WorkerHeartbeat.at < SET_BACK)
 _LIVING = select(WorkerHeartbeat.lanes, WorkerHeartbeat.missing_splits).where(_LIVES)
 _MISSING = select(WorkerHeartbeat.missing_splits).where(_LIVES)
 _COUNTS_SINCE = seconds_from_now(-_SCORER_COUNTS_FOR_S)

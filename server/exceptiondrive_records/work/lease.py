@@ -28,6 +28,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.log import audit
 from exceptiondrive_records.db.clock import (
     NOW,
+    SET_BACK,
     Moment,
     database_now,
     seconds_from_now,
@@ -121,7 +122,8 @@ def ask_once(
 
 def is_free(kind: type[WorkItem], now: Moment) -> ColumnElement[bool]:
     """Whether nobody has an item: it waits, or its lease has run out."""
-    is_expired = and_(kind.state == WorkState.LEASED, kind.lease_until < now)
+    is_over = or_(kind.lease_until < now, kind.leased_at > SET_BACK)
+    is_expired = and_(kind.state == WorkState.LEASED, is_over)
     return and_(kind.state.in_(CLAIMED_FROM), or_(kind.state == WorkState.QUEUED, is_expired))
 
 
@@ -281,10 +283,12 @@ def take_lead(session: Session, name: str, holder: str, lease_s: float) -> bool:
     """Become or stay the leader; False while another holder's lease runs."""
     made = (*_NEW, ("lease_until", NOW))
     insert_if_absent(session, Leader, made, **_new_values(Leader, name), holder=holder)
+    is_over = or_(Leader.lease_until <= NOW, Leader.leased_at > SET_BACK)
+    lease = {"leased_at": NOW, "lease_until": seconds_from_now(lease_s)}
     taken = session.execute(
         update(Leader)
-        .where(Leader.key == name, (Leader.holder == holder) | (Leader.lease_until <= NOW))
-        .values(state=WorkState.LEASED, holder=holder, lease_until=seconds_from_now(lease_s))
+        .where(Leader.key == name, or_(Leader.holder == holder, is_over))
+        .values(state=WorkState.LEASED, holder=holder, **lease)
         .returning(Leader.id)
         .execution_options(synchronize_session=False)
     ).first()

@@ -15,6 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import IO, Literal
 
+from pydantic import Field
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import verify_audit
@@ -49,35 +50,43 @@ class BackupHead(Document):
     audit_lines: int
     audit_head: str
     n_files: int
+    without: list[str] = Field(default_factory=list)
+    """Digests of the uploads that were lost when it was written: missing, damaged or unreadable."""
 
 
 class BackupError(RecordsError):
     """The backup cannot be written or restored; the text says what to do."""
 
 
-def write_backup(database: Database, files: FileStore, path: Path) -> BackupHead:
+def write_backup(
+    database: Database, files: FileStore, path: Path, *, without_lost: bool = False
+) -> BackupHead:
     """Write a backup of one moment; the file appears when it is whole, readable by its owner.
 
     Raises:
-        BackupError: An upload is missing or damaged, or the file cannot be written.
+        BackupError: An upload is missing or damaged, and not left out by `without_lost`, or the file
+            cannot be written.
     """
     try:
         with _appearing(path) as stream, tarfile.open(fileobj=stream, mode="w|") as archive:
             with database.read() as session:
                 begin_snapshot(session)
                 digests = file_digests(session)
-                head = _head(session, len(digests))
+                lost = [each for each in digests if without_lost and _is_lost(files, each)]
+                kept = [each for each in digests if each not in lost]
+                head = _head(session, len(kept), lost)
                 _add(archive, _HEAD, head.model_dump_json(indent=1).encode())
                 for table in dumped_tables():
                     rows = dump_rows(session, table)
                     _add_lines(archive, f"records/{table.name}.jsonl", rows, path.parent)
-            for digest in digests:  # files never change: they need no snapshot
+            for digest in kept:  # files never change: they need no snapshot
                 data = files.read(digest, limit_bytes=LIMIT_BYTES)
                 _add(archive, f"files/{digest.removeprefix('sha256:')}", data)
     except (NotFound, FileDamaged, FileUnreadable) as error:
         raise BackupError(
             f"{error} No backup was written. exceptiondrive-server verify says whose file it is; see "
-            "`broken invariants` in docs/operating.md"
+            "`broken invariants` in docs/operating.md. Until it is back: exceptiondrive-server backup "
+            "--without-lost"
         ) from None
     except OSError as error:
         raise BackupError(f"{path} cannot be written: {error.strerror}") from None
@@ -106,7 +115,7 @@ def restore_backup(path: Path, database_url: str, files: FileStore) -> BackupHea
     except StoreError as error:
         raise BackupError(
             f"{error} No row was restored. This user needs room, and the right to write, where "
-            "EXCEPTIONDRIVE_FILE_STORE_URL says."
+            "EXCEPTIONDRIVE_FILE_STORE_URL says: in a new folder, as those of a former one are another's."
         ) from None
     except (tarfile.TarError, KeyError) as error:  # the latter where a table is missing
         raise BackupError(f"{path} is not a whole backup: {error}") from None
@@ -115,7 +124,16 @@ def restore_backup(path: Path, database_url: str, files: FileStore) -> BackupHea
     return head
 
 
-def _head(session: Session, n_files: int) -> BackupHead:
+def _is_lost(files: FileStore, digest: str) -> bool:
+    """Raises StoreError where the whole store is away."""
+    try:
+        files.read(digest, limit_bytes=LIMIT_BYTES)
+    except (NotFound, FileDamaged, FileUnreadable):
+        return True
+    return False
+
+
+def _head(session: Session, n_files: int, without: list[str]) -> BackupHead:
     verdict = verify_audit(session)
     if not verdict.is_whole:
         raise BackupError(
@@ -130,6 +148,7 @@ def _head(session: Session, n_files: int) -> BackupHead:
         audit_lines=verdict.n_lines,
         audit_head=verdict.head,
         n_files=n_files,
+        without=without,
     )
 
 
@@ -167,7 +186,10 @@ def _restore_files(archive: tarfile.TarFile, files: FileStore, head: BackupHead)
 
 def _require_empty(session: Session) -> None:
     if not is_empty(session):
-        raise BackupError("these records are not empty: restore into new ones")
+        raise BackupError(
+            "these records are not empty, and `migrate --grant-to` is enough for that: restore into a new "
+            "database and a new file store; see `restore` in docs/operating.md"
+        )
 
 
 def _restore_rows(archive: tarfile.TarFile, session: Session, head: BackupHead) -> None:

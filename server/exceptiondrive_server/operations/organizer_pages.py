@@ -40,6 +40,8 @@ TROUBLE_LINKS = {
     "no_recorded_drives": ("/organize/phases/{}#troubles", "What to do"),
     "reported_beside_other_split": ("/organize/phases/{}#troubles", "What to do"),
     "mail_not_sent": ("/organize/teams", "See the teams"),
+    "backup_failed": ("/organize/audit?subject={}", "See the audit log"),
+    "files_without_record": ("/organize/audit?subject={}", "See the audit log"),
 }
 """Where an organizer goes for each kind of trouble."""
 LASTING = ("no_recorded_drives", "reported_beside_other_split")

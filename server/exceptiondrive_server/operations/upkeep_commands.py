@@ -8,16 +8,23 @@ from typing import Annotated
 import typer
 
 from exceptiondrive_records.audit.log import audit, verify_audit
+from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.db.settings import RecordsSettings, load_settings
 from exceptiondrive_records.operations.garbage import GRACE, sweep_orphans
 from exceptiondrive_records.operations.invariants import damaged_uploads, violations
 from exceptiondrive_records.operations.setup import opened
+from exceptiondrive_records.operations.troubles import BACKUP, BACKUP_FAILED, BACKUP_WRITTEN
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.launcher.broker import broker_url
 from exceptiondrive_server.launcher.layout import Layout
-from exceptiondrive_server.operations.backup import LIMIT_BYTES, restore_backup, write_backup
+from exceptiondrive_server.operations.backup import (
+    LIMIT_BYTES,
+    BackupHead,
+    restore_backup,
+    write_backup,
+)
 from exceptiondrive_server.operations.records_commands import ACTOR, DataOption, say
 from exceptiondrive_server.web.settings import ServerSettings
 
@@ -26,15 +33,37 @@ File = Annotated[Path, typer.Argument(metavar="FILE", dir_okay=False, help="The 
 
 
 @upkeep_app.command("backup")
-def backup(file: File, data: DataOption = None) -> None:
+def backup(
+    file: File,
+    without_lost: Annotated[
+        bool,
+        typer.Option("--without-lost", help="Leave out uploads that are missing or damaged."),
+    ] = False,
+    data: DataOption = None,
+) -> None:
     """Write all records and uploads of one moment into FILE; the server may run meanwhile."""
     settings = load_settings(RecordsSettings, data)
+    files = FileStore(settings.file_store_url)
     with opened(settings) as database:
-        head = write_backup(database, FileStore(settings.file_store_url), file)
+        try:
+            head = write_backup(database, files, file, without_lost=without_lost)
+        except RecordsError:
+            _note(database, BACKUP_FAILED)
+            raise
         say(f"{head.n_files} files and {head.audit_lines} audit lines in {file}; keep it private")
-        if database.takes_writes():  # a standby does not
-            with database.write() as session:
-                audit(session, ACTOR, "backup written", "backup", {"as_of": head.created_at})
+        _tell_lost(head)
+        _note(database, BACKUP_WRITTEN, as_of=head.created_at)
+
+
+def _tell_lost(head: BackupHead) -> None:
+    for digest in head.without:
+        say(f"without {digest}, which was lost when it was written")
+
+
+def _note(database: Database, action: str, **detail: str) -> None:
+    if database.takes_writes():  # a standby does not
+        with database.write() as session:
+            audit(session, ACTOR, action, BACKUP, detail)
 
 
 @upkeep_app.command("restore")
@@ -45,6 +74,7 @@ def restore(file: File, data: DataOption = None) -> None:
     settings = load_settings(RecordsSettings, data)
     head = restore_backup(file, settings.database_url, FileStore(settings.file_store_url))
     say(f"restored as of {head.created_at}: {head.n_files} files, audit chain whole")
+    _tell_lost(head)
     if settings.database_url.startswith("postgresql"):
         say("next: exceptiondrive-server migrate --grant-to, which gives each service its rights")
     say(

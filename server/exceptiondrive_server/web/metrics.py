@@ -10,9 +10,9 @@ from sqlalchemy import case, func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.tables import AuditLine
-from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.clock import SET_BACK, database_now
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.operations.troubles import troubles
+from exceptiondrive_records.operations.troubles import BACKUP, BACKUP_WRITTEN, troubles
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import recent_scoring_s
 from exceptiondrive_records.work.heartbeats import MISSED_FOR_S, live_workers
@@ -133,7 +133,8 @@ def _heartbeats(session: Session) -> Iterable[Metric]:
         "exceptiondrive_live_workers", "Workers that give signs of life.", labels=["lane"]
     )
     now = database_now(session)
-    for worker_id, at in session.execute(select(WorkerHeartbeat.worker_id, WorkerHeartbeat.at)):
+    signs = select(WorkerHeartbeat.worker_id, WorkerHeartbeat.at)
+    for worker_id, at in session.execute(signs.where(WorkerHeartbeat.at < SET_BACK)):
         age_s = (now - at).total_seconds()
         if age_s < MISSED_FOR_S:
             gauge.add_metric([worker_id], age_s)
@@ -169,7 +170,7 @@ def _last_backup(session: Session) -> Metric:
         "exceptiondrive_last_backup_timestamp_seconds",
         "When `exceptiondrive-server backup` last wrote a file.",
     )
-    written = (AuditLine.subject == "backup", AuditLine.action == "backup written")
+    written = (AuditLine.subject == BACKUP, AuditLine.action == BACKUP_WRITTEN)
     at = session.scalar(select(func.max(AuditLine.at)).where(*written))
     if at is not None:
         gauge.add_metric([], at.timestamp())

@@ -9,9 +9,11 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.operations.garbage import remove_orphan
 from exceptiondrive_records.splits.drawings import PublicSplit, find_public_split
 from exceptiondrive_records.splits.pictures import show_pictures
 from exceptiondrive_records.splits.tables import SamplePictureRow
@@ -51,19 +53,33 @@ def publish_pictures(
     rows = list(_stored(files, folder / PICTURES))
     if not rows:
         raise PicturesRefusedError(f"there are no pictures in {split.name}/{PICTURES}")
-    with database.write() as session:
-        show_pictures(session, _public(session, split), rows, licence, ACTOR)
+    _show(database, files, split, rows, licence)
     return len(rows)
 
 
-def remove_pictures(database: Database, split: SplitRef) -> None:
-    """Show no picture of a public split any more; the stored files go with a later sweep.
+def remove_pictures(database: Database, files: FileStore, split: SplitRef) -> None:
+    """Show no picture of a public split any more, and keep none.
 
     Raises:
         PicturesRefusedError: The split is withheld: none was ever shown.
     """
+    _show(database, files, split, [], "")
+
+
+def _show(
+    database: Database, files: FileStore, ref: SplitRef, rows: list[SamplePictureRow], licence: str
+) -> None:
+    """Show these in the place of those that were shown, whose files go."""
     with database.write() as session:
-        show_pictures(session, _public(session, split), [], "", ACTOR)
+        split = _public(session, ref)
+        of_split = (
+            SamplePictureRow.split_name == ref.name,
+            SamplePictureRow.split_revision == ref.revision,
+        )
+        before = session.scalars(select(SamplePictureRow.file_digest).where(*of_split)).all()
+        show_pictures(session, split, rows, licence, ACTOR)
+    for digest in before:
+        remove_orphan(database, files, digest)
 
 
 def _public(session: Session, ref: SplitRef) -> PublicSplit:
