@@ -86,7 +86,7 @@ def check_the_title(title: str, board: Board) -> None:
     if leader is None:
         assert title == challenge_of(board).words.headline.question
         return
-    share = leader.metrics[second.key] or 0.0
+    share = leader.micro[second.key] or 0.0
     share = 1 - share if re.search("stays out|careful enough", title) else share
     if "every time" in title:
         assert share == 1

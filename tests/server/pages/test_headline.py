@@ -15,10 +15,11 @@ from exceptiondrive_server.boards.table import board_table
 
 
 def with_ur(board: Board, ur: float) -> Board:
-    """The leader alone, with this unsafe rate by the average that ranks."""
+    """The leader alone, with this unsafe rate over its samples, and another by the average that ranks."""
     entry = board.entries[0]
-    metrics = {**entry.metrics, "ur": ur}
-    return board.model_copy(update={"entries": (entry.model_copy(update={"metrics": metrics}),)})
+    assert entry.metrics == entry.macro_family
+    micro = {**entry.micro, "ur": ur}
+    return board.model_copy(update={"entries": (entry.model_copy(update={"micro": micro}),)})
 
 
 def flagged(board: Board, *places: int) -> Board:
@@ -50,7 +51,7 @@ def flagged(board: Board, *places: int) -> Board:
         (0.0, "The leading planner stays out of the hazard every time."),
     ],
 )
-def test_the_title_says_the_leaders_number(lively_board: Board, ur: float, title: str) -> None:
+def test_the_title_counts_what_the_leader_hits(lively_board: Board, ur: float, title: str) -> None:
     assert headline(with_ur(lively_board, ur), PLANNING, PROTOCOL).title == title
 
 
