@@ -12,6 +12,7 @@ from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.coverage import too_little_covered
 from exceptiondrive_schemas.flags import FLAGS, bars_leading
+from exceptiondrive_schemas.printable import share_past
 from exceptiondrive_schemas.protocol import (
     NEWEST,
     ProtocolDocument,
@@ -107,7 +108,7 @@ def test_a_check_tells_a_flag_before_an_upload(code: str, manifest: Manifest) ->
 @pytest.mark.parametrize(
     ("letters", "unranked_flags", "because"),
     [
-        ("C" * 20 + "A", ("same_answer",), "flagged Same answer: 95% are C"),
+        ("C" * 20 + "A", ("same_answer",), "flagged Same answer: 95.2% are C"),
         ("C" * 20 + "A", (), None),
         ("C" * 19 + "A", ("same_answer",), None),
         ("C" * 19, ("same_answer",), None),
@@ -182,6 +183,23 @@ def test_coverage_is_exact_where_numbers_are_told() -> None:
     assert told.exact_shares(299) == {"edited": 296 / 299, "source": 1.0}
     assert Coverage(edited=0.99).exact_shares(299) == {"edited": 0.99}
     assert Coverage(edited=0.99).model_dump() == {"edited": 0.99, "source": None}
+
+
+@pytest.mark.parametrize(
+    ("share", "limit", "said"),
+    [
+        (0.196, 0.2, "19.6%"),
+        (0.1949, 0.2, "19%"),
+        (0.9504, 0.95, "95.04%"),
+        (0.0504, 0.05, "5.04%"),
+        (0.13, 0.125, "13%"),
+        (0.5 + 1e-9, 0.5, "more than 50%"),
+    ],
+)
+def test_a_share_past_a_limit_shows_on_which_side_of_it_it_lies(
+    share: float, limit: float, said: str
+) -> None:
+    assert share_past(share, limit) == said
 
 
 @pytest.mark.parametrize(

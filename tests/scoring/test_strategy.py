@@ -158,7 +158,7 @@ def test_scoring_agrees_with_the_sets_that_the_protocol_stores(protocol: Protoco
     ("letters", "told"),
     [
         ("C" * 20 + "-", ["100% of the answers are C."]),
-        ("C" * 20 + "A", ["95% of the answers are C."]),
+        ("C" * 20 + "A", ["95.2% of the answers are C."]),
         ("C" * 19 + "A", []),
         ("C" * 19, []),
     ],

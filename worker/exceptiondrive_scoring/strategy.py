@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.check import CheckedDocument, StrategyAnswer, StrategyDocument
 from exceptiondrive_schemas.drawing import EntryDrawings
+from exceptiondrive_schemas.printable import share_past
 from exceptiondrive_schemas.protocol import GeometrySection, GradingSection, ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ClearanceCurve, MetricRow, Plausibility
 from exceptiondrive_schemas.submission_files import ReminderRecord
@@ -204,7 +205,8 @@ class StrategyScoring:
             share > section.flag_same_answer and len(given) >= section.flag_family_min_samples
         )
         letter = STRATEGIES[int(counts.argmax())].value
-        flag = raised("same_answer", f"{share:.0%} of the answers are {letter}.")
+        said = share_past(share, section.flag_same_answer)
+        flag = raised("same_answer", f"{said} of the answers are {letter}.")
         return Plausibility(shares={"same_answer": share}, flags=(flag,) if is_flagged else ())
 
     def extra(

@@ -30,7 +30,7 @@ from exceptiondrive_schemas.coverage import too_little_covered
 from exceptiondrive_schemas.faults import MESSAGES, FaultCode
 from exceptiondrive_schemas.file_profile import CONVERT, FileProfile
 from exceptiondrive_schemas.flags import FLAGS
-from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.printable import counted, share_past
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 
@@ -230,12 +230,14 @@ class PlanningRules:
             yield "stands_still", text
         if source > section.flag_source_stationary:
             are = "are missing or stand still" if shares["source"] < 1 else "stand still"
-            yield "source_stands_still", f"{source:.0%} of the source trajectories {are}"
+            share = share_past(source, section.flag_source_stationary)
+            yield "source_stands_still", f"{share} of the source trajectories {are}"
         yield from self._blind(profile)
         yield from motion_flags(self._tracks, n_predictions, self._protocol)
         same = profile.same_edited or 0.0
         if same > section.flag_same_answer:
-            yield "same_answer", f"{same:.0%} of the edited trajectories are the same"
+            share = share_past(same, section.flag_same_answer)
+            yield "same_answer", f"{share} of the edited trajectories are the same"
         median_m = profile.median_source_l2_m
         if median_m is not None and median_m > section.flag_off_course_m:
             yield "off_course", f"median source L2 {median_m:.2f} m"
@@ -243,10 +245,12 @@ class PlanningRules:
     def _blind(self, profile: FileProfile | None) -> Iterator[tuple[str, str]]:
         """Yield the flag of a file whose pairs are nearly all equal, and why."""
         equal = 0.0 if profile is None else profile.equal_pairs or 0.0
-        if equal > self._protocol.plausibility.flag_blind:
+        most = self._protocol.plausibility.flag_blind
+        if equal > most:
+            share = share_past(equal, most)
             yield (
                 "blind_to_the_edit",
-                f"source and edited are alike in {equal:.0%} of the pairs: it reacts to no hazard",
+                f"source and edited are alike in {share} of the pairs: it reacts to no hazard",
             )
 
     def document(self, split: str, answers: Mapping[str, Any]) -> PlanningDocument:
