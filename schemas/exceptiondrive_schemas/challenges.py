@@ -133,7 +133,7 @@ PLANNING_WORDS = ChallengeWords(
         OutcomePart(metric="hit_reacting", words="in the hazard, although it reacted", kind="hit"),
         OutcomePart(metric="hit_unmoved", words="in the hazard, unmoved", kind="unmoved"),
     ),
-    covered={"edited": "scenes with hazard", "source": "original scenes"},
+    covered={"edited": "samples as edited", "source": "samples as recorded"},
     file_note="One JSON file with {waypoints} waypoints per trajectory, two trajectories per "
     "sample.",
     alike="Compared are the paths for the scene with the hazard, sample by sample; those at most 5 cm "
@@ -198,7 +198,7 @@ STRATEGY_WORDS = ChallengeWords(
         OutcomePart(metric="over_warning", words="wrong, not too careless", kind="lost"),
         OutcomePart(metric="under_warning", words="too careless, or no answer", kind="hit"),
     ),
-    covered={"edited": "scenes"},
+    covered={"edited": "samples"},
     file_note="One JSON file with one letter per sample: what the agent would do in the edited "
     "scene.",
     alike="Compared is the strategy that is named for each sample. Reminders are not compared.",

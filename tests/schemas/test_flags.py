@@ -115,7 +115,7 @@ def test_a_check_tells_a_flag_before_an_upload(code: str, manifest: Manifest) ->
         (
             "ABCDE" * 4 + "-",
             ("same_answer",),
-            "95.24% of the scenes are answered; a rank needs 99%",
+            "95.24% of the samples are answered; a rank needs 99%",
         ),
     ],
 )
@@ -205,12 +205,12 @@ def test_a_share_past_a_limit_shows_on_which_side_of_it_it_lies(
 @pytest.mark.parametrize(
     ("share", "least", "said"),
     [
-        (0.75, 0.99, "75.00% of the scenes are answered; a rank needs 99%"),
-        (0.99, 0.995, "99.00% of the scenes are answered; a rank needs 99.5%"),
-        (0.995 - 1e-9, 0.995, "less than 99.5% of the scenes are answered; a rank needs 99.5%"),
+        (0.75, 0.99, "75.00% of the samples are answered; a rank needs 99%"),
+        (0.99, 0.995, "99.00% of the samples are answered; a rank needs 99.5%"),
+        (0.995 - 1e-9, 0.995, "less than 99.5% of the samples are answered; a rank needs 99.5%"),
     ],
 )
 def test_the_least_share_is_said_as_the_protocol_has_it(
     share: float, least: float, said: str
 ) -> None:
-    assert too_little_covered({"edited": "scenes"}, {"edited": share}, least) == said
+    assert too_little_covered({"edited": "samples"}, {"edited": share}, least) == said

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, ClassVar
 
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check.answers import (
     PairsOfColumns,
     PlanningDocument,
@@ -44,8 +45,6 @@ SIDES_MISSING: Mapping[str, str] = {
     "edited": f"what the planner answered to the edited scene: {_RUN_BOTH}",
 }
 """What is not there, and how it is had, where a whole file lacks one side of its pairs."""
-_COVERED = {"edited": "edited scenes", "source": "original scenes"}
-"""A file does not tell controls from scenes with hazard, of which a score sheet tells the share."""
 FARTHEST_M = 1e9
 """Farther than any coordinate of the earth: nothing can be made of such a number."""
 STEP_MARGIN = 1e-9
@@ -205,7 +204,7 @@ class PlanningRules:
         shares = {
             key: 1 - self._n_missing[key] / max(n_predictions, 1) for key in ("edited", "source")
         }
-        reasons = [too_little_covered(_COVERED, shares, ranking.min_coverage)]
+        reasons = [too_little_covered(PLANNING.words.covered, shares, ranking.min_coverage)]
         if ranking.unranked_flags and all(shares.values()):
             for code, why in self._flags(n_predictions, profile, shares):
                 if code in ranking.unranked_flags:

@@ -99,7 +99,7 @@ def test_a_row_without_a_score_says_why_it_is_not_ranked(
 ) -> None:
     row = view(lively_board, protocol).blocks[0].rows[-1]
     assert row.rank is None
-    assert row.rank_words == "62.00% of the scenes with hazard are answered; a rank needs 99%"
+    assert row.rank_words == "62.00% of the samples as edited are answered; a rank needs 99%"
     assert all(cell.text is None for cell in row.cells)
 
 
