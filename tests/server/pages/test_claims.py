@@ -338,6 +338,7 @@ def check_what_is_hardest(page: Node, board: Board) -> None:
     def value(entry: BoardEntry, family: str) -> float:
         return entry.families[family].metrics[metric.key] or 0.0
 
+    head_of = {head.title: head for head in board.families}
     means = {h.title: fmean(value(e, h.id) for e in ranked(board)) for h in board.families}
     expected = sorted(means, key=lambda title: means[title], reverse=metric.better == "lower")
     assert shown == expected
@@ -348,9 +349,13 @@ def check_what_is_hardest(page: Node, board: Board) -> None:
     assert [float(text) for text in said] == [
         pytest.approx(100 * means[title], abs=0.0051) for title in expected
     ]
-    first, last = expected[0], expected[-1]
-    claim = f"{first} is hardest and {last} easiest, by the mean of {whose}"
+    large = [title for title in expected if head_of[title].n >= 30]
+    first, last = large[0], large[-1]
+    of = " of those with at least 30 samples" if len(large) < len(expected) else ""
+    claim = f"{first} is hardest and {last} easiest{of}, by the mean of {whose}"
     assert (claim in section.text) == (means[first] != means[last])
+    stars = [span.text for span in foot.all("span") if "hardest" in span.text]
+    assert stars == [f"{said[expected.index(first)]} hardest"]
     check_the_dots(section, board, expected)
     check_the_tasks(section, board)
 
