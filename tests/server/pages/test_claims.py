@@ -219,7 +219,7 @@ def check_the_range(row: Node, entry: BoardEntry) -> None:
 def check_the_number(
     cell: Node, label: str, known: float | None, interval: Interval | None
 ) -> None:
-    """One decimal in the cell, all of them on hover; \u00b1 reaches to the farther end."""
+    """One decimal in the cell, all of them on hover; beside it how far the interval reaches."""
     value = known or 0.0
     assert abs(float(cell.one("b").text) - 100 * value) <= 0.0501
     assert f"{label} {percent(value)}" in cell["title"]
@@ -228,9 +228,15 @@ def check_the_number(
         assert said == []
         return
     below, above = 100 * (value - interval[0]), 100 * (interval[1] - value)
-    sign = "+" if below < 0.005 else "\u2212" if above < 0.005 else "\u00b1"
-    assert said[0].startswith(sign)
-    assert abs(float(said[0].removeprefix(sign)) - max(below, above)) <= 0.0501
+    ways = {text[0]: float(text[1:]) for text in said[0].split()}
+    if set(ways) == {"\u00b1"}:
+        assert abs(ways["\u00b1"] - max(below, above)) <= 0.0501
+        assert (
+            max(below, above) <= min(1.5 * min(below, above), 100 * value, 100 - 100 * value) + 0.01
+        )
+    else:
+        for sign, way in (("\u2212", below), ("+", above)):
+            assert abs(ways.get(sign, 0.0) - way) <= (0.0501 if sign in ways else 0.0051)
     assert span_words(interval) in cell["title"]
 
 
