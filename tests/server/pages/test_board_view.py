@@ -214,6 +214,28 @@ def test_tasks_that_are_not_told_are_counted(
     assert "not told" not in said(tasks, 10)
 
 
+@pytest.mark.parametrize(
+    ("n_large", "sentence"),
+    [(6, "easiest, by"), (2, "easiest of those with at least 30 samples, by"), (1, ""), (0, "")],
+)
+def test_no_family_of_few_samples_is_called_hardest_or_easiest(
+    lively_board: Board, protocol: ProtocolDocument, n_large: int, sentence: str
+) -> None:
+    heads = tuple(
+        head.model_copy(update={"n": 30 if at < n_large else 29})
+        for at, head in enumerate(lively_board.families)
+    )
+    board = lively_board.model_copy(update={"families": heads})
+    shown = families_of(board)
+    assert {line.n for line in shown.large} <= {30}
+    assert sentence in shown.sentence
+    assert bool(shown.sentence) == bool(sentence)
+    section = macro("boards/families.html", "families_section")(
+        table=view(board, protocol), shown=shown, plot=None, tasks=(), protocol=protocol
+    )
+    assert str(section).count('<i class="star">hardest</i>') == (n_large > 1)
+
+
 def test_exactly_one_column_is_marked_as_sorted_and_clicking_it_turns_it_round() -> None:
     columns = metric_columns(PLANNING, BoardQuery(sort="ur"))
     assert [column.aria_sort for column in columns].count(None) == len(columns) - 1
