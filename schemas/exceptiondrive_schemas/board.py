@@ -199,7 +199,8 @@ class Board(Document):
     entries: tuple[BoardEntry, ...]
     """Ranked entries first, best first, unless the request sorts them otherwise."""
     comparisons: tuple[PairedComparison, ...] = Field(default=(), exclude_if=lambda it: not it)
-    """Every two of the best ranked entries, the better ranked first; submission ids."""
+    """Every two of the best ranked entries, the better ranked first; submission ids. Of a withheld split,
+    of different teams alone."""
     view: BoardView = Field(default="main", exclude_if=lambda it: it == "main")
     """`late` ranks late entries among the others, and moves no rank of the board."""
     part: SplitPart | None = Field(default=None, exclude_if=lambda it: it is None)
@@ -220,24 +221,30 @@ class Board(Document):
         """Return the entries whose rank intervals reach a place, the best first.
 
         Left out is whom a comparison puts behind the leader in the metric that ranks first: on a
-        withheld split rank intervals are wider than that.
+        withheld split rank intervals are wider than that. So is who ranks behind it and, of the same team,
+        is not compared with it there.
         """
         sign = 1 if first.order == "descending" else -1
-        behind = {
-            pair.b
-            for pair in self.comparisons
-            if self.leader is not None
-            and pair.a == self.leader.submission_id
-            and (found := pair.overall.get(first.metric)) is not None
-            and found.interval is not None
-            and min(sign * end for end in found.interval) > 0
-        }
+        pairs = {(pair.a, pair.b): pair for pair in self.comparisons}
+        compared = {name for both in pairs for name in both}
+        leader = self.leader
+
+        def is_behind(entry: BoardEntry) -> bool:
+            if leader is None or not {leader.submission_id, entry.submission_id} <= compared:
+                return False
+            pair = pairs.get((leader.submission_id or "", entry.submission_id or ""))
+            if pair is None:
+                return (entry.rank or 0) > (leader.rank or 0)
+            found = pair.overall.get(first.metric)
+            ends = found.interval if found else None
+            return ends is not None and min(sign * end for end in ends) > 0
+
         return tuple(
             entry
             for entry in self.entries
             if entry.rank_interval is not None
             and entry.rank_interval[0] <= place
-            and entry.submission_id not in behind
+            and not is_behind(entry)
         )
 
     @cached_property

@@ -20,7 +20,7 @@ from exceptiondrive_schemas.python310 import Self
 
 
 class HeadlineWords(Document):
-    """The page's headline, chosen by the leader's second primary metric in the average that ranks.
+    """The page's headline, chosen by the leader's second primary metric over all samples: it counts.
 
     `{often}` is set as "about once in 3", `{cases}` as "about one hazard in 3", `{rest}` as
     `{often}` of one minus that.
@@ -29,7 +29,8 @@ class HeadlineWords(Document):
     question: str
     """Where nobody leads."""
     leads: str
-    """The leader's two primary metrics, `{first}` and `{second}`, in a newcomer's words."""
+    """The leader's two primary metrics, `{first}` and `{second}`, in a newcomer's words; in the average that
+    ranks, so it counts nothing."""
     by_share: tuple[tuple[float, str], ...] = Field(min_length=1)
     """From this share on, these words; highest first, the last one from 0 on."""
 
@@ -109,8 +110,8 @@ PLANNING_WORDS = ChallengeWords(
     sample_note="samples, without and with a hazard",
     headline=HeadlineWords(
         question="Which planner keeps clear of the hazard?",
-        leads="it earns {first} of the credit for keeping its distance (HCC) and drives into the "
-        "hazard in {second} of the samples (UR)",
+        leads="it earns {first} of the credit for keeping its distance (HCC); its share of hazards hit is "
+        "{second} (UR)",
         by_share=(
             (0.501, "Even the leading planner hits the hazard {often}."),
             (0.1, "The leading planner still hits {cases}."),
@@ -132,7 +133,7 @@ PLANNING_WORDS = ChallengeWords(
         OutcomePart(metric="hit_reacting", words="in the hazard, although it reacted", kind="hit"),
         OutcomePart(metric="hit_unmoved", words="in the hazard, unmoved", kind="unmoved"),
     ),
-    covered={"edited": "scenes with hazard", "source": "original scenes"},
+    covered={"edited": "samples as edited", "source": "samples as recorded"},
     file_note="One JSON file with {waypoints} waypoints per trajectory, two trajectories per "
     "sample.",
     alike="Compared are the paths for the scene with the hazard, sample by sample; those at most 5 cm "
@@ -172,7 +173,7 @@ STRATEGY_WORDS = ChallengeWords(
     sample_note="samples, with a hazard",
     headline=HeadlineWords(
         question="Which agent is careful enough?",
-        leads="{first} of its answers are acceptable, {second} too careless",
+        leads="its share of acceptable answers is {first}, of too careless ones {second}",
         by_share=(
             (0.1, "Even the leading agent is too careless {often}."),
             (0.0, "The leading agent is careful enough {rest}."),
@@ -197,7 +198,7 @@ STRATEGY_WORDS = ChallengeWords(
         OutcomePart(metric="over_warning", words="wrong, not too careless", kind="lost"),
         OutcomePart(metric="under_warning", words="too careless, or no answer", kind="hit"),
     ),
-    covered={"edited": "scenes"},
+    covered={"edited": "samples"},
     file_note="One JSON file with one letter per sample: what the agent would do in the edited "
     "scene.",
     alike="Compared is the strategy that is named for each sample. Reminders are not compared.",

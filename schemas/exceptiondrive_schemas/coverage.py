@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 from exceptiondrive_schemas.challenges import CHALLENGES
 from exceptiondrive_schemas.flags import FLAGS
+from exceptiondrive_schemas.printable import share_past
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ScoreSheet
 
@@ -39,17 +40,8 @@ def too_little_covered(
     `shares` are those of the samples that have an answer, by its key, and `covered` says of what.
     """
     parts = [
-        f"{_below(share, least)} of the {covered[key]}"
+        f"{share_past(share, least, 2)} of the {covered[key]}"
         for key, share in shares.items()
         if share < least
     ]
     return f"{' and '.join(parts)} are answered; a rank needs {100 * least:g}%" if parts else None
-
-
-def _below(share: float, least: float) -> str:
-    """Per cent to as many digits as it takes to see that the share is below the least."""
-    for decimals in range(2, 6):
-        text = f"{share:.{decimals}%}"
-        if float(text[:-1]) < round(100 * least, 9):
-            return text
-    return f"less than {100 * least:g}%"

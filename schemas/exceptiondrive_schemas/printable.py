@@ -83,6 +83,16 @@ def percent_of(n: int, of: int) -> str:
     return f"{100 * n / of:.2f} %" if of else "–"
 
 
+def share_past(share: float, limit: float, decimals: int = 0) -> str:
+    """Return a share as `19.6%`: to more decimals where these do not tell on which side of a limit it lies."""
+    side = 1 if share > limit else -1
+    for digits in range(decimals, 6):
+        text = f"{share:.{digits}%}"
+        if side * (float(text[:-1]) - round(100 * limit, 9)) > 0:
+            return text
+    return f"{'more' if side > 0 else 'less'} than {100 * limit:g}%"
+
+
 def decimal_text(value: float, decimals: int, minus: str = "-") -> str:
     """Return a number with so many decimals, never as minus zero.
 

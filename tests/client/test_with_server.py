@@ -316,14 +316,14 @@ def test_an_entry_without_a_rank_says_why(working: "Running", planning_file: Mak
     refused = submit(working, file, "--wait")
     assert refused.exit_code == 2
     assert (
-        "75.00% of the edited scenes are answered; a rank needs 99%. Nothing was sent."
+        "75.00% of the samples as edited are answered; a rank needs 99%. Nothing was sent."
         in refused.stderr
     )
     assert "add --allow-unranked" in refused.stderr
     assert run(working, "submissions").stdout == "no submissions\n"
     done = submit(working, file, "--wait", "--allow-unranked")
     assert done.exit_code == 0, done.stderr
-    assert "not ranked in phase dev: 75.00% of the scenes with hazard are answered" in done.stdout
+    assert "not ranked in phase dev: 75.00% of the samples as edited are answered" in done.stdout
 
 
 def test_all_that_has_to_be_confirmed_is_asked_at_once(

@@ -242,7 +242,7 @@ def test_equal_published_values_share_a_rank(job: Job) -> None:
 @pytest.mark.parametrize(
     ("phase", "method", "words"),
     [
-        (extract.NAME, extract.UNRANKED, "66.25% of the scenes with hazard and"),
+        (extract.NAME, extract.UNRANKED, "66.25% of the samples as edited and"),
         ("nuscenes-real", "gpt-4.1", "66.96%"),
     ],
 )

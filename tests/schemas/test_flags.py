@@ -12,6 +12,7 @@ from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.coverage import too_little_covered
 from exceptiondrive_schemas.flags import FLAGS, bars_leading
+from exceptiondrive_schemas.printable import share_past
 from exceptiondrive_schemas.protocol import (
     NEWEST,
     ProtocolDocument,
@@ -107,14 +108,14 @@ def test_a_check_tells_a_flag_before_an_upload(code: str, manifest: Manifest) ->
 @pytest.mark.parametrize(
     ("letters", "unranked_flags", "because"),
     [
-        ("C" * 20 + "A", ("same_answer",), "flagged Same answer: 95% are C"),
+        ("C" * 20 + "A", ("same_answer",), "flagged Same answer: 95.2% are C"),
         ("C" * 20 + "A", (), None),
         ("C" * 19 + "A", ("same_answer",), None),
         ("C" * 19, ("same_answer",), None),
         (
             "ABCDE" * 4 + "-",
             ("same_answer",),
-            "95.24% of the scenes are answered; a rank needs 99%",
+            "95.24% of the samples are answered; a rank needs 99%",
         ),
     ],
 )
@@ -185,14 +186,31 @@ def test_coverage_is_exact_where_numbers_are_told() -> None:
 
 
 @pytest.mark.parametrize(
+    ("share", "limit", "said"),
+    [
+        (0.196, 0.2, "19.6%"),
+        (0.1949, 0.2, "19%"),
+        (0.9504, 0.95, "95.04%"),
+        (0.0504, 0.05, "5.04%"),
+        (0.13, 0.125, "13%"),
+        (0.5 + 1e-9, 0.5, "more than 50%"),
+    ],
+)
+def test_a_share_past_a_limit_shows_on_which_side_of_it_it_lies(
+    share: float, limit: float, said: str
+) -> None:
+    assert share_past(share, limit) == said
+
+
+@pytest.mark.parametrize(
     ("share", "least", "said"),
     [
-        (0.75, 0.99, "75.00% of the scenes are answered; a rank needs 99%"),
-        (0.99, 0.995, "99.00% of the scenes are answered; a rank needs 99.5%"),
-        (0.995 - 1e-9, 0.995, "less than 99.5% of the scenes are answered; a rank needs 99.5%"),
+        (0.75, 0.99, "75.00% of the samples are answered; a rank needs 99%"),
+        (0.99, 0.995, "99.00% of the samples are answered; a rank needs 99.5%"),
+        (0.995 - 1e-9, 0.995, "less than 99.5% of the samples are answered; a rank needs 99.5%"),
     ],
 )
 def test_the_least_share_is_said_as_the_protocol_has_it(
     share: float, least: float, said: str
 ) -> None:
-    assert too_little_covered({"edited": "scenes"}, {"edited": share}, least) == said
+    assert too_little_covered({"edited": "samples"}, {"edited": share}, least) == said

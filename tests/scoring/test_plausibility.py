@@ -206,6 +206,18 @@ def test_sources_far_from_the_recorded_drive_are_off_course(protocol: ProtocolDo
     assert "off_course" not in _codes(judged), "the median does not follow a few wild samples"
 
 
+def test_a_flag_says_its_share_to_the_decimals_that_show_what_it_is_raised_for(
+    protocol: ProtocolDocument,
+) -> None:
+    (flag,) = _judge([CRUISE] * 5, [0.196 * CRUISE] * 5, protocol).flags[-1:]
+    assert flag.detail == (
+        "The edited trajectories end 19.6% along the source trajectories; "
+        "less than 20% is hardly any way."
+    )
+    blind = _judge([CRUISE] * 500, [CRUISE] * 476 + [0.8 * CRUISE] * 24, protocol).flags
+    assert blind[0].detail == "95.2% of the pairs differ by less than 0.05 m."
+
+
 def test_hardly_moving_is_flagged_overall_and_in_a_family_of_enough_samples(
     protocol: ProtocolDocument, make_split: Callable[..., SplitArrays]
 ) -> None:

@@ -123,14 +123,14 @@ def test_reminders_are_scored_over_the_samples_that_carry_one(
     )
 
 
-def test_a_false_alarm_lowers_the_precision_of_presence(
+def test_what_a_record_leaves_out_is_wrong_and_no_alarm_is_false(
     split: SplitOf, protocol: ProtocolDocument
 ) -> None:
-    answers = _with_reminders([True, True], [1, 1], ["SE1", "no_such_task"], "CC")
-    truth = np.array([True, False])
-    scores = reminder_scores(answers, split([SE1, SE1]), protocol.taxonomy, truth)
-    assert (scores["presence_precision"], scores["presence_recall"]) == (0.5, 1.0)
-    assert scores["type_task_accuracy"] == 1.0
+    """As docs/protocol.md, docs/submission-format.md and the page of an entry say."""
+    answers = _with_reminders([True] * 4, [1, 1, -1, 0], ["SE1", "", "no_such_task", ""], "C???")
+    scores = reminder_scores(answers, split([SE1] * 4), protocol.taxonomy)
+    assert (scores["presence_precision"], scores["presence_recall"]) == (1.0, 0.5)
+    assert scores["type_task_accuracy"] == scores["strategy_accuracy"] == 0.25
 
 
 def test_without_reminders_nothing_about_them_is_defined(
@@ -158,7 +158,7 @@ def test_scoring_agrees_with_the_sets_that_the_protocol_stores(protocol: Protoco
     ("letters", "told"),
     [
         ("C" * 20 + "-", ["100% of the answers are C."]),
-        ("C" * 20 + "A", ["95% of the answers are C."]),
+        ("C" * 20 + "A", ["95.2% of the answers are C."]),
         ("C" * 19 + "A", []),
         ("C" * 19, []),
     ],

@@ -104,7 +104,7 @@ def test_what_is_not_ranked_says_why(
     one = api.submit("a").json()["id"]
     api.score(one)
     entry = make_entry("Planner", submission_id=one, rank=None)
-    because = "66.96% of the scenes are answered; a rank needs 99%"
+    because = "66.96% of the samples are answered; a rank needs 99%"
     api.publish(entry.model_copy(update={"unranked_because": because}))
     (row,) = my_rows(api, browse)
     assert f"Not ranked: {because}." in row

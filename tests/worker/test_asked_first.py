@@ -73,7 +73,7 @@ def test_what_would_not_be_ranked_costs_nothing_until_it_is_confirmed(
     assert asked.report is not None
     (question,) = asked.report.to_confirm
     assert question.endswith(
-        "not ranked: 75.00% of the edited scenes are answered; a rank needs 99%."
+        "not ranked: 75.00% of the samples as edited are answered; a rank needs 99%."
     )
     before = quota(on_both, asked_id)
     assert (before.used_today, before.rejected_today) == (0, 1)

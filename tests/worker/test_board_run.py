@@ -128,7 +128,9 @@ def test_low_coverage_never_ranks_and_says_why(
     row = row_of(board, "gaps")
     assert row.rank is None
     assert row.rank_interval is None
-    assert row.unranked_because == "75.00% of the original scenes are answered; a rank needs 99%"
+    assert (
+        row.unranked_because == "75.00% of the samples as recorded are answered; a rank needs 99%"
+    )
     assert row.metrics["hcc"] == 1.0
     assert row_of(board, "complete").rank_interval == (1, 1)
 
@@ -298,5 +300,5 @@ def test_the_strategy_challenge_runs_through_the_same_code(world: World, tiny: S
     }
     assert bold.metrics["accuracy"] == 0.6667
     assert row_of(board, "silent").unranked_because == (
-        "75.00% of the scenes are answered; a rank needs 99%"
+        "75.00% of the samples are answered; a rank needs 99%"
     )

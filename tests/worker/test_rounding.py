@@ -14,6 +14,7 @@ from exceptiondrive_schemas.score_sheet import (
     ScoreSheet,
 )
 from exceptiondrive_schemas.split import SplitRef
+from exceptiondrive_scoring.bootstrap import GRID
 from exceptiondrive_worker.boards.rounding import Rounding
 
 EXACT = {
@@ -106,8 +107,21 @@ def test_intervals_are_rounded_like_their_metric(
     assert public.interval("hcc", (0.123456, 0.2)) == (0.1235, 0.2)
     assert rounding.interval("hcc", (0.123456, 0.2)) == (0.12, 0.2)
     assert rounding.interval("hcc", (0.2, 0.201)) == (0.2, 0.21)
+    assert rounding.interval("hcc", (0.2, 0.2 + 2e-9)) == (0.2, 0.21)
     assert rounding.interval("cts", (-0.0, 1.239)) == (0.0, 1.24)
     assert rounding.interval("cts", None) is None
+
+
+def test_an_end_off_a_whole_per_cent_by_the_grid_of_sums_alone_is_that_one(
+    rounding: Rounding,
+) -> None:
+    below, above = (turn(0.3 / GRID) * GRID for turn in (math.floor, math.ceil))
+    assert below < 0.3 < above
+    assert rounding.interval("hcc", (below, above)) == (0.3, 0.3)
+    assert rounding.coarse_interval((-above, -below)) == (-0.3, -0.3)
+    zero = rounding.coarse_interval((-GRID / 2, GRID / 2))
+    assert [math.copysign(1, end) for end in zero or ()] == [1, 1]
+    assert zero == (0.0, 0.0)
 
 
 def test_the_exact_sheet_is_left_as_it_was(rounding: Rounding, sheet: ScoreSheet) -> None:

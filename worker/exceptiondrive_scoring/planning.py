@@ -7,6 +7,7 @@ import numpy as np
 
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import CheckedDocument, PlanningDocument
+from exceptiondrive_schemas.printable import share_past
 from exceptiondrive_schemas.protocol import GeometrySection, ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ClearanceCurve, MetricRow, Plausibility
 from exceptiondrive_scoring.aliases import Columns, FloatArray
@@ -95,8 +96,9 @@ class PlanningScoring:
             held_back > section.flag_over_caution and n_controls >= section.flag_family_min_samples
         )
         detail = (
-            f"At {held_back:.0%} of the controls, where no hazard is in the way, the edited "
-            f"trajectories end less than {section.over_caution_below:.0%} along the source."
+            f"At {share_past(held_back, section.flag_over_caution)} of the controls, where no hazard is in "
+            f"the way, the edited trajectories end less than {100 * section.over_caution_below:g}% along "
+            "the source."
         )
         flags = (raised("over_cautious", detail),) if is_flagged else ()
         return OfControls({"over_caution": held_back}, flags)

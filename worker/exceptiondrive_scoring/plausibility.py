@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from exceptiondrive_schemas.flags import FLAGS
+from exceptiondrive_schemas.printable import share_past
 from exceptiondrive_schemas.protocol import PlausibilitySection, ProtocolDocument
 from exceptiondrive_schemas.score_sheet import Flag, MetricRow, Plausibility
 from exceptiondrive_scoring.aliases import BoolArray, FloatArray
@@ -105,26 +106,28 @@ def _flags_of_shares(
     if source > section.flag_source_stationary:
         yield raised(
             "source_stands_still",
-            f"{source:.0%} of the source trajectories {stand} of the start, with no hazard in sight.",
+            f"{share_past(source, section.flag_source_stationary)} of the source trajectories {stand} "
+            "of the start, with no hazard in sight.",
         )
     if shares["blind"] > section.flag_blind:
         yield raised(
             "blind_to_the_edit",
-            f"{shares['blind']:.0%} of the pairs differ by less than "
+            f"{share_past(shares['blind'], section.flag_blind)} of the pairs differ by less than "
             f"{section.blind_shift_below_m:g} m.",
         )
     if shares["impossible"] > section.flag_impossible:
         yield raised(
             "impossible_motion",
-            f"{shares['impossible']:.0%} of the edited trajectories accelerate above "
-            f"{section.max_acceleration_mps2:g} m/s^2, turn tighter than "
+            f"{share_past(shares['impossible'], section.flag_impossible)} of the edited trajectories "
+            f"accelerate above {section.max_acceleration_mps2:g} m/s^2, turn tighter than "
             f"{section.min_turn_radius_m:g} m, or begin as the speed of the source does not allow.",
         )
     elif shares["first_step"] > section.flag_first_step:
         yield raised(
             "impossible_motion",
-            f"{shares['first_step']:.1%} of the edited trajectories begin with a step that the speed "
-            f"of the source does not allow, even at {section.max_acceleration_mps2:g} m/s^2.",
+            f"{share_past(shares['first_step'], section.flag_first_step, 1)} of the edited trajectories "
+            "begin with a step that the speed of the source does not allow, even at "
+            f"{section.max_acceleration_mps2:g} m/s^2.",
         )
     behind, source_behind = shares["edited_behind"], shares["source_behind"]
     if behind - source_behind > section.flag_reverses_excess:
@@ -164,14 +167,14 @@ def _hardly_moves(
     if total < section.flag_progress:
         yield raised(
             "hardly_moves",
-            f"The edited trajectories end {total:.0%} along the source trajectories; less than "
-            f"{section.flag_progress:.0%} is hardly any way.",
+            f"The edited trajectories end {share_past(total, section.flag_progress)} along the source "
+            f"trajectories; less than {100 * section.flag_progress:g}% is hardly any way.",
         )
     elif n_stuck := int(np.count_nonzero(stuck)):
         yield raised(
             "hardly_moves",
             f"In {n_stuck} of {np.count_nonzero(n)} families the edited trajectories end less than "
-            f"{section.flag_family_progress:.0%} along the source trajectories.",
+            f"{100 * section.flag_family_progress:g}% along the source trajectories.",
         )
 
 
@@ -187,9 +190,8 @@ def _same_answer(m: Measurements, section: PlausibilitySection) -> Iterator[Flag
     middle = _median(measured)[:, np.newaxis]
     is_same = (np.abs(measured - middle) < section.blind_shift_below_m).all(axis=0)
     if middle[0, 0] >= section.progress_min_path_m and is_same.mean() > section.flag_same_answer:
-        yield raised(
-            "same_answer", f"{is_same.mean():.0%} of the edited trajectories are the same."
-        )
+        share = share_past(is_same.mean(), section.flag_same_answer)
+        yield raised("same_answer", f"{share} of the edited trajectories are the same.")
 
 
 def _median(values: FloatArray) -> FloatArray:

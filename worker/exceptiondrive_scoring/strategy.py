@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from exceptiondrive_schemas.challenges import STRATEGY
 from exceptiondrive_schemas.check import CheckedDocument, StrategyAnswer, StrategyDocument
 from exceptiondrive_schemas.drawing import EntryDrawings
+from exceptiondrive_schemas.printable import share_past
 from exceptiondrive_schemas.protocol import GeometrySection, GradingSection, ProtocolDocument
 from exceptiondrive_schemas.score_sheet import ClearanceCurve, MetricRow, Plausibility
 from exceptiondrive_schemas.submission_files import ReminderRecord
@@ -106,22 +107,18 @@ def _look_up(table: BoolArray, strategy: IntArray) -> BoolArray:
 
 
 def reminder_scores(
-    answers: StrategyAnswers,
-    split: SplitArrays,
-    taxonomy: Taxonomy,
-    hazard_is_present: BoolArray | None = None,
+    answers: StrategyAnswers, split: SplitArrays, taxonomy: Taxonomy
 ) -> dict[str, float | None]:
     """Score what the reminder records say, over the samples that carry one.
 
     A record that leaves something unsaid is wrong in it: an unnamed type is no hit, an unsaid
-    presence is no alarm. By default every sample has its hazard, as edited samples do: the truth, (N,).
+    presence is no alarm. Every sample that counts has its hazard, so no alarm is false.
 
     Returns:
         `given` (share of samples with a record), `presence_precision`, `presence_recall`,
         `type_task_accuracy`, `type_family_accuracy`, `strategy_accuracy`; None where undefined.
     """
     given = answers.reminder_given
-    truth = np.ones_like(given) if hazard_is_present is None else hazard_is_present
     alarm = answers.hazard_present == PRESENCE_CODE[True]
     task = _task_positions(answers, taxonomy)
     named = task != NO_ANSWER
@@ -130,10 +127,10 @@ def reminder_scores(
     fits = np.take_along_axis(split.acceptable, recommended, axis=1)[:, 0]
     return {
         "given": share_of(given, np.ones_like(given)),
-        "presence_precision": share_of(truth, given & alarm),
-        "presence_recall": share_of(alarm, given & truth),
-        "type_task_accuracy": share_of(task == split.task_index, given & truth),
-        "type_family_accuracy": share_of(family & named, given & truth),
+        "presence_precision": share_of(alarm, given & alarm),
+        "presence_recall": share_of(alarm, given),
+        "type_task_accuracy": share_of(task == split.task_index, given),
+        "type_family_accuracy": share_of(family & named, given),
         "strategy_accuracy": share_of(fits & (answers.recommended != NO_ANSWER), given),
     }
 
@@ -208,7 +205,8 @@ class StrategyScoring:
             share > section.flag_same_answer and len(given) >= section.flag_family_min_samples
         )
         letter = STRATEGIES[int(counts.argmax())].value
-        flag = raised("same_answer", f"{share:.0%} of the answers are {letter}.")
+        said = share_past(share, section.flag_same_answer)
+        flag = raised("same_answer", f"{said} of the answers are {letter}.")
         return Plausibility(shares={"same_answer": share}, flags=(flag,) if is_flagged else ())
 
     def extra(

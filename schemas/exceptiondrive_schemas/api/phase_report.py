@@ -63,7 +63,8 @@ class PhaseReport(Document):
     """The first three that may lead, with their intervals, and what shares the rank of the last of them."""
     may_be_first: tuple[str, ...]
     """Submissions that may lead, whose rank interval reaches the first place, and that no comparison puts
-    behind the leader."""
+    behind the leader. On a withheld split entries of one team are not compared: of the leader's, those that
+    rank behind it are left out."""
     flags: dict[str, int]
     """Code of a flag to the entries of the final board that carry it."""
     shake_up: ShakeUp | None

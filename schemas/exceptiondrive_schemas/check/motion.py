@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 from exceptiondrive_schemas.check.tracks import Column, PairTracks, Tracks
+from exceptiondrive_schemas.printable import share_past
 from exceptiondrive_schemas.protocol import ProtocolDocument
 
 
@@ -28,13 +29,13 @@ def motion_flags(
     if impossible > section.flag_impossible:
         yield (
             "impossible_motion",
-            f"{impossible:.0%} of the edited trajectories are none that a car can drive",
+            f"{share_past(impossible, section.flag_impossible)} of the edited trajectories are none that a car can drive",
         )
     elif first_step > section.flag_first_step:
         yield (
             "impossible_motion",
             (
-                f"{first_step:.1%} of the edited trajectories begin as the speed of the source does not "
+                f"{share_past(first_step, section.flag_first_step, 1)} of the edited trajectories begin as the speed of the source does not "
                 "allow"
             ),
         )
@@ -51,10 +52,8 @@ def motion_flags(
         )
     mean = _low_progress(source, edited, n_both, protocol)
     if mean is not None:
-        yield (
-            "hardly_moves",
-            f"the edited trajectories end {mean:.0%} along the source trajectories",
-        )
+        share = share_past(mean, section.flag_progress)
+        yield "hardly_moves", f"the edited trajectories end {share} along the source trajectories"
 
 
 def _share(n: int, n_asked: int) -> float:

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, ClassVar
 
+from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check.answers import (
     PairsOfColumns,
     PlanningDocument,
@@ -30,7 +31,7 @@ from exceptiondrive_schemas.coverage import too_little_covered
 from exceptiondrive_schemas.faults import MESSAGES, FaultCode
 from exceptiondrive_schemas.file_profile import CONVERT, FileProfile
 from exceptiondrive_schemas.flags import FLAGS
-from exceptiondrive_schemas.printable import counted
+from exceptiondrive_schemas.printable import counted, share_past
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 
@@ -44,8 +45,6 @@ SIDES_MISSING: Mapping[str, str] = {
     "edited": f"what the planner answered to the edited scene: {_RUN_BOTH}",
 }
 """What is not there, and how it is had, where a whole file lacks one side of its pairs."""
-_COVERED = {"edited": "edited scenes", "source": "original scenes"}
-"""A file does not tell controls from scenes with hazard, of which a score sheet tells the share."""
 FARTHEST_M = 1e9
 """Farther than any coordinate of the earth: nothing can be made of such a number."""
 STEP_MARGIN = 1e-9
@@ -205,7 +204,7 @@ class PlanningRules:
         shares = {
             key: 1 - self._n_missing[key] / max(n_predictions, 1) for key in ("edited", "source")
         }
-        reasons = [too_little_covered(_COVERED, shares, ranking.min_coverage)]
+        reasons = [too_little_covered(PLANNING.words.covered, shares, ranking.min_coverage)]
         if ranking.unranked_flags and all(shares.values()):
             for code, why in self._flags(n_predictions, profile, shares):
                 if code in ranking.unranked_flags:
@@ -230,12 +229,14 @@ class PlanningRules:
             yield "stands_still", text
         if source > section.flag_source_stationary:
             are = "are missing or stand still" if shares["source"] < 1 else "stand still"
-            yield "source_stands_still", f"{source:.0%} of the source trajectories {are}"
+            share = share_past(source, section.flag_source_stationary)
+            yield "source_stands_still", f"{share} of the source trajectories {are}"
         yield from self._blind(profile)
         yield from motion_flags(self._tracks, n_predictions, self._protocol)
         same = profile.same_edited or 0.0
         if same > section.flag_same_answer:
-            yield "same_answer", f"{same:.0%} of the edited trajectories are the same"
+            share = share_past(same, section.flag_same_answer)
+            yield "same_answer", f"{share} of the edited trajectories are the same"
         median_m = profile.median_source_l2_m
         if median_m is not None and median_m > section.flag_off_course_m:
             yield "off_course", f"median source L2 {median_m:.2f} m"
@@ -243,10 +244,12 @@ class PlanningRules:
     def _blind(self, profile: FileProfile | None) -> Iterator[tuple[str, str]]:
         """Yield the flag of a file whose pairs are nearly all equal, and why."""
         equal = 0.0 if profile is None else profile.equal_pairs or 0.0
-        if equal > self._protocol.plausibility.flag_blind:
+        most = self._protocol.plausibility.flag_blind
+        if equal > most:
+            share = share_past(equal, most)
             yield (
                 "blind_to_the_edit",
-                f"source and edited are alike in {equal:.0%} of the pairs: it reacts to no hazard",
+                f"source and edited are alike in {share} of the pairs: it reacts to no hazard",
             )
 
     def document(self, split: str, answers: Mapping[str, Any]) -> PlanningDocument:

@@ -11,6 +11,7 @@ from exceptiondrive_schemas.coverage import too_little_covered
 from exceptiondrive_schemas.faults import FaultCode
 from exceptiondrive_schemas.file_profile import FileProfile
 from exceptiondrive_schemas.flags import FLAGS
+from exceptiondrive_schemas.printable import share_past
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_schemas.submission_files import MAX_TEXT_CHARACTERS, ReminderRecord, RiskLevel
@@ -66,9 +67,8 @@ class StrategyRules:
             is_same = n / n_given > section.flag_same_answer
             is_flagged = is_same and n_given >= section.flag_family_min_samples
             if is_flagged and SAME_ANSWER in self._ranking.unranked_flags:
-                reasons.append(
-                    f"flagged {FLAGS[SAME_ANSWER].label}: {n / n_given:.0%} are {letter}"
-                )
+                most = share_past(n / n_given, section.flag_same_answer)
+                reasons.append(f"flagged {FLAGS[SAME_ANSWER].label}: {most} are {letter}")
         return "; ".join(filter(None, reasons)) or None
 
     def document(self, split: str, answers: Mapping[str, Any]) -> StrategyDocument:

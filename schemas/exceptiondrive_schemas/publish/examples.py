@@ -111,7 +111,7 @@ def _scored_entry() -> BoardEntry:
         source="scored",
         rank=None,
         rank_interval=None,
-        unranked_because="66.67% of the scenes with hazard are answered; a rank needs 99%",
+        unranked_because="66.67% of the samples as edited are answered; a rank needs 99%",
         submission_id=SUBMISSION_ID,
         method=METHOD,
         team=TEAM,

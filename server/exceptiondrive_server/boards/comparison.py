@@ -120,17 +120,15 @@ class Comparison:
     def families_sentence(self) -> str:
         """The families in which one is surely ahead, sample by sample, and how many stay open.
 
-        Of those that are told: a family of few samples is not. Empty where none has an interval.
+        Of those that have an interval: a family of few samples or scenes has none. Empty where none has.
         """
         if self.paired is None:
             return ""
         found = [
             (each, short_title(head.title).lower())
             for head in self.board.families
-            if (each := self.paired.families.get(head.id)) is not None
+            if (each := self.paired.families.get(head.id)) is not None and each.interval
         ]
-        if not any(each.interval for each, _ in found):
-            return ""
         sign = 1 if self.first.better == "higher" else -1
         parts = []
         for entry, side in ((self.a, sign), (self.b, -sign)):

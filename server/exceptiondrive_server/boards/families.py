@@ -11,7 +11,7 @@ from exceptiondrive_schemas.score_sheet import ScoreSheet
 from exceptiondrive_schemas.taxonomy import Taxonomy
 from exceptiondrive_server.boards.charts import labels_of
 from exceptiondrive_server.boards.entry_facts import challenge_of
-from exceptiondrive_server.boards.table import short_title
+from exceptiondrive_server.boards.table import SMALL_FAMILY, short_title
 from exceptiondrive_server.web.numbers import Digits, Scale, nice_scale, px
 
 MAX_SHEETS = 100
@@ -98,13 +98,19 @@ class Families(NamedTuple):
         return f"all {counts.pop()} ranked" if len(counts) == 1 else "all ranked"
 
     @property
+    def large(self) -> tuple[Hardness, ...]:
+        """Those that are not small, of which alone one is called hardest; hardest first."""
+        return tuple(line for line in self.hardest if line.n >= SMALL_FAMILY)
+
+    @property
     def sentence(self) -> str:
         """Say which family is hardest, and which easiest, for all ranked entries together."""
-        if len(self.hardest) < 2 or self.hardest[0].mean == self.hardest[-1].mean:
+        large = self.large
+        if len(large) < 2 or large[0].mean == large[-1].mean:
             return ""
-        hardest, easiest = self.hardest[0], self.hardest[-1]
+        of = "" if large == self.hardest else f" of those with at least {SMALL_FAMILY} samples"
         return (
-            f"Hardest first: {hardest.title} is hardest and {easiest.title} easiest, "
+            f"Hardest first: {large[0].title} is hardest and {large[-1].title} easiest{of}, "
             f"by the mean of {self.whose}."
         )
 

@@ -55,9 +55,9 @@ def headline(board: Board | None, challenge: Challenge, protocol: ProtocolDocume
 
 
 def _title(board: Board, challenge: Challenge) -> str:
-    """One sentence about the leader, by the average that ranks; a question where there is none."""
+    """One sentence that counts the leader's samples; a question where there is none."""
     second, words = primary_metrics(challenge)[1], challenge.words.headline
-    share = board.leader.metrics.get(second.key) if board.leader else None
+    share = board.leader.micro.get(second.key) if board.leader else None
     if share is None:
         return words.question
     sentence = next(text for least, text in words.by_share if share >= least)

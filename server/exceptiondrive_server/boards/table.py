@@ -529,8 +529,13 @@ class BoardTable:
         found = [*self.first_of_all.values()]
         if not found:
             return ""
-        n_from_1 = sum([(each.rank_interval or (0,))[0] == 1 for each in self.board.entries])
-        told_by = ", as they compare sample by sample" if n_from_1 > len(found) else ""
+        from_1 = [each for each in self.board.entries if (each.rank_interval or (0,))[0] == 1]
+        told_by = ", as they compare sample by sample" if len(from_1) > len(found) else ""
+        leader = self.board.leader
+        if leader and any(
+            each.team == leader.team and entry_key(each) not in self.first_of_all for each in from_1
+        ):
+            told_by += "; entries of one team are not compared"
         if len(found) == 1:
             return f"Marked at the left: {found[0].method}, which alone could be first{told_by}."
         return f"Marked at the left: the {len(found)} that could be first{told_by}."

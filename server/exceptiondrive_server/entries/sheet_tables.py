@@ -122,7 +122,8 @@ def _reminder(row: MetricRow, digits: Digits) -> SheetTable:
             for key, label in _REMINDER_LABELS.items()
             if key in row
         ),
-        "Scored over the samples that carry a record; it never ranks.",
+        "Scored over the samples that carry a record, where what a record leaves out counts as wrong. "
+        "Each has its hazard, so precision is 100 wherever a hazard is said at all. It never ranks.",
     )
 
 

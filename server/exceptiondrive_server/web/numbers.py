@@ -15,6 +15,8 @@ from exceptiondrive_schemas.score_sheet import Interval
 MINUS = "\u2212"
 THIN_SPACE = "\u202f"
 DASH = "\u2013"
+MUCH_NEARER = 1.5
+"""So many times as far the other end of an interval lies."""
 _UNITS = {"fraction": "%", "metre": "m"}
 
 
@@ -43,14 +45,19 @@ class Digits:
         return Digits(min(self.percent, 1), self.metre).text(metric, value)
 
     def spread(self, metric: Metric, value: float, interval: Interval) -> str:
-        """Write how far an interval reaches from its value, to the end that is farther: `±2.1`.
+        """Write how far an interval reaches from its value: `±2.1`, to the end that is farther.
 
-        Where it reaches to one side alone, as from zero, the sign says so.
+        Where the other end is much nearer, or no value lies that far, both ways are told: `−12.0 +0.5`;
+        where it reaches to one side alone, as from zero, that one.
         """
-        below, above = value - interval[0], interval[1] - value
+        ways = {MINUS: value - interval[0], "+": interval[1] - value}
         least = 10.0 ** -(self.percent + 2 if metric.unit == "fraction" else self.metre) / 2
-        sign = "+" if below < least else MINUS if above < least else "±"
-        return f"{sign}{self.brief(metric, max(below, above))}"
+        ways = {sign: way for sign, way in ways.items() if way >= least}
+        near, far = min(ways.values(), default=0.0), max(ways.values(), default=0.0)
+        is_beyond = metric.unit == "fraction" and not far <= value <= 1 - far
+        if len(ways) != 1 and not is_beyond and far <= MUCH_NEARER * near:
+            ways = {"±": far}
+        return " ".join(f"{sign}{self.brief(metric, way)}" for sign, way in ways.items())
 
     def fraction(self, value: float) -> str:
         """Write a fraction as per cent, without the sign."""

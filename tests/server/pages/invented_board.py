@@ -316,7 +316,7 @@ def unscored(started: datetime) -> BoardEntry:
             "submission_id": "s0000009kq",
             "method": "half-a-file",
             "team": "Team Aurora",
-            "unranked_because": "62.00% of the scenes with hazard are answered; a rank needs 99%",
+            "unranked_because": "62.00% of the samples as edited are answered; a rank needs 99%",
             "coverage": {"edited": 0.62, "source": 1.0},
             "metrics": nothing,
             "macro_family": nothing,

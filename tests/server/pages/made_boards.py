@@ -193,7 +193,7 @@ def made_boards(draw: Any, challenge_id: ChallengeId, phase: str) -> Board:
                     "unranked_flags": ("stands_still",),
                     "unranked_because": "flagged: it stands still",
                 },
-                {"unranked_because": "66.67% of the scenes are answered; a rank needs 99%"},
+                {"unranked_because": "66.67% of the samples are answered; a rank needs 99%"},
             ]
         )
     )

@@ -99,7 +99,7 @@ def test_a_row_without_a_score_says_why_it_is_not_ranked(
 ) -> None:
     row = view(lively_board, protocol).blocks[0].rows[-1]
     assert row.rank is None
-    assert row.rank_words == "62.00% of the scenes with hazard are answered; a rank needs 99%"
+    assert row.rank_words == "62.00% of the samples as edited are answered; a rank needs 99%"
     assert all(cell.text is None for cell in row.cells)
 
 
@@ -212,6 +212,28 @@ def test_tasks_that_are_not_told_are_counted(
     assert "6 of 21 tasks, with fewer than 10 samples, are not told." in said(tasks[:15], 10)
     assert "1 of 21 tasks, with no sample, are not told." in said(tasks[1:], 1)
     assert "not told" not in said(tasks, 10)
+
+
+@pytest.mark.parametrize(
+    ("n_large", "sentence"),
+    [(6, "easiest, by"), (2, "easiest of those with at least 30 samples, by"), (1, ""), (0, "")],
+)
+def test_no_family_of_few_samples_is_called_hardest_or_easiest(
+    lively_board: Board, protocol: ProtocolDocument, n_large: int, sentence: str
+) -> None:
+    heads = tuple(
+        head.model_copy(update={"n": 30 if at < n_large else 29})
+        for at, head in enumerate(lively_board.families)
+    )
+    board = lively_board.model_copy(update={"families": heads})
+    shown = families_of(board)
+    assert {line.n for line in shown.large} <= {30}
+    assert sentence in shown.sentence
+    assert bool(shown.sentence) == bool(sentence)
+    section = macro("boards/families.html", "families_section")(
+        table=view(board, protocol), shown=shown, plot=None, tasks=(), protocol=protocol
+    )
+    assert str(section).count('<i class="star">hardest</i>') == (n_large > 1)
 
 
 def test_exactly_one_column_is_marked_as_sorted_and_clicking_it_turns_it_round() -> None:

@@ -103,6 +103,27 @@ def test_where_there_is_no_interval_nothing_is_said_to_be_open(lively_board: Boa
     assert against(board, first, second, Digits()).note == "no interval"
 
 
+def test_a_family_without_an_interval_is_not_counted_as_open(lively_board: Board) -> None:
+    board = with_pairs(lively_board)
+    pairs = [
+        each.model_copy(
+            update={
+                "families": {
+                    **each.families,
+                    "road_surface_hazard": each.families["lane_blockage"].model_copy(
+                        update={"interval": None, "verdict": "no interval"}
+                    ),
+                }
+            }
+        )
+        for each in board.comparisons
+    ]
+    board = board.model_copy(update={"comparisons": tuple(pairs)})
+    first, _, third = board.entries[:3]
+    said = Comparison(board, first, third, Digits()).families_sentence
+    assert said.endswith("; in 1 family the split does not tell them apart.")
+
+
 async def test_ranks_that_each_could_have_are_named_where_there_are_any(
     site: Any, lively_board: Board
 ) -> None:

@@ -136,7 +136,7 @@ def test_csv_holds_every_entry_with_stable_columns(
     assert [row["method"] for row in rows if row["leads"] == "True"] == ["Kestrel-2"]
     assert (
         rows[6]["unranked_because"]
-        == "62.00% of the scenes with hazard are answered; a rank needs 99%"
+        == "62.00% of the samples as edited are answered; a rank needs 99%"
     )
     assert {row["average"] for row in rows} == {"macro_family"}
 

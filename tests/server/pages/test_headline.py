@@ -15,10 +15,11 @@ from exceptiondrive_server.boards.table import board_table
 
 
 def with_ur(board: Board, ur: float) -> Board:
-    """The leader alone, with this unsafe rate by the average that ranks."""
+    """The leader alone, with this unsafe rate over its samples, and another by the average that ranks."""
     entry = board.entries[0]
-    metrics = {**entry.metrics, "ur": ur}
-    return board.model_copy(update={"entries": (entry.model_copy(update={"metrics": metrics}),)})
+    assert entry.metrics == entry.macro_family
+    micro = {**entry.micro, "ur": ur}
+    return board.model_copy(update={"entries": (entry.model_copy(update={"micro": micro}),)})
 
 
 def flagged(board: Board, *places: int) -> Board:
@@ -50,7 +51,7 @@ def flagged(board: Board, *places: int) -> Board:
         (0.0, "The leading planner stays out of the hazard every time."),
     ],
 )
-def test_the_title_says_the_leaders_number(lively_board: Board, ur: float, title: str) -> None:
+def test_the_title_counts_what_the_leader_hits(lively_board: Board, ur: float, title: str) -> None:
     assert headline(with_ur(lively_board, ur), PLANNING, PROTOCOL).title == title
 
 
@@ -151,6 +152,18 @@ def test_many_that_could_be_first_are_counted_without_comparing_each_with_each(
     assert next(n_compared) == 0
 
 
+def compared(a: BoardEntry, b: BoardEntry, low: float) -> PairedComparison:
+    difference = PairedDifference(
+        difference=0.03, interval=(low, 0.06), discordant=None, verdict=""
+    )
+    return PairedComparison(
+        a=a.submission_id or "",
+        b=b.submission_id or "",
+        overall={"hcc": difference},
+        families={},
+    )
+
+
 def test_whom_a_comparison_puts_behind_the_leader_could_not_be_first(lively_board: Board) -> None:
     """Of a withheld split ranges follow from intervals as they are told, and are wider."""
     leader, *others = (
@@ -160,19 +173,7 @@ def test_whom_a_comparison_puts_behind_the_leader_could_not_be_first(lively_boar
     board = lively_board.model_copy(update={"entries": (leader, *others)})
     said = headline(board, PLANNING, PROTOCOL)
     assert "leads, though 2 others could be first: " in said.findings[0]
-    pairs = [
-        PairedComparison(
-            a=leader.submission_id or "",
-            b=other.submission_id or "",
-            overall={
-                "hcc": PairedDifference(
-                    difference=0.03, interval=(low, 0.06), discordant=None, verdict=""
-                )
-            },
-            families={},
-        )
-        for other, low in zip(others, (0.0, 0.01), strict=True)
-    ]
+    pairs = [compared(leader, other, low) for other, low in zip(others, (0.0, 0.01), strict=True)]
     told = board.model_copy(update={"comparisons": tuple(pairs)})
     said = headline(told, PLANNING, PROTOCOL)
     assert "leads, though 1 other could be first: " in said.findings[0]
@@ -182,6 +183,30 @@ def test_whom_a_comparison_puts_behind_the_leader_could_not_be_first(lively_boar
     assert [*table.first_of_all.values()] == [leader, others[0]]
     fewer_is_better = RankKey(metric="hcc", order="ascending")
     assert told.contenders(fewer_is_better) == (leader, *others)
+
+
+def test_team_mates_of_the_leader_that_were_not_compared_with_it_are_not_said_to_be_undecided(
+    lively_board: Board,
+) -> None:
+    """Of a withheld split two entries of one team are not compared: no pair of them is told."""
+    leader, mate, level, rival = (
+        entry.model_copy(update={"rank": rank, "rank_interval": (1, 4), "team": team})
+        for entry, rank, team in zip(lively_board.entries, (1, 2, 1, 4), "bbbc", strict=False)
+    )
+    pairs = tuple(compared(each, rival, 0.01) for each in (leader, mate, level))
+    board = lively_board.model_copy(
+        update={"entries": (leader, level, mate, rival), "comparisons": pairs}
+    )
+    table = board_table(board, PROTOCOL, BoardQuery())
+    assert [*table.first_of_all.values()] == [leader, level]
+    assert table.first_sentence == (
+        "Marked at the left: the 2 that could be first, as they compare sample by sample; "
+        "entries of one team are not compared."
+    )
+    assert "could be first" not in headline(board, PLANNING, PROTOCOL).findings[0]
+    uncompared = board.model_copy(update={"comparisons": ()})
+    said = headline(uncompared, PLANNING, PROTOCOL)
+    assert "though 2 others could be first" in said.findings[0], "no comparison says more"
 
 
 def test_a_flag_that_does_not_bar_is_named(lively_board: Board) -> None:

@@ -38,6 +38,30 @@ def test_an_undefined_value_stays_undefined() -> None:
 
 
 @pytest.mark.parametrize(
+    ("value", "interval", "text"),
+    [
+        (0.613, (0.57, 0.65), "\u00b14.3"),
+        (0.809, (0.625, 0.899), "\u221218.4 +9.0"),
+        (0.995, (0.875, 1.0), "\u221212.0 +0.5"),
+        (0.11, (0.0, 0.265), "\u221211.0 +15.5"),
+        (0.92, (0.83, 1.0), "\u22129.0 +8.0"),
+        (0.9, (0.8, 1.0), "\u00b110.0"),
+        (1.0, (0.969, 1.0), "\u22123.1"),
+        (0.0, (0.0, 0.031), "+3.1"),
+        (0.5, (0.5, 0.5), "\u00b10.0"),
+    ],
+)
+def test_no_interval_is_written_to_reach_beyond_what_a_share_can_be(
+    value: float, interval: tuple[float, float], text: str
+) -> None:
+    assert Digits().spread(HCC, value, interval) == text
+
+
+def test_a_shift_has_no_bound_to_reach_beyond() -> None:
+    assert Digits().spread(CTS, 1.5, (0.1, 2.6)) == "\u00b11.40"
+
+
+@pytest.mark.parametrize(
     ("difference", "text"),
     [(0.0139, "+1.39"), (-0.0081, "\u22120.81"), (0.0, "0.00"), (-0.00001, "0.00")],
 )

@@ -38,6 +38,7 @@ def test_confusion_and_reminder_rows_have_tables_of_their_own() -> None:
     confusion, reminder = sheet_tables(sheet, PROTOCOL, Digits())
     assert confusion.lines == (("C\u00a0D", ("2", "3")),)
     assert reminder.lines == (("hazard presence, recall", ("50.00",)),)
+    assert "what a record leaves out counts as wrong" in reminder.note
 
 
 def test_a_sheet_without_further_rows_has_no_table() -> None:

@@ -17,6 +17,7 @@ from exceptiondrive_schemas.score_sheet import (
     MetricRow,
     ScoreSheet,
 )
+from exceptiondrive_scoring.compare import SAME_TO
 from exceptiondrive_worker.stages import Target
 
 
@@ -84,8 +85,8 @@ class Rounding:
         """Round an interval of shares outward to whole per cents: it may only grow."""
         if interval is None:
             return None
-        low, high = (round(end * 100, 9) for end in interval)
-        return (math.floor(low) / 100 + 0.0, math.ceil(high) / 100 + 0.0)
+        low, high = interval
+        return (math.floor(100 * (low + SAME_TO)) / 100, math.ceil(100 * (high - SAME_TO)) / 100)
 
     def cell(self, row: BreakdownRow, told: Collection[str]) -> BreakdownRow:
         """Round a family or task; below the least number of samples its metrics are withheld.
