@@ -84,11 +84,11 @@ def test_a_freeze_and_a_team_with_a_later_deadline_keep_the_report_back(life: "L
     late = life.submit("beta", 0.5, "Behind the freeze", "plain")
     life.work()
     allowance = "/teams/gamma/allowances/test"
-    life.done(allowance, {"closes_at": life.ahead(90), "reason": "ill"}, "PUT")
+    life.done(allowance, {"closes_at": life.ahead(90), "reason": "ill"}, "PATCH")
     life.move(closes_at=life.now())
     life.done("/phases/test/reveal", {"what": "board", "reason": "the end"})
     assert life.get(REPORT).status_code == 404, "gamma is not done"
-    life.done(allowance, {"reason": "it is well again"}, "PUT")
+    life.done(allowance, {"closes_at": None, "reason": "it is well again"}, "PATCH")
     shake_up = life.json(REPORT)["shake_up"]
     assert {one["submission_id"]: one["before"] for one in shake_up["places"]} == {
         early: 1,
