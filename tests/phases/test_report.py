@@ -101,6 +101,19 @@ def test_a_freeze_and_a_team_with_a_later_deadline_keep_the_report_back(life: "L
     assert life.get(REPORT).status_code == 404
 
 
+def test_a_freeze_that_ended_before_the_deadline_is_no_reveal(life: "Life") -> None:
+    life.make_phase(split="plain", closes_at=life.ahead(60))
+    life.submit("alpha", 1.0, "Early", "plain")
+    life.work()
+    life.done("/phases/test/freeze")
+    life.done("/phases/test/reveal", {"what": "board", "reason": "by mistake"})
+    life.submit("beta", 0.5, "Later", "plain")
+    life.work()
+    life.move(closes_at=life.now())
+    assert life.json(REPORT)["shake_up"] is None
+    assert "before and after the reveal" not in life.get(PAGE).text
+
+
 def test_the_report_says_of_what_lost_its_rank_that_it_is_ranked_no_more(life: "Life") -> None:
     life.make_phase(split="plain", closes_at=life.ahead(60))
     life.submit("alpha", 1.0, "Stays", "plain")

@@ -115,11 +115,12 @@ def report_of(session: Session, phase: Phase) -> PhaseReport:
 def board_before_reveal(session: Session, phase: Phase, final: BoardRow) -> BoardRow | None:
     """Return the last board that readers saw before a reveal; None where nothing was revealed.
 
-    Where both were, the other part of the split counts, not the end of a freeze.
+    Where both were, the other part of the split counts, not the end of a freeze; a freeze that ended
+    before the deadline is no reveal.
     """
     if is_split_revealed(session, phase):
         return last_shown_of_part(session, phase, "public")
-    if phase.unfrozen_at is None:
+    if phase.unfrozen_at is None or not has_closed(phase, phase.unfrozen_at):
         return None
     return session.scalars(
         select(BoardRow)
