@@ -247,6 +247,9 @@ def test_a_deadline_of_a_team_that_the_phase_has_passed_by_is_told_nowhere_and_s
         .text.split("Own deadline")[1]
         .split("</section>")[0]
     )
+    more = {"quota_total": 50, **WHY}
+    assert api.request("PATCH", allowance, "organizer", json=more).status_code == 200
+    assert "2102-01-01" not in str(api.get("/notifications", "alpha").json()[0])
     given = api.request("PATCH", allowance, "organizer", json={**own, "quota_per_day": 9})
     assert (given.status_code, given.json()["closes_at"], given.json()["quota_per_day"]) == (
         200,

@@ -17,6 +17,7 @@ from exceptiondrive_records.participation.tables import Allowance
 from exceptiondrive_records.phases.allowances import allowance_of, is_revealed
 from exceptiondrive_records.phases.phases import lock_phase, require_known_to
 from exceptiondrive_records.phases.policy import own_deadline
+from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import find_team
 
@@ -92,15 +93,15 @@ def set_allowance(
             .values(granted_until=closes_at)
         )
     renew_boards(session, phase)
-    detail = {"phase": phase.id, "reason": checked_reason(reason)}
-    detail |= {"was": _words(before), "is": _words(after)}
+    was, granted = _words(phase, before), _words(phase, after)
+    detail = {"phase": phase.id, "reason": checked_reason(reason), "was": was, "is": granted}
     audit(session, actor, "allowance changed", team.slug, detail)
     ended = [
         f"{said} as for all teams again"
         for name, said in _SAID.items()
         if after[name] is None and before[name] is not None
     ]
-    words = [f"Your {line}." for line in (*_words(after), *ended)]
+    words = [f"Your {line}." for line in (*granted, *ended)]
     sentences = (f"Reason: {reason.strip()}", *words)
     title = f"What your team may submit to {phase.title} is changed"
     tell_team(session, team, "allowance", title, sentences, phase=phase.id)
@@ -113,8 +114,7 @@ def list_allowances(session: Session, team_id: int) -> list[Allowance]:
     return list(session.scalars(query.order_by(Allowance.phase_id)))
 
 
-def _words(limits: Mapping[str, Any]) -> list[str]:
-    given = {name: value for name, value in limits.items() if value is not None}
-    if "closes_at" in given:
-        given["closes_at"] = f"{given['closes_at']:%Y-%m-%d %H:%M} UTC"
-    return [f"{_SAID[name]} {value}" for name, value in given.items()]
+def _words(phase: Phase, limits: Mapping[str, Any]) -> list[str]:
+    until = own_deadline(phase, limits["closes_at"])
+    said = {**limits, "closes_at": until and f"{until:%Y-%m-%d %H:%M} UTC"}
+    return [f"{_SAID[name]} {value}" for name, value in said.items() if value is not None]
