@@ -83,8 +83,8 @@ class Organizer(Connection):
     def set_allowance(
         self, team_id: str, phase_id: str, reason: str, allowance: Mapping[str, Any]
     ) -> Record:
-        """Set `closes_at`, `quota_per_day`, `quota_total` of one team; without any, as for all."""
-        return self._transport.put(
+        """Set `closes_at`, `quota_per_day`, `quota_total` of one team; None is as for all."""
+        return self._transport.patch(
             _at("teams", team_id, "allowances", phase_id), {"reason": reason, **allowance}
         )
 

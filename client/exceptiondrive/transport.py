@@ -415,11 +415,6 @@ class Transport:
         """PATCH; the same change twice is one."""
         return read_answer(_RECORD.validate_json, self.send_patch(path, changes))
 
-    def put(self, path: str, document: Mapping[str, Any]) -> Record:
-        """PUT a JSON object; the same one twice is one."""
-        put = self._send(lambda: self._http.put(path, json=dict(document)))
-        return read_answer(_RECORD.validate_json, put)
-
     def send_patch(self, path: str, changes: Mapping[str, Any]) -> httpx.Response:
         """PATCH as `patch` does; return the answer unread."""
         return self._send(lambda: self._http.patch(path, json=dict(changes)))

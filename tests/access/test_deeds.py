@@ -83,7 +83,7 @@ DEEDS = {
         *("/disqualifications/{disqualification_id}/reinstate", "teams reinstate"),
         *(f"{TEAM}/disqualify", "team reinstated"),
     ),
-    ("PUT", f"{TEAM}/allowances/{{phase_id}}"): Deed(
+    ("PATCH", f"{TEAM}/allowances/{{phase_id}}"): Deed(
         *(f"{TEAM}/allowances/{{phase_id}}", "teams limits", f"{TEAM}/allowances/{{phase_id}}"),
         "allowance changed",
         {**WHY, "quota_total": 2},

@@ -95,7 +95,7 @@ DEEDS = [
     ("PATCH", "/organizer/teams/alpha", WRITERS),
     ("POST", "/organizer/teams/alpha/merge", WRITERS),
     ("POST", "/organizer/teams/alpha/forget", WRITERS),
-    ("PUT", "/organizer/teams/alpha/allowances/dev", OF_DEV),
+    ("PATCH", "/organizer/teams/alpha/allowances/dev", OF_DEV),
     ("POST", "/organizer/submissions/{submission}/disqualify", OF_DEV),
     ("GET", "/submissions/{submission}", WHOLE_SITE),
     ("POST", "/submissions/{submission}/withdraw", WRITERS),

@@ -220,8 +220,14 @@ def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path:
     assert standings(running) == {"alpha": "", "alef": "", "bet": "disqualified in dev"}
     assert "disqualified in dev\n" in organize(running, "teams", "show", "bet").stdout
     assert organize(running, "teams", "reinstate", number, *why).stdout == "bet reinstated\n"
-    limits = organize(running, "teams", "limits", "bet", "--phase", "dev", "--quota-total", 2, *why)
-    assert limits.stdout == "team bet has an allowance in dev\n"
+    own = ("teams", "limits", "bet", "--phase", "dev", *why)
+    assert organize(running, *own).exit_code == 2
+    assert organize(running, *own, "--quota-total", 0).exit_code == 2
+    assert organize(running, *own, "--quota-total", 2).exit_code == 0
+    limits = "team bet in dev: closes_at as for all teams, quota_per_day 3, quota_total {}\n"
+    assert organize(running, *own, "--quota-per-day", 3).stdout == limits.format(2)
+    back = organize(running, *own, "--quota-total", "none")
+    assert back.stdout == limits.format("as for all teams")
     text = tmp_path / "text.txt"
     text.write_text("It moves.", encoding="utf-8")
     to = ("message", "The deadline", "--text", text, "--to", "alef", "--to", "bet")
@@ -249,7 +255,7 @@ def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path:
         merged = organize(running, *merge, "--yes")
     assert merged.stdout == "team alef is part of bet now, and brought no submissions\n"
     shown = organize(running, "teams", "show", "bet").stdout
-    assert "quota total" in shown
+    assert "quota per day" in shown
     assert shown.startswith("Beth\n")
     assert standings(running) == {"alpha": "", "alef": "part of bet", "bet": ""}
     known = ("--affiliation", "Lab", "--email", "gimel@example.org")

@@ -104,7 +104,9 @@ WEIGHED: dict[type[BaseModel], dict[str, str]] = {
         **dict.fromkeys(("may_be_first", "flags", "shake_up"), BOARDS),
     },
     ShakeUp: dict.fromkeys(("board", "part", "places"), BOARDS),
-    PlaceChange: dict.fromkeys(("submission_id", "method", "team", "before", "after"), BOARDS),
+    PlaceChange: dict.fromkeys(
+        ("submission_id", "method", "team", "before", "after", "is_another_run"), BOARDS
+    ),
     Coverage: dict.fromkeys(("edited", "source", "n_edited", "n_source"), ANSWERS),
     Plausibility: {"shares": ANSWERS, "flags": CELLS},
     ClearanceCurve: dict.fromkeys(("step", "micro", "macro_family"), PUBLIC),

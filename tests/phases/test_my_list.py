@@ -47,7 +47,7 @@ def test_a_team_with_a_later_deadline_chooses_until_then(life: "Life") -> None:
     mine, theirs = (life.submit(who, 1.0, "Net", "plain") for who in ("alpha", "beta"))
     life.work()
     own = {"closes_at": life.ahead(90), "reason": "ill"}
-    life.done("/teams/alpha/allowances/test", own, "PUT")
+    life.done("/teams/alpha/allowances/test", own, "PATCH")
     life.move(closes_at=life.now())
     alpha, beta = visitor(life, "alpha"), visitor(life, "beta")
     assert buttons(alpha.get("/my").text) == {(mine, "choose")}

@@ -53,7 +53,7 @@ def test_a_page_says_what_of_an_entry_stands_on_the_board(life: "Life") -> None:
     life.make_phase(split="plain", policy={"entries_private": True, "anonymous": True})
     words = text_of(life.get("/phases/test").text)
     assert "An entry is private, and ranks nowhere, until its team publishes it." in words
-    assert "Teams and methods stand under pseudonyms until the organizers reveal them." in words
+    assert "Teams and methods stand under pseudonyms until the organizers show names." in words
     board = text_of(life.get("/?phase=test").text)
     assert "They appear on the board once your team publishes the entry." in board
     life.done("/phases/test/freeze")

@@ -238,7 +238,7 @@ def test_a_later_deadline_of_a_team_ends_with_the_reveal(life: "Life", what: str
     run = life.reveal() if what == "split" else life.done("/phases/test/freeze") and ""
     life.move(closes_at=life.now())
     grant = {"closes_at": life.ahead(60), "reason": "ill"}
-    life.done("/teams/beta/allowances/test", grant, "PUT")
+    life.done("/teams/beta/allowances/test", grant, "PATCH")
     chosen = f"/api/v1/submissions/{own[0]}/choose"
     assert life.request("POST", chosen, "beta").status_code == 200
     organizer = visitor(life, "organizer")
@@ -264,7 +264,7 @@ def test_a_later_deadline_of_a_team_ends_with_the_reveal(life: "Life", what: str
     late = life.upload("beta", 3.0, "M", split)
     assert (late.status_code, "own deadline ended" in late.json()["detail"]) == (403, True)
     assert life.get("/phases/test/report").status_code == 200, "all teams are done"
-    assert "revealed" in life.refused("/teams/beta/allowances/test", grant, 409, "PUT")
+    assert "revealed" in life.refused("/teams/beta/allowances/test", grant, 409, "PATCH")
 
 
 @pytest.mark.parametrize("is_revealed", [False, True])
@@ -333,7 +333,7 @@ def test_what_a_freeze_hid_and_a_reveal_showed_opens_nothing_again(life: "Life")
         refused = life.refused("/phases/test", {"closes_at": later}, 409, "PATCH")
         assert "Make another phase" in refused
     grant = {"closes_at": life.ahead(60), "reason": "ill"}
-    assert "revealed" in life.refused("/teams/alpha/allowances/test", grant, 409, "PUT")
+    assert "revealed" in life.refused("/teams/alpha/allowances/test", grant, 409, "PATCH")
 
 
 def test_a_freeze_that_was_ended_before_the_deadline_lets_it_move(life: "Life") -> None:
@@ -387,7 +387,7 @@ def test_a_reveal_that_is_rolled_back_stays_known(life: "Life") -> None:
     refused = life.refused("/phases/test", {"closes_at": life.ahead(60)}, 409, "PATCH")
     assert "Make another phase" in refused
     grant = {"closes_at": life.ahead(60), "reason": "ill"}
-    assert "revealed" in life.refused("/teams/beta/allowances/test", grant, 409, "PUT")
+    assert "revealed" in life.refused("/teams/beta/allowances/test", grant, 409, "PATCH")
     assert life.request("POST", f"/api/v1/submissions/{own}/choose", "beta").status_code == 409
     with pytest.raises(PhaseClosed, match="closed at"):
         accepted_with_its_first_byte(life, before, "sha256:held")

@@ -65,7 +65,7 @@ def test_a_report_comes_with_the_end_and_tells_what_the_boards_tell(life: "Life"
     assert f"board {final['board']}" in words
     assert "</a> ," not in page
     assert "3 teams" in words
-    assert "took the place of another" not in words, "none did"
+    assert "by another run" not in words, "each is the same"
     assert "No more ranked" not in words, "each is"
     assert f'href="/?phase=test&amp;board={before["board"]}#board"' in page
     assert f"{told[ids[0]][1] - told[ids[0]][0]} down" in words
@@ -84,21 +84,66 @@ def test_a_freeze_and_a_team_with_a_later_deadline_keep_the_report_back(life: "L
     late = life.submit("beta", 0.5, "Behind the freeze", "plain")
     life.work()
     allowance = "/teams/gamma/allowances/test"
-    life.done(allowance, {"closes_at": life.ahead(90), "reason": "ill"}, "PUT")
+    life.done(allowance, {"closes_at": life.ahead(90), "reason": "ill"}, "PATCH")
     life.move(closes_at=life.now())
     life.done("/phases/test/reveal", {"what": "board", "reason": "the end"})
     assert life.get(REPORT).status_code == 404, "gamma is not done"
-    life.done(allowance, {"reason": "it is well again"}, "PUT")
+    life.done(allowance, {"closes_at": None, "reason": "it is well again"}, "PATCH")
     shake_up = life.json(REPORT)["shake_up"]
     assert {one["submission_id"]: one["before"] for one in shake_up["places"]} == {
         early: 1,
         late: None,
     }
     words = text_of(life.get(PAGE).text)
-    assert "Ranked anew is also a run that took the place of another" in words
+    assert "ranked anew" in words
     assert "No more ranked" not in words, "each of the frozen board is"
     life.done("/phases/test/freeze")
     assert life.get(REPORT).status_code == 404
+
+
+def test_a_new_run_during_a_freeze_is_told_as_the_same_method(life: "Life") -> None:
+    """Also where the board before has pseudonyms, which the boards of a freeze keep with their names."""
+    life.make_phase(split="plain", closes_at=life.ahead(60), policy={"anonymous": True})
+    early = {
+        who: life.submit(who, speed, "One", "plain")
+        for who, speed in (("alpha", 1.0), ("beta", 2.0))
+    }
+    life.work()
+    frozen = {entry["submission_id"]: entry["team"] for entry in life.board()["entries"]}
+    life.done("/phases/test/freeze")
+    later = life.submit("beta", 0.5, "One", "plain")
+    life.move(closes_at=life.now())
+    life.done("/phases/test/reveal", {"what": "names", "reason": "the end"})
+    life.work()
+    assert {entry["submission_id"]: entry["team"] for entry in life.board()["entries"]} == frozen
+    words = "Teams and methods stand under pseudonyms until the organizers show names."
+    assert words in life.get("/?phase=test").text
+    assert words in text_of(life.get("/phases/test").text)
+    assert life.json(f"/api/v1/submissions/{later}", "beta")["known_as"] == frozen[early["beta"]]
+    life.done("/phases/test/reveal", {"what": "board", "reason": "the end"})
+    life.work()
+    assert words not in life.get("/?phase=test").text + text_of(life.get("/phases/test").text)
+    assert life.json(f"/api/v1/submissions/{later}", "beta")["known_as"] is None
+    places = life.json(REPORT)["shake_up"]["places"]
+    assert {one["submission_id"]: (one["team"], one["is_another_run"]) for one in places} == {
+        early["alpha"]: ("Alpha Institute", False),
+        later: ("Beta Labs", True),
+    }
+    assert None not in [rank for one in places for rank in (one["before"], one["after"])]
+    assert "by another run" in text_of(life.get(PAGE).text)
+
+
+def test_a_freeze_that_ended_before_the_deadline_is_no_reveal(life: "Life") -> None:
+    life.make_phase(split="plain", closes_at=life.ahead(60))
+    life.submit("alpha", 1.0, "Early", "plain")
+    life.work()
+    life.done("/phases/test/freeze")
+    life.done("/phases/test/reveal", {"what": "board", "reason": "by mistake"})
+    life.submit("beta", 0.5, "Later", "plain")
+    life.work()
+    life.move(closes_at=life.now())
+    assert life.json(REPORT)["shake_up"] is None
+    assert "before and after the reveal" not in life.get(PAGE).text
 
 
 def test_the_report_says_of_what_lost_its_rank_that_it_is_ranked_no_more(life: "Life") -> None:
@@ -120,7 +165,7 @@ def test_the_report_says_of_what_lost_its_rank_that_it_is_ranked_no_more(life: "
     words = text_of(life.get(PAGE).text)
     assert "no more ranked" in words
     assert "replaced, withdrawn, disqualified or listed without a rank" in words
-    assert "Ranked anew" not in words, "nothing is"
+    assert "ranked anew" not in words, "nothing is"
 
 
 def test_the_report_waits_for_what_came_in_time_and_not_for_what_is_late(life: "Life") -> None:

@@ -242,7 +242,7 @@ def test_a_later_deadline_holds_for_one_team_and_for_what_came_before_it(world: 
     with pytest.raises(PhaseClosed):
         world.submit("of others", team_id=beta)
     with world.database.write() as session:
-        set_allowance(session, "alpha", "dev", **WHY)
+        set_allowance(session, "alpha", "dev", closes_at=None, **WHY)
     assert list(world.standing()) == [in_time], "taken back, the upload is late again"
     with world.database.read() as session:
         phase = session.get_one(Phase, "dev")
@@ -296,6 +296,25 @@ def test_a_later_deadline_opens_no_phase_that_has_not_begun_or_is_not_shown(
         assert is_open_to(session, phase, own, now) is is_open
 
 
+def test_another_limit_leaves_the_deadline_of_a_team_and_its_entry_alone(world: World) -> None:
+    world.close()
+    with world.database.write() as session:
+        until = database_now(session) + timedelta(hours=1)
+        set_allowance(session, "alpha", "dev", closes_at=until, **WHY)
+    mine = world.scored("late", "Planner")
+    with world.database.write() as session:
+        set_allowance(session, "alpha", "dev", quota_per_day=12, **WHY)
+    assert list(world.standing()) == [mine]
+    with world.database.write() as session:
+        set_allowance(session, "alpha", "dev", closes_at=None, **WHY)
+    assert list(world.standing()) == []
+    with world.database.read() as session:
+        ended, more = list_notifications(session, world.team_id)[:2]
+    days = "Your submissions a day are 12."
+    assert more.what_changed[1:] == (f"Your deadline is {until:%Y-%m-%d %H:%M} UTC.", days)
+    assert ended.what_changed[1:] == (days, "Your deadline is as for all teams again.")
+
+
 def test_a_deadline_that_is_moved_by_seconds_holds_for_what_came_before_it(world: World) -> None:
     submission_id = world.scored("one", "Planner")
     world.close()
@@ -318,14 +337,14 @@ def test_a_team_has_its_own_quota(world: World) -> None:
     with pytest.raises(QuotaExceeded):
         world.submit("two")
     with world.database.write() as session:
-        set_allowance(session, "alpha", "dev", **WHY)
+        set_allowance(session, "alpha", "dev", quota_total=None, **WHY)
     world.submit("two")
     assert told(world) == ["What your team may submit to Development is changed"] * 2
     with world.database.read() as session:
         back, granted = list_notifications(session, world.team_id)
     because = f"Reason: {WHY['reason']}"
     assert granted.what_changed == (because, "Your submissions in all are 1.")
-    assert back.what_changed == (because, "It is the same for all teams again.")
+    assert back.what_changed == (because, "Your submissions in all are as for all teams again.")
 
 
 def test_a_team_is_renamed_and_no_two_look_alike(world: World) -> None:

@@ -69,6 +69,8 @@ def test_an_update_goes_from_document_to_rollback_over_the_pages(
     assert organizer.get(f"{here}/apply").headers["location"] == f"{here}/preview"
     applied = organizer.step(run_id, "apply", preview=digest)
     assert (applied.status_code, stage.board() != before) == (303, True)
+    words = "applied; close it, or, unless the board is frozen, roll it back."
+    assert words in organizer.get(here).text
     again = "The run is applied already; it can be applied only while it is scoring or ready."
     page = organizer.get(f"{here}/apply?preview={digest}").text
     assert f"It would be refused now.</b> {again}" in page

@@ -219,7 +219,7 @@ REFUSED_BY_MEANING = {
     "POST /api/v1/organizer/teams/{team_id}/forget": "a reason has words",
     "POST /api/v1/organizer/people/{person_id}/forget": "a reason has words",
     "POST /api/v1/organizer/teams/{team_id}/merge": "a reason has words",
-    "PUT /api/v1/organizer/teams/{team_id}/allowances/{phase_id}": "it lies after the phase's deadline",
+    "PATCH /api/v1/organizer/teams/{team_id}/allowances/{phase_id}": "it lies after the phase's deadline",
     "POST /api/v1/organizer/protocols": "the body is a protocol",
     "POST /api/v1/organizer/protocols/check": "the body is a protocol",
     "POST /api/v1/organizer/rescoring/verifications": "1.0 is a whole number to JSON Schema alone",

@@ -45,7 +45,7 @@ DEEDS: list[tuple[str, str, Any]] = [
     ("POST", "submissions/x/disqualify", WHY),
     ("GET", "disqualifications", None),
     ("POST", "disqualifications/1/reinstate", WHY),
-    ("PUT", "teams/alpha/allowances/dev", {**WHY, "quota_total": 2}),
+    ("PATCH", "teams/alpha/allowances/dev", {**WHY, "quota_total": 2}),
     ("POST", "team-imports", {"csv": "id,name\nx,X\n"}),
     ("POST", "messages", {"title": "A", "text": "B"}),
 ]
@@ -215,8 +215,10 @@ def test_names_allowances_and_addresses_stand_on_the_page_of_a_team(
     later = {"closes_at": "2100-01-01T00:00", **WHY}
     endless = organizer.post(page, later, page=page)
     assert (endless.status_code, "has no deadline" in endless.text) == (400, True)
-    put = api.request("PUT", "/organizer/teams/alpha/allowances/dev", "organizer", json=WHY)
-    assert put.json()["granted_at"] is None
+    change = partial(api.request, "PATCH", "/organizer/teams/alpha/allowances/dev", "organizer")
+    assert change(json={"quota_total": 9, **WHY}).json()["quota_per_day"] == 7, "left out, it stays"
+    gone = change(json={"quota_per_day": None, "quota_total": None, **WHY})
+    assert gone.json()["granted_at"] is None
     assert api.get("/phases/dev", "alpha").json()["quota"]["per_day"] == 5
 
 
@@ -228,7 +230,8 @@ def test_a_deadline_of_a_team_that_the_phase_has_passed_by_is_told_nowhere_and_s
     assert move(json={"closes_at": "2101-01-01T00:00:00Z"}).status_code == 200
     own = {"closes_at": "2102-01-01T00:00:00Z", **WHY}
     assert (
-        api.request("PUT", allowance, "organizer", json=own).json()["closes_at"] == own["closes_at"]
+        api.request("PATCH", allowance, "organizer", json=own).json()["closes_at"]
+        == own["closes_at"]
     )
     assert api.get("/phases/dev", "alpha").json()["quota"]["closes_at"] == own["closes_at"]
     page = "/organize/teams/alpha/allowances/dev"
@@ -244,18 +247,25 @@ def test_a_deadline_of_a_team_that_the_phase_has_passed_by_is_told_nowhere_and_s
         .text.split("Own deadline")[1]
         .split("</section>")[0]
     )
-    put = api.request("PUT", allowance, "organizer", json={**own, "quota_per_day": 9})
-    assert (put.status_code, put.json()["closes_at"], put.json()["quota_per_day"]) == (200, None, 9)
+    more = {"quota_total": 50, **WHY}
+    assert api.request("PATCH", allowance, "organizer", json=more).status_code == 200
+    assert "2102-01-01" not in str(api.get("/notifications", "alpha").json()[0])
+    given = api.request("PATCH", allowance, "organizer", json={**own, "quota_per_day": 9})
+    assert (given.status_code, given.json()["closes_at"], given.json()["quota_per_day"]) == (
+        200,
+        None,
+        9,
+    )
     inbox = api.get("/notifications", "alpha").json()
     assert "2102-01-01" not in str(inbox[0])
-    assert api.request("PUT", allowance, "organizer", json=own).status_code == 400, "another one"
+    assert api.request("PATCH", allowance, "organizer", json=own).status_code == 400, "another one"
 
 
 def test_the_history_of_a_team_is_in_words(api_on_both: "Api", organizer: "TeamBrowser") -> None:
     api = api_on_both
     api.request("PATCH", "/organizer/phases/dev", "organizer", json={"title": "The <season>"})
     own = {"quota_per_day": 33, **WHY}
-    api.request("PUT", "/organizer/teams/alpha/allowances/dev", "organizer", json=own)
+    api.request("PATCH", "/organizer/teams/alpha/allowances/dev", "organizer", json=own)
     renamed = {"name": "Alef", **WHY}
     api.request("PATCH", "/organizer/teams/alpha", "organizer", json=renamed)
     allowance = "phase: The &lt;season&gt; (dev); was: nothing; is: submissions a day are 33"

@@ -67,7 +67,10 @@ app = typer.Typer(
 _log = structlog.get_logger("exceptiondrive.worker")
 DataOption = Annotated[Path | None, typer.Option("--data", help=DATA_HELP)]
 WordsOption = Annotated[
-    str, typer.Option("--words", help="What readers are told of a later revision.")
+    str,
+    typer.Option(
+        "--words", help="What readers are told of a later revision, in phases of one part too."
+    ),
 ]
 ProtocolOption = Annotated[
     Path | None, typer.Option("--protocol", help=f"Protocol document; by default {NEWEST}.")

@@ -137,10 +137,13 @@ def _report_view(found: "PhaseReport") -> Iterator[str | FittedTable]:
     yield winners
     if found.shake_up is not None:
         moved = FittedTable.of(
-            "method", "team", Column("before", "number"), Column("final", "number")
+            "method", "team", Column("before", "number"), Column("final", "number"), ""
         )
         for one in found.shake_up.places:
-            moved.add_row(one.method, one.team, *(str(r or "-") for r in (one.before, one.after)))
+            ranks = (str(rank or "-") for rank in (one.before, one.after))
+            moved.add_row(
+                one.method, one.team, *ranks, "by another run" if one.is_another_run else ""
+            )
         yield f"ranks on board {found.shake_up.board}, before the reveal, and on the final one"
         yield moved
 

@@ -21,6 +21,7 @@ NotificationKind = Literal[
     "reinstated",
     "allowance",
     "team_changed",
+    "phase_changed",
 ]
 Wish = Literal["updates", "scored", "failed", "overtaken", "phase_ends"]
 """What an address may be told of: protocol updates, and what goes on between them."""

@@ -11,7 +11,7 @@ from exceptiondrive_schemas.split import SplitRef
 
 
 class PlaceChange(Document):
-    """The rank of an entry on the last board before a reveal and on the final one.
+    """The rank of a team's method on the last board before a reveal and on the final one.
 
     None: it had no rank there, or was not on that board.
     """
@@ -21,6 +21,8 @@ class PlaceChange(Document):
     team: str
     before: int | None
     after: int | None
+    is_another_run: bool = False
+    """Whether another run of the method stood on the board before."""
 
 
 class ShakeUp(Document):
@@ -31,7 +33,7 @@ class ShakeUp(Document):
     part: SplitPart | None
     """Which part of the split that board counts; None: all of it."""
     places: tuple[PlaceChange, ...]
-    """Every entry with a rank on either board, in the order of the final one."""
+    """Every method with a rank on either board, in the order of the final one."""
 
 
 class PhaseReport(Document):

@@ -115,8 +115,9 @@ class PhasePolicy(Document):
         default="newest",
         title="Run of a method",
         description="Which run of a method stands where all methods are shown: always its newest, or "
-        "as its team says until the deadline: newest, best or one that it chooses. Fixed at the "
-        "deadline, and by a reveal.",
+        "as its team says until the deadline: newest, best or one that it chooses. Back at newest, what "
+        "teams chose is set aside, and no team is told: write to them. Fixed at the deadline, and "
+        "by a reveal.",
     )
     anonymous: bool = Field(
         default=False,
@@ -134,7 +135,7 @@ class PhasePolicy(Document):
         default=False,
         title="Terms are accepted first",
         description="A team submits once it has accepted the terms of the phase as they stand; "
-        "after a change of them, once more.",
+        "after a change of them, once more. No team is told of a change: write to them.",
     )
 
     @property

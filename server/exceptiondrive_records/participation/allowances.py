@@ -1,6 +1,8 @@
 """A later deadline or another quota for one team in a phase: granted, changed, taken back."""
 
+from collections.abc import Mapping
 from datetime import datetime
+from typing import Any, TypedDict, Unpack
 
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
@@ -15,8 +17,23 @@ from exceptiondrive_records.participation.tables import Allowance
 from exceptiondrive_records.phases.allowances import allowance_of, is_revealed
 from exceptiondrive_records.phases.phases import lock_phase, require_known_to
 from exceptiondrive_records.phases.policy import own_deadline
+from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.teams import find_team
+
+_SAID = {
+    "closes_at": "deadline is",
+    "quota_per_day": "submissions a day are",
+    "quota_total": "submissions in all are",
+}
+
+
+class Limits(TypedDict, total=False):
+    """What a team may be granted; None is as for all teams."""
+
+    closes_at: datetime | None
+    quota_per_day: int | None
+    quota_total: int | None
 
 
 def set_allowance(
@@ -24,13 +41,11 @@ def set_allowance(
     slug: str,
     phase_id: str,
     *,
-    closes_at: datetime | None = None,
-    quota_per_day: int | None = None,
-    quota_total: int | None = None,
     reason: str,
     actor: str,
+    **limits: Unpack[Limits],
 ) -> Allowance | None:
-    """Set what a team is granted in a phase; what is None is as for all teams.
+    """Set what a team is granted in a phase: the limits that are given, and no others.
 
     A later deadline holds for what the team uploaded before it was granted, too: what came within it
     is not late. One that the deadline of the phase has passed by is dropped when it is given once more.
@@ -48,38 +63,45 @@ def set_allowance(
     team = find_team(session, slug, lock=True)
     team.require_there()
     row = allowance_of(session, team.id, phase.id)
+    closes_at = limits.get("closes_at")
     if closes_at is not None and own_deadline(phase, closes_at) is None:
         if row is not None and closes_at == row.closes_at:
-            closes_at = None
+            limits["closes_at"] = closes_at = None
         elif phase.closes_at is None:
             raise InvalidRecord("The phase has no deadline: no team needs a later one.")
         else:
             raise InvalidRecord("A team's own deadline must lie after that of the phase.")
     if closes_at is not None and is_revealed(session, phase):
         raise Conflict("What was kept back is revealed: nothing more can be in time.")
-    wants = {"closes_at": closes_at, "quota_per_day": quota_per_day, "quota_total": quota_total}
-    if wants == {name: getattr(row, name, None) for name in wants}:
+    before = {name: getattr(row, name, None) for name in _SAID}
+    after = {**before, **limits}
+    if after == before:
         return row
     if row is None:
         require_known_to(session, team.id, phase)
-    before = _words(row)
-    if all(value is None for value in wants.values()):
+    if all(value is None for value in after.values()):
         if row is not None:
             session.delete(row)
         row = None
     else:
-        given = {**wants, "reason": checked_reason(reason), "granted_at": database_now(session)}
+        given = {**after, "reason": checked_reason(reason), "granted_at": database_now(session)}
         row = session.merge(Allowance(team_id=team.id, phase_id=phase.id, **given))
-    after = _words(row)
-    session.execute(
-        update(Submission)
-        .where(Submission.team_id == team.id, Submission.phase_id == phase.id)
-        .values(granted_until=closes_at)
-    )
+    if "closes_at" in limits:
+        session.execute(
+            update(Submission)
+            .where(Submission.team_id == team.id, Submission.phase_id == phase.id)
+            .values(granted_until=closes_at)
+        )
     renew_boards(session, phase)
-    detail = {"phase": phase.id, "reason": checked_reason(reason), "was": before, "is": after}
+    was, granted = _words(phase, before), _words(phase, after)
+    detail = {"phase": phase.id, "reason": checked_reason(reason), "was": was, "is": granted}
     audit(session, actor, "allowance changed", team.slug, detail)
-    words = [f"Your {line}." for line in after] or ["It is the same for all teams again."]
+    ended = [
+        f"{said} as for all teams again"
+        for name, said in _SAID.items()
+        if after[name] is None and before[name] is not None
+    ]
+    words = [f"Your {line}." for line in (*granted, *ended)]
     sentences = (f"Reason: {reason.strip()}", *words)
     title = f"What your team may submit to {phase.title} is changed"
     tell_team(session, team, "allowance", title, sentences, phase=phase.id)
@@ -92,13 +114,7 @@ def list_allowances(session: Session, team_id: int) -> list[Allowance]:
     return list(session.scalars(query.order_by(Allowance.phase_id)))
 
 
-def _words(row: Allowance | None) -> list[str]:
-    if row is None:
-        return []
-    until = row.closes_at
-    lines = {
-        f"deadline is {until:%Y-%m-%d %H:%M} UTC" if until else "": until,
-        f"submissions a day are {row.quota_per_day}": row.quota_per_day,
-        f"submissions in all are {row.quota_total}": row.quota_total,
-    }
-    return [line for line, value in lines.items() if value is not None]
+def _words(phase: Phase, limits: Mapping[str, Any]) -> list[str]:
+    until = own_deadline(phase, limits["closes_at"])
+    said = {**limits, "closes_at": until and f"{until:%Y-%m-%d %H:%M} UTC"}
+    return [f"{_SAID[name]} {value}" for name, value in said.items() if value is not None]

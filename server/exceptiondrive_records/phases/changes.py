@@ -1,4 +1,4 @@
-"""What organizers change in a phase that is there: settings, place, freeze, reveal, its end."""
+"""What organizers change in a phase that is there: settings, place, freeze, names, its end."""
 
 from datetime import datetime
 from typing import Any
@@ -7,13 +7,12 @@ from sqlalchemy import exists, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
-from exceptiondrive_records.boards.boards import flip_board, latest_board
 from exceptiondrive_records.boards.renewal import renew_boards
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.database import flush_or_refuse
 from exceptiondrive_records.db.errors import Conflict, InvalidRecord
 from exceptiondrive_records.db.identifiers import checked_reason
-from exceptiondrive_records.phases.allowances import end_own_deadlines, is_revealed
+from exceptiondrive_records.phases.allowances import is_revealed
 from exceptiondrive_records.phases.phases import (
     check_phase,
     find_phase,
@@ -29,7 +28,6 @@ from exceptiondrive_records.phases.policy import (
     new_salt,
     was_split_revealed,
 )
-from exceptiondrive_records.phases.scoring_keys import key_of_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.splits.splits import live_revision
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
@@ -147,32 +145,6 @@ def freeze_phase(session: Session, phase_id: str, *, reason: str, actor: str) ->
     phase.policy = phase.policy.model_copy(update={"freezes_at": now})
     audit(session, actor, "board frozen", phase.id, {"reason": checked_reason(reason)})
     return phase
-
-
-def reveal_board(session: Session, phase_id: str, *, reason: str, actor: str) -> Phase:
-    """End the freeze: the public board is the newest one at once.
-
-    Raises:
-        NotFound: No such phase.
-        Conflict: It is not frozen.
-    """
-    phase = lock_phase(session, phase_id)
-    now = database_now(session)
-    if frozen_since(phase, now) is None:
-        raise Conflict("The board is not frozen: there is nothing to reveal.")
-    unfreeze(session, phase, now)
-    audit(session, actor, "freeze ended", phase.id, {"reason": checked_reason(reason)})
-    return phase
-
-
-def unfreeze(session: Session, phase: Phase, now: datetime) -> None:
-    """Let the pointer move again, to the newest board of what the phase shows."""
-    phase.unfrozen_at = now
-    end_own_deadlines(session, phase, now)
-    row = latest_board(session, phase.id, key_of_phase(phase))
-    if row is not None:
-        flip_board(session, phase, row)
-    renew_boards(session, phase)
 
 
 def reveal_names(session: Session, phase_id: str, *, reason: str, actor: str) -> Phase:

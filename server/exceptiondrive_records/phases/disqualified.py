@@ -9,9 +9,9 @@ from sqlalchemy.orm import Session, aliased
 from exceptiondrive_records.db.errors import NotAllowed
 from exceptiondrive_records.participation.tables import Disqualification
 from exceptiondrive_records.phases.policy import (
-    is_anonymous,
     pseudonym_of_method,
     pseudonym_of_team,
+    shows_pseudonyms,
 )
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
@@ -106,10 +106,10 @@ def team_disqualified_since(session: Session, team_id: int, phase: Phase) -> dat
 def disqualification_notes(session: Session, phase: Phase) -> tuple[DisqualificationNote, ...]:
     """Return what readers are told of disqualifications in a phase, newest first.
 
-    Under the names that its board shows: pseudonyms in an anonymous phase. There a note on all phases
+    Under the names that its board shows. Under pseudonyms a note on all phases
     is left out, since others show it under the name; the day alone is told, which joins no two notes.
     """
-    is_masked = is_anonymous(phase)
+    is_masked = shows_pseudonyms(session, phase)
     here = Disqualification.phase_id == phase.id
     other = aliased(Submission)  # than the one that the note is about
     query = (

@@ -45,6 +45,14 @@ def is_anonymous(phase: Phase) -> bool:
     return phase.policy.anonymous and phase.names_revealed_at is None
 
 
+def shows_pseudonyms(session: Session, phase: Phase) -> bool:
+    """Whether the board that readers see has pseudonyms: it may be older than the reveal of names."""
+    if not phase.policy.anonymous or phase.names_revealed_at is None:
+        return phase.policy.anonymous
+    board = session.get(BoardRow, phase.current_board_id or 0)
+    return board is not None and board.published_at < phase.names_revealed_at
+
+
 def is_open(phase: Phase, now: datetime, own_closes_at: datetime | None = None) -> bool:
     """Whether a shown phase takes submissions: from `opens_at` until just before `closes_at`.
 

@@ -1,19 +1,34 @@
-"""A hidden phase is shown: its teams are told of the updates that were applied or taken back behind it."""
+"""A phase is changed, or its board revealed, and its teams are told what that means for them."""
 
 from datetime import timedelta
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.boards.boards import boards_of_flip, entries_on
+from exceptiondrive_records.audit.log import audit
+from exceptiondrive_records.boards.boards import (
+    boards_of_flip,
+    entries_on,
+    flip_board,
+    latest_board,
+)
+from exceptiondrive_records.boards.renewal import renew_boards
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.db.errors import Conflict
+from exceptiondrive_records.db.identifiers import checked_reason
+from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.notifications.tables import Notification
+from exceptiondrive_records.phases.allowances import end_own_deadlines
 from exceptiondrive_records.phases.changes import update_phase
 from exceptiondrive_records.phases.phases import lock_phase
+from exceptiondrive_records.phases.policy import frozen_since
+from exceptiondrive_records.phases.scoring_keys import key_of_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.comparison import compare_rows
 from exceptiondrive_records.rescoring.flip import notify_of_run
 from exceptiondrive_records.rescoring.tables import RescoringRun
+from exceptiondrive_records.submissions.tables import Submission
+from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_schemas.api.notifications import NotificationKind
 from exceptiondrive_schemas.api.phase_settings import PhaseChange
 from exceptiondrive_schemas.api.rescoring import RunState
@@ -22,14 +37,54 @@ from exceptiondrive_schemas.api.rescoring import RunState
 def change_phase(session: Session, phase_id: str, change: PhaseChange, *, actor: str) -> Phase:
     """Change settings of a phase; where that shows it, tell its teams of updates behind it.
 
+    They are told of a deadline that is moved to an earlier time, too.
+
     Raises:
         RecordsError: It is refused as by `update_phase`.
     """
-    was_hidden = lock_phase(session, phase_id).visibility == "hidden"
+    before = lock_phase(session, phase_id)
+    was_hidden, until = before.visibility == "hidden", before.closes_at
     phase = update_phase(session, phase_id, change, actor=actor)
     if was_hidden and phase.visibility != "hidden":
         _tell_of_hidden_updates(session, phase)
+    if until is not None and phase.closes_at is not None and phase.closes_at < until:
+        words = f"It is {phase.closes_at:%Y-%m-%d %H:%M} UTC; it was {until:%Y-%m-%d %H:%M} UTC."
+        _tell_teams(session, phase, f"The deadline of {phase.title} is earlier", words)
     return phase
+
+
+def reveal_board(session: Session, phase_id: str, *, reason: str, actor: str) -> Phase:
+    """End the freeze: the public board is the newest one at once; tell of scores that were kept back.
+
+    Raises:
+        NotFound: No such phase.
+        Conflict: It is not frozen.
+    """
+    phase = lock_phase(session, phase_id)
+    now = database_now(session)
+    if frozen_since(phase, now) is None:
+        raise Conflict("The board is not frozen: there is nothing to reveal.")
+    phase.unfrozen_at = now
+    end_own_deadlines(session, phase, now)
+    row = latest_board(session, phase.id, key_of_phase(phase))
+    if row is not None:
+        flip_board(session, phase, row)
+    renew_boards(session, phase)
+    audit(session, actor, "freeze ended", phase.id, {"reason": checked_reason(reason)})
+    if phase.policy.frozen_scores == "hidden":
+        title = f"The board of {phase.title} is revealed"
+        _tell_teams(session, phase, title, "Scores that were kept back are shown.")
+    return phase
+
+
+def _tell_teams(session: Session, phase: Phase, title: str, sentence: str) -> None:
+    """Tell the teams that submitted to a phase; of a hidden one nothing is told."""
+    if phase.visibility == "hidden":
+        return
+    own = select(Submission.team_id).where(Submission.phase_id == phase.id)
+    for team in session.scalars(select(Team).where(Team.id.in_(own)).order_by(Team.id)):
+        if not team.is_gone:
+            tell_team(session, team, "phase_changed", title, (sentence,), phase=phase.id)
 
 
 def _tell_of_hidden_updates(session: Session, phase: Phase) -> None:

@@ -17,13 +17,13 @@ from exceptiondrive_records.phases.policy import (
     can_publish,
     deadline_of,
     frozen_since,
-    is_anonymous,
     is_late,
     is_published,
     is_split_revealed,
     pseudonym_of_team,
     score_kept_back_since,
     shown_sheet,
+    shows_pseudonyms,
 )
 from exceptiondrive_records.phases.scoring_keys import key_of_phase
 from exceptiondrive_records.phases.tables import Phase
@@ -153,6 +153,11 @@ class _Seen:
         )
 
     @cached_property
+    def shows_pseudonyms(self) -> bool:
+        """See `shows_pseudonyms`."""
+        return shows_pseudonyms(self._session, self.phase)
+
+    @cached_property
     def can_publish(self) -> bool:
         """See `can_publish`."""
         return can_publish(self._session, self.phase)
@@ -238,7 +243,7 @@ def _view(
         score_kept_back_since=seen.hides(submission),
         disqualified_at=disqualified_at,
         known_as=pseudonym_of_team(phase, team.id)
-        if is_anonymous(phase) and not team.is_reference
+        if seen.shows_pseudonyms and not team.is_reference
         else None,
     )
 

@@ -13,6 +13,7 @@ from urllib.parse import urlencode
 from markupsafe import Markup
 
 from exceptiondrive_records.db.memory import Memory
+from exceptiondrive_records.phases.policy import is_pseudonym
 from exceptiondrive_records.submissions.edits import EditsOfPhase
 from exceptiondrive_schemas.api.participation import DisqualificationNote
 from exceptiondrive_schemas.api.phase_settings import PhaseNow, Visibility
@@ -534,6 +535,6 @@ def _kept_back(board: Board, now: PhaseNow) -> Iterator[Notice]:
         yield Notice(words, "", "")
     if now.families_shown_from is not None:
         yield Notice(f"Families are shown from {minute(now.families_shown_from)}.", "", "")
-    if now.is_anonymous:
-        words = "Teams and methods stand under pseudonyms until the organizers reveal them."
+    if now.is_anonymous or any(is_pseudonym(entry.team) for entry in board.entries):
+        words = "Teams and methods stand under pseudonyms until the organizers show names."
         yield Notice(words, "", "")

@@ -86,7 +86,7 @@ class TeamDisqualification(EntryDisqualification):
 
 
 class NewAllowance(Deed):
-    """What a team has in a phase instead of what all have; null: as all."""
+    """What a team has in a phase instead of what all have; null: as all, left out: as it is."""
 
     closes_at: Time | None = None
     quota_per_day: Quota | None = None
@@ -236,18 +236,22 @@ def post_reinstatement(
         return disqualification_view(session, row)
 
 
-@router.put("/teams/{team_id}/allowances/{phase_id}", operation_id="setAllowance")
-def put_allowance(
+@router.patch("/teams/{team_id}/allowances/{phase_id}", operation_id="setAllowance")
+def patch_allowance(
     services: ServicesOf,
     organizer: Organizer,
     team_id: TeamId,
     phase_id: PhaseId,
     wanted: NewAllowance,
 ) -> AllowanceView:
-    """Set a later deadline or another quota for one team; all null: as for all teams again."""
+    """Set a later deadline or another quota for one team; what is left out stays as it is."""
     with services.database.write() as session:
         row = set_allowance(
-            session, team_id, phase_id, **wanted.model_dump(), actor=organizer.actor
+            session,
+            team_id,
+            phase_id,
+            **wanted.model_dump(exclude_unset=True),
+            actor=organizer.actor,
         )
         if row is None:
             return AllowanceView(phase=phase_id)

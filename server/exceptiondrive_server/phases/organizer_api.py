@@ -14,14 +14,13 @@ from exceptiondrive_records.phases.changes import (
     delete_phase,
     feature_phase,
     freeze_phase,
-    reveal_board,
     reveal_names,
 )
 from exceptiondrive_records.phases.phases import create_phase, find_phase, phase_view
 from exceptiondrive_records.phases.scoring_keys import key_of_phase
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.reveal import reveal_split
-from exceptiondrive_records.rescoring.showing import change_phase
+from exceptiondrive_records.rescoring.showing import change_phase, reveal_board
 from exceptiondrive_schemas.api.phase_settings import NewPhase, PhaseChange
 from exceptiondrive_schemas.api.submission import PhaseView
 from exceptiondrive_schemas.board import Board

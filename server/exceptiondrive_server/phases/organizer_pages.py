@@ -20,7 +20,6 @@ from exceptiondrive_records.phases.changes import (
     delete_phase,
     feature_phase,
     freeze_phase,
-    reveal_board,
     reveal_names,
 )
 from exceptiondrive_records.phases.phases import (
@@ -35,7 +34,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.protocols.protocols import find_protocol, list_protocols
 from exceptiondrive_records.rescoring.reveal import reveal_split
 from exceptiondrive_records.rescoring.runs import list_runs
-from exceptiondrive_records.rescoring.showing import change_phase
+from exceptiondrive_records.rescoring.showing import change_phase, reveal_board
 from exceptiondrive_records.splits.splits import list_splits, whole_split, words_of_revision
 from exceptiondrive_records.submissions.submissions import counts_by_phase
 from exceptiondrive_schemas.api.form_fields import FormField, fields_of, values_of

@@ -7,7 +7,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.news.news import news_of
 from exceptiondrive_records.phases.phases import shown_phase
-from exceptiondrive_records.phases.policy import frozen_since, is_anonymous
+from exceptiondrive_records.phases.policy import frozen_since, shows_pseudonyms
 from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.splits.splits import find_split
 from exceptiondrive_schemas.challenges import CHALLENGES
@@ -39,7 +39,7 @@ def show_phase(request: Request, phase_id: PhaseId) -> Response:
             "quota_total": phase.quota_total,
             "freezes_at": freezes_at if freezes_at and freezes_at > now else None,
             "frozen_since": frozen_since(phase, now),
-            "is_anonymous": is_anonymous(phase),
+            "shows_pseudonyms": shows_pseudonyms(session, phase),
             "terms_required": phase.policy.terms_required,
             "has_report": has_ended(session, phase),
         }

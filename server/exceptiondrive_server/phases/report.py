@@ -27,7 +27,7 @@ from exceptiondrive_records.protocols.protocols import find_protocol
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_schemas.api.phase_report import PhaseReport, PlaceChange, ShakeUp
 from exceptiondrive_schemas.api.submission import WAITING
-from exceptiondrive_schemas.board import Board, BoardEntry
+from exceptiondrive_schemas.board import Board
 from exceptiondrive_server.boards.entry_facts import challenge_of, is_listed
 from exceptiondrive_server.boards.queries import protocol_versions
 
@@ -107,7 +107,7 @@ def report_of(session: Session, phase: Phase) -> PhaseReport:
             if entry.submission_id and entry.may_lead
         ),
         flags=dict(Counter(flag.code for entry in scored for flag in entry.flags)),
-        shake_up=None if before is None else _shake_up(parsed_board(before), board),
+        shake_up=None if before is None else _shake_up(session, parsed_board(before), board),
         protocols=protocol_versions(session, phase.id),
     )
 
@@ -115,11 +115,12 @@ def report_of(session: Session, phase: Phase) -> PhaseReport:
 def board_before_reveal(session: Session, phase: Phase, final: BoardRow) -> BoardRow | None:
     """Return the last board that readers saw before a reveal; None where nothing was revealed.
 
-    Where both were, the other part of the split counts, not the end of a freeze.
+    Where both were, the other part of the split counts, not the end of a freeze; a freeze that ended
+    before the deadline is no reveal.
     """
     if is_split_revealed(session, phase):
         return last_shown_of_part(session, phase, "public")
-    if phase.unfrozen_at is None:
+    if phase.unfrozen_at is None or not has_closed(phase, phase.unfrozen_at):
         return None
     return session.scalars(
         select(BoardRow)
@@ -134,20 +135,30 @@ def board_before_reveal(session: Session, phase: Phase, final: BoardRow) -> Boar
     ).first()
 
 
-def _shake_up(before: Board, after: Board) -> ShakeUp:
-    old = {entry.submission_id: entry for entry in before.entries if entry.rank is not None}
-    new = {entry.submission_id: entry for entry in after.entries if entry.rank is not None}
+def _shake_up(session: Session, before: Board, after: Board) -> ShakeUp:
+    """Compare the ranks of planners: of one that another run stands for, too."""
+    old, new = (
+        {each.submission_id: each for each in board.entries if each.rank is not None}
+        for board in (before, after)
+    )
+    query = select(Submission.id, Submission.team_id, Submission.method)
+    changed = session.execute(query.where(Submission.id.in_(old.keys() ^ new.keys())))
+    planner_of = {key: (team_id, method) for key, team_id, method in changed}
+    gone = {planner_of[key]: key for key in old if key and key not in new}
+    earlier = {key: key if key in old else gone.pop(planner_of[key], None) for key in new if key}
 
-    def place(entry: BoardEntry) -> PlaceChange:
-        key = entry.submission_id or ""
-        was, now = old.get(key), new.get(key)
+    def place(was: str | None, now: str | None) -> PlaceChange:
+        entry = old[was] if now is None else new[now]
         return PlaceChange(
-            submission_id=key,
+            submission_id=entry.submission_id or "",
             method=entry.method,
             team=entry.team,
-            before=was.rank if was else None,
-            after=now.rank if now else None,
+            before=None if was is None else old[was].rank,
+            after=None if now is None else new[now].rank,
+            is_another_run=None not in (was, now) and was != now,
         )
 
-    places = map(place, {**new, **{key: old[key] for key in old if key not in new}}.values())
+    places = [place(was, now) for now, was in earlier.items()]
+    lost = old.keys() - new.keys() - set(earlier.values())
+    places += [place(key, None) for key in old if key in lost]
     return ShakeUp(board=before.board, part=before.part, places=tuple(places))

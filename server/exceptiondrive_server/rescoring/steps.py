@@ -30,7 +30,7 @@ _NEXT = {
     RunState.SCORING: "scoring in the background.",
     RunState.PAUSED: "paused; resume it when you like.",
     RunState.READY: "ready; look at the preview, then apply it.",
-    RunState.APPLIED: "applied; close it, or roll it back.",
+    RunState.APPLIED: "applied; close it, or, unless the board is frozen, roll it back.",
     RunState.CLOSED: "closed; the new protocol stays.",
     RunState.ROLLED_BACK: "rolled back.",
     RunState.CANCELLED: "cancelled; the public board never changed.",

@@ -106,7 +106,7 @@ def policy_sentences(
 ) -> Iterator[str]:
     """Yield how it stands in the policy of its phase; `has_closed`: for this submission."""
     if seen.known_as is not None:
-        yield f"On the board the team is {seen.known_as} until the organizers reveal the names."
+        yield f"On the board the team is {seen.known_as} until the organizers show names there."
     if seen.disqualified_at is not None:
         yield (
             f"It is disqualified since {minute(seen.disqualified_at)} and stands on no further board; "

@@ -6,11 +6,13 @@ from typing import Annotated, Any
 
 from exceptiondrive.cli import completion, options
 from exceptiondrive.cli.options import argument, flag, option
+from exceptiondrive.cli.organizer.phases import setting_value
 from exceptiondrive.cli.output import Answer, be_sure, say
 from exceptiondrive.cli.session import with_organizer
 from exceptiondrive.cli.tables import records_table
 from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive.organizer import Organizer
+from exceptiondrive_schemas.api.form_fields import FormField
 from exceptiondrive_schemas.printable import counted
 
 ToldReason = Annotated[
@@ -19,6 +21,11 @@ ToldReason = Annotated[
 PublicNote = Annotated[
     str | None, option("--public-note", "TEXT", "What readers are told; else nothing.")
 ]
+LIMITS = (
+    FormField("closes_at", "Own deadline", "moment", may_be_none=True),
+    FormField("quota_per_day", "Submissions a day", "whole", may_be_none=True),
+    FormField("quota_total", "Submissions in all", "whole", may_be_none=True),
+)
 
 
 @with_organizer
@@ -106,17 +113,30 @@ def set_allowance(
     team_id: options.TeamId,
     phase: options.PhaseId,
     reason: ToldReason,
-    closes_at: Annotated[str | None, option("--closes-at", "TIME", "2027-01-31T00:00:00Z")] = None,
-    quota_per_day: Annotated[
-        int | None, option("--quota-per-day", "N", "Else as all.", min=1)
+    closes_at: Annotated[
+        str | None, option("--closes-at", "TIME|none", "2027-01-31T00:00:00Z")
     ] = None,
-    quota_total: Annotated[int | None, option("--quota-total", "N", "Else as all.", min=1)] = None,
+    quota_per_day: Annotated[
+        str | None, option("--quota-per-day", "N|none", "Submissions a day.")
+    ] = None,
+    quota_total: Annotated[
+        str | None, option("--quota-total", "N|none", "Submissions in all.")
+    ] = None,
 ) -> Answer:
-    """Set a team's allowance in a phase, its own deadline and quota; what is left out is as for all."""
-    allowance = {"closes_at": closes_at, "quota_per_day": quota_per_day, "quota_total": quota_total}
+    """Set a team's allowance in a phase, its own deadline and quota; `none` is as for all teams again."""
+    given = {"closes_at": closes_at, "quota_per_day": quota_per_day, "quota_total": quota_total}
+    allowance = {
+        field.name: setting_value(field, value)
+        for field in LIMITS
+        if (value := given[field.name]) is not None
+    }
+    if not allowance:
+        raise InvalidArgumentError(
+            "nothing_to_set", "Give --closes-at, --quota-per-day or --quota-total."
+        )
     row = organizer.set_allowance(team_id, phase, reason, allowance)
-    own = "an allowance" if row["granted_at"] else "what all teams have again"
-    return row, f"team {team_id} has {own} in {phase}"
+    words = (f"{one.name} {row[one.name] or 'as for all teams'}" for one in LIMITS)
+    return row, f"team {team_id} in {phase}: {', '.join(words)}"
 
 
 @with_organizer

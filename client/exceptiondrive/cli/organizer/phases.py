@@ -239,7 +239,9 @@ def setting_document(model: type[Document], given: Mapping[str, Any]) -> dict[st
     """Return the settings of a model that were given, as the API takes them."""
     fields = fields_of(model)
     said = {field.name: field for field in fields if given[field.name] is not None}
-    return document_of(fields, {name: _value(field, given[name]) for name, field in said.items()})
+    return document_of(
+        fields, {name: setting_value(field, given[name]) for name, field in said.items()}
+    )
 
 
 def _undated(phase: Mapping[str, Any]) -> dict[str, Any]:
@@ -260,7 +262,8 @@ def _merged(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str
     return {**document, **changes, **inner}
 
 
-def _value(field: FormField, given: Any) -> Any:
+def setting_value(field: FormField, given: Any) -> Any:
+    """Return what an option said, as the API takes it."""
     if given == "none" and field.may_be_none:
         return None
     if field.kind == "lines":
