@@ -1,6 +1,7 @@
 """A server without containers: what `init --bare` writes, and that its units say what compose.yaml says."""
 
 import os
+import re
 import shlex
 import shutil
 import stat
@@ -220,6 +221,24 @@ def test_a_unit_runs_what_compose_runs(
         assert found["TimeoutStopSec"] == [said["stop_grace_period"].rstrip("s")]
     is_confined = set(said["networks"]) == {"data"}
     assert ("IPAddressDeny" in found) is is_confined, "a way out where compose has one"
+
+
+def test_systemd_gives_up_no_service_while_the_database_is_away(folder: Path) -> None:
+    """A program that needs it ends at once then; by default the sixth start within 10 s would be the last."""
+    shared = read_unit(folder / "systemd/exceptiondrive-.service.d/confined.conf")
+    assert shared["StartLimitIntervalSec"] == ["0"]
+    assert int(shared["RestartSec"][0]) >= 1
+    lasting = {path.stem for path in (folder / "systemd").glob("*.service")}
+    lasting -= {"exceptiondrive-migrate", "exceptiondrive-backup"}
+    for name in lasting:
+        assert unit(folder, name.removeprefix("exceptiondrive-"))["Restart"] == ["always"]
+
+
+def test_the_proxy_may_open_what_its_connections_need(folder: Path) -> None:
+    """systemd gives 1,024 descriptors; a connection takes one to the reader and one to a server."""
+    text = (folder / "etc/nginx.conf").read_text()
+    (connections,) = re.findall(r"worker_connections (\d+);", text)
+    assert int(unit(folder, "proxy")["LimitNOFILE"][0]) >= 2 * int(connections)
 
 
 def test_only_workers_see_splits_and_private_store(folder: Path) -> None:
