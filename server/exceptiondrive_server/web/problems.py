@@ -24,6 +24,7 @@ from exceptiondrive_records.db.errors import (
     QuotaExceeded,
     RecordsError,
     RejectedCapExceeded,
+    StoreError,
     TooManyAttempts,
 )
 from exceptiondrive_records.operations.logs import places
@@ -143,6 +144,8 @@ def problem_of(error: RecordsError | RequestValidationError) -> ApiProblem:
 def _of_records(error: RecordsError) -> ApiProblem:
     fields = error.fields if isinstance(error, InvalidRecord) else None
     problem = ApiProblem(error.code, str(error), fields=fields)
+    if isinstance(error, StoreError):
+        _log.warning("file store unavailable", reason=error.reason)
     if error.code is ProblemCode.STORE_UNAVAILABLE or isinstance(error, ConcurrentQuotaExceeded):
         problem.retry_after_s = RETRY_AFTER_S
     if isinstance(error, TooManyAttempts | QuotaExceeded | RejectedCapExceeded):
