@@ -187,6 +187,18 @@ def test_a_command_of_the_operator_takes_settings_as_systemd_does(folder: Path) 
     } <= set(lines)
 
 
+def test_a_split_is_published_with_the_workers_settings_and_the_right_to_write_uploads(
+    folder: Path,
+) -> None:
+    """Workers have none; and what root puts among the uploads belongs to the server."""
+    command = [folder / "as", "publish-split", "sh", "-c", "id -u; env"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    user, *lines = done.stdout.splitlines()
+    assert user == "0"
+    assert f"EXCEPTIONDRIVE_SPLITS_DIR={folder}/splits" in lines
+    assert any("//exceptiondrive_worker:" in line for line in lines)
+
+
 def test_run_again_it_adds_a_secret_that_an_older_version_did_not_ask_for(folder: Path) -> None:
     secret = folder / "secrets/oidc_client_secret"
     secret.unlink()
