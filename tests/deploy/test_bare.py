@@ -111,6 +111,17 @@ def test_each_service_has_its_own_address_of_the_database_and_no_other(
     assert links == ["server", "reconciler"], "pages, and mails"
 
 
+def test_the_server_hands_out_the_client_that_the_page_puts_beside_its_programs(
+    folder: Path,
+) -> None:
+    """`init` ran with /opt/ed/bin; an upgrade of the programs is one of the client."""
+    settings = (folder / "etc/server.env").read_text().splitlines()
+    assert "EXCEPTIONDRIVE_CLIENT_DIR=/opt/ed/client" in settings
+    page = (ROOT / "docs/operating-bare.md").read_text("utf-8")
+    assert " -t /opt/exceptiondrive/1/client wheelhouse/exceptiondrive-*.whl" in page
+    assert "--programs /opt/exceptiondrive/current/bin" in page
+
+
 def test_run_again_it_keeps_secrets_data_and_what_an_operator_added(folder: Path) -> None:
     secrets = {path: path.read_bytes() for path in (folder / "secrets").iterdir()}
     settings, unit_file = folder / "etc/server.env", folder / "systemd/exceptiondrive.target"
