@@ -202,7 +202,7 @@ def test_a_split_is_published_with_the_workers_settings_and_the_right_to_write_u
     folder: Path,
 ) -> None:
     """Workers have none; and what root puts among the uploads belongs to the server."""
-    command = [folder / "as", "publish-split", "sh", "-c", "id -u; env"]
+    command = [f"{folder}/as", "publish-split", "sh", "-c", "id -u; env"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     user, *lines = done.stdout.splitlines()
     assert user == "0"
