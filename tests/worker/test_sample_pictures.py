@@ -209,12 +209,13 @@ def test_what_is_no_picture_of_a_sample_is_refused_by_its_name(
     shelf: Shelf, name: str, data: bytes, words: str
 ) -> None:
     shelf.publish_split()
-    shelf.put("b.source.png", png(64, 40))
+    shelf.put("0.source.png", png(64, 40))
     shelf.put(name, data)
     with pytest.raises(PicturesRefusedError, match=words) as refused:
         shelf.show()
     assert name in str(refused.value)
     assert shelf.rows == []
+    assert list(shelf.files.stored()) == [], "files without a record stop the reconcilers' sweep"
 
 
 def test_a_picture_that_would_unpack_to_too_much_is_refused_unread() -> None:
@@ -238,6 +239,7 @@ def test_a_licence_is_a_line_of_words(shelf: Shelf, licence: str) -> None:
     with pytest.raises(InvalidRecord, match="licence"):
         shelf.show(licence)
     assert shelf.rows == []
+    assert list(shelf.files.stored()) == []
 
 
 def test_a_picture_of_no_sample_of_the_split_and_no_picture_at_all_are_refused(

@@ -13,6 +13,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.db.database import Database
+from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.operations.garbage import remove_orphan
 from exceptiondrive_records.splits.drawings import PublicSplit, find_public_split
 from exceptiondrive_records.splits.pictures import show_pictures
@@ -42,7 +43,7 @@ def publish_pictures(
 ) -> int:
     """Show the pictures beside a public split, in the place of those that were shown; return how many.
 
-    The licence stands under each of them.
+    The licence stands under each of them. Of refused ones no file stays.
 
     Raises:
         PicturesRefusedError: The split is withheld, there are no pictures, or one is none.
@@ -50,11 +51,17 @@ def publish_pictures(
     """
     with database.read() as session:
         _public(session, split)
-    rows = list(_stored(files, folder / PICTURES))
-    if not rows:
-        raise PicturesRefusedError(f"there are no pictures in {split.name}/{PICTURES}")
-    _show(database, files, split, rows, licence)
-    return len(rows)
+    stored: list[SamplePictureRow] = []
+    try:
+        stored.extend(_stored(files, folder / PICTURES))  # holds those before one that is refused
+        if not stored:
+            raise PicturesRefusedError(f"there are no pictures in {split.name}/{PICTURES}")
+        _show(database, files, split, stored, licence)
+    except (PicturesRefusedError, RecordsError):
+        for row in stored:
+            remove_orphan(database, files, row.file_digest)
+        raise
+    return len(stored)
 
 
 def remove_pictures(database: Database, files: FileStore, split: SplitRef) -> None:
