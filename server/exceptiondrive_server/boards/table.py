@@ -532,9 +532,9 @@ class BoardTable:
         from_1 = [each for each in self.board.entries if (each.rank_interval or (0,))[0] == 1]
         told_by = ", as they compare sample by sample" if len(from_1) > len(found) else ""
         leader = self.board.leader
-        if leader and any(
-            each.team == leader.team and entry_key(each) not in self.first_of_all for each in from_1
-        ):
+        behind = {it.b for it in self.board.comparisons if leader and it.a == leader.submission_id}
+        left_out = (each for each in from_1 if entry_key(each) not in self.first_of_all)
+        if any(each.submission_id not in behind for each in left_out):
             told_by += "; entries of one team are not compared"
         if len(found) == 1:
             return f"Marked at the left: {found[0].method}, which alone could be first{told_by}."

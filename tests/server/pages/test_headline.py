@@ -204,6 +204,13 @@ def test_team_mates_of_the_leader_that_were_not_compared_with_it_are_not_said_to
         "entries of one team are not compared."
     )
     assert "could be first" not in headline(board, PLANNING, PROTOCOL).findings[0]
+    every_pair = (*pairs, *(compared(leader, each, 0.01) for each in (level, mate)))
+    public = board_table(
+        board.model_copy(update={"comparisons": every_pair}), PROTOCOL, BoardQuery()
+    )
+    assert public.first_sentence == (
+        f"Marked at the left: {leader.method}, which alone could be first, as they compare sample by sample."
+    )
     uncompared = board.model_copy(update={"comparisons": ()})
     said = headline(uncompared, PLANNING, PROTOCOL)
     assert "though 2 others could be first" in said.findings[0], "no comparison says more"
