@@ -267,6 +267,17 @@ def test_rank_intervals_of_many_are_those_of_every_pair(
     assert better.max() > 40
 
 
+@pytest.mark.parametrize(("n_equal", "ranges"), [(4, [[1, 1], [2, 2]]), (8, [[1, 2], [1, 2]])])
+def test_who_is_at_the_top_in_all_draws_is_surely_better_where_few_leave_the_other_there(
+    n_equal: int, ranges: list[list[int]]
+) -> None:
+    """All right, and wrong in five scenes: the spans of draws lie apart, but for those that take none."""
+    best, other = np.ones(1000), np.full(1000, 0.9)
+    other[:n_equal] = 1.0
+    entries = _entries([best.tolist(), other.tolist()], cut=23)
+    assert rank_intervals(entries, "descending").tolist() == ranges
+
+
 def test_beyond_the_first_entries_of_a_long_board_intervals_say_who_is_surely_better() -> None:
     rng = np.random.default_rng(7)
     draws = np.sort(rng.uniform(0.0, 1.0, 40))[::-1, None] + rng.normal(0.0, 0.05, (40, 60))

@@ -79,9 +79,9 @@ def rank_intervals(entries: Sequence[Uncertainty], order: Order) -> IntArray:
     if order == "ascending":
         draws = -draws
     cuts = np.array([entry.primary_cut for entry in entries])
-    low, high = _spans(draws, int(cuts.min()) // 2)
-    by_high = np.argsort(-high, kind="stable")
     n_draws = draws.shape[1]
+    low, high = _spans(draws, min(int(cuts.min()), int(n_draws * MOST_EQUAL)) // 2)
+    by_high = np.argsort(-high, kind="stable")
     codes, needed = _coded(draws[by_high]), n_draws - cuts[by_high]
     n_near = n_entries - np.searchsorted(np.sort(high), low[by_high])
     best = np.ones(n_entries, dtype=np.intp)
