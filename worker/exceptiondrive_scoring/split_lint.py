@@ -236,11 +236,9 @@ def lint(
 
 def _not_driven(split: LintedSplit, protocol: ProtocolDocument) -> BoolArray:
     """Whether a sample has a recorded path that no car makes, (N,)."""
-    wrong, rows = (
-        np.zeros(len(split.sample_ids), dtype=np.bool_),
-        np.flatnonzero(split.has_recorded),
-    )
+    wrong = np.zeros(len(split.sample_ids), dtype=np.bool_)
     if split.arrays.recorded_m is not None:
+        rows = np.flatnonzero(split.has_recorded)
         paths = split.arrays.recorded_m[rows].reshape(len(rows), -1)
         tracks = Tracks.of(paths.tolist(), protocol.geometry.waypoints)
         wrong[rows[sorted(not_driven(tracks, protocol))]] = True

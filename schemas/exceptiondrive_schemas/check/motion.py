@@ -27,18 +27,13 @@ def motion_flags(
     impossible = _share(len(wrong | undrivable_rows(edited, protocol)), edited.n)
     first_step = _share(len(wrong), n_both)
     if impossible > section.flag_impossible:
-        yield (
-            "impossible_motion",
-            f"{share_past(impossible, section.flag_impossible)} of the edited trajectories are none that a car can drive",
-        )
+        share = share_past(impossible, section.flag_impossible)
+        what = f"{share} of the edited trajectories are none that a car can drive"
+        yield "impossible_motion", what
     elif first_step > section.flag_first_step:
-        yield (
-            "impossible_motion",
-            (
-                f"{share_past(first_step, section.flag_first_step, 1)} of the edited trajectories begin as the speed of the source does not "
-                "allow"
-            ),
-        )
+        share = share_past(first_step, section.flag_first_step, 1)
+        what = f"{share} of the edited trajectories begin as the speed of the source does not allow"
+        yield "impossible_motion", what
     edited_behind, source_behind = (
         _share(_n_behind(side, section.stationary_below_m), n_samples) for side in (edited, source)
     )
