@@ -2,6 +2,7 @@
 
 import gzip
 import json
+import random
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -434,6 +435,23 @@ def test_a_single_car_that_backs_out_is_warned_of_and_refuses_nothing(
     (line,) = (line for line in out.splitlines() if "recorded_not_drivable" in line)
     assert line.startswith("warning recorded_not_drivable (1): no car makes the recorded path: ")
     assert line.endswith(": back")
+
+
+def test_cars_that_stand_are_driven_as_they_are_measured(
+    operate: Operate, tmp_path: Path, make_split: MakeSplit
+) -> None:
+    """To all sides by centimetres, which no car would drive."""
+    draw = random.Random(1)
+    paths = {
+        f"s{row}": [[draw.gauss(0, 0.1), draw.gauss(0, 0.1)] for _ in range(6)] for row in range(20)
+    } | {"ahead": [[3.0 * step, 0.0] for step in range(1, 7)]}
+    held = put(tmp_path, make_split({key: {} for key in paths}))
+    drives, new = tmp_path / "drives.json", tmp_path / "new.json.gz"
+    rows = [{"sample_id": key, "source": path, "edited": None} for key, path in paths.items()]
+    document = {"schema": "exceptiondrive.planning/1", "split": "tiny", "predictions": rows}
+    drives.write_text(json.dumps(document))
+    assert operate("add-drives", str(held), str(drives), str(new))[0] == 0
+    assert "recorded_not_drivable" not in operate("check-split", str(new))[1]
 
 
 @pytest.mark.parametrize(

@@ -26,21 +26,21 @@ def drives_fault(drives: Sequence[Trajectory], protocol: ProtocolDocument) -> st
     FrameCheck.of(tracks, protocol).finish(faults, None)
     if not faults.is_empty:
         return faults.groups()[0].message
-    wrong = not_driven(tracks, protocol)
-    n_moving = sum(
-        end_m > protocol.plausibility.frame_check_min_motion_m for end_m in tracks.ends_m
-    )
-    if len(wrong) < MIN_DRIVES or 2 * len(wrong) <= n_moving:
+    n_moving, n_wrong = len(_moving(tracks, protocol)), len(not_driven(tracks, protocol))
+    if n_wrong < MIN_DRIVES or 2 * n_wrong <= n_moving:
         return None
     return (
-        f"No car makes {len(wrong):,} of {n_moving:,} recorded drives that move: they set off aside or "
+        f"No car makes {n_wrong:,} of {n_moving:,} recorded drives that move: they set off aside or "
         "backwards, or are too fast, too sharp or too sudden. Are they metres, x ahead and y left of the "
         f"rear axle at t = 0, {protocol.geometry.time_step_s:g} s apart?"
     )
 
 
 def not_driven(drives: Tracks, protocol: ProtocolDocument) -> set[int]:
-    """Which drives no car makes: by their motion, a step that is too long, or one that sets off aside."""
+    """Which drives no car makes: by their motion, a step that is too long, or one that sets off aside.
+
+    A car that stands makes what is measured of it: centimetres to all sides.
+    """
     geometry, section = protocol.geometry, protocol.plausibility
     found = undrivable_rows(drives, protocol)
     for lengths_m in drives.step_lengths_m:
@@ -51,4 +51,9 @@ def not_driven(drives: Tracks, protocol: ProtocolDocument) -> set[int]:
         for row, (x_m, m) in enumerate(zip(drives.x_m[0], drives.step_lengths_m[0], strict=True))
         if m > section.stationary_below_m and x_m < steepest * m
     )
-    return found
+    return found & _moving(drives, protocol)
+
+
+def _moving(drives: Tracks, protocol: ProtocolDocument) -> set[int]:
+    least_m = protocol.plausibility.frame_check_min_motion_m
+    return {row for row, path_m in enumerate(drives.lengths_m) if path_m > least_m}
