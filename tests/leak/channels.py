@@ -192,7 +192,8 @@ def published(exact: Exact, protocol: ProtocolDocument, *, is_public: bool = Fal
         """The places that are left open among the companions, by HCC."""
         board = [own, *exact.beside]
         if is_public:
-            return [int(end) for end in rank_intervals(board, "descending")[0]]
+            confidence = protocol.ranking.confidence
+            return [int(end) for end in rank_intervals(board, "descending", confidence)[0]]
         first = [metric.key for metric in METRICS].index("hcc")
         told = [
             rounding.interval("hcc", _ends(getattr(each, headline)[first])) or (-np.inf, np.inf)

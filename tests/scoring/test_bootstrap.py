@@ -19,8 +19,9 @@ from exceptiondrive_scoring.bootstrap import (
     scene_sums,
     scenes_by_freedom,
 )
+from exceptiondrive_scoring.compare import compare
 from exceptiondrive_scoring.grade import SampleScores
-from exceptiondrive_scoring.rank import MOST_EQUAL, long_rank_intervals, rank_intervals
+from exceptiondrive_scoring.rank import long_rank_intervals, rank_intervals
 
 MakeSplit = Callable[..., SplitArrays]
 NAN = float("nan")
@@ -198,44 +199,59 @@ def test_scene_sums_lie_on_a_grid_finer_than_a_billionth(
     np.testing.assert_array_equal(sums.counts.sum(axis=(0, 2)), np.full(6, N))
 
 
-def _entries(draws: list[list[float]], cut: int) -> list[Uncertainty]:
+def _entries(
+    draws: list[list[float]], cut: int, n_differing: int = 400, first: int = 0
+) -> list[Uncertainty]:
+    """Entries, each of which differs from the others in so many scenes of 400."""
     nothing = np.empty((0, 2))
-    return [Uncertainty(nothing, nothing, nothing, np.array(row), cut) for row in draws]
+    scenes = np.zeros((len(draws), 400), np.float32)
+    scenes[:, :n_differing] = np.arange(first, first + len(draws))[:, None]
+    return [
+        Uncertainty(nothing, nothing, nothing, np.array(row), cut, each)
+        for row, each in zip(draws, scenes, strict=True)
+    ]
 
 
 def test_a_rank_interval_counts_who_is_surely_better_and_surely_worse() -> None:
     a, b = [5.0, 5.0, 5.0, 5.0], [4.0, 4.0, 4.0, 6.0]
     c, d = [1.0, 1.0, 1.0, 1.0], [1.0, 1.0, 1.0, 1.0]
-    sure_of_all = rank_intervals(_entries([a, b, c, d], cut=0), "descending")
+    sure_of_all = rank_intervals(_entries([a, b, c, d], cut=0), "descending", 0.3)
     assert sure_of_all.tolist() == [[1, 2], [1, 2], [3, 4], [3, 4]]
-    one_cut_off = rank_intervals(_entries([a, b, c, d], cut=1), "descending")
+    one_cut_off = rank_intervals(_entries([a, b, c, d], cut=1), "descending", 0.3)
     assert one_cut_off.tolist() == [[1, 1], [2, 2], [3, 4], [3, 4]]
-    less_is_better = rank_intervals(_entries([a, b, c, d], cut=1), "ascending")
+    less_is_better = rank_intervals(_entries([a, b, c, d], cut=1), "ascending", 0.3)
     assert less_is_better.tolist() == [[4, 4], [3, 3], [1, 2], [1, 2]]
 
 
 def test_rank_intervals_of_an_empty_board() -> None:
-    assert rank_intervals([], "descending").shape == (0, 2)
+    assert rank_intervals([], "descending", 0.95).shape == (0, 2)
 
 
-def test_rank_intervals_agree_with_the_interval_of_every_paired_difference(
-    split: SplitArrays, protocol: ProtocolDocument
+@pytest.mark.parametrize("share", [0.04, 0.12, 1.0])
+def test_rank_intervals_say_what_comparing_each_with_each_says(
+    split: SplitArrays, protocol: ProtocolDocument, share: float
 ) -> None:
-    entries = [
-        scene_sums(_scores(seed, safe=0.2 + 0.03 * seed), split, protocol.taxonomy)
-        for seed in range(12)
-    ]
-    uncertain = list(bootstrap(entries, SIX_METRICS, protocol.ranking, "micro"))
-    found = rank_intervals(uncertain, "descending")
-    for i, entry in enumerate(uncertain):
-        best, worst = 1, len(uncertain)
-        for other in uncertain:
-            ordered = np.sort(entry.primary_draws - other.primary_draws)
-            best += ordered[-1 - entry.primary_cut] < 0
-            worst -= ordered[entry.primary_cut] > 0
-        assert found[i].tolist() == [best, worst]
-    assert found[0, 0] > 1
-    assert found[-1, 1] < len(uncertain)
+    """Also where entries differ in few scenes, of which many draws take none."""
+    base = _scores(0, safe=0.5)
+    rng, scores = np.random.default_rng(5), []
+    for seed in range(12):
+        other = _scores(seed + 1, safe=0.2 + 0.05 * seed)
+        takes = (rng.random(SCENES) < share)[split.scene_index][:, None]
+        scores.append(SampleScores(base.metrics, np.where(takes, other.values, base.values)))
+    sums = [scene_sums(each, split, protocol.taxonomy) for each in scores]
+    ranking, headline = protocol.ranking, protocol.grading.headline
+    uncertain = list(bootstrap(sums, SIX_METRICS, ranking, headline))
+    found = rank_intervals(uncertain, "descending", ranking.confidence)
+    n_sure = 0
+    for i, mine in enumerate(scores):
+        best, worst = 1, len(scores)
+        for other in scores[:i] + scores[i + 1 :]:
+            verdict = compare(mine, other, split, protocol, SIX_METRICS).overall["hcc"].verdict
+            best += verdict == "B is better"
+            worst -= verdict == "A is better"
+        assert found[i].tolist() == [best, worst], i
+        n_sure += best - 1
+    assert (n_sure > 0) is (share > 0.04)
 
 
 @pytest.mark.parametrize("order", ["descending", "ascending"])
@@ -251,13 +267,15 @@ def test_rank_intervals_of_many_are_those_of_every_pair(
     elif what == "undefined draws":
         draws[rng.random(draws.shape) < 0.002] = NAN
     cuts = rng.integers(1, 4, 90)
-    entries = [_entries([row.tolist()], int(cut))[0] for row, cut in zip(draws, cuts, strict=True)]
-    found = rank_intervals(entries, order)
+    entries = [
+        _entries([row.tolist()], int(cut), first=number)[0]
+        for number, (row, cut) in enumerate(zip(draws, cuts, strict=True))
+    ]
+    found = rank_intervals(entries, order, 0.85)
     signed = draws if order == "descending" else -draws
     sure = [
         [
             np.count_nonzero(a > b) >= 60 - min(cut_a, cut_b)
-            and np.count_nonzero((a > b) | (a < b)) >= 60 * (1 - MOST_EQUAL)
             for b, cut_b in zip(signed, cuts, strict=True)
         ]
         for a, cut_a in zip(signed, cuts, strict=True)
@@ -267,24 +285,13 @@ def test_rank_intervals_of_many_are_those_of_every_pair(
     assert better.max() > 40
 
 
-@pytest.mark.parametrize(("n_equal", "ranges"), [(4, [[1, 1], [2, 2]]), (8, [[1, 2], [1, 2]])])
-def test_who_is_at_the_top_in_all_draws_is_surely_better_where_few_leave_the_other_there(
-    n_equal: int, ranges: list[list[int]]
-) -> None:
-    """All right, and wrong in five scenes: the spans of draws lie apart, but for those that take none."""
-    best, other = np.ones(1000), np.full(1000, 0.9)
-    other[:n_equal] = 1.0
-    entries = _entries([best.tolist(), other.tolist()], cut=23)
-    assert rank_intervals(entries, "descending").tolist() == ranges
-
-
 def test_beyond_the_first_entries_of_a_long_board_intervals_say_who_is_surely_better() -> None:
     rng = np.random.default_rng(7)
     draws = np.sort(rng.uniform(0.0, 1.0, 40))[::-1, None] + rng.normal(0.0, 0.05, (40, 60))
     entries = _entries(draws.tolist(), cut=2)
     intervals = np.sort(draws, axis=1)[:, [2, -3]]
-    found = long_rank_intervals(entries, intervals, "descending", n_paired=15)
-    paired = rank_intervals(entries[:15], "descending")
+    found = long_rank_intervals(entries, intervals, "descending", 0.85, n_paired=15)
+    paired = rank_intervals(entries[:15], "descending", 0.85)
     low, high = intervals.T
     for i in range(40):
         others = slice(15, None) if i < 15 else slice(None)
@@ -292,12 +299,12 @@ def test_beyond_the_first_entries_of_a_long_board_intervals_say_who_is_surely_be
         worse = np.count_nonzero(high[others] < low[i])
         best, worst = paired[i] if i < 15 else (1, 15)
         assert found[i].tolist() == [best + better, worst + 25 - worse], i
-    every = long_rank_intervals(entries, intervals, "descending", n_paired=40)
-    np.testing.assert_array_equal(every, rank_intervals(entries, "descending"))
+    every = long_rank_intervals(entries, intervals, "descending", 0.85, n_paired=40)
+    np.testing.assert_array_equal(every, rank_intervals(entries, "descending", 0.85))
     assert (found[:, 0] <= every[:, 0]).all()
     assert (found[:, 1] >= every[:, 1]).all()
     mirrored = long_rank_intervals(
-        _entries((-draws).tolist(), cut=2), -intervals[:, ::-1], "ascending", n_paired=15
+        _entries((-draws).tolist(), cut=2), -intervals[:, ::-1], "ascending", 0.85, n_paired=15
     )
     np.testing.assert_array_equal(mirrored, found)
 

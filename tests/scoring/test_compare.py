@@ -76,7 +76,7 @@ def test_paired_samples_separate_what_single_intervals_do_not(
     sums = [scene_sums(scores, split, protocol.taxonomy) for scores in (a, b)]
     first, second = bootstrap(sums, SIX_METRICS, protocol.ranking, protocol.grading.headline)
     assert first.macro_family[1, 1] > second.macro_family[1, 0]  # single intervals overlap
-    assert rank_intervals([first, second], "descending").tolist() == [[1, 1], [2, 2]]
+    assert rank_intervals([first, second], "descending", 0.95).tolist() == [[1, 1], [2, 2]]
 
 
 @pytest.mark.parametrize(("n_differing", "is_told"), [(4, False), (8, True)])
@@ -90,7 +90,7 @@ def test_few_scenes_that_differ_do_not_say_which_is_better(
     assert (found.verdict == "A is better") is is_told
     entries = [scene_sums(each, split, protocol.taxonomy) for each in (a, b)]
     uncertain = list(bootstrap(entries, SIX_METRICS, protocol.ranking, "macro_family"))
-    ranges = rank_intervals(uncertain, "descending").tolist()
+    ranges = rank_intervals(uncertain, "descending", 0.95).tolist()
     assert ranges == ([[1, 1], [2, 2]] if is_told else [[1, 2], [1, 2]])
 
 

@@ -150,10 +150,12 @@ class Uncertainty(OfAggregates):
         families: The same.
         primary_draws: (B,) headline of the metric that ranks first: for `rank_intervals`.
         primary_cut: Draws that its interval leaves outside at each end.
+        primary_scenes: (S,) float32, equal for two entries where this metric has the same sums in a scene.
     """
 
     primary_draws: FloatArray
     primary_cut: int
+    primary_scenes: NDArray[np.float32]
 
 
 def bootstrap(
@@ -186,7 +188,15 @@ def bootstrap(
                 ranking.confidence,
                 float(free.headline(headline)[primary]),
             ),
+            primary_scenes=_marks_of_scenes(entry.sums[:, primary]),
         )
+
+
+def _marks_of_scenes(sums: FloatArray) -> NDArray[np.float32]:
+    """One number for the sums of each scene, (F, S): a mix that no other sums are likely to give."""
+    weights = np.sqrt(np.arange(2, 2 + len(sums)))[:, None]
+    marks: NDArray[np.float32] = (sums * weights).sum(axis=0).astype(np.float32)
+    return marks
 
 
 def scene_weights(n_scenes: int, ranking: RankingSection) -> NDArray[np.uint16]:

@@ -9,12 +9,10 @@ from numpy.typing import NDArray
 from exceptiondrive_schemas.challenges import Order, RankKey
 from exceptiondrive_scoring.aliases import FloatArray, IntArray
 from exceptiondrive_scoring.bootstrap import Uncertainty
+from exceptiondrive_scoring.interval import draws_cut_off
 
 CODED_AT_ONCE = 2**18
 """Values: what a processor's cache holds."""
-MOST_EQUAL = 0.004
-"""Share of draws that may not part two entries where one is surely better. Draws that take none of k
-scenes are exp(-k) of all: 0.007 of five, 0.002 of six, and in five no coin is told from a fair one."""
 PAIRED = 1_000
 """So many of the first entries are compared draw by draw, each with each: work of the square of it."""
 
@@ -60,15 +58,15 @@ def _sort_key(
     return tuple(parts)
 
 
-def rank_intervals(entries: Sequence[Uncertainty], order: Order) -> IntArray:
+def rank_intervals(entries: Sequence[Uncertainty], order: Order, confidence: float) -> IntArray:
     """Best and worst rank of each entry that the draws leave open (docs/protocol.md section 4).
 
     Entry i is surely better than j if the interval of their paired difference lies wholly above
-    zero, that is if it is better in all draws but those that the interval cuts off, of which few leave
-    the two equal. The range is 1 + number of entries surely better ... K - number surely worse.
+    zero, that is if it is better in all draws but those that the interval cuts off: as few as the scenes
+    in which the two differ allow, and the intervals of both. The range is 1 + number of entries
+    surely better ... K - number surely worse.
 
-    Draws are compared pair by pair for those alone whose spans of draws meet: of two that lie apart,
-    order statistics tell it.
+    Draws are compared pair by pair for those alone whose spans of draws meet.
 
     All are of one split and protocol, the order is that of the metric that ranks first; (K, 2).
     """
@@ -80,19 +78,23 @@ def rank_intervals(entries: Sequence[Uncertainty], order: Order) -> IntArray:
         draws = -draws
     cuts = np.array([entry.primary_cut for entry in entries])
     n_draws = draws.shape[1]
-    low, high = _spans(draws, min(int(cuts.min()), int(n_draws * MOST_EQUAL)) // 2)
+    low, high = _spans(draws)
     by_high = np.argsort(-high, kind="stable")
     codes, needed = _coded(draws[by_high]), n_draws - cuts[by_high]
+    scenes = np.stack([entry.primary_scenes for entry in entries])[by_high]
+    of_differing = n_draws - np.array(
+        [draws_cut_off(n_draws, confidence, n) for n in range(scenes.shape[1] + 1)]
+    )
     n_near = n_entries - np.searchsorted(np.sort(high), low[by_high])
     best = np.ones(n_entries, dtype=np.intp)
     worst = n_near.copy()  # who lies wholly below is surely worse
     for i, end in enumerate(n_near):
         best[end:] += 1
-        others, of_both = codes[i + 1 : end], np.maximum(needed[i], needed[i + 1 : end])
-        n_above = np.count_nonzero(codes[i] > others, axis=1)
-        n_below = np.count_nonzero(codes[i] < others, axis=1)
-        differ = n_above + n_below >= n_draws * (1 - MOST_EQUAL)
-        wins, losses = differ & (n_above >= of_both), differ & (n_below >= of_both)
+        near = slice(i + 1, end)
+        n_differing = np.count_nonzero(scenes[near] != scenes[i], axis=1)
+        least = np.maximum(np.maximum(needed[i], needed[near]), of_differing[n_differing])
+        wins = np.count_nonzero(codes[i] > codes[near], axis=1) >= least
+        losses = np.count_nonzero(codes[i] < codes[near], axis=1) >= least
         best[i] += np.count_nonzero(losses)
         worst[i] -= np.count_nonzero(wins)
         best[i + 1 : end] += wins
@@ -104,6 +106,7 @@ def long_rank_intervals(
     entries: Sequence[Uncertainty],
     intervals: FloatArray,
     order: Order,
+    confidence: float,
     n_paired: int = PAIRED,
 ) -> IntArray:
     """Rank intervals of a board of any length: `rank_intervals` among the first `n_paired`.
@@ -116,7 +119,7 @@ def long_rank_intervals(
     low, high = _signed(intervals, order)
     better, worse = _apart(low[:n_paired], high[:n_paired], low[n_paired:], high[n_paired:])
     n_others = max(len(entries) - n_paired, 0)
-    among = rank_intervals(entries[:n_paired], order)
+    among = rank_intervals(entries[:n_paired], order, confidence)
     found[:n_paired] = among + np.stack([better, n_others - worse], axis=1)
     return found
 
@@ -147,17 +150,15 @@ def _apart(
     return above, np.searchsorted(np.sort(others_high), low, side="left")
 
 
-def _spans(draws: FloatArray, n_outside: int) -> tuple[FloatArray, FloatArray]:
-    """Return the lowest and the highest draw of each entry but for `n_outside` at either end.
+def _spans(draws: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the lowest and the highest draw of each entry.
 
-    Of two whose spans lie apart, the higher one is better in all draws but twice as many. An entry
-    that some draws leave undefined lies apart from none.
+    Of two whose spans lie apart, the higher one is better in all draws. An entry that some draws leave
+    undefined lies apart from none.
     """
-    ends = n_outside, draws.shape[1] - 1 - n_outside
-    ordered = np.partition(draws, ends, axis=1)
     is_undefined = np.isnan(draws).any(axis=1)
-    low = np.where(is_undefined, -np.inf, ordered[:, ends[0]])
-    return low, np.where(is_undefined, np.inf, ordered[:, ends[1]])
+    low = np.where(is_undefined, -np.inf, draws.min(axis=1))
+    return low, np.where(is_undefined, np.inf, draws.max(axis=1))
 
 
 def _coded(draws: FloatArray) -> NDArray[Any]:

@@ -130,7 +130,12 @@ class _Rows:
         ]
         known = np.array([each or (-np.inf, np.inf) for each in told]).reshape(-1, 2)
         found = (
-            long_rank_intervals([entry.uncertainty for entry in ranked], known, first.order)
+            long_rank_intervals(
+                [entry.uncertainty for entry in ranked],
+                known,
+                first.order,
+                self._protocol.ranking.confidence,
+            )
             if self._rounding.is_public
             else told_rank_intervals(known, first.order)
         )
