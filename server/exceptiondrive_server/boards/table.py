@@ -532,8 +532,12 @@ class BoardTable:
         from_1 = [each for each in self.board.entries if (each.rank_interval or (0,))[0] == 1]
         told_by = ", as they compare sample by sample" if len(from_1) > len(found) else ""
         leader = self.board.leader
+        pairs = {(pair.a, pair.b) for pair in self.board.comparisons}
         if leader and any(
-            each.team == leader.team and entry_key(each) not in self.first_of_all for each in from_1
+            each.team == leader.team
+            and entry_key(each) not in self.first_of_all
+            and (leader.submission_id, each.submission_id) not in pairs
+            for each in from_1
         ):
             told_by += "; entries of one team are not compared"
         if len(found) == 1:

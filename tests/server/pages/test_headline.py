@@ -204,6 +204,9 @@ def test_team_mates_of_the_leader_that_were_not_compared_with_it_are_not_said_to
         "entries of one team are not compared."
     )
     assert "could be first" not in headline(board, PLANNING, PROTOCOL).findings[0]
+    public = board.model_copy(update={"comparisons": (*pairs, compared(leader, mate, 0.01))})
+    marked = "Marked at the left: the 2 that could be first, as they compare sample by sample."
+    assert board_table(public, PROTOCOL, BoardQuery()).first_sentence == marked
     uncompared = board.model_copy(update={"comparisons": ()})
     said = headline(uncompared, PLANNING, PROTOCOL)
     assert "though 2 others could be first" in said.findings[0], "no comparison says more"
