@@ -29,7 +29,7 @@ FROM ${PYTHON} AS base
 RUN groupadd --gid 10001 exceptiondrive \
  && useradd --system --uid 10001 --gid 10001 --no-create-home edserver && useradd --system --uid 10002 --gid 10001 --no-create-home edworker
 # A new volume takes owner and mode from the folder that it covers.
-RUN install -d -o 10001 -g 10001 -m 2770 /srv/uploads && install -d -o 10002 -g 10001 -m 0700 /srv/private
+RUN install -d -o 10001 -g 10001 -m 2770 /srv/uploads && install -d -o 10002 -g 10001 -m 0700 /srv/private /srv/splits
 ENV PYTHONUNBUFFERED=1 PYTHONDONTWRITEBYTECODE=1
 COPY --from=wheels /wheels /wheels
 

@@ -1,6 +1,7 @@
 """A server without containers: what `init --bare` writes, and that its units say what compose.yaml says."""
 
 import os
+import re
 import shlex
 import shutil
 import stat
@@ -110,6 +111,17 @@ def test_each_service_has_its_own_address_of_the_database_and_no_other(
     assert links == ["server", "reconciler"], "pages, and mails"
 
 
+def test_the_server_hands_out_the_client_that_the_page_puts_beside_its_programs(
+    folder: Path,
+) -> None:
+    """`init` ran with /opt/ed/bin; an upgrade of the programs is one of the client."""
+    settings = (folder / "etc/server.env").read_text().splitlines()
+    assert "EXCEPTIONDRIVE_CLIENT_DIR=/opt/ed/client" in settings
+    page = (ROOT / "docs/operating-bare.md").read_text("utf-8")
+    assert " -t /opt/exceptiondrive/1/client wheelhouse/exceptiondrive-*.whl" in page
+    assert "--programs /opt/exceptiondrive/current/bin" in page
+
+
 def test_run_again_it_keeps_secrets_data_and_what_an_operator_added(folder: Path) -> None:
     secrets = {path: path.read_bytes() for path in (folder / "secrets").iterdir()}
     settings, unit_file = folder / "etc/server.env", folder / "systemd/exceptiondrive.target"
@@ -186,6 +198,18 @@ def test_a_command_of_the_operator_takes_settings_as_systemd_does(folder: Path) 
     } <= set(lines)
 
 
+def test_a_split_is_published_with_the_workers_settings_and_the_right_to_write_uploads(
+    folder: Path,
+) -> None:
+    """Workers have none; and what root puts among the uploads belongs to the server."""
+    command = [f"{folder}/as", "publish-split", "sh", "-c", "id -u; env"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    user, *lines = done.stdout.splitlines()
+    assert user == "0"
+    assert f"EXCEPTIONDRIVE_SPLITS_DIR={folder}/splits" in lines
+    assert any("//exceptiondrive_worker:" in line for line in lines)
+
+
 def test_run_again_it_adds_a_secret_that_an_older_version_did_not_ask_for(folder: Path) -> None:
     secret = folder / "secrets/oidc_client_secret"
     secret.unlink()
@@ -220,6 +244,24 @@ def test_a_unit_runs_what_compose_runs(
         assert found["TimeoutStopSec"] == [said["stop_grace_period"].rstrip("s")]
     is_confined = set(said["networks"]) == {"data"}
     assert ("IPAddressDeny" in found) is is_confined, "a way out where compose has one"
+
+
+def test_systemd_gives_up_no_service_while_the_database_is_away(folder: Path) -> None:
+    """A program that needs it ends at once then; by default the sixth start within 10 s would be the last."""
+    shared = read_unit(folder / "systemd/exceptiondrive-.service.d/confined.conf")
+    assert shared["StartLimitIntervalSec"] == ["0"]
+    assert int(shared["RestartSec"][0]) >= 1
+    lasting = {path.stem for path in (folder / "systemd").glob("*.service")}
+    lasting -= {"exceptiondrive-migrate", "exceptiondrive-backup"}
+    for name in lasting:
+        assert unit(folder, name.removeprefix("exceptiondrive-"))["Restart"] == ["always"]
+
+
+def test_the_proxy_may_open_what_its_connections_need(folder: Path) -> None:
+    """systemd gives 1,024 descriptors; a connection takes one to the reader and one to a server."""
+    text = (folder / "etc/nginx.conf").read_text()
+    (connections,) = re.findall(r"worker_connections (\d+);", text)
+    assert int(unit(folder, "proxy")["LimitNOFILE"][0]) >= 2 * int(connections)
 
 
 def test_only_workers_see_splits_and_private_store(folder: Path) -> None:

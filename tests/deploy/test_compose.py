@@ -99,6 +99,15 @@ def test_a_new_volume_may_be_written_by_its_service(
     assert ":".join(found) == compose["services"][service]["user"]
 
 
+def test_the_doctor_of_the_runbook_finds_every_folder_that_it_is_asked_about() -> None:
+    """The server's container mounts none of them: the image has each, closed to the server's user."""
+    text = (ROOT / "docs/operating.md").read_text("utf-8")
+    asked = re.findall(r"--withheld (/\S+?)[ `]", text)
+    (made,) = re.findall(r"-o 10002 -g 10001 -m 0700 (.+)", (ROOT / "Dockerfile").read_text())
+    assert asked == ["/srv/splits", "/srv/private"]
+    assert set(asked) <= set(made.split())
+
+
 def test_every_service_is_confined(compose: dict[str, Any]) -> None:
     for name, service in compose["services"].items():
         assert service["read_only"], name

@@ -118,6 +118,13 @@ def test_a_service_sees_the_same_folders_and_secrets(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", SERVICES)
+def test_a_check_of_health_ends_nothing(name: str) -> None:
+    """As in compose. That of a worker asks the database: all would be killed over and over while it is away."""
+    assert "livenessProbe" not in container(name)
+    assert ("readinessProbe" in container(name)) is ("healthcheck" in SERVICES[name])
+
+
+@pytest.mark.parametrize("name", SERVICES)
 def test_a_service_is_in_the_same_networks(name: str) -> None:
     labels = POD_TEMPLATES[name]["metadata"]["labels"]
     joined = {label.removeprefix("network-") for label in labels if label.startswith("network-")}

@@ -292,6 +292,68 @@ def named_site() -> Iterator[Nginx]:
     server.server_close()
 
 
+class AnswersAsTold(BaseHTTPRequestHandler):
+    """Answers with the status and body that stand in the server, for a second to be kept."""
+
+    server: "Told"
+
+    def do_GET(self) -> None:
+        status, body = self.server.answer
+        self.send_response(status)
+        if status != HTTPStatus.SERVICE_UNAVAILABLE:
+            self.send_header("X-Accel-Expires", "1")
+        self.send_header("Cache-Control", "no-store")
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, format: str, *args: object) -> None: ...
+
+
+class Told(ThreadingHTTPServer):
+    answer = (HTTPStatus.OK, b"the board")
+
+
+@pytest.fixture
+def told_site() -> Iterator[tuple[Told, Nginx]]:
+    server = Told(("127.0.0.1", 0), AnswersAsTold)
+    threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True).start()
+    names = Names("127.0.0.1")
+    started = Nginx(names, server.server_port)
+    yield server, started
+    started.close()
+    names.close()
+    server.shutdown()
+    server.server_close()
+
+
+def test_what_is_kept_is_shown_while_the_database_is_away_and_what_was_hidden_is_not(
+    told_site: tuple[Told, Nginx],
+) -> None:
+    """A 404 takes the place of what stood there: only because it may be kept as long."""
+    server, nginx = told_site
+    with nginx.browser() as browser:
+
+        def until(status: int, text: str) -> None:
+            deadline = time.monotonic() + 30
+            while (found := browser.get("/phases/test")).status_code != status:
+                assert time.monotonic() < deadline
+                time.sleep(0.1)
+            assert found.text == text
+
+        def away_for_s(seconds: float) -> tuple[int, str]:
+            server.answer = (HTTPStatus.SERVICE_UNAVAILABLE, b"away")
+            time.sleep(seconds)
+            found = browser.get("/phases/test")
+            return found.status_code, found.text
+
+        until(200, "the board")
+        assert away_for_s(2.5) == (200, "the board")
+        server.answer = (HTTPStatus.NOT_FOUND, b"nothing here")
+        until(404, "nothing here")
+        assert away_for_s(2.5) == (404, "nothing here")
+
+
 def test_what_is_kept_for_one_host_was_asked_under_it(named_site: Nginx) -> None:
     """A request in the absolute form names two; readers of one get nothing that names the other."""
     trust = ssl.create_default_context(cafile=str(named_site.certificate))

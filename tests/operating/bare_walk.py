@@ -162,6 +162,7 @@ def carry_out(walk: Walk) -> None:
         "9",
     )
     walk.organizer(token, "phases", "create", *phase)
+    assert "exceptiondrive-" in walk.run(f"curl -fsk {SITE}/client/simple/exceptiondrive/")
     walk.organizer(token, "teams", "create", "alpha", "Alpha")
     team = walk.organizer(token, "teams", "issue-token", "alpha", "--name", "walk").split()[-1]
     ids = [sample.sample_id for sample in read_split(split).samples]
@@ -173,6 +174,11 @@ def carry_out(walk: Walk) -> None:
     walk.cannot(10002, "touch", f"{walk.home}/uploads/new")
     walk.cannot(10002, "cat", f"{walk.home}/etc/server.env")
     walk.cannot(10003, "cat", f"{walk.home}/secrets/database_url")
+    publish = next(b for b in walk.blocks if "publish-split NAME" in b)
+    walk.run(publish.replace("NAME", "sample --while-open"))
+    with Client(SITE, team) as client:
+        assert client.split("sample").samples
+    assert walk.run(f"find {walk.home}/uploads ! -user 10001") == "", "the server's, as all uploads"
     walk.run("systemctl stop exceptiondrive-server@8001.service")
     assert ranks(team) == before, "the other server answers"
     walk.run("systemctl start exceptiondrive-server@8001.service")

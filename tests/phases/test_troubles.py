@@ -120,6 +120,23 @@ def test_a_split_without_its_file_or_under_another_name(life: Life, store: Split
     assert told(life) == []
 
 
+def test_a_split_that_one_of_two_workers_lacks_keeps_nothing_waiting(
+    life: Life, store: SplitStore
+) -> None:
+    def sentence(*lanes: Lane) -> tuple[str, bool]:
+        with life.database.write() as session:
+            beat(session, "another", lanes)
+        assert ("split_without_file", "driven") in told(life)
+        with life.database.read() as session:
+            (found,) = (one for one in troubles(session) if one.code == "split_without_file")
+        return found.what.partition(": ")[2], found.stops_scoring
+
+    (life.worker.splits_dir / "driven").rename(life.worker.splits_dir / "other")
+    say_alive(life, store)
+    assert sentence(Lane.RESCORE) == ("its submissions wait.", True)
+    assert sentence(*BOTH) == ("the others alone score its submissions.", False)
+
+
 def test_a_split_whose_file_is_of_another_revision(life: Life, store: SplitStore) -> None:
     life.make_phase("plain", split="plain", policy={"live_part": "whole"})
     newer = split_of({"a": ("LB1", 10.0, None)}, "plain")

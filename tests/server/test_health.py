@@ -119,6 +119,7 @@ def test_an_empty_folder_of_a_server_with_uploads_takes_no_more(
     sqlite_url: str,
     tmp_path: Path,
     as_problem: Callable[[Any, int, str], dict[str, Any]],
+    logs: list[Any],
 ) -> None:
     """So looks one on which nothing is mounted: what came now would lie under the mount."""
     api = make_api(sqlite_url)
@@ -126,11 +127,21 @@ def test_an_empty_folder_of_a_server_with_uploads_takes_no_more(
     (tmp_path / "uploads").rename(tmp_path / "away")
     (tmp_path / "uploads").mkdir()
     assert (api.get("/readyz").status_code, api.get("/readyz").json()["file_store"]) == (503, False)
+    assert "\nexceptiondrive_ready 0.0\n" in api.get("/metrics").text
     as_problem(api.submit("b"), 503, "store_unavailable")
+    assert (
+        "the file store is away" in next(one for one in logs if one["event"] == "not ready")["note"]
+    )
+    (line,) = [line for line in logs if line["event"] == "file store unavailable"]
+    assert (line["log_level"], line["reason"]) == (
+        "warning",
+        "The file store does not answer; try again later.",
+    )
     assert list((tmp_path / "uploads").iterdir()) == []
     (tmp_path / "uploads").rmdir()
     (tmp_path / "away").rename(tmp_path / "uploads")
     assert api.get("/readyz").status_code == 200
+    assert "\nexceptiondrive_ready 1.0\n" in api.get("/metrics").text
     assert api.submit("b").status_code == 202
 
 
@@ -234,6 +245,9 @@ def test_metrics_tell_queue_submissions_workers_and_requests(api_on_both: "Api")
         line.rsplit(" ", 1) for line in response.text.splitlines() if not line.startswith("#")
     )
     assert lines['exceptiondrive_jobs{lane="live",state="queued"}'] == "1.0"
+    assert lines['exceptiondrive_jobs{lane="rescore",state="failed"}'] == "0.0", "before any fails"
+    assert lines["exceptiondrive_last_backup_timestamp_seconds"] == "0.0"
+    assert 'exceptiondrive_oldest_queued_seconds{lane="rescore"}' not in lines
     assert lines['exceptiondrive_submissions{status="scored"}'] == "1.0"
     assert 0 <= float(lines['exceptiondrive_oldest_queued_seconds{lane="live"}']) < 600
     assert 0 <= float(lines['exceptiondrive_worker_heartbeat_age_seconds{worker="worker-1"}']) < 600

@@ -128,6 +128,17 @@ def test_a_personal_answer_is_kept_by_no_cache(api: "Api") -> None:
         assert api.get(path, "alpha").headers["cache-control"] == "no-store"
 
 
+def test_what_is_not_there_takes_its_place_in_the_proxy(api: "Api") -> None:
+    """What stood there before it was hidden would be shown again while no server answers."""
+    for path in ("/phases/none", "/entries/none"):
+        told = api.get(path).headers
+        assert (told["x-accel-expires"], told["cache-control"]) == ("5", "no-store")
+        assert list(told).index("x-accel-expires") < list(told).index("cache-control")
+    page = api.client.get("/phases/none", headers={"Accept": "text/html"})
+    assert (page.status_code, page.headers["x-accel-expires"]) == (404, "5")
+    assert "x-accel-expires" not in api.get("/me").headers
+
+
 def test_a_plain_request_id_is_taken_over_and_a_strange_one_replaced(api: "Api") -> None:
     def answered(offered: str) -> str:
         response = api.get("/phases", headers={"X-Request-ID": offered})

@@ -465,6 +465,21 @@ def test_make_planners_needs_no_server(operate: Operate, tmp_path: Path) -> None
     assert len(out.splitlines()) == len(listing)
 
 
+def test_a_store_that_takes_no_file_is_told_with_what_it_said(
+    operate: Operate, tmp_path: Path
+) -> None:
+    """Trying again helps nobody who may not write there."""
+    operate("make-sample")
+    operate("register-splits")
+    for number in range(256):
+        (tmp_path / "uploads").mkdir(exist_ok=True)
+        (tmp_path / f"uploads/{number:02x}").touch()
+    code, _, err = operate("publish-split", "sample")
+    assert code == 2
+    assert "does not take files now; try again later. (" in err
+    assert str(tmp_path / "uploads") in err
+
+
 def test_an_unknown_lane_is_refused(operate: Operate) -> None:
     code, _, err = operate("run", "--lanes", "live,fast")
     assert code == 2

@@ -11,7 +11,7 @@ import structlog
 import typer
 from sqlalchemy.exc import SQLAlchemyError
 
-from exceptiondrive_records.db.errors import RecordsError
+from exceptiondrive_records.db.errors import RecordsError, StoreError
 from exceptiondrive_records.db.settings import SettingsError, load_settings
 from exceptiondrive_records.operations.logs import set_up_logs
 from exceptiondrive_records.operations.setup import DATA_HELP, opened
@@ -334,7 +334,8 @@ def main() -> None:
     try:
         app()
     except _KNOWN_ERRORS as error:
-        typer.echo(f"exceptiondrive-worker: {error}", err=True)
+        why = f" ({error.reason})" if isinstance(error, StoreError) and error.__cause__ else ""
+        typer.echo(f"exceptiondrive-worker: {error}{why}", err=True)
         sys.exit(2)
 
 

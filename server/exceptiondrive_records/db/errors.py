@@ -126,6 +126,11 @@ class StoreError(RecordsError):
 
     code = ProblemCode.STORE_UNAVAILABLE
 
+    @property
+    def reason(self) -> str:
+        """What the system or the store said, for operators alone: it may name a path."""
+        return str(self.__cause__ or self).partition("\n")[0][:300]
+
 
 class UploadTooLarge(RecordsError):
     """More bytes came than the limit allows."""

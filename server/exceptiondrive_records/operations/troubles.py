@@ -96,15 +96,16 @@ def _lanes(session: Session) -> Iterator[Trouble]:
 
 
 def _splits(session: Session) -> Iterator[Trouble]:
-    for name in missing_splits(session):
+    for name, waits in missing_splits(session).items():
+        who = "Workers" if waits else "Some workers"
         yield Trouble(
             "split_without_file",
             name,
-            f"Workers find no file of split {name} at the revision that its phases use: its "
-            "submissions wait.",
+            f"{who} find no file of split {name} at the revision that its phases use: "
+            f"{'its submissions wait' if waits else 'the others alone score its submissions'}.",
             f"put it back to {name}/split.json.gz in the workers' folder of splits; the folder has "
             "the name of the split. What waits is scored by itself",
-            stops_scoring=True,
+            stops_scoring=waits,
         )
 
 

@@ -20,7 +20,6 @@ MISSED_FOR_S = 120.0
 
 _LIVES = and_(WorkerHeartbeat.lives_until > NOW, WorkerHeartbeat.at < SET_BACK)
 _LIVING = select(WorkerHeartbeat.lanes, WorkerHeartbeat.missing_splits).where(_LIVES)
-_MISSING = select(WorkerHeartbeat.missing_splits).where(_LIVES)
 _COUNTS_SINCE = seconds_from_now(-_SCORER_COUNTS_FOR_S)
 _SCORERS = (
     select(WorkerHeartbeat.scorer_version).where(WorkerHeartbeat.at > _COUNTS_SINCE).distinct()
@@ -64,10 +63,18 @@ def live_workers(
     return sum(lane.value in lanes and names.isdisjoint(lacks) for lanes, lacks in found)
 
 
-def missing_splits(session: Session) -> list[str]:
-    """Return the names of the splits of which a living worker finds no file, or not the revision."""
-    lists = session.scalars(_MISSING)
-    return sorted({split.partition("@")[0] for splits in lists for split in splits})
+def missing_splits(session: Session) -> dict[str, bool]:
+    """Return the names of the splits of which a living worker finds no file, or not the revision.
+
+    Each with whether submissions wait: no worker of the live lane finds it.
+    """
+    living = [
+        (lanes, {split.partition("@")[0] for split in lacks})
+        for lanes, lacks in session.execute(_LIVING)
+    ]
+    names = sorted({name for _, lacks in living for name in lacks})
+    live = [lacks for lanes, lacks in living if Lane.LIVE.value in lanes]
+    return {name: all(name in lacks for lacks in live) for name in names}
 
 
 def scorers_at_work(session: Session) -> list[str]:

@@ -127,6 +127,7 @@ class BareServer:
         server = {
             "RECEIPT_KEY_FILE": f"{self.folder}/etc/{RECEIPT_KEY}",
             "TRUSTED_PROXIES": "127.0.0.1",
+            "CLIENT_DIR": f"{self.programs.parent}/client",
             "OIDC_CLIENT_SECRET": (secrets / "oidc_client_secret").read_text(),
         }
         password = (secrets / "smtp_password").read_text()

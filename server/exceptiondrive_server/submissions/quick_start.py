@@ -39,7 +39,8 @@ def quick_start(
         wheel: Of the client, as the server offers it; None where it offers none.
     """
     phase_id = phase.id if phase else "PHASE"
-    install = f"pip install {_wanted(server, wheel, '')}\nexceptiondrive login --server {server}\n"
+    environment = f"python3 -m venv {ENVIRONMENT}\n. {ENVIRONMENT}/bin/activate\n"
+    install = "" if wheel is None else environment + _pip(server, wheel, "")
     run = (
         f"exceptiondrive manifest {phase_id} -o manifest.json\n"
         f"{_RECORDER_OF_CLIENT if wheel is None else f'curl -fsSO {server}/client/recorder.py'}\n"
@@ -51,7 +52,7 @@ def quick_start(
         f'    --method "{code.method}" --wait --allow-unranked\n'
     )
     return QuickStart(
-        install=f"python3 -m venv {ENVIRONMENT}\n. {ENVIRONMENT}/bin/activate\n{install}",
+        install=f"{install}exceptiondrive login --server {server}\n",
         run=run,
         check=f"exceptiondrive check {code.file} --manifest manifest.json\n",
         evaluate=_evaluate(server, phase, development, code, wheel),
@@ -76,13 +77,15 @@ def _evaluate(
             f"python run.py development.json {file}\n"
         )
     return (
-        f"pip install {_wanted(server, wheel, '[evaluate]')}\n"
+        f"{_pip(server, wheel, '[evaluate]')}"
         f"{answer_it}"
         f"exceptiondrive split download {development.split} -o split.json\n"
         f"exceptiondrive evaluate {file} --split split.json --phase {development.id}\n"
     )
 
 
-def _wanted(server: str, wheel: Wheel | None, extras: str) -> str:
-    source = "" if wheel is None else f" @ {server}{wheel.address}"
-    return f'"exceptiondrive{extras}{source}"'
+def _pip(server: str, wheel: Wheel | None, extras: str) -> str:
+    """Return the line for pip; none without a wheel: an index may give anybody's package of that name."""
+    return (
+        "" if wheel is None else f'pip install "exceptiondrive{extras} @ {server}{wheel.address}"\n'
+    )

@@ -9,7 +9,11 @@ from fastapi.responses import Response
 PROXY_KEEPS_S = 5
 """How long the proxy may show to everybody what can be taken back: hidden, forgotten, removed."""
 PROXY_KEEPS = {"X-Accel-Expires": str(PROXY_KEEPS_S)}
-"""No browser sees it. Stands first: nginx before 1.23 obeys the first of two that say how long."""
+"""No browser sees it. Stands first: nginx before 1.23 obeys the first of two that say how long.
+
+A 404 has it, too: it takes the place of what stood at its address, which would be shown again while no
+server answers.
+"""
 REVALIDATED = {**PROXY_KEEPS, "Cache-Control": "no-cache"}
 """For what never changes at its address, but may be taken back: browsers ask, and get a 304."""
 

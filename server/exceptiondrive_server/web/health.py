@@ -2,6 +2,7 @@
 
 from contextlib import suppress
 
+import structlog
 from fastapi import APIRouter
 from fastapi.responses import JSONResponse, Response
 from kombu import Connection
@@ -19,6 +20,7 @@ from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.metrics import exposition
 from exceptiondrive_server.web.services import Services
 
+_log = structlog.get_logger("exceptiondrive.server")
 router = APIRouter(tags=["health"])
 PROBE_TIMEOUT_S = 1
 
@@ -74,6 +76,8 @@ def readyz(services: ServicesOf) -> Response:
         live_workers=workers,
         note=" ".join(note for note, is_so in notes.items() if is_so),
     )
+    if not readiness.is_ready:
+        _log.warning("not ready", note=readiness.note)
     return JSONResponse(readiness.model_dump(), status_code=200 if readiness.is_ready else 503)
 
 
@@ -85,6 +89,7 @@ def readyz(services: ServicesOf) -> Response:
 )
 def metrics(services: ServicesOf) -> Response:
     """Metrics for Prometheus; a reverse proxy keeps them inside."""
+    services.metrics.ready.set(_workers(services) is not None and _takes_files(services))
     return Response(
         exposition(services.metrics, services.database), media_type="text/plain; version=0.0.4"
     )

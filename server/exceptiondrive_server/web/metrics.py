@@ -1,6 +1,7 @@
 """Prometheus metrics: requests as they happen, the queue as the records tell it when asked."""
 
 from collections.abc import Callable, Iterable
+from itertools import product
 from math import nan
 
 from prometheus_client import CollectorRegistry, Gauge, Histogram, generate_latest
@@ -37,6 +38,9 @@ class RequestMetrics:
             ["method", "route", "status"],
             registry=self.registry,
             buckets=(0.005, 0.02, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 10),
+        )
+        self.ready = Gauge(
+            "exceptiondrive_ready", "1: uploads are taken, as /readyz says.", registry=self.registry
         )
 
     def watch(self, uploads: Callable[[], int], free_bytes: Callable[[], int | None]) -> None:
@@ -88,16 +92,15 @@ def _queue(session: Session) -> Iterable[Metric]:
     oldest = GaugeMetricFamily(
         "exceptiondrive_oldest_queued_seconds", "Age of the oldest waiting job.", labels=["lane"]
     )
-    rows = session.execute(
-        select(Job.lane, Job.state, func.count(), func.min(Job.created_at)).group_by(
-            Job.lane, Job.state
-        )
-    )
+    query = select(Job.lane, Job.state, func.count(), func.min(Job.created_at))
+    rows = session.execute(query.group_by(Job.lane, Job.state))
+    found = {(lane, state): (count, created_at) for lane, state, count, created_at in rows}
     now = database_now(session)
-    for lane, state, count, created_at in rows:
-        depth.add_metric([str(lane), state], count)
-        if state is WorkState.QUEUED:
-            oldest.add_metric([str(lane)], (now - created_at).total_seconds())
+    for lane, state in product(Lane, WorkState):  # each from the beginning: an alert sees the first
+        count, created_at = found.get((lane, state), (0, now))
+        depth.add_metric([lane, state], count)
+        if count and state is WorkState.QUEUED:
+            oldest.add_metric([lane], (now - created_at).total_seconds())
     return depth, oldest
 
 
@@ -168,10 +171,9 @@ def _durations(session: Session) -> Iterable[Metric]:
 def _last_backup(session: Session) -> Metric:
     gauge = GaugeMetricFamily(
         "exceptiondrive_last_backup_timestamp_seconds",
-        "When `exceptiondrive-server backup` last wrote a file.",
+        "When `exceptiondrive-server backup` last wrote a file; 0 for never.",
     )
     written = (AuditLine.subject == BACKUP, AuditLine.action == BACKUP_WRITTEN)
     at = session.scalar(select(func.max(AuditLine.at)).where(*written))
-    if at is not None:
-        gauge.add_metric([], at.timestamp())
+    gauge.add_metric([], 0 if at is None else at.timestamp())
     return gauge

@@ -50,14 +50,15 @@ class Digits:
         Where the other end is much nearer, or no value lies that far, both ways are told: `−12.0 +0.5`;
         where it reaches to one side alone, as from zero, that one.
         """
-        ways = {MINUS: value - interval[0], "+": interval[1] - value}
+        below, above = value - interval[0], interval[1] - value
+        near, far = (below, above) if below < above else (above, below)
         least = 10.0 ** -(self.percent + 2 if metric.unit == "fraction" else self.metre) / 2
-        ways = {sign: way for sign, way in ways.items() if way >= least}
-        near, far = min(ways.values(), default=0.0), max(ways.values(), default=0.0)
-        is_beyond = metric.unit == "fraction" and not far <= value <= 1 - far
-        if len(ways) != 1 and not is_beyond and far <= MUCH_NEARER * near:
-            ways = {"±": far}
-        return " ".join(f"{sign}{self.brief(metric, way)}" for sign, way in ways.items())
+        if near < least <= far:
+            return f"{'+' if far == above else MINUS}{self.brief(metric, far)}"
+        is_within = metric.unit == "metre" or far <= value <= 1 - far
+        if far < least or (is_within and far <= MUCH_NEARER * near):
+            return f"±{self.brief(metric, far)}"
+        return f"{MINUS}{self.brief(metric, below)} +{self.brief(metric, above)}"
 
     def fraction(self, value: float) -> str:
         """Write a fraction as per cent, without the sign."""

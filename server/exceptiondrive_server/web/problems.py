@@ -24,12 +24,14 @@ from exceptiondrive_records.db.errors import (
     QuotaExceeded,
     RecordsError,
     RejectedCapExceeded,
+    StoreError,
     TooManyAttempts,
 )
 from exceptiondrive_records.operations.logs import places
 from exceptiondrive_schemas.api.problems import PROBLEM_MEDIA_TYPE, Problem, ProblemCode
 from exceptiondrive_schemas.api.submission import Quota
 from exceptiondrive_schemas.base import NO_OBJECT, fault_words
+from exceptiondrive_server.web.etag import PROXY_KEEPS
 from exceptiondrive_server.web.middleware import HEADERS, is_stream
 from exceptiondrive_server.web.problem_vocabulary import CODE_OF_STATUS, PROBLEMS, ApiProblem
 from exceptiondrive_server.web.responses import problem_page
@@ -94,7 +96,8 @@ def problem_response(request: Request, problem: ApiProblem) -> Response:
         resets_at=problem.resets_at,
         fields=problem.fields,
     )
-    headers = {"Cache-Control": "no-store", **problem.headers}
+    replaces = PROXY_KEEPS if problem.code is ProblemCode.NOT_FOUND else {}
+    headers = {**replaces, "Cache-Control": "no-store", **problem.headers}
     if problem.retry_after_s is not None:
         headers["Retry-After"] = str(problem.retry_after_s)
     if status == HTTPStatus.UNAUTHORIZED:
@@ -143,6 +146,8 @@ def problem_of(error: RecordsError | RequestValidationError) -> ApiProblem:
 def _of_records(error: RecordsError) -> ApiProblem:
     fields = error.fields if isinstance(error, InvalidRecord) else None
     problem = ApiProblem(error.code, str(error), fields=fields)
+    if isinstance(error, StoreError):
+        _log.warning("file store unavailable", reason=error.reason)
     if error.code is ProblemCode.STORE_UNAVAILABLE or isinstance(error, ConcurrentQuotaExceeded):
         problem.retry_after_s = RETRY_AFTER_S
     if isinstance(error, TooManyAttempts | QuotaExceeded | RejectedCapExceeded):

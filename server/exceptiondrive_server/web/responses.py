@@ -145,7 +145,7 @@ def page(
     if site.has_session or "q" in request.query_params:
         headers = {**SECURITY_HEADERS, "Cache-Control": "private, no-cache", "Vary": "Cookie"}
     else:
-        headers = PUBLIC_PAGE if status == 200 else PUBLIC_PROBLEM
+        headers = PUBLIC_PAGE if status in (200, 404) else PUBLIC_PROBLEM
     if status != 200:
         return HTMLResponse(body, status_code=status, headers=headers)
     return conditional(request, body, "text/html", headers=headers)

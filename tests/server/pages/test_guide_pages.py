@@ -141,13 +141,18 @@ async def test_the_quick_start_leads_to_the_client_where_the_server_holds_it(
 ) -> None:
     without = (await lively_site.get("/submit")).text
     assert "/client/" not in read(without).one("ol", "start").text + "".join(links_of(without))
+    assert "ask the organizers where to get it" in without
+    assert "pip install" not in without, "an index may give anybody's package of that name"
     services = lively_site.app.state.services
     services.settings = services.settings.model_copy(update={"client_dir": tmp_path})
     with zipfile.ZipFile(tmp_path / "exceptiondrive-9.9-py3-none-any.whl", "w") as archive:
         archive.writestr("exceptiondrive-9.9.dist-info/METADATA", "Requires-Python: >=3.10\n")
         archive.writestr("exceptiondrive/recorder.py", "")
-    there = links_of((await lively_site.get("/submit")).text)
-    assert {"/client/", "/client/recorder.py"} <= there
+    text = (await lively_site.get("/submit")).text
+    assert {"/client/", "/client/recorder.py"} <= links_of(text)
+    assert (
+        text.count("pip install") == text.count("exceptiondrive-9.9-py3-none-any.whl#sha256=") > 0
+    )
     assert (await lively_site.get("/client/recorder.py")).status_code == 200
 
 

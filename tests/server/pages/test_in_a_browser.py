@@ -313,7 +313,7 @@ def test_the_first_screen_shows_ranked_planners_and_how_sure_they_are(
     page.set_viewport_size({"width": width, "height": height})
     seen = page.evaluate(FIRST_SCREEN.replace("LIMIT", str(limit)))
     assert seen["rows"] >= least
-    assert all(re.search(r"\d\.\d\s*\u00b1\d", said) for said in seen["said"])
+    assert all(re.search(r"\d\.\d\s*[\u00b1\u2212+]\d", said) for said in seen["said"])
     assert seen["heights"] == [row]
     if width > 1000:
         assert seen["hero"] <= 240

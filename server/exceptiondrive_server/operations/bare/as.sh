@@ -1,7 +1,11 @@
 #!/bin/sh
-# usage, as root: as server|reconciler|worker|owner COMMAND...   runs an operator's command as that service runs
+# usage, as root: as server|reconciler|worker|owner|publish-split COMMAND...   runs an operator's command as that service runs
 set -eu
-env="${folder}/etc/$$1.env"
+service="$$1" user=
+if [ "$$service" = publish-split ]; then
+  service=worker user=0 # reads splits, and what it puts among the uploads belongs to the server
+fi
+env="${folder}/etc/$$service.env"
 shift
 # Its lines as systemd takes them: a value may hold blanks and signs, and quotes around it are none of it.
 while IFS= read -r line || [ -n "$$line" ]; do
@@ -15,4 +19,4 @@ while IFS= read -r line || [ -n "$$line" ]; do
 done <"$$env"
 cd /
 umask 027
-PATH="${programs}:$$PATH" exec setpriv --reuid="$$(stat -c %u "$$env")" --regid=10001 --clear-groups --no-new-privs "$$@"
+PATH="${programs}:$$PATH" exec setpriv --reuid="$${user:-$$(stat -c %u "$$env")}" --regid=10001 --clear-groups --no-new-privs "$$@"
