@@ -239,7 +239,7 @@ def _add_endpoints(app: flask.Flask, server: Any, state: State) -> None:
             "authorization_endpoint": f"{state.issuer}/authorize",
             "token_endpoint": f"{state.issuer}/token",
             "jwks_uri": f"{state.issuer}/keys",
-            "userinfo_endpoint": f"{state.issuer}/userinfo",
+            "userinfo_endpoint": state.orders.get("userinfo_at", f"{state.issuer}/userinfo"),
             "response_types_supported": ["code"],
             "subject_types_supported": ["public"],
             "id_token_signing_alg_values_supported": ["RS256", "HS256", "none"],

@@ -114,11 +114,18 @@ def test_a_profile_kept_apart_is_fetched(
     assert (ada.name, ada.email) == ("Ada Example", "ada@example.org")
 
 
-@pytest.mark.parametrize("answer", [["", 403], ["a.signed.document", 200]])
+@pytest.mark.parametrize(
+    "order",
+    [
+        {"userinfo_answers": ["", 403]},
+        {"userinfo_answers": ["a.signed.document", 200]},
+        {"userinfo_at": "http://127.0.0.1:9/userinfo"},
+    ],
+)
 def test_without_the_profile_kept_apart_the_id_token_is_as_good(
-    small_site: "Api", person: Open, provider: "RunningProvider", answer: list[Any]
+    small_site: "Api", person: Open, provider: "RunningProvider", order: dict[str, Any]
 ) -> None:
-    provider.order(id_token_names=["name"], userinfo_answers=answer)
+    provider.order(id_token_names=["name"], **order)
     assert person(small_site).sign_in().status_code == 303
     (ada,) = people_of(small_site)
     assert (ada.name, ada.email) == ("Ada Example", None)

@@ -19,6 +19,7 @@ from exceptiondrive_records.accounts.people import (
     invite,
     is_member,
     members_of,
+    open_invitations,
     remove_member,
     set_organizer,
     welcome_person,
@@ -161,6 +162,21 @@ def test_a_team_has_only_so_many_open_invitations(small_site: "Api") -> None:
             invite(session, team_id, "Ada", actor="test")
         withdraw_invitation(session, team_id, made.id, actor="test")
         assert invite(session, team_id, "Ada", actor="test")
+
+
+def test_an_organizers_invitations_end_with_the_role_but_not_those_into_their_own_team(
+    small_site: "Api",
+) -> None:
+    alpha, beta = (small_site.team_ids[name] for name in ("alpha", "beta"))
+    with small_site.database.write() as session:
+        ben = welcome_person(session, Identity("https://provider.test", "ben")).id
+        add_member(session, find_team(session, "alpha"), ben, actor="test")
+        set_organizer(session, ben, OrganizerRole.HELPER, actor="test")
+        invite(session, alpha, "Ben", actor=f"person:{ben}")
+        set_organizer(session, ben, OrganizerRole.OWNER, actor="test")
+        invite(session, beta, "Ben", actor=f"person:{ben}")
+        set_organizer(session, ben, None, actor="test")
+        assert [len(open_invitations(session, team)) for team in (alpha, beta)] == [1, 0]
 
 
 def test_who_was_removed_comes_not_back_by_the_link_that_they_joined_by(small_site: "Api") -> None:

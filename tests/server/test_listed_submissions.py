@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 import pytest
 from tests.records.statements import statements
 
+from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_server.web import kept_pages
 from exceptiondrive_server.web import services as of_site
 
@@ -16,6 +18,7 @@ POLICIES = {
     "plain": {},
     "teams choose runs": {"run_choice": "team"},
     "one of each team": {"entries_shown": "chosen"},
+    "private": {"entries_private": True},
     "frozen": {"freezes_at": "2026-01-01T00:00:00Z", "frozen_scores": "hidden"},
 }
 
@@ -31,6 +34,11 @@ def submit(api: "Api", numbers: range) -> None:
                 assert api.get(f"/submissions/{name}?profile=true", "alpha").json()[
                     "awaits_profile"
                 ]
+
+
+def closes(api: "Api", *, is_now: bool) -> None:
+    with api.database.write() as session:
+        session.get_one(Phase, "many").closes_at = database_now(session) if is_now else None
 
 
 @pytest.mark.parametrize("policy", POLICIES)
@@ -52,7 +60,9 @@ def test_a_list_asks_as_often_for_fifteen_submissions_as_for_three(
     }
     asked: dict[str, list[int]] = {name: [] for name in lists}
     for numbers in (range(3), range(3, 15)):
+        closes(api, is_now=False)
         submit(api, numbers)
+        closes(api, is_now=policy == "private")
         for name, look in lists.items():
             look()
             with statements(api.services.database) as sent:

@@ -101,7 +101,8 @@ def set_organizer(
     """Make a person an organizer, or no longer; it counts from the next request on.
 
     Without a role it is no longer one; without phases the role is for the whole site. With the role
-    that they had end the invitations that they made; tokens that they made work on (`left_behind`).
+    that they had end the invitations that they made, but those into their own teams; tokens that they
+    made work on (`left_behind`).
 
     Raises:
         NotFound: There is no such person or phase.
@@ -111,7 +112,9 @@ def set_organizer(
     wanted = role, checked_phases(session, phases if role else ())
     if (person.organizer_role, person.organizer_phases) != wanted:
         if person.is_organizer:
-            withdraw_invitations_of(session, f"person:{person_id}", actor=actor)
+            own = select(Membership.team_id).where(Membership.person_id == person_id)
+            of_others = Invitation.team_id.not_in(own)
+            withdraw_invitations_of(session, f"person:{person_id}", of_others, actor=actor)
         person.organizer_role, person.organizer_phases = wanted
         detail = {} if role is None else {"role": str(role), "phases": wanted[1]}
         audit(session, actor, "organizer granted" if role else "organizer ended", person_id, detail)
@@ -213,7 +216,8 @@ def remove_member(session: Session, team_id: int, person_id: str, *, actor: str)
     membership, slug = found
     session.delete(membership)
     audit(session, actor, "member removed", slug, {"person": person_id})
-    withdraw_invitations_of(session, f"person:{person_id}", team_id, actor=actor)
+    of_team = Invitation.team_id == team_id
+    withdraw_invitations_of(session, f"person:{person_id}", of_team, actor=actor)
 
 
 def removal_of(session: Session, person_id: str) -> tuple[AuditLine, Team] | None:
@@ -338,12 +342,10 @@ def withdraw_invitation(session: Session, team_id: int, invitation_id: str, *, a
 
 
 def withdraw_invitations_of(
-    session: Session, made_by: str, team_id: int | None = None, *, actor: str
+    session: Session, made_by: str, *of: ColumnElement[bool], actor: str
 ) -> None:
-    """Make useless what links somebody made who may make none any more: all, or those of one team."""
-    query = select(Invitation).where(Invitation.made_by == made_by, *_usable(session))
-    if team_id is not None:
-        query = query.where(Invitation.team_id == team_id)
+    """Make useless what links somebody made who may make none any more: all, or those that are meant."""
+    query = select(Invitation).where(Invitation.made_by == made_by, *of, *_usable(session))
     for invitation in session.scalars(query):
         withdraw_invitation(session, invitation.team_id, invitation.id, actor=actor)
 

@@ -1,6 +1,7 @@
 """What a team says of its entries: which one stands for it, and which are public."""
 
 from collections.abc import Sequence
+from datetime import datetime
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -106,32 +107,40 @@ def publish(session: Session, submission_id: str, *, actor: str) -> Submission:
     return _show(session, submission_id, actor, is_public=True)
 
 
-def may_publish(session: Session, phase: Phase, submission: Submission) -> bool:
-    """Whether its team may make a private entry public.
+def publishable(session: Session, phase: Phase, private: Sequence[Submission]) -> set[str]:
+    """Return the ids of those private entries that may be made public, where a phase still lets teams.
 
     After the deadline it is the one that the team named, else its newest, where none was public: of the
     method, or of the team where the phase shows one entry of each. So nobody picks after the fact.
     """
-    if not can_publish(session, phase):
-        return False
-    if not _is_settled(session, phase, submission):
-        return True
-    runs = [Submission.method == submission.method] if phase.policy.entries_shown == "all" else []
+    now = database_now(session)
+    settled = [each for each in private if _is_settled(phase, each, now)]
+    found = {each.id for each in private} - {each.id for each in settled}
+    if not settled:
+        return found
+
+    def place(each: Submission) -> tuple[int, str]:
+        return each.team_id, each.method if phase.policy.entries_shown == "all" else ""
+
     query = (
         select(Submission)
         .where(
-            Submission.team_id == submission.team_id,
+            Submission.team_id.in_({each.team_id for each in settled}),
             Submission.phase_id == phase.id,
             stood_at_deadline(phase),
-            *runs,
         )
         .order_by(Submission.received_at, Submission.id)
     )
     stood = [each for each in session.scalars(query) if not is_late(phase, each)]
-    if any(each.published_at is not None for each in stood):
-        return False
-    rule, is_named = rules_of(session, phase, [submission]).get(submission.id, ("newest", False))
-    return is_named if rule == "this" else submission is stood[-1]
+    taken = {place(each) for each in stood if each.published_at is not None}
+    newest = {place(each): each.id for each in stood}
+    rules = rules_of(session, phase, settled)
+    for each in settled:
+        rule, is_named = rules.get(each.id, ("newest", False))
+        is_due = is_named if rule == "this" else newest.get(place(each)) == each.id
+        if is_due and place(each) not in taken:
+            found.add(each.id)
+    return found
 
 
 def unpublish(session: Session, submission_id: str, *, actor: str) -> Submission:
@@ -148,12 +157,12 @@ def _show(session: Session, submission_id: str, actor: str, *, is_public: bool) 
     submission, phase = _scored(session, submission_id)
     _require_private(session, phase)
     if is_public != (submission.published_at is not None):
-        if is_public and not may_publish(session, phase, submission):
+        if is_public and submission_id not in publishable(session, phase, [submission]):
             raise Conflict(
                 "The deadline has passed: only the run that the team named, else its newest, can "
                 "still be published, and only where none was public in its place."
             )
-        if not is_public and _is_settled(session, phase, submission):
+        if not is_public and _is_settled(phase, submission, database_now(session)):
             raise Conflict("The deadline has passed: withdraw it, and its place stays empty.")
         _require_changes_left(session, submission)
         submission.published_at = database_now(session) if is_public else None
@@ -163,9 +172,8 @@ def _show(session: Session, submission_id: str, actor: str, *, is_public: bool) 
     return submission
 
 
-def _is_settled(session: Session, phase: Phase, submission: Submission) -> bool:
+def _is_settled(phase: Phase, submission: Submission, now: datetime) -> bool:
     """Whether it came in time and its deadline has passed."""
-    now = database_now(session)
     return not is_late(phase, submission) and not can_change(phase, submission, now)
 
 

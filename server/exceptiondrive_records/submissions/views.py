@@ -1,6 +1,6 @@
 """Submissions as their team sees them: with place in the queue, sheet and rank."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
 from functools import cached_property
 from statistics import median
@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.boards.boards import entries_on, entry_ids
 from exceptiondrive_records.boards.standings import replacements
 from exceptiondrive_records.db.clock import database_now
-from exceptiondrive_records.entries.selection import may_publish, rules_of
+from exceptiondrive_records.entries.selection import publishable, rules_of
 from exceptiondrive_records.phases.disqualified import disqualified_since
 from exceptiondrive_records.phases.policy import (
     can_publish,
@@ -162,9 +162,17 @@ class _Seen:
         """See `can_publish`."""
         return can_publish(self._session, self.phase)
 
-    def may_publish(self, submission: Submission) -> bool:
-        """See `may_publish`."""
-        return may_publish(self._session, self.phase, submission)
+    @cached_property
+    def publishable(self) -> Collection[str]:
+        """See `publishable`."""
+        private = [
+            each
+            for each in self._submissions
+            if each.is_scored and not is_published(self.phase, each)
+        ]
+        if not private or not self.can_publish:
+            return ()
+        return publishable(self._session, self.phase, private)
 
     def hides(self, submission: Submission) -> datetime | None:
         """Since when a score is kept back."""
@@ -197,7 +205,7 @@ def _view(
     unranked_because = shown.unranked_because if shown else None
     if is_to_come and seen.is_frozen and not seen.hides(submission):
         unranked_because = "the board is frozen, and shows it when the organizers reveal the board"
-    elif is_scored and not is_public and not seen.may_publish(submission):
+    elif is_scored and not is_public and submission.id not in seen.publishable:
         since = "at the deadline" if seen.can_publish else "when hidden scores were revealed"
         unranked_because = f"it was private {since}, and stays so"
     elif holder is not None and not holder.is_scored:

@@ -211,7 +211,7 @@ async def _with_profile(
         return dict(claims)
     try:
         return {**claims, **await client.userinfo(token=token)}
-    except (httpx2.HTTPStatusError, ValueError) as error:
+    except (httpx2.HTTPError, ValueError) as error:
         _log.warning("the sign-in provider gives no profile", kind=type(error).__name__)
         return dict(claims)
 

@@ -838,7 +838,7 @@ def test_addresses_in_the_page_lead_somewhere(visit: Visit) -> None:
             assert answer.status == 200, path
 
 
-@pytest.mark.parametrize("path", ["/", "/entries/s0000000kq"])
+@pytest.mark.parametrize("path", ["/", "/entries/s0000000kq", "/splits/sample"])
 def test_no_link_tells_another_site_where_it_was_followed(visit: Visit, path: str) -> None:
     kinds = (
         visit.open(path)
