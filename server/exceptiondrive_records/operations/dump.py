@@ -33,6 +33,8 @@ from exceptiondrive_records.submissions.submissions import keeps_its_file
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.work.tables import Leader, WorkerHeartbeat
 
+BACKUP, BACKUP_WRITTEN, BACKUP_FAILED = "backup", "backup written", "backup failed"
+"""Subject and actions of the audit lines of backups."""
 _PASSING = {WorkerHeartbeat.__tablename__}
 _LEADS = Leader.__mapper__.polymorphic_identity
 _AT_ONCE = 500

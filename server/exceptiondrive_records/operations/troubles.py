@@ -13,6 +13,7 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.log import last_action
 from exceptiondrive_records.db.clock import NOW, SET_BACK, database_now
 from exceptiondrive_records.notifications.tables import Channel, ContactPoint, Delivery
+from exceptiondrive_records.operations.dump import BACKUP, BACKUP_FAILED, BACKUP_WRITTEN
 from exceptiondrive_records.operations.garbage import orphans_were_left
 from exceptiondrive_records.operations.reconciler import LEADERSHIP
 from exceptiondrive_records.phases.phases import list_phases, not_checked
@@ -25,8 +26,6 @@ from exceptiondrive_schemas.printable import counted
 
 BEGUN_IN_VAIN = 2
 """A board that was begun so often was not finished at least once; so with a mail."""
-BACKUP, BACKUP_WRITTEN, BACKUP_FAILED = "backup", "backup written", "backup failed"
-"""Subject and actions of the audit lines of backups."""
 _MAIL_OF = timedelta(days=1)
 """Mails that were last tried before this are told no more."""
 

@@ -11,10 +11,10 @@ from exceptiondrive_records.audit.log import audit, verify_audit
 from exceptiondrive_records.db.database import Database
 from exceptiondrive_records.db.errors import RecordsError
 from exceptiondrive_records.db.settings import RecordsSettings, load_settings
+from exceptiondrive_records.operations.dump import BACKUP, BACKUP_FAILED, BACKUP_WRITTEN
 from exceptiondrive_records.operations.garbage import GRACE, sweep_orphans
 from exceptiondrive_records.operations.invariants import damaged_uploads, violations
 from exceptiondrive_records.operations.setup import opened
-from exceptiondrive_records.operations.troubles import BACKUP, BACKUP_FAILED, BACKUP_WRITTEN
 from exceptiondrive_records.submissions.file_store import FileStore
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.launcher.broker import broker_url

@@ -13,7 +13,8 @@ from sqlalchemy.orm import Session
 from exceptiondrive_records.audit.tables import AuditLine
 from exceptiondrive_records.db.clock import SET_BACK, database_now
 from exceptiondrive_records.db.database import Database
-from exceptiondrive_records.operations.troubles import BACKUP, BACKUP_WRITTEN, troubles
+from exceptiondrive_records.operations.dump import BACKUP, BACKUP_WRITTEN
+from exceptiondrive_records.operations.troubles import troubles
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.submissions.views import recent_scoring_s
 from exceptiondrive_records.work.heartbeats import MISSED_FOR_S, live_workers

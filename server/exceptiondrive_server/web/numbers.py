@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 
 from exceptiondrive_schemas.challenges import Metric
 from exceptiondrive_schemas.printable import counted, decimal_text
@@ -40,9 +40,14 @@ class Digits:
             return fixed(100 * value, self.percent)
         return fixed(value, self.metre)
 
+    @cached_property
+    def briefly(self) -> "Digits":
+        """Those of a row among many: per cent with one decimal, metres as published."""
+        return Digits(min(self.percent, 1), self.metre)
+
     def brief(self, metric: Metric, value: float | None) -> str | None:
-        """Write a metric for a row among many: per cent with one decimal, metres as published."""
-        return Digits(min(self.percent, 1), self.metre).text(metric, value)
+        """Write a metric for a row among many."""
+        return self.briefly.text(metric, value)
 
     def spread(self, metric: Metric, value: float, interval: Interval) -> str:
         """Write how far an interval reaches from its value: `±2.1`, to the end that is farther.
@@ -52,13 +57,14 @@ class Digits:
         """
         below, above = value - interval[0], interval[1] - value
         near, far = (below, above) if below < above else (above, below)
+        text = self.briefly.text
         least = 10.0 ** -(self.percent + 2 if metric.unit == "fraction" else self.metre) / 2
         if near < least <= far:
-            return f"{'+' if far == above else MINUS}{self.brief(metric, far)}"
+            return f"{'+' if far == above else MINUS}{text(metric, far)}"
         is_within = metric.unit == "metre" or far <= value <= 1 - far
         if far < least or (is_within and far <= MUCH_NEARER * near):
-            return f"±{self.brief(metric, far)}"
-        return f"{MINUS}{self.brief(metric, below)} +{self.brief(metric, above)}"
+            return f"±{text(metric, far)}"
+        return f"{MINUS}{text(metric, below)} +{text(metric, above)}"
 
     def fraction(self, value: float) -> str:
         """Write a fraction as per cent, without the sign."""
