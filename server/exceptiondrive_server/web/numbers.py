@@ -64,7 +64,8 @@ class Digits:
         is_within = metric.unit == "metre" or far <= value <= 1 - far
         if far < least or (is_within and far <= MUCH_NEARER * near):
             return f"±{text(metric, far)}"
-        return f"{MINUS}{text(metric, below)} +{text(metric, above)}"
+        low, high = text(metric, below), text(metric, above)
+        return f"±{high}" if low == high else f"{MINUS}{low} +{high}"
 
     def fraction(self, value: float) -> str:
         """Write a fraction as per cent, without the sign."""
