@@ -28,7 +28,8 @@ def run(protocol: ProtocolDocument) -> None:
     for n_entries in ENTRIES:
         job = partial(bootstrap_of, sums, n_entries, protocol)
         bootstrapping, measuring = _seconds(job, n_entries, workload, protocol)
-        ranking = cpu_seconds(partial(rank_intervals, job(), "descending"))
+        confidence = protocol.ranking.confidence
+        ranking = cpu_seconds(partial(rank_intervals, job(), "descending", confidence))
         mib = peak_mib(job)
         if n_entries == TARGET_ENTRIES:
             what = f"bootstrap of {n_entries} entries"
