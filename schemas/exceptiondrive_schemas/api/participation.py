@@ -4,6 +4,11 @@ from datetime import datetime
 
 from exceptiondrive_schemas.base import Document
 
+AFTER_A_MERGE = (
+    "Of runs of one method one alone stands, and of all where a phase shows one entry of each team."
+)
+"""What becomes of the entries of two teams that are merged."""
+
 
 class DisqualificationNote(Document):
     """What readers are told of a team, or one entry of it, that stands on no board any more."""

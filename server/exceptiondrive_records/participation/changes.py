@@ -29,6 +29,7 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team, require_free_name
 from exceptiondrive_records.work.tables import Job
+from exceptiondrive_schemas.api.participation import AFTER_A_MERGE
 from exceptiondrive_schemas.api.submission import WAITING, SubmissionStatus
 from exceptiondrive_schemas.printable import counted
 
@@ -142,10 +143,7 @@ def merge_teams(
     its = f"Its {counted(n_moved, 'submission')}," if n_moved else "It had no submissions; its"
     told = [f"{its} people and addresses are your team's from now on."]
     if n_moved:
-        told.append(
-            "Of runs of one method one alone stands, and of all where a phase shows one entry of each "
-            "team."
-        )
+        told.append(AFTER_A_MERGE)
     title = f"The team {team.name} is part of your team"
     tell_team(session, target, "team_changed", title, told)
     return target, n_moved

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from sqlalchemy import exists, func, select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from exceptiondrive_records.audit.log import audit
@@ -12,9 +12,8 @@ from exceptiondrive_records.db.identifiers import checked_text
 from exceptiondrive_records.notifications.inbox import tell_about, tell_team
 from exceptiondrive_records.notifications.tables import Channel, ContactPoint, Notification
 from exceptiondrive_records.submissions.submissions import find_submission
-from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
-from exceptiondrive_records.teams.teams import find_team
+from exceptiondrive_records.teams.teams import find_team, teams_that_read
 from exceptiondrive_schemas.base import bytes_digest
 
 MAX_TITLE, MAX_TEXT = 150, 4000
@@ -160,16 +159,7 @@ def checked_message(title: str, text: str) -> tuple[str, tuple[str, ...]]:
 def _teams(session: Session, slugs: Sequence[str], phase_id: str | None) -> list[Team]:
     if slugs:
         return [_readable(session, find_team(session, slug)) for slug in sorted(set(slugs))]
-    query = select(Team).where(
-        Team.pending_since.is_(None),
-        Team.is_reference.is_(False),
-        Team.forgotten_at.is_(None),
-        Team.merged_into_id.is_(None),
-    )
-    if phase_id is not None:
-        submitted = exists().where(Submission.team_id == Team.id, Submission.phase_id == phase_id)
-        query = query.where(submitted)
-    return list(session.scalars(query.order_by(Team.slug)))
+    return teams_that_read(session, phase_id)
 
 
 def _readable(session: Session, team: Team) -> Team:

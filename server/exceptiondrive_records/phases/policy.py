@@ -121,11 +121,6 @@ def was_split_revealed(session: Session, phase: Phase) -> bool:
     return is_split_revealed(session, phase) or session.scalars(shown).first() is not None
 
 
-def hid_scores(session: Session, phase: Phase) -> bool:
-    """Whether teams were shown scores after the deadline that were kept from them before."""
-    return has_revealed(session, phase, datetime.min.replace(tzinfo=UTC))
-
-
 def is_published(phase: Phase, submission: Submission) -> bool:
     """Whether an entry is public: where a phase keeps entries private, its team has said so."""
     return not phase.policy.entries_private or submission.published_at is not None
@@ -135,7 +130,8 @@ def can_publish(session: Session, phase: Phase) -> bool:
     """Whether entries are private until their teams publish them, and no reveal has ended that."""
     if not phase.policy.entries_private:
         return False
-    return not (has_closed(phase, database_now(session)) and hid_scores(session, phase))
+    is_closed = has_closed(phase, database_now(session))
+    return not (is_closed and has_revealed(session, phase, datetime.min.replace(tzinfo=UTC)))
 
 
 def has_revealed(session: Session, phase: Phase, since: datetime) -> bool:

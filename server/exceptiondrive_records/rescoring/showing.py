@@ -27,8 +27,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.rescoring.comparison import compare_rows
 from exceptiondrive_records.rescoring.flip import notify_of_run
 from exceptiondrive_records.rescoring.tables import RescoringRun
-from exceptiondrive_records.submissions.tables import Submission
-from exceptiondrive_records.teams.tables import Team
+from exceptiondrive_records.teams.teams import teams_that_read
 from exceptiondrive_schemas.api.notifications import NotificationKind
 from exceptiondrive_schemas.api.phase_settings import PhaseChange
 from exceptiondrive_schemas.api.rescoring import RunState
@@ -81,10 +80,8 @@ def _tell_teams(session: Session, phase: Phase, title: str, sentence: str) -> No
     """Tell the teams that submitted to a phase; of a hidden one nothing is told."""
     if phase.visibility == "hidden":
         return
-    own = select(Submission.team_id).where(Submission.phase_id == phase.id)
-    for team in session.scalars(select(Team).where(Team.id.in_(own)).order_by(Team.id)):
-        if not team.is_gone:
-            tell_team(session, team, "phase_changed", title, (sentence,), phase=phase.id)
+    for team in teams_that_read(session, phase.id):
+        tell_team(session, team, "phase_changed", title, (sentence,), phase=phase.id)
 
 
 def _tell_of_hidden_updates(session: Session, phase: Phase) -> None:

@@ -26,6 +26,20 @@ from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import SiteSetting, Team
 
 
+def teams_that_read(session: Session, phase_id: str | None = None) -> list[Team]:
+    """Return the teams that somebody reads for, in the order of their ids; of a phase those that submitted to it."""
+    query = select(Team).where(
+        Team.pending_since.is_(None),
+        Team.is_reference.is_(False),
+        Team.forgotten_at.is_(None),
+        Team.merged_into_id.is_(None),
+    )
+    if phase_id is not None:
+        submitted = exists().where(Submission.team_id == Team.id, Submission.phase_id == phase_id)
+        query = query.where(submitted)
+    return list(session.scalars(query.order_by(Team.slug)))
+
+
 def create_team(
     session: Session, slug: str, name: str, *, is_reference: bool = False, actor: str
 ) -> Team:

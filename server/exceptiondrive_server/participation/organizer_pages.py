@@ -34,6 +34,7 @@ from exceptiondrive_records.submissions.submissions import find_submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team, list_teams
 from exceptiondrive_schemas.api.form_fields import FormField
+from exceptiondrive_schemas.api.participation import AFTER_A_MERGE
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_server.participation.queries import allowance_view
 from exceptiondrive_server.web.auth import ServicesOf
@@ -171,8 +172,7 @@ def merge(services: ServicesOf, team_id: TeamId) -> Step:
         title=f"Merge {team.name} into another team",
         meaning="Its submissions, people and addresses become the other team's, its tokens are "
         "revoked, and both quotas count together. An allowance of its own holds for what it sent; the other "
-        "team is not granted it. Of runs of one method one alone stands, and of all where a phase shows "
-        "one entry of each team. This cannot be taken back.",
+        f"team is not granted it. {AFTER_A_MERGE} This cannot be taken back.",
         button="Merge",
         fields=(into, _again(team), REASON),
         command=f'exceptiondrive organizer teams merge {team.slug} --into TEAM --reason "…"',

@@ -13,6 +13,7 @@ from exceptiondrive.cli.tables import records_table
 from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive.organizer import Organizer
 from exceptiondrive_schemas.api.form_fields import FormField
+from exceptiondrive_schemas.api.participation import AFTER_A_MERGE
 from exceptiondrive_schemas.printable import counted
 
 ToldReason = Annotated[
@@ -74,8 +75,7 @@ def merge_teams(
 ) -> Answer:
     """Make a team part of another one, with submissions, people and addresses; needs --yes where it cannot ask."""
     be_sure(
-        f"Make {team_id} part of {into} for good? Its allowances are not passed on. Of runs of one method "
-        "one alone stands, and of all where a phase shows one entry of each team.",
+        f"Make {team_id} part of {into} for good? Its allowances are not passed on. {AFTER_A_MERGE}",
         yes,
     )
     merged = organizer.merge_teams(team_id, into, reason)
