@@ -107,19 +107,24 @@ def test_a_frozen_board_stays_while_scoring_goes_on(life: "Life", scores: str) -
         assert [one["title"] for one in notices] == ["The board of Test is revealed"] * n
 
 
-def test_teams_are_told_of_a_deadline_that_is_moved_earlier(life: "Life") -> None:
-    life.make_phase(split="plain", closes_at=life.ahead(60))
+def test_teams_are_told_of_a_changed_deadline(life: "Life") -> None:
+    life.make_phase(split="plain")
     life.submit("alpha", 1.0, "Planner", "plain")
     later, sooner = life.ahead(90), life.ahead(30)
-    for moved in (later, sooner, sooner):
-        life.change({"closes_at": moved})
-    (notice,) = life.json("/api/v1/notifications", "alpha")
-    assert notice["title"] == "The deadline of Test is earlier"
-    was, now = (f"{moved[:10]} {moved[11:16]} UTC" for moved in (later, sooner))
-    assert notice["what_changed"] == [f"It is {now}; it was {was}."]
+    for deadline in (later, sooner, sooner, None):
+        life.change({"closes_at": deadline})
+    notices = life.json("/api/v1/notifications", "alpha")
+    assert {one["title"] for one in notices} == {"The deadline of Test is changed"}
+    first, second = (f"{at[:10]} {at[11:16]} UTC" for at in (later, sooner))
+    told = [sentence for one in notices for sentence in one["what_changed"]]
+    assert told == [
+        f"From {second} to none.",
+        f"From {first} to {second}.",
+        f"From none to {first}.",
+    ]
     assert life.json("/api/v1/notifications", "beta") == [], "it sent nothing"
     life.change({"visibility": "hidden", "closes_at": life.ahead(20)})
-    assert len(life.json("/api/v1/notifications", "alpha")) == 1
+    assert len(life.json("/api/v1/notifications", "alpha")) == 3
 
 
 def test_the_best_of_a_method_is_not_said_of_scores_that_are_kept_back(life: "Life") -> None:

@@ -36,7 +36,7 @@ from exceptiondrive_schemas.api.rescoring import RunState
 def change_phase(session: Session, phase_id: str, change: PhaseChange, *, actor: str) -> Phase:
     """Change settings of a phase; where that shows it, tell its teams of updates behind it.
 
-    They are told of a deadline that is moved to an earlier time, too.
+    They are told of a changed deadline, too.
 
     Raises:
         RecordsError: It is refused as by `update_phase`.
@@ -46,9 +46,11 @@ def change_phase(session: Session, phase_id: str, change: PhaseChange, *, actor:
     phase = update_phase(session, phase_id, change, actor=actor)
     if was_hidden and phase.visibility != "hidden":
         _tell_of_hidden_updates(session, phase)
-    if until is not None and phase.closes_at is not None and phase.closes_at < until:
-        words = f"It is {phase.closes_at:%Y-%m-%d %H:%M} UTC; it was {until:%Y-%m-%d %H:%M} UTC."
-        _tell_teams(session, phase, f"The deadline of {phase.title} is earlier", words)
+    if phase.closes_at != until:
+        was, is_ = (f"{at:%Y-%m-%d %H:%M} UTC" if at else "none" for at in (until, phase.closes_at))
+        _tell_teams(
+            session, phase, f"The deadline of {phase.title} is changed", f"From {was} to {is_}."
+        )
     return phase
 
 
