@@ -155,12 +155,24 @@ def test_a_spent_quota_says_when_it_begins_anew(api: "Api", as_problem: Problem)
 
 
 def test_a_spent_total_quota_never_begins_anew(api: "Api", as_problem: Problem) -> None:
-    api.phase("once", quota_total=1)
-    assert api.submit("a", phase="once").status_code == 202
-    response = api.submit("b", phase="once")
+    api.phase("twice", quota_total=2)
+    assert as_told(api.submit("a", phase="twice")) == {"limit": "2", "remaining": "1"}
+    assert api.submit("b", phase="twice").status_code == 202
+    response = api.submit("c", phase="twice")
     problem = as_problem(response, 429, "quota_exceeded")
     assert "resets_at" not in problem
     assert "retry-after" not in response.headers
+    for answer in (response, api.get("/phases/twice", "alpha"), api.submit("a", phase="twice")):
+        assert as_told(answer) == {"limit": "2", "remaining": "0"}, "no day resets it"
+
+
+def as_told(answer: httpx.Response) -> dict[str, str]:
+    """The headers of what may still be submitted."""
+    return {
+        name.removeprefix("ratelimit-"): value
+        for name, value in answer.headers.items()
+        if name.startswith("ratelimit-")
+    }
 
 
 def test_rejected_files_cost_no_quota_but_are_capped(api: "Api", as_problem: Problem) -> None:
@@ -172,8 +184,9 @@ def test_rejected_files_cost_no_quota_but_are_capped(api: "Api", as_problem: Pro
     api.reject(taken["id"], report)
     quota = api.get("/phases/strict", "alpha").json()["quota"]
     assert (quota["used_today"], quota["rejected_today"]) == (0, 1)
-    problem = as_problem(api.submit("b", phase="strict"), 429, "rejected_cap_exceeded")
-    assert "resets_at" in problem
+    refused = api.submit("b", phase="strict")
+    assert "resets_at" in as_problem(refused, 429, "rejected_cap_exceeded")
+    assert as_told(refused) == {}, "they count submissions, not files that were rejected"
 
 
 @pytest.mark.parametrize("which", ["opens_at", "closes_at"])

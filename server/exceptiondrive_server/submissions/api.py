@@ -104,7 +104,7 @@ async def submit(
     so it is where a submission is changed, withdrawn, confirmed, chosen or published.
 
     The headers `RateLimit-Limit`, `RateLimit-Remaining` and `RateLimit-Reset` (in seconds) say what
-    the team may still submit to the phase today; a phase, a submission, and the submissions of one
+    the team may still submit to the phase; a phase, a submission, and the submissions of one
     phase come with them too.
     """
     began_s = time.monotonic()

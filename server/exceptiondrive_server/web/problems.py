@@ -49,9 +49,15 @@ QUOTA_HEADERS = {
     "headers": {
         f"RateLimit-{name}": {"description": words, "schema": {"type": "integer", "minimum": 0}}
         for name, words in (
-            ("Limit", "Submissions that the team may hand in to the phase each day."),
+            (
+                "Limit",
+                "Submissions that the team may hand in to the phase each day; or in all, where that leaves fewer.",
+            ),
             ("Remaining", "How many of them are left."),
-            ("Reset", "Seconds until the count of the day begins anew."),
+            (
+                "Reset",
+                "Seconds until the count of the day begins anew; left out where the limit is that of all.",
+            ),
         )
     }
 }
@@ -153,8 +159,8 @@ def _of_records(error: RecordsError) -> ApiProblem:
     if isinstance(error, TooManyAttempts | QuotaExceeded | RejectedCapExceeded):
         problem.resets_at = error.resets_at
         problem.retry_after_s = seconds_until(error.resets_at)
-    if isinstance(error, QuotaExceeded | RejectedCapExceeded):
-        problem.headers = rate_limit_headers(error.limit, 0, error.resets_at)
+    if isinstance(error, QuotaExceeded):
+        problem.headers = _rate_limit_headers(error.limit, 0, error.resets_at)
     return problem
 
 
@@ -167,11 +173,13 @@ def seconds_until(moment: datetime | None) -> int | None:
 
 def quota_headers(quota: Quota) -> dict[str, str]:
     """Return what a team may still submit in a phase, as headers."""
-    return rate_limit_headers(quota.per_day, quota.remaining_today, quota.resets_at)
+    limit, resets_at = quota.per_day, quota.resets_at
+    if quota.total is not None and quota.is_bound_in_all:
+        limit, resets_at = quota.total, None
+    return _rate_limit_headers(limit, quota.remaining_today, resets_at)
 
 
-def rate_limit_headers(limit: int, remaining: int, resets_at: datetime | None) -> dict[str, str]:
-    """Return what the team may still submit, as headers; the reset is in seconds."""
+def _rate_limit_headers(limit: int, remaining: int, resets_at: datetime | None) -> dict[str, str]:
     headers = {"RateLimit-Limit": str(limit), "RateLimit-Remaining": str(remaining)}
     wait_s = seconds_until(resets_at)
     return headers if wait_s is None else {**headers, "RateLimit-Reset": str(wait_s)}
