@@ -96,7 +96,6 @@ class AsyncClient:
     download = _of(Client.download)
     edit = _of(Client.edit)
     edits = _of(Client.edits)
-    is_on_board = _of(Client.is_on_board)
     leaderboard = _of(Client.leaderboard)
     leaderboard_csv = _of(Client.leaderboard_csv)
     manifest = _of(Client.manifest)

@@ -155,9 +155,7 @@ class Submission:
         until = time.monotonic() + WAIT_FOR_RANK_S
         until = until if deadline is None else min(until, deadline)
         pause_s = FIRST_PAUSE_S
-        is_shown = False
-        while self.view.rank is None and not is_shown and time.monotonic() < until:
-            is_shown = self._is_on_board()
+        while self.view.awaits_board and time.monotonic() < until:
             yield pause_s
             pause_s = self._look_again(pause_s, on_change)
 
@@ -176,13 +174,6 @@ class Submission:
         if on_change is not None and self.view != before:
             on_change(self.view)
         return min(pause_s * 1.3, LONGEST_PAUSE_S)
-
-    def _is_on_board(self) -> bool:
-        """Whether the board shows it, be it unranked; an outage is left to the next look."""
-        try:
-            return self._client.is_on_board(self.id)
-        except NetworkError:
-            return False
 
     def _raise_unless_scored(self) -> None:
         view = self.view
@@ -832,14 +823,6 @@ class Client(Connection):
             self._naming(protocol or "", self._protocol_versions, "protocols"),
         ):
             return self._transport.get("/leaderboard.csv", query).text
-
-    def is_on_board(self, submission_id: str) -> bool:
-        """Whether a current board shows a submission, with a rank or without."""
-        try:
-            self._transport.get(f"/entries/{quoted(submission_id)}")
-        except NotFoundError:
-            return False
-        return True
 
     def protocol_of(self, phase: PhaseView) -> ProtocolDocument:
         """Return the phase's protocol, from this package where it is the same."""

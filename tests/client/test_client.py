@@ -512,11 +512,10 @@ def test_waiting_follows_every_change_until_the_rank(canned_server: "CannedServe
     for change in (
         {"queue": queue},
         {"status": "scoring"},
-        {"status": "scored"},
+        {"status": "scored", "awaits_board": True},
         {"status": "scored", "rank": 3},
     ):
         canned_server.answer("GET /submissions/abc", 200, {**VIEW, **change})
-    canned_server.problem("GET /entries/abc", 404, "not_found")
     submission = followed(canned_server)
     seen: list[str] = []
     view = submission.wait(on_change=lambda view: seen.append(view.status.value))
@@ -528,9 +527,10 @@ def test_waiting_follows_every_change_until_the_rank(canned_server: "CannedServe
 def test_an_outage_while_the_rank_is_waited_for_is_waited_out(
     canned_server: "CannedServer",
 ) -> None:
-    canned_server.answer("GET /submissions/abc", 200, {**VIEW, "status": "scored"})
-    canned_server.answer("GET /submissions/abc", 200, {**VIEW, "status": "scored", "rank": 3})
-    canned_server.answer("GET /entries/abc", 500, b"no problem document")
+    scored = {**VIEW, "status": "scored"}
+    canned_server.answer("GET /submissions/abc", 200, {**scored, "awaits_board": True})
+    canned_server.answer("GET /submissions/abc", 500, b"no problem document")
+    canned_server.answer("GET /submissions/abc", 200, {**scored, "rank": 3})
     assert followed(canned_server).wait().rank == 3
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import httpx
 import pytest
+from tests.support.application import entry
 from tests.support.serving import served
 
 from exceptiondrive_server.submissions import events
@@ -31,6 +32,7 @@ def events_of(text: str) -> list[dict[str, Any]]:
 def test_a_submission_that_has_ended_is_told_once(api: "Api") -> None:
     own = api.submit("a").json()["id"]
     api.score(own)
+    api.publish()
     response = api.get(f"/submissions/{own}/events", "alpha")
     assert response.status_code == 200
     assert response.headers["content-type"].startswith("text/event-stream")
@@ -39,15 +41,21 @@ def test_a_submission_that_has_ended_is_told_once(api: "Api") -> None:
     assert event == api.get(f"/submissions/{own}", "alpha").json()
 
 
-def test_changes_are_told_until_the_end(api_on_both: "Api") -> None:
+def test_changes_are_told_until_the_board_has_it(api_on_both: "Api") -> None:
     own = api_on_both.submit("a").json()["id"]
-    worker = threading.Timer(0.2, api_on_both.score, (own,))
+
+    def work() -> None:
+        api_on_both.score(own)
+        time.sleep(0.2)
+        api_on_both.publish(entry("Planner", submission_id=own))
+
+    worker = threading.Timer(0.2, work)
     worker.start()
     events = events_of(api_on_both.get(f"/submissions/{own}/events", "alpha").text)
     worker.join()
-    statuses = [event["status"] for event in events]
-    assert statuses[0] == "received"
-    assert statuses[-1] == "scored"
+    told = [(event["status"], event["awaits_board"], event["rank"]) for event in events]
+    assert told[0] == ("received", False, None)
+    assert told[-2:] == [("scored", True, None), ("scored", False, 1)]
     assert all(one != other for one, other in itertools.pairwise(events))
 
 

@@ -453,6 +453,7 @@ def test_withdrawing_on_the_page_takes_it_off(api: "Api", alpha: "TeamBrowser") 
 def test_events_of_an_ended_submission_say_so_and_end(api: "Api", alpha: "TeamBrowser") -> None:
     submission_id = api.submit("a").json()["id"]
     api.score(submission_id)
+    api.publish()
     answer = alpha.get(f"/submissions/{submission_id}/events", "text/event-stream")
     assert answer.headers["content-type"].startswith("text/event-stream")
     assert answer.text.count("event: submission") == 1

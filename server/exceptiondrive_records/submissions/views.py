@@ -190,6 +190,9 @@ def _view(
 ) -> SubmissionView:
     phase, is_scored = seen.phase, submission.is_scored
     can_be_confirmed = submission.can_be_confirmed(seen.now)
+    is_board_coming = (
+        is_scored and seen.is_board_coming
+    )  # before its entries, as they come together
     shown = seen.entries.get(submission.id) if is_scored else None
     holder = seen.replaced_by.get(submission.id)
     run_rule, is_chosen = seen.rules.get(submission.id, ("newest", False))
@@ -239,7 +242,7 @@ def _view(
         rank_interval=shown.rank_interval if shown else None,
         intervals=shown.intervals if shown else {},
         unranked_because=unranked_because,
-        awaits_board=is_to_come and seen.is_board_coming,
+        awaits_board=is_to_come and is_board_coming,
         awaits_profile=awaits_profile,
         confirm_until=submission.confirm_until if can_be_confirmed else None,
         confirmed_as=submission.confirmed_as,

@@ -45,12 +45,12 @@ RETRY_MS = 2000
 async def follow_submission(
     services: ServicesOf, principal: Reader, submission_id: SubmissionId
 ) -> StreamingResponse:
-    """Send the submission now and at each change, until it has ended.
+    """Send the submission now and at each change, until it has ended and awaits no board.
 
     Whoever connects again gets it as it is then; what was missed is not sent again. A stream ends with
-    `scored`, `rejected`, `failed` or `withdrawn`: do not connect again after these. It may end before:
-    then do, after the milliseconds of `retry`. Where nothing changes, a comment comes about
-    every 15 seconds.
+    `scored`, `rejected`, `failed` or `withdrawn`, and `awaits_board` false: do not connect again after
+    these. It may end before: then do, after the milliseconds of `retry`. Where nothing changes, a
+    comment comes about every 15 seconds.
     """
     first = await run_in_threadpool(_look, services, principal, submission_id)
     events = _events(services, principal, first)
@@ -68,7 +68,7 @@ async def _events(
     sent_at = time.monotonic()
     with services.looks.following(followed, now):
         yield _event(now)
-        while not now.status.is_terminal and time.monotonic() < ends_at:
+        while time.monotonic() < ends_at and (now.awaits_board or not now.status.is_terminal):
             await asyncio.sleep(settings.events_every_s)
             seen = now
             try:
