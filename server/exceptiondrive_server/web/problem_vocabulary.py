@@ -11,6 +11,7 @@ class ProblemKind(NamedTuple):
     """What is said of every problem of one code."""
 
     status: int
+    """Of HTTP; 0 where the client alone says it."""
     title: str
     happened: str
     steps: tuple[str, ...]
@@ -154,10 +155,11 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = {
         3,
     ),
     ProblemCode.FILE_INVALID: ProblemKind(
-        422,
+        0,
         "The file is not valid",
-        "The file breaks the format. The answer lists every fault at once under `report`: "
-        "code, place, sample, what was expected and what was there. No quota was spent.",
+        "The file breaks the format, as the client says of a file that it checks or waits for. The server takes "
+        "such a file with 202, and the submission becomes `rejected`: its `report` lists every fault at once, "
+        "with code, place, sample, what was expected and what was there. No quota is spent.",
         (
             "Run `exceptiondrive check FILE` and correct what it lists.",
             "The codes are explained below, each with an example.",
