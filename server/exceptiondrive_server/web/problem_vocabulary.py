@@ -26,9 +26,9 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = {
     ProblemCode.BAD_REQUEST: ProblemKind(
         400,
         "The request cannot be understood",
-        "A field of the request is missing or has a value that is not allowed. The answer "
-        "names each field with a sentence under `fields`.",
-        ("Correct the fields that the answer names.", "Send the request again."),
+        "A part of the request is missing or has a value that is not allowed. `detail` says it; where the form "
+        "of the request is at fault, `fields` names each field with a sentence.",
+        ("Correct what the answer names.", "Send the request again."),
         2,
         in_browser=("Go back, correct what the sentence above names, send it again.",),
     ),
