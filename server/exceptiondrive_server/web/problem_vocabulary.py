@@ -125,7 +125,10 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = {
         415,
         "This media type is not taken",
         "Submissions travel as multipart/form-data; other requests travel as JSON.",
-        ("Use `exceptiondrive submit`, or send the form as the API description shows it.",),
+        (
+            "Use `exceptiondrive submit`, or send the form as the API description shows it.",
+            "Send JSON with the header `Content-Type: application/json`.",
+        ),
         2,
         in_browser=("Send the file with the form on the submit page.",),
     ),
