@@ -126,6 +126,8 @@ def test_what_the_code_says_under_a_field_stands_in_the_document(api: "Api") -> 
         return str(schemas[name]["properties"][field].get("description", ""))
 
     assert words("SubmissionView", "is_duplicate").startswith("The same bytes were there before")
+    assert "report.to_confirm" in schemas["SubmissionStatus"]["description"]
+    assert "confirmed_bytes" not in words("Confirmation", "signature") != ""
     assert words("Problem", "resets_at") == "When a spent quota begins anew."
     assert words("RevokedToken", "made_by") == words("TokenView", "made_by") != ""
     assert words("PhaseView", "visibility").startswith("Shown to everybody")
