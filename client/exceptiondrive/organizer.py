@@ -1,6 +1,6 @@
 """What an organizer's token may do: teams, tokens, phases, protocols, rescoring, splits, audit.
 
-Answers are JSON objects as the API documents them (`/api/v1/docs`, tag `organizers`).
+Answers are JSON objects as the page `/api` of the server and its `/api/v1/openapi.json` tell them (`organizers`).
 """
 
 from collections.abc import Mapping, Sequence

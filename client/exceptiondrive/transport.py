@@ -23,10 +23,8 @@ from pydantic import TypeAdapter, ValidationError
 
 from exceptiondrive.credentials import find_server, find_token, is_this_machine
 from exceptiondrive.errors import (
-    SUBMIT_AGAIN,
     ExceptionDriveError,
     InvalidArgumentError,
-    InvalidFileError,
     NetworkError,
     NotAllowedError,
     NotFoundError,
@@ -193,8 +191,6 @@ def error_of(problem: Problem, wait_s: float | None = None) -> ExceptionDriveErr
         problem: What the server said.
         wait_s: Seconds of its Retry-After header.
     """
-    if problem.report is not None and problem.report.faults:
-        return InvalidFileError(problem.report, problem.detail, SUBMIT_AGAIN)
     if problem.code not in list(ProblemCode):
         return _newer_problem(problem)
     if problem.code in _QUOTA_CODES:

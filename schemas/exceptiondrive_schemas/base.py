@@ -111,6 +111,8 @@ _OUR_WORDS = {
     "Input should be a valid dictionary or object to extract fields from": NO_OBJECT,
     "Input should be a valid dictionary": NO_OBJECT,
     "Input should be a valid tuple": "must be a list",
+    "Input should be a valid list": "must be a list",
+    "List should have at least 1 item after validation, not 0": "must hold at least one",
 }
 """For what speaks of Python to people who send JSON, and what is met often."""
 

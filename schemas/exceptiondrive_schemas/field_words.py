@@ -1,4 +1,4 @@
-"""The sentence that stands under a field in the code, as the description of it in JSON Schemas."""
+"""JSON Schemas: the sentence under a field in the code as its description, and answers that may gain fields."""
 
 import ast
 import sys
@@ -29,6 +29,12 @@ def add_field_words(schemas: Mapping[str, dict[str, Any]]) -> None:
                     words = _words(model, field_name)
                     if words:
                         properties[key].setdefault("description", words)
+
+
+def let_gain_fields(schema: dict[str, Any]) -> None:
+    """Take from the schema of an answer that no further field may come."""
+    if schema.get("additionalProperties") is False:
+        del schema["additionalProperties"]
 
 
 def _models(base: type[BaseModel]) -> Iterator[type[BaseModel]]:

@@ -68,7 +68,7 @@ class Links(Document):
 
 
 class MethodFacts(Document):
-    """Facts of a method. What is left out is not told."""
+    """Facts of a method, each of which may be left out."""
 
     type: MethodType | None = Field(
         default=None,

@@ -90,6 +90,8 @@ def test_a_body_that_stops_coming_is_ended(target: Target, token: str) -> None:
         connection.sendall(head + HEAD + b"0" * 1000)
         answer = answered(connection)
     assert answer.startswith(b"HTTP/1.1 401" if token else b"HTTP/1.1 408")
+    kind = b"application/problem+json" if token else b"text/plain"
+    assert b"content-type: " + kind in answer.lower()
     assert target.n_submissions == before
     assert b"Traceback" not in target.server.log.read_bytes()
 
@@ -142,6 +144,7 @@ def test_what_is_no_honest_http_is_refused_and_its_connection_ended(
     answer = target.server.exchange(request_bytes)
     assert answer.startswith(f"HTTP/1.1 {status}".encode()), answer[:200]
     assert answer.count(b"HTTP/1.1 ") == 1, "a second request was smuggled in"
+    assert b"content-type: text/plain" in answer.lower()
     assert b"uvicorn" not in answer.lower()
     assert b"server:" not in answer.lower()
 

@@ -54,6 +54,13 @@ def test_a_json_schema_refuses_an_unknown_key(name: str) -> None:
         jsonschema.validate(document, json.loads(schema_text(name)))
 
 
+@pytest.mark.parametrize("name", ["score-sheet", "board", "submission", "check-report", "problem"])
+def test_a_json_schema_of_an_answer_lets_it_gain_fields(name: str) -> None:
+    schema = json.loads(schema_text(name))
+    assert '"additionalProperties": false' not in json.dumps(schema)
+    jsonschema.validate({**json.loads(example_text(name)), "colour": "red"}, schema)
+
+
 def test_the_examples_are_about_one_split(protocol: ProtocolDocument) -> None:
     split = Split.model_validate_json(example_text("split"))
     manifest = Manifest.model_validate_json(example_text("manifest"))

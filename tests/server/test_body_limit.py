@@ -121,7 +121,8 @@ def test_a_form_without_a_boundary_is_400(api: "Api", as_problem: Problem) -> No
 
 
 def test_a_field_that_is_a_novel_is_400(api: "Api", as_problem: Problem) -> None:
-    as_problem(api.submit("a", description="x" * 20_000), 400, "bad_request")
+    too_long = as_problem(api.submit("a", description="x" * 20_000), 400, "bad_request")
+    assert "a field is too long" in too_long["detail"]
 
 
 def test_many_fields_are_400(api: "Api", as_problem: Problem) -> None:

@@ -1,5 +1,6 @@
 """Confirmations by organizers: signed on their machine, kept here by API, page and command."""
 
+import base64
 import json
 import stat
 from collections.abc import Callable
@@ -7,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
 from exceptiondrive.confirmations import confirm, make_key
 from exceptiondrive.errors import InvalidArgumentError
@@ -54,6 +56,13 @@ def test_a_confirmation_is_kept_once_and_taken_back_with_a_reason(
     assert actions(api)[0] == "confirmation withdrawn"
     as_problem(api.post(PATH, "organizer", json=signed), 409, "conflict")
     assert api.get(PATH, "organizer").json() == []
+
+
+def test_what_is_signed_are_the_bytes_that_the_document_tells(signed: dict[str, Any]) -> None:
+    stated = {name: signed[name] for name in ("schema", "split", "protocol")}
+    words = json.dumps(stated, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    key = Ed25519PublicKey.from_public_bytes(base64.b64decode(signed["public_key"]))
+    key.verify(base64.b64decode(signed["signature"]), words.encode())  # raises where it is not
 
 
 def test_what_is_not_signed_rightly_is_refused(

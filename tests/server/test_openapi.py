@@ -126,6 +126,8 @@ def test_what_the_code_says_under_a_field_stands_in_the_document(api: "Api") -> 
         return str(schemas[name]["properties"][field].get("description", ""))
 
     assert words("SubmissionView", "is_duplicate").startswith("The same bytes were there before")
+    assert "report.to_confirm" in schemas["SubmissionStatus"]["description"]
+    assert "confirmed_bytes" not in words("Confirmation", "signature") != ""
     assert words("Problem", "resets_at") == "When a spent quota begins anew."
     assert words("RevokedToken", "made_by") == words("TokenView", "made_by") != ""
     assert words("PhaseView", "visibility").startswith("Shown to everybody")
@@ -136,6 +138,52 @@ def test_what_the_code_says_under_a_field_stands_in_the_document(api: "Api") -> 
     ]
     assert sum(map(bool, of_fields)) > 200
     assert not [words for words in of_fields if "None" in words or "\n" in words]
+
+
+def named_in(node: Any, document: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """The schemas that a part of the document names, and those that these name."""
+    schemas, found, new = document["components"]["schemas"], dict[str, Any](), node
+    while names := set(re.findall('#/components/schemas/([^"]+)', json.dumps(new))) - found.keys():
+        new = {name: schemas[name] for name in names}
+        found |= new
+    return found
+
+
+def test_no_body_of_a_patch_has_a_default_as_what_is_left_out_stays(api: "Api") -> None:
+    """A program made of the document would send it: a new title would show a hidden phase."""
+    document = api.app.openapi()
+    changed = 0
+    for path, method, operation in operations(document):
+        if method == "patch":
+            bodies = [operation["requestBody"], named_in(operation["requestBody"], document)]
+            assert '"default":' not in json.dumps(bodies), path
+            changed += 1
+    assert changed >= 6
+    made = named_in(document["paths"]["/api/v1/organizer/phases"]["post"]["requestBody"], document)
+    assert made["NewPhase"]["properties"]["quota_per_day"]["default"] == 3
+    assert made["NewPhasePolicy"]["properties"]["anonymous"]["default"] is False
+    told = {(one.method, one.path): one for group in by_tag(document).values() for one in group}[
+        "PATCH", "/api/v1/organizer/phases/{phase_id}"
+    ]
+    assert "What is left out stays" in " ".join(told.paragraphs)
+    assert not [each for each in told.asks if ", else" in each.type_words]
+
+
+def test_answers_may_gain_fields_and_bodies_take_none_that_is_unknown(api: "Api") -> None:
+    document = api.app.openapi()
+    answers = [each["responses"] for _, _, each in operations(document)]
+    told = named_in([answers, document["webhooks"]], document)
+    assert {"Board", "SubmissionView", "PhasePolicy", "Problem", "Confirmation"} <= set(told)
+    assert not [
+        name for name, schema in told.items() if schema.get("additionalProperties") is False
+    ]
+    assert "additionalProperties" in told["FamilyCell"]  # they say what further metrics are
+    bodies = [each.get("requestBody") for _, _, each in operations(document)]
+    sent = named_in(bodies, document)
+    objects = {name: schema for name, schema in sent.items() if schema["type"] == "object"}
+    assert {"PhaseChange", "PhasePolicyChange", "NewConfirmation"} <= set(objects)
+    assert not [it for it in objects.values() if it["additionalProperties"] is not False]
+    assert not [name for name in objects if name in told or objects[name]["title"] != name]
 
 
 def test_the_headers_that_clients_go_by_stand_in_the_document(api: "Api") -> None:
@@ -427,12 +475,15 @@ def _try(
 
 def test_the_api_page_begins_with_what_a_program_needs_and_commands_that_fit(api: "Api") -> None:
     text = html.unescape(api.client.get("/api").text)
+    text = " ".join(text.split())
     for words in (
         "Base address",
         "Authorization: Bearer",
         "Retry-After",
         "A file of at most",
         "Versions",
+        "too slowly (408) may be answered in plain text",
+        "Boards, entries and submissions are also JSON",
     ):
         assert words in text, words
     commands = re.findall(r'<pre class="term"[^>]*>(.*?)</pre>', text, re.DOTALL)

@@ -45,11 +45,14 @@ def test_a_wrong_body_is_told_in_words_of_json(
     assert (answer.status_code, answer.json()["fields"]) == (400, fields)
 
 
-def test_json_that_is_not_called_json_is_told_so(api: "Api") -> None:
-    headers = {**api.headers("alpha"), "Content-Type": "application/x-www-form-urlencoded"}
+@pytest.mark.parametrize("called", ["application/x-www-form-urlencoded", "text/plain", None])
+def test_json_that_is_not_called_json_is_told_so(
+    api: "Api", as_problem: Problem, called: str | None
+) -> None:
+    headers = api.headers("alpha") | ({} if called is None else {"Content-Type": called})
     answer = api.client.post("/api/v1/contacts", headers=headers, content="{}")
-    words = {"body": "must be a JSON object, and its Content-Type application/json"}
-    assert (answer.status_code, answer.json()["fields"]) == (400, words)
+    problem = as_problem(answer, 415, "unsupported_media_type")
+    assert "Content-Type: application/json" in problem["detail"]
 
 
 def test_a_body_of_another_form_than_its_headers_say_is_told_so(

@@ -265,6 +265,20 @@ def test_a_missing_file_is_named(api: "Api", as_problem: Problem) -> None:
     assert list(as_problem(response, 400, "bad_request")["fields"]) == ["file"]
 
 
+def test_a_file_without_a_filename_is_told_so(api: "Api", as_problem: Problem) -> None:
+    fields = {"phase": (None, "dev"), "method": (None, "Planner")}
+
+    def sent(data: str) -> dict[str, Any]:
+        answer = api.post("/submissions", "alpha", files={**fields, "file": (None, data)})
+        return as_problem(answer, 400, "bad_request")
+
+    assert sent("{}")["fields"] == {"file": "Send the file in this field, with a filename."}
+    assert "without a filename" in sent("x" * 20_000)["detail"]
+    form = api.app.openapi()["paths"]["/api/v1/submissions"]["post"]["requestBody"]["content"]
+    told = form["multipart/form-data"]["schema"]["properties"]["file"]["description"]
+    assert "filename" in told
+
+
 def test_an_empty_name_is_refused_in_our_words(api: "Api", as_problem: Problem) -> None:
     problem = as_problem(api.submit("a", method=""), 400, "bad_request")
     assert problem["fields"] == {"method": "must not be empty"}

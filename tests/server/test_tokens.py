@@ -122,6 +122,17 @@ def test_who_belongs_to_no_team_has_none(api: "Api", as_problem: Problem) -> Non
     as_problem(api.post("/tokens", "organizer", json=body), 403, "not_allowed")
 
 
+def test_scopes_are_told_one_by_one_and_each_is_kept_once(api: "Api", as_problem: Problem) -> None:
+    def fields(scopes: list[str]) -> dict[str, str]:
+        answer = api.post("/tokens", "alpha", json={"name": "x", "scopes": scopes})
+        return dict(as_problem(answer, 400, "bad_request")["fields"])
+
+    assert list(fields(["all"])) == ["scopes.0"]
+    assert fields([]) == {"scopes": "must hold at least one"}
+    twice = api.post("/tokens", "alpha", json={"name": "x", "scopes": ["read:own", "read:own"]})
+    assert twice.json()["view"]["scopes"] == ["read:own"]
+
+
 @pytest.mark.parametrize(
     "body", [{}, {"name": ""}, {"name": "x", "scopes": []}, {"name": "x", "scopes": ["all"]},
              {"name": "x", "expires_at": "2001-01-01T00:00:00Z"}, {"name": "x", "team": "beta"}]

@@ -27,7 +27,8 @@ class Confirmation(Document):
     """Content digest of the protocol."""
     public_key: PublicKey
     signature: Annotated[str, Field(pattern=r"^[A-Za-z0-9+/]{86}==$")]
-    """Base64 of the Ed25519 signature of `confirmed_bytes`."""
+    """Base64 of the Ed25519 signature of the object of `schema`, `split` and `protocol` as JSON in UTF-8, its keys
+    sorted and without blanks."""
 
     @property
     def id(self) -> str:

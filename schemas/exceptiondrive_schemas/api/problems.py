@@ -3,7 +3,6 @@
 from datetime import datetime
 
 from exceptiondrive_schemas.base import Document
-from exceptiondrive_schemas.faults import CheckReport
 from exceptiondrive_schemas.python310 import StrEnum
 
 PROBLEM_MEDIA_TYPE = "application/problem+json"
@@ -26,6 +25,7 @@ class ProblemCode(StrEnum):
     QUOTA_EXCEEDED = "quota_exceeded"
     REJECTED_CAP_EXCEEDED = "rejected_cap_exceeded"
     FILE_INVALID = "file_invalid"
+    """The client's own: the server takes such a file, and `SubmissionView.report` lists its faults."""
     TOO_MANY_REQUESTS = "too_many_requests"
     STORE_UNAVAILABLE = "store_unavailable"
     INTERNAL = "internal"
@@ -52,6 +52,5 @@ class Problem(Document):
     help."""
     resets_at: datetime | None = None
     """When a spent quota begins anew."""
-    report: CheckReport | None = None
     fields: dict[str, str] = {}
     """Request fields that are wrong, each with a sentence."""

@@ -13,7 +13,11 @@ from exceptiondrive_schemas.score_sheet import HEADLINE, Interval, ScoreSheet
 
 
 class SubmissionStatus(StrEnum):
-    """Where a submission stands. `rejected` = the file is wrong; `failed` = we are wrong."""
+    """Where a submission stands. `rejected` = the file is wrong; `failed` = we are wrong.
+
+    A sound file is `rejected`, too, where its team is asked first (`asks_first`): with questions in
+    `report.to_confirm`, and with `confirm_until` while it may say yes.
+    """
 
     RECEIVED = "received"
     """The row is committed: the submission cannot be lost any more."""

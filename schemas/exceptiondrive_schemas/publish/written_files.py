@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 from exceptiondrive_schemas.api.form_fields import FormField, fields_of
 from exceptiondrive_schemas.api.phase_settings import PhaseSettings
-from exceptiondrive_schemas.field_words import add_field_words
+from exceptiondrive_schemas.field_words import add_field_words, let_gain_fields
 from exceptiondrive_schemas.publish.broken_files import errors_page
 from exceptiondrive_schemas.publish.examples import EXAMPLES, example_json
 
@@ -20,7 +20,11 @@ def json_schema(name: str) -> dict[str, Any]:
     )
     model = type(EXAMPLES[name]())
     schema = model.model_json_schema(by_alias=True, mode=mode)
-    add_field_words({model.__name__: schema, **schema.get("$defs", {})})
+    parts = {model.__name__: schema, **schema.get("$defs", {})}
+    add_field_words(parts)
+    if name in WRITTEN_BY_SERVER:
+        for part in parts.values():
+            let_gain_fields(part)
     return {"$schema": DIALECT, **schema}
 
 

@@ -154,7 +154,7 @@ def issue_token(
         id=token_id,
         team_id=team_id,
         name=name,
-        scopes=sorted(str(scope) for scope in scopes),
+        scopes=sorted({str(scope) for scope in scopes}),
         phases=confined_to,
         secret_digest=secret_digest(text),
         prefix=f"edk_{letter}_{token_id}",

@@ -40,7 +40,7 @@ class NewTeamToken(Form):
     """A token to be issued for one's own team."""
 
     name: Annotated[str, Field(min_length=1, max_length=80)]
-    scopes: Annotated[tuple[Scope, ...], Field(min_length=1)] = PARTICIPANT_SCOPES
+    scopes: list[Scope] = Field(default=list(PARTICIPANT_SCOPES), min_length=1)
     """Only such as the asker's own token has."""
     expires_at: Time | None = None
 

@@ -155,7 +155,10 @@ def get_participation(services: ServicesOf, team_id: TeamId) -> Participation:
 def patch_team(
     services: ServicesOf, organizer: Organizer, team_id: TeamId, change: TeamChange
 ) -> ChangedTeam:
-    """Change name or affiliation; new boards show the new name, earlier ones stay as they are."""
+    """Change name or affiliation; what is left out stays.
+
+    New boards show the new name, earlier ones stay as they are.
+    """
     with services.database.write() as session:
         team = change_team(session, team_id, **change.model_dump(), actor=organizer.actor)
         return ChangedTeam(id=team.slug, name=team.name, affiliation=team.affiliation)

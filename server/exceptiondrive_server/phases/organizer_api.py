@@ -62,7 +62,10 @@ def post_phase(services: ServicesOf, organizer: Organizer, phase: NewPhase) -> P
 def patch_phase(
     services: ServicesOf, organizer: Organizer, phase_id: PhaseId, change: PhaseChange
 ) -> PhaseView:
-    """Change settings of a phase; what would take back a promise is refused."""
+    """Change settings of a phase; what would take back a promise is refused.
+
+    What is left out stays, within `page` and `policy` too; null takes a limit or date away.
+    """
     require_order_right(organizer, change)
     with services.database.write() as session:
         phase = change_phase(session, phase_id, change, actor=organizer.actor)

@@ -204,10 +204,10 @@ def patch_submission(
 ) -> SubmissionView:
     """Change what the team says of a submission: name, description, links, facts of the method.
 
-    What is left out stays, and so do score, time and quota. A name is the method's: all its runs in
-    the phase take it. Boards that were published keep the old name; facts are joined when they are read.
-    With the name of another method of the team both become one, of which one run stands: that needs
-    `replace`, and a later new name does not part them.
+    What is left out stays, and so do score, time and quota; null takes a description, link or fact away.
+    A name is the method's: all its runs in the phase take it. Boards that were published keep the old
+    name; facts are joined when they are read. With the name of another method of the team both become
+    one, of which one run stands: that needs `replace`, and a later new name does not part them.
     """
     edit = partial(edit_submission, change=change)
     return _decide(services, principal, submission_id, edit, replace=change.replace)

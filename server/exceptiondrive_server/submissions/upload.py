@@ -130,7 +130,7 @@ def upload_body() -> dict[str, Any]:
         "type": "string",
         "contentMediaType": "application/octet-stream",
         "format": "binary",
-        "description": "the submission file, JSON or gzip",
+        "description": "the submission file, JSON or gzip; its part of the form needs a filename, whichever",
     }
     schema["required"].append("file")
     content = {"multipart/form-data": {"schema": schema}}
@@ -203,8 +203,10 @@ def _with_facts(form: FormData) -> FormData:
 def _shape_faults(form: FormData) -> list[dict[str, Any]]:
     """What a model of the fields cannot see: no file, a field twice."""
     faults = []
-    if not isinstance(form.get("file"), UploadFile):
-        faults.append({"type": "missing", "loc": ("file",), "msg": "Send the file in this field."})
+    file = form.get("file")
+    if not isinstance(file, UploadFile):
+        words = "Send the file in this field" + (", with a filename." if file is not None else ".")
+        faults.append({"type": "missing", "loc": ("file",), "msg": words})
     if len(form.multi_items()) != len(form):
         faults.append({"type": "repeated", "loc": ("form",), "msg": "Send each field once."})
     return faults

@@ -65,7 +65,7 @@ class NewToken(Form):
     """A token to be issued."""
 
     name: Annotated[str, Field(min_length=1, max_length=80)]
-    scopes: Annotated[tuple[Scope, ...], Field(min_length=1)] = TEAM_SCOPES
+    scopes: list[Scope] = Field(default=list(TEAM_SCOPES), min_length=1)
     expires_at: Time | None = None
 
 

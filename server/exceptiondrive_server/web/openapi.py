@@ -1,6 +1,7 @@
 """The OpenAPI document: every answer a route may give, errors always as the one problem document."""
 
 import json
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -8,7 +9,7 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
 from exceptiondrive_schemas.api.problems import PROBLEM_MEDIA_TYPE, Problem
-from exceptiondrive_schemas.field_words import add_field_words
+from exceptiondrive_schemas.field_words import add_field_words, let_gain_fields
 from exceptiondrive_schemas.published import example_text
 
 TAGS = {
@@ -26,6 +27,7 @@ TAGS = {
     "health": "For operators; outside the versioned API.",
 }
 _SCHEMA = "#/components/schemas/"
+_REFERENCE = re.compile(f'"{_SCHEMA}([^"]+)"')
 _EXAMPLES = {"Problem": "problem", "Board": "board", "SubmissionView": "submission"}
 _EXAMPLES |= {"Manifest": "manifest", "Protocol": "protocol", "ScoreSheet": "score-sheet"}
 _UNUSED = ("HTTPValidationError", "ValidationError")
@@ -47,6 +49,7 @@ def describe(app: FastAPI) -> dict[str, Any]:
         for operations in document["paths"].values():
             for operation in operations.values():
                 _complete(operation["responses"])
+        _part_bodies_from_answers(document)
         app.openapi_schema = document
     return app.openapi_schema
 
@@ -94,3 +97,52 @@ def _complete(responses: dict[str, Any]) -> None:
             response["headers"] = {**response.get("headers", {}), **headers}
     content = {PROBLEM_MEDIA_TYPE: {"schema": {"$ref": _SCHEMA + "Problem"}}}
     responses["default"] = {"description": "Any other error, as a problem.", "content": content}
+
+
+def _part_bodies_from_answers(document: dict[str, Any]) -> None:
+    """Let answers gain fields, and take the defaults from bodies of a PATCH: what these leave out stays.
+
+    What bodies and answers share gets a schema of its own for bodies, which take no unknown field.
+    """
+    schemas = document["components"]["schemas"]
+    operations = [each for methods in document["paths"].values() for each in methods.items()]
+    answers = [each["responses"] for _, each in operations]
+    told = _named(schemas, [answers, document["webhooks"]])
+    for method, operation in operations:
+        if "requestBody" in operation:
+            _describe_body(operation, schemas, told, is_change=method == "patch")
+    for name in told:
+        let_gain_fields(schemas[name])
+
+
+def _describe_body(
+    operation: dict[str, Any], schemas: dict[str, Any], told: set[str], *, is_change: bool
+) -> None:
+    sent = _named(schemas, operation["requestBody"])
+    shared = [name for name in sent & told if "properties" in schemas[name]]
+    names = {name: f"{name}Change" if is_change else f"New{name}" for name in shared}
+    operation["requestBody"] = _renamed(operation["requestBody"], names)
+    for name in sorted(sent):
+        own = names.get(name, name)
+        schemas[own] = {**_renamed(schemas[name], names), "title": own}
+        if is_change:
+            for field in schemas[own].get("properties", {}).values():
+                field.pop("default", None)
+
+
+def _named(schemas: dict[str, Any], node: Any) -> set[str]:
+    """Return the names of the schemas that a part of the document is made of."""
+    names: set[str] = set()
+    new = set(_REFERENCE.findall(json.dumps(node)))
+    while new:
+        names |= new
+        new = set(_REFERENCE.findall(json.dumps([schemas[name] for name in new]))) - names
+    return names
+
+
+def _renamed(node: dict[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
+    """Return a copy that refers to other schemas where they have another name."""
+    text = _REFERENCE.sub(
+        lambda found: f'"{_SCHEMA}{names.get(found[1], found[1])}"', json.dumps(node)
+    )
+    return json.loads(text)  # type: ignore[no-any-return]

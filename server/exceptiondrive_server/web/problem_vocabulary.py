@@ -11,6 +11,7 @@ class ProblemKind(NamedTuple):
     """What is said of every problem of one code."""
 
     status: int
+    """Of HTTP; 0 where the client alone says it."""
     title: str
     happened: str
     steps: tuple[str, ...]
@@ -25,9 +26,9 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = {
     ProblemCode.BAD_REQUEST: ProblemKind(
         400,
         "The request cannot be understood",
-        "A field of the request is missing or has a value that is not allowed. The answer "
-        "names each field with a sentence under `fields`.",
-        ("Correct the fields that the answer names.", "Send the request again."),
+        "A part of the request is missing or has a value that is not allowed. `detail` says it; where the form "
+        "of the request is at fault, `fields` names each field with a sentence.",
+        ("Correct what the answer names.", "Send the request again."),
         2,
         in_browser=("Go back, correct what the sentence above names, send it again.",),
     ),
@@ -124,7 +125,10 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = {
         415,
         "This media type is not taken",
         "Submissions travel as multipart/form-data; other requests travel as JSON.",
-        ("Use `exceptiondrive submit`, or send the form as the API description shows it.",),
+        (
+            "Use `exceptiondrive submit`, or send the form as the API description shows it.",
+            "Send JSON with the header `Content-Type: application/json`.",
+        ),
         2,
         in_browser=("Send the file with the form on the submit page.",),
     ),
@@ -154,10 +158,11 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = {
         3,
     ),
     ProblemCode.FILE_INVALID: ProblemKind(
-        422,
+        0,
         "The file is not valid",
-        "The file breaks the format. The answer lists every fault at once under `report`: "
-        "code, place, sample, what was expected and what was there. No quota was spent.",
+        "The file breaks the format, as the client says of a file that it checks or waits for. The server takes "
+        "such a file with 202, and the submission becomes `rejected`: its `report` lists every fault at once, "
+        "with code, place, sample, what was expected and what was there. No quota is spent.",
         (
             "Run `exceptiondrive check FILE` and correct what it lists.",
             "The codes are explained below, each with an example.",

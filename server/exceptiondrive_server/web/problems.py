@@ -138,9 +138,10 @@ async def _api_problem(request: Request, error: Exception) -> Response:
 async def _refusal(request: Request, error: Exception) -> Response:
     assert isinstance(error, RecordsError | RequestValidationError)
     problem = problem_of(error)
-    is_called_json = "json" in request.headers.get("content-type", "json")
+    is_called_json = "json" in request.headers.get("content-type", "")
     if problem.fields.get("body") == NO_OBJECT and not is_called_json:  # as curl's -d alone does
-        problem.fields["body"] = f"{NO_OBJECT}, and its Content-Type application/json"
+        detail = "Send the body as JSON, and with the header Content-Type: application/json."
+        problem = ApiProblem(ProblemCode.UNSUPPORTED_MEDIA_TYPE, detail)
     return problem_response(request, problem)
 
 
@@ -216,10 +217,10 @@ async def _http_exception(request: Request, error: Exception) -> Response:
         ProblemCode.METHOD_NOT_ALLOWED: "This address does not take that method.",
         ProblemCode.UPLOAD_TOO_LARGE: TOO_LARGE,
     }
-    detail = details.get(
-        code,
-        "The body cannot be read: it is not of the form that its headers say, or has more parts than are taken.",
-    )
+    words = "it is not of the form that its headers say, or has more parts than are taken."
+    if "exceeded maximum size" in error.detail:  # of a part of a form, as Starlette says it
+        words = "a field is too long, or a file came without a filename, which every file needs."
+    detail = details.get(code, f"The body cannot be read: {words}")
     headers = {"Allow": ", ".join(_methods_at(request))} if error.status_code == 405 else {}
     return problem_response(request, ApiProblem(code, detail, headers=headers))
 

@@ -171,6 +171,13 @@ async def test_every_problem_has_a_help_page(shown_site: Any, code: ProblemCode)
     assert PROBLEMS[code].title in answer.text
 
 
+async def test_of_a_problem_that_the_client_alone_says_no_answer_is_shown(shown_site: Any) -> None:
+    text = (await shown_site.get("/problems/file_invalid")).text
+    assert "As the server answers it" not in text
+    assert "the submission becomes <code>rejected</code>" in text
+    assert "As the server answers it" in (await shown_site.get("/problems/bad_request")).text
+
+
 def test_every_problem_is_explained_with_at_least_one_step() -> None:
     assert set(PROBLEMS) == set(ProblemCode)
     assert all(help_.steps and help_.happened for help_ in PROBLEMS.values())
