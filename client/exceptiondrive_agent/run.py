@@ -260,10 +260,13 @@ def _run(
     out: Path,
 ) -> RunReport:
     finished = answers(journal.lines, question)
-    open_ids = [key for key in sample_ids if key not in finished][: settings.limit]
+    asked = {line.sample_id for line in journal.lines}
+    open_ids = sorted((key for key in sample_ids if key not in finished), key=asked.__contains__)
     n_before = len(journal.lines)
     with as_client_errors():
-        n_requests = asyncio.run(_ask(question, open_ids, images, journal, settings))
+        n_requests = asyncio.run(
+            _ask(question, open_ids[: settings.limit], images, journal, settings)
+        )
     return run_report(
         journal.lines[n_before:],
         samples=len(sample_ids),
@@ -292,7 +295,8 @@ async def _ask(
                 journal.append(line)
                 advance(line)
 
-            await ask_all(sample_ids, ask, take, settings.concurrency)
+            has_answered = any(line.is_done for line in journal.lines)
+            await ask_all(sample_ids, ask, take, settings.concurrency, has_answered=has_answered)
         return endpoint.n_requests
 
 

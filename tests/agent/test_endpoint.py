@@ -229,12 +229,12 @@ def test_what_no_sample_can_survive_stops_the_run(
     assert said in result.stderr
 
 
-@pytest.mark.parametrize("at_a_time", [1, 2])
-def test_an_endpoint_that_has_gone_stops_the_run_after_twenty_samples_in_a_row(
-    bench: Bench, endpoint: "ChatEndpoint", at_a_time: int
+@pytest.mark.parametrize(("at_a_time", "status"), [(1, 503), (2, 503), (1, 307)])
+def test_an_endpoint_that_has_gone_or_refuses_all_stops_the_run_after_twenty_samples_in_a_row(
+    bench: Bench, endpoint: "ChatEndpoint", at_a_time: int, status: int
 ) -> None:
     bench.add_samples(40)
-    endpoint.answer = Sequence(endpoint.fails(503))
+    endpoint.answer = Sequence(endpoint.fails(status))
     result = bench.run("decide", "--max-retries", "0", "--concurrency", str(at_a_time))
     assert result.exit_code == 5
     assert "20 samples in a row" in result.stderr
