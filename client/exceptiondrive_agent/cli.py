@@ -16,6 +16,7 @@ import typer
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import say, show_json
 from exceptiondrive.errors import NetworkError, extra_missing
+from exceptiondrive.inputs import require_unread
 from exceptiondrive_agent.errors import AgentError
 from exceptiondrive_schemas.printable import counted
 
@@ -167,6 +168,7 @@ def decide(
     """
     from exceptiondrive_agent import run
 
+    require_unread(out, images, manifest, reminders, journal, asking["protocol"])
     return run.decide(
         images,
         manifest,
