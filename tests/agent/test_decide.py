@@ -110,7 +110,7 @@ def test_the_two_settings_never_share_a_journal(
     bench.report("decide")
     result = bench.run("decide", "--reminders", str(bench.reminders))
     assert result.exit_code == 2
-    assert "name another file" in result.stderr
+    assert "and other settings: --reminders or none." in result.stderr
 
 
 def test_reminders_of_other_samples_or_of_no_journal_are_refused(
