@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from exceptiondrive.checking import write_file
+from exceptiondrive.cli.output import say
 from exceptiondrive.inputs import given_manifest, require_name
 from exceptiondrive_agent.errors import AgentError, as_client_errors
 from exceptiondrive_agent.journal import MAX_RAW_CHARACTERS, Journal, JournalLine, read_journal
@@ -211,15 +212,17 @@ def decide(
     question = decide_question(reminders, taxonomy, settings.views)
     header = question.header(settings.model, with_reminders=reminders_path is not None)
     with Journal(journal_path or out.with_name(f"{out.name}.journal.jsonl"), header) as journal:
-        report = _run(question, manifest.sample_ids, found, journal, settings, out)
-        strategies = {
-            key: line.strategy
-            for key, line in answers(journal.lines, question).items()
-            if line.strategy is not None
-        }
-    attached = reminders if attach_reminders else {}
-    write_submission(strategy_submission(manifest, strategies, attached), out)
-    return report
+        try:
+            return _run(question, manifest.sample_ids, found, journal, settings, out)
+        finally:  # a run that stops early has paid for what there is
+            if journal.lines:
+                strategies = {
+                    key: line.strategy
+                    for key, line in answers(journal.lines, question).items()
+                    if line.strategy is not None
+                }
+                attached = reminders if attach_reminders else {}
+                write_submission(strategy_submission(manifest, strategies, attached), out)
 
 
 def read_reminders(path: Path, manifest: Manifest, taxonomy: Taxonomy) -> dict[str, ReminderRecord]:
@@ -264,17 +267,27 @@ def _run(
     open_ids = sorted((key for key in sample_ids if key not in finished), key=asked.__contains__)
     n_before = len(journal.lines)
     with as_client_errors():
-        n_requests = asyncio.run(
-            _ask(question, open_ids[: settings.limit], images, journal, settings)
+        endpoint = Endpoint(settings.endpoint, settings.model)
+
+    def report() -> RunReport:
+        return run_report(
+            journal.lines[n_before:],
+            samples=len(sample_ids),
+            answered=len(answers(journal.lines, question).keys() & set(sample_ids)),
+            requests=endpoint.n_requests,
+            prices=settings.prices,
+            out=str(out),
         )
-    return run_report(
-        journal.lines[n_before:],
-        samples=len(sample_ids),
-        answered=len(answers(journal.lines, question).keys() & set(sample_ids)),
-        requests=n_requests,
-        prices=settings.prices,
-        out=str(out),
-    )
+
+    asking = _ask(question, open_ids[: settings.limit], images, journal, settings, endpoint)
+    try:
+        with as_client_errors():
+            asyncio.run(asking)
+    except BaseException:
+        if journal.lines:
+            say(report().text)
+        raise
+    return report()
 
 
 async def _ask(
@@ -283,8 +296,9 @@ async def _ask(
     images: ImagePaths,
     journal: Journal,
     settings: RunSettings,
-) -> int:
-    async with Endpoint(settings.endpoint, settings.model) as endpoint:
+    endpoint: Endpoint,
+) -> None:
+    async with endpoint:
 
         async def ask(sample_id: str) -> JournalLine:
             return await ask_sample(sample_id, question, images, endpoint)
@@ -297,7 +311,6 @@ async def _ask(
 
             has_answered = any(line.is_done for line in journal.lines)
             await ask_all(sample_ids, ask, take, settings.concurrency, has_answered=has_answered)
-        return endpoint.n_requests
 
 
 def _check_that_any_has_images(sample_ids: Sequence[str], found: ImagePaths) -> None:

@@ -18,7 +18,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from exceptiondrive_endpoints.errors import EndpointGoneError, Reason
+from exceptiondrive_endpoints.errors import GO_ON, EndpointGoneError, Reason
 
 GIVE_UP_AFTER = 20
 
@@ -77,7 +77,7 @@ async def ask_all(
                 raise EndpointGoneError(
                     f"The endpoint failed for {GIVE_UP_AFTER} samples in a row, the last time "
                     f"with: {outcome.detail}.",
-                    "Answers so far are kept; run the same command to go on.",
+                    GO_ON,
                 )
 
     workers = [asyncio.create_task(work()) for _ in range(concurrency)]

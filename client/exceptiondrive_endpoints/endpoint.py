@@ -18,6 +18,7 @@ from pydantic import BaseModel, BeforeValidator, Field, ValidationError, WrapVal
 
 from exceptiondrive_endpoints.answers import Schema
 from exceptiondrive_endpoints.errors import (
+    GO_ON,
     EndpointError,
     EndpointRefusesError,
     NoAnswerError,
@@ -399,7 +400,9 @@ class Endpoint:
                 f"The endpoint refuses the key: {said}.", self._settings.key_advice
             )
         if error.status_code == 402 or error.code == "insufficient_quota":
-            raise EndpointRefusesError(f"The endpoint says that the account is used up: {said}.")
+            raise EndpointRefusesError(
+                f"The endpoint says that the account is used up: {said}.", GO_ON
+            )
         if error.status_code == 404:
             raise EndpointError(
                 f"{self._settings.base_url} knows no such address, or no model "

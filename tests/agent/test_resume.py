@@ -53,6 +53,41 @@ def test_after_sigkill_midway_the_same_command_finishes_and_asks_only_what_is_op
     assert set(bench.journal()) == set(samples)
 
 
+def test_ctrl_c_midway_says_what_was_spent_and_writes_what_there_is(
+    bench: Bench, endpoint: "ChatEndpoint"
+) -> None:
+    bench.add_samples(4)
+    midway, released = threading.Event(), threading.Event()
+
+    def answer(seen: "Seen") -> "Reply":
+        if shade_of(seen) == 2:
+            midway.set()
+            released.wait(timeout=60)
+        return endpoint.says('{"strategy": "C"}')
+
+    endpoint.answer = answer
+    program = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"
+        "from exceptiondrive.cli import main; main()"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, *bench.arguments("decide", "--concurrency", "1")],
+        env=os.environ | {"NO_PROXY": "127.0.0.1"},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert midway.wait(timeout=60)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    released.set()
+    assert process.returncode == 130
+    assert "tokens       2000 in, 100 out" in said
+    assert "Interrupted. Answers so far are kept; run the same command to go on." in said
+    letters = [each["strategy"] for each in bench.submission()["predictions"]]
+    assert letters == ["C", "C", None, None]
+
+
 def refuses_below(endpoint: "ChatEndpoint", shade: int) -> "Callable[[Seen], Reply]":
     """Refuse the pictures of the first samples, as a content policy would; answer the others."""
 
