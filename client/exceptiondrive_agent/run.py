@@ -22,6 +22,7 @@ from exceptiondrive_endpoints.asking import ask_all, progress_bar
 from exceptiondrive_endpoints.endpoint import Endpoint, EndpointSettings, Message, ModelSettings
 from exceptiondrive_endpoints.errors import NoAnswerError, Reason
 from exceptiondrive_endpoints.images import load_images
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_schemas.submission_files import (
@@ -140,7 +141,8 @@ async def ask_sample(
 def _request(sample_id: str, question: Question, images: ImagePaths) -> list[Message]:
     loaded = load_images(images.get(sample_id, ()))
     if question.views and len(question.views) != len(loaded):
-        detail = f"{len(question.views)} views are named, the sample has {len(loaded)} images"
+        named, there = counted(len(question.views), "view"), counted(len(loaded), "image")
+        detail = f"--views names {named}, the sample has {there}"
         raise NoAnswerError(Reason.WRONG_IMAGE_COUNT, detail)
     reminder = question.reminders.get(sample_id)
     return messages(question.instructions, loaded, question.views, reminder)
@@ -275,6 +277,7 @@ def _run(
             samples=len(sample_ids),
             answered=len(answers(journal.lines, question).keys() & set(sample_ids)),
             requests=endpoint.n_requests,
+            model=settings.model.model,
             prices=settings.prices,
             out=str(out),
         )

@@ -120,6 +120,7 @@ def test_views_are_named_to_the_model_and_their_number_must_fit(
     bench.reminders.unlink()
     report = bench.report("remind", "--views", "front,back", exit_code=2)
     assert report["failed"] == {"wrong_image_count": 1}
+    assert report["failure"] == "--views names 2 views, the sample has 1 image"
 
 
 def test_an_answer_that_was_cut_is_asked_again_under_a_higher_limit_in_the_same_journal(
