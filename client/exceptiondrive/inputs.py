@@ -139,6 +139,20 @@ def require_name(path: Path) -> None:
         )
 
 
+def require_unread(output: Path, *read: Path | str | None) -> None:
+    """Refuse to write over what a command reads; what is None was not given.
+
+    Raises:
+        InvalidArgumentError: The output is one of these.
+    """
+    if output.resolve() in [Path(each).resolve() for each in read if each is not None]:
+        raise InvalidArgumentError(
+            "wrong_option",
+            f"{output} is what is read; it was left as it is.",
+            "Name another file to write.",
+        )
+
+
 def given_submission(given: object, split: str | None = None) -> GivenFile:
     """Return a submission file.
 

@@ -16,7 +16,9 @@ import typer
 from exceptiondrive.cli import options
 from exceptiondrive.cli.output import say, show_json
 from exceptiondrive.errors import NetworkError, extra_missing
+from exceptiondrive.inputs import require_unread
 from exceptiondrive_agent.errors import AgentError
+from exceptiondrive_endpoints.errors import GO_ON
 from exceptiondrive_schemas.printable import counted
 
 if TYPE_CHECKING:
@@ -101,7 +103,7 @@ def _command(ask: "Callable[..., RunReport]") -> Callable[..., None]:
         try:
             report = ask(**given)
         except KeyboardInterrupt:
-            say("\nInterrupted. Answers so far are kept; run the same command to go on.")
+            say(f"\nInterrupted. {GO_ON}")
             raise
         if json:
             show_json(report)
@@ -167,6 +169,7 @@ def decide(
     """
     from exceptiondrive_agent import run
 
+    require_unread(out, images, manifest, reminders, journal, asking["protocol"])
     return run.decide(
         images,
         manifest,

@@ -25,7 +25,7 @@ class JournalHeader(Document):
     )
     question: Literal["remind", "decide"]
     model: str
-    settings_digest: str
+    settings: dict[str, str] = Field(description="digest of each, by what the command calls it")
 
 
 class JournalLine(Document):
@@ -76,7 +76,10 @@ class Journal(journal.Journal[JournalHeader, JournalLine]):
             super().__init__(path, header, JournalLine)
         if self.header != header:
             self.__exit__()
+            made, asked = self.header.settings, header.settings
+            other = ", ".join(name for name in asked if made.get(name) != asked[name])
             raise AgentError(
-                f"{path}: made by `{self.header.question}` with model {self.header.model!r} and "
-                "other settings (model, prompt, protocol, views or sampling); name another file"
+                f"{path}: made by `{self.header.question}` with model {self.header.model!r}"
+                f"{other and f' and other settings: {other}'}.",
+                "Ask as it was asked, or name another file.",
             )

@@ -140,19 +140,20 @@ class Question:
     views: tuple[str, ...] = ()
 
     def header(self, model: ModelSettings, *, with_reminders: bool = False) -> JournalHeader:
-        """The journal header of this question to this model."""
+        """The journal header of this question to this model.
+
+        The token limit is not part of it: no answer that is kept was cut by it, and those that were
+        are asked again under a higher one, in the same journal.
+        """
         settings = {
-            "instructions": self.instructions,
-            "schema": self.schema,
-            "views": list(self.views),
-            "with_reminders": with_reminders,
-            "temperature": model.temperature,
-            "max_tokens": model.max_tokens,
-            "extra": model.extra,
+            "prompt and --protocol": [self.instructions, self.schema],
+            "--views": list(self.views),
+            "--reminders or none": with_reminders,
+            "--temperature": model.temperature,
+            "--extra-body": model.extra,
         }
-        return JournalHeader(
-            question=self.name, model=model.model, settings_digest=content_digest(settings)
-        )
+        digests = {name: content_digest(value) for name, value in settings.items()}
+        return JournalHeader(question=self.name, model=model.model, settings=digests)
 
     def given_reminder_digest(self, sample_id: str) -> str | None:
         """Digest of the reminder that goes with a sample, if one does."""

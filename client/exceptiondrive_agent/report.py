@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from exceptiondrive_agent.journal import JournalLine
 from exceptiondrive_endpoints.errors import Reason
 from exceptiondrive_schemas.base import Document
+from exceptiondrive_schemas.printable import one_line
 
 
 class Prices(Document):
@@ -18,6 +19,7 @@ class Prices(Document):
 class RunReport(Document):
     """Totals of one run; `answered` counts earlier runs of the same journal too.
 
+    `other_models` are the names under which answers came, other than the one that was asked for.
     `failure` is one of the failures in words, of an endpoint that did not answer if there is one.
     """
 
@@ -32,6 +34,7 @@ class RunReport(Document):
     prompt_tokens: int
     completion_tokens: int
     without_token_counts: int
+    other_models: tuple[str, ...]
     unreachable: int
     cost: float | None
     out: str
@@ -50,6 +53,8 @@ class RunReport(Document):
         ]
         if uncounted:
             lines.append(f"             the endpoint counted none for {uncounted} answers")
+        if self.other_models:
+            lines.append(f"answered by  {', '.join(map(one_line, self.other_models))}")
         if self.cost is not None:
             lines.append(f"cost         {self.cost:.4f}")
         return "\n".join((*lines, f"written to   {self.out}"))
@@ -61,10 +66,11 @@ def run_report(
     samples: int,
     answered: int,
     requests: int,
+    model: str,
     prices: Prices | None,
     out: str,
 ) -> RunReport:
-    """Sum up the journal lines of one run; `answered` are of earlier runs, too, `requests` with retries."""
+    """Sum up the journal lines of one run of `model`; `answered` are of earlier runs, too, `requests` with retries."""
     prompt = sum(line.prompt_tokens or 0 for line in lines)
     completion = sum(line.completion_tokens or 0 for line in lines)
     failed = Counter(line.reason.value for line in lines if line.reason is not None)
@@ -82,6 +88,7 @@ def run_report(
         without_token_counts=sum(
             line.form is not None and line.prompt_tokens is None for line in lines
         ),
+        other_models=tuple(sorted({line.model for line in lines if line.model} - {model})),
         unreachable=sum(line.reason is not None and line.reason.is_unreachable for line in lines),
         cost=cost(prices, prompt, completion),
         out=out,

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from exceptiondrive.checking import write_file
+from exceptiondrive.cli.output import say
 from exceptiondrive.inputs import given_manifest, require_name
 from exceptiondrive_agent.errors import AgentError, as_client_errors
 from exceptiondrive_agent.journal import MAX_RAW_CHARACTERS, Journal, JournalLine, read_journal
@@ -21,6 +22,7 @@ from exceptiondrive_endpoints.asking import ask_all, progress_bar
 from exceptiondrive_endpoints.endpoint import Endpoint, EndpointSettings, Message, ModelSettings
 from exceptiondrive_endpoints.errors import NoAnswerError, Reason
 from exceptiondrive_endpoints.images import load_images
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
 from exceptiondrive_schemas.submission_files import (
@@ -139,7 +141,8 @@ async def ask_sample(
 def _request(sample_id: str, question: Question, images: ImagePaths) -> list[Message]:
     loaded = load_images(images.get(sample_id, ()))
     if question.views and len(question.views) != len(loaded):
-        detail = f"{len(question.views)} views are named, the sample has {len(loaded)} images"
+        named, there = counted(len(question.views), "view"), counted(len(loaded), "image")
+        detail = f"--views names {named}, the sample has {there}"
         raise NoAnswerError(Reason.WRONG_IMAGE_COUNT, detail)
     reminder = question.reminders.get(sample_id)
     return messages(question.instructions, loaded, question.views, reminder)
@@ -211,15 +214,17 @@ def decide(
     question = decide_question(reminders, taxonomy, settings.views)
     header = question.header(settings.model, with_reminders=reminders_path is not None)
     with Journal(journal_path or out.with_name(f"{out.name}.journal.jsonl"), header) as journal:
-        report = _run(question, manifest.sample_ids, found, journal, settings, out)
-        strategies = {
-            key: line.strategy
-            for key, line in answers(journal.lines, question).items()
-            if line.strategy is not None
-        }
-    attached = reminders if attach_reminders else {}
-    write_submission(strategy_submission(manifest, strategies, attached), out)
-    return report
+        try:
+            return _run(question, manifest.sample_ids, found, journal, settings, out)
+        finally:  # a run that stops early has paid for what there is
+            if journal.lines:
+                strategies = {
+                    key: line.strategy
+                    for key, line in answers(journal.lines, question).items()
+                    if line.strategy is not None
+                }
+                attached = reminders if attach_reminders else {}
+                write_submission(strategy_submission(manifest, strategies, attached), out)
 
 
 def read_reminders(path: Path, manifest: Manifest, taxonomy: Taxonomy) -> dict[str, ReminderRecord]:
@@ -260,18 +265,32 @@ def _run(
     out: Path,
 ) -> RunReport:
     finished = answers(journal.lines, question)
-    open_ids = [key for key in sample_ids if key not in finished][: settings.limit]
+    asked = {line.sample_id for line in journal.lines}
+    open_ids = sorted((key for key in sample_ids if key not in finished), key=asked.__contains__)
     n_before = len(journal.lines)
     with as_client_errors():
-        n_requests = asyncio.run(_ask(question, open_ids, images, journal, settings))
-    return run_report(
-        journal.lines[n_before:],
-        samples=len(sample_ids),
-        answered=len(answers(journal.lines, question).keys() & set(sample_ids)),
-        requests=n_requests,
-        prices=settings.prices,
-        out=str(out),
-    )
+        endpoint = Endpoint(settings.endpoint, settings.model)
+
+    def report() -> RunReport:
+        return run_report(
+            journal.lines[n_before:],
+            samples=len(sample_ids),
+            answered=len(answers(journal.lines, question).keys() & set(sample_ids)),
+            requests=endpoint.n_requests,
+            model=settings.model.model,
+            prices=settings.prices,
+            out=str(out),
+        )
+
+    asking = _ask(question, open_ids[: settings.limit], images, journal, settings, endpoint)
+    try:
+        with as_client_errors():
+            asyncio.run(asking)
+    except BaseException:
+        if journal.lines:
+            say(report().text)
+        raise
+    return report()
 
 
 async def _ask(
@@ -280,8 +299,9 @@ async def _ask(
     images: ImagePaths,
     journal: Journal,
     settings: RunSettings,
-) -> int:
-    async with Endpoint(settings.endpoint, settings.model) as endpoint:
+    endpoint: Endpoint,
+) -> None:
+    async with endpoint:
 
         async def ask(sample_id: str) -> JournalLine:
             return await ask_sample(sample_id, question, images, endpoint)
@@ -292,8 +312,8 @@ async def _ask(
                 journal.append(line)
                 advance(line)
 
-            await ask_all(sample_ids, ask, take, settings.concurrency)
-        return endpoint.n_requests
+            has_answered = any(line.is_done for line in journal.lines)
+            await ask_all(sample_ids, ask, take, settings.concurrency, has_answered=has_answered)
 
 
 def _check_that_any_has_images(sample_ids: Sequence[str], found: ImagePaths) -> None:

@@ -18,7 +18,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from exceptiondrive_endpoints.errors import EndpointGoneError, Reason
+from exceptiondrive_endpoints.errors import GO_ON, EndpointGoneError, Reason
 
 GIVE_UP_AFTER = 20
 
@@ -44,8 +44,18 @@ async def ask_all(
     ask: Callable[[Item], Awaitable[Found]],
     take: Callable[[Found], None],
     concurrency: int,
+    *,
+    has_answered: bool,
 ) -> None:
     """Ask about the items in order, at most `concurrency` at a time; hand each outcome to `take`.
+
+    Args:
+        items: What to ask about.
+        ask: Asks about one.
+        take: Keeps what came of it.
+        concurrency: How many are under way.
+        has_answered: Whether the endpoint has ever answered such a question. Once it has, what it
+            refuses is about the item, and only silence counts as a failure of the endpoint.
 
     Raises:
         EndpointError: The endpoint refuses the run, or failed 20 times in a row.
@@ -53,17 +63,21 @@ async def ask_all(
     queue, failures_in_a_row = iter(items), 0
 
     async def work() -> None:
-        nonlocal failures_in_a_row
+        nonlocal failures_in_a_row, has_answered
         for item in queue:
             outcome = await ask(item)
             take(outcome)
-            failed = outcome.reason is not None and outcome.reason.is_from_endpoint
+            reason = outcome.reason
+            has_answered = has_answered or reason is None
+            failed = reason is not None and (
+                reason.is_unreachable if has_answered else reason.is_from_endpoint
+            )
             failures_in_a_row = failures_in_a_row + 1 if failed else 0
             if failures_in_a_row >= GIVE_UP_AFTER:  # before every question has waited in vain
                 raise EndpointGoneError(
                     f"The endpoint failed for {GIVE_UP_AFTER} samples in a row, the last time "
                     f"with: {outcome.detail}.",
-                    "Answers so far are kept; run the same command to go on.",
+                    GO_ON,
                 )
 
     workers = [asyncio.create_task(work()) for _ in range(concurrency)]

@@ -18,6 +18,7 @@ from pydantic import BaseModel, BeforeValidator, Field, ValidationError, WrapVal
 
 from exceptiondrive_endpoints.answers import Schema
 from exceptiondrive_endpoints.errors import (
+    GO_ON,
     EndpointError,
     EndpointRefusesError,
     NoAnswerError,
@@ -32,7 +33,21 @@ Answer = TypeVar("Answer", "Completion", "EditedPicture")
 LONGEST_ANSWER = 10
 """A whole answer may take so many times as long as an endpoint may be silent."""
 _UNKNOWN_SIGNER = ("self-signed", "self signed", "local issuer")
-_RAW_RESPONSE = "x-stainless-raw-response"  # the library reads it back from the request
+_HEADERS = frozenset(
+    {
+        "accept",
+        "accept-encoding",
+        "authorization",
+        "connection",
+        "content-length",
+        "content-type",
+        "host",
+        "transfer-encoding",
+        "user-agent",
+        "x-stainless-raw-response",  # the library reads it back from the request
+    }
+)
+"""What is sent; the library adds what describes this machine, and what the environment sets for OpenAI."""
 
 
 def text_part(text: str) -> dict[str, Any]:
@@ -299,10 +314,10 @@ class Endpoint:
         await self._client.close()
 
     async def _before_request(self, request: Any) -> None:
-        """Wait for a slot, and drop the headers in which the library describes this machine."""
-        for name in set(request.headers):
-            if name.startswith("x-stainless-") and name != _RAW_RESPONSE:
-                del request.headers[name]
+        """Wait for a slot, and send no header but the usual ones and the key that was given."""
+        for name in set(request.headers) - _HEADERS:
+            del request.headers[name]
+        request.headers["authorization"] = f"Bearer {self._client.api_key}"
         self.n_requests += 1
         await self._sleep(self._pace.reserve(asyncio.get_running_loop().time()))
 
@@ -399,7 +414,9 @@ class Endpoint:
                 f"The endpoint refuses the key: {said}.", self._settings.key_advice
             )
         if error.status_code == 402 or error.code == "insufficient_quota":
-            raise EndpointRefusesError(f"The endpoint says that the account is used up: {said}.")
+            raise EndpointRefusesError(
+                f"The endpoint says that the account is used up: {said}.", GO_ON
+            )
         if error.status_code == 404:
             raise EndpointError(
                 f"{self._settings.base_url} knows no such address, or no model "

@@ -2,6 +2,8 @@
 
 from exceptiondrive_schemas.python310 import StrEnum
 
+GO_ON = "Answers so far are kept; run the same command to go on."
+
 
 class EndpointError(Exception):
     """No further question can be asked.

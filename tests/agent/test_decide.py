@@ -9,7 +9,7 @@ from tests.agent.bench import Bench, shade_of
 
 from exceptiondrive.inputs import given_manifest
 from exceptiondrive_schemas.check import check
-from exceptiondrive_schemas.protocol import packaged_protocol
+from exceptiondrive_schemas.protocol import packaged_protocol, packaged_protocol_toml
 
 if TYPE_CHECKING:
     from tests.support.chat_endpoint import ChatEndpoint, Reply, Seen
@@ -110,7 +110,7 @@ def test_the_two_settings_never_share_a_journal(
     bench.report("decide")
     result = bench.run("decide", "--reminders", str(bench.reminders))
     assert result.exit_code == 2
-    assert "name another file" in result.stderr
+    assert "and other settings: --reminders or none." in result.stderr
 
 
 def test_reminders_of_other_samples_or_of_no_journal_are_refused(
@@ -144,6 +144,31 @@ def test_reminders_with_hazard_types_of_another_protocol_are_refused(
     result = bench.run("decide", "--reminders", str(bench.reminders))
     assert result.exit_code == 2
     assert "hazard types that this protocol does not know: XX1" in result.stderr
+
+
+def test_what_is_read_is_not_written_over(
+    bench: Bench, endpoint: "ChatEndpoint", record: dict[str, Any]
+) -> None:
+    bench.add_samples(1)
+    endpoint.answer = answer_both(endpoint, record)
+    bench.report("remind")
+    journal, rules = bench.folder / "j.jsonl", bench.folder / "rules.toml"
+    rules.write_text(packaged_protocol_toml("1.1"))
+    bench.report("decide", "--journal", str(journal))
+    listed = bench.folder / "images.json"
+    listed.write_text('{"sample-000": ["images/sample-000/front.png"]}')
+    bench.images = listed
+    for read, *named in (
+        (bench.manifest,),
+        (listed,),
+        (bench.reminders, "--reminders"),
+        (journal, "--journal"),
+        (rules, "--protocol"),
+    ):
+        kept, bench.out = read.read_bytes(), read
+        result = bench.run("decide", *named, *[str(read)] * len(named))
+        assert (result.exit_code, "is what is read" in result.stderr) == (2, True), read
+        assert read.read_bytes() == kept
 
 
 def test_attaching_needs_reminders(bench: Bench, endpoint: "ChatEndpoint") -> None:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from tests.agent.bench import Bench, shade_of
 
-from exceptiondrive_agent import run
 from exceptiondrive_agent.questions import messages
 from exceptiondrive_endpoints.endpoint import Endpoint, EndpointSettings, ModelSettings
 
@@ -148,19 +147,6 @@ def test_counts_that_cannot_be_read_spoil_no_answer(
     assert (report["done"], report["without_token_counts"]) == (1, 1)
 
 
-def test_an_interrupted_run_says_how_to_go_on(
-    bench: Bench, endpoint: "ChatEndpoint", monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    bench.add_samples(1)
-    monkeypatch.setattr(run, "_run", interrupt)
-    result = bench.run("decide")
-    assert result.exit_code == 130
-    assert "Answers so far are kept; run the same command to go on." in result.stderr
-
-
 def test_a_certificate_of_an_unknown_signer_says_where_to_name_it(
     bench: Bench, endpoint: "ChatEndpoint"
 ) -> None:
@@ -200,7 +186,7 @@ def test_a_refused_key_stops_the_run_at_once_and_is_not_repeated_in_the_message(
     bench.add_samples(30)
     endpoint.answer = Sequence(endpoint.fails(401, f"Incorrect API key provided: {KEY}"))
     result = bench.run("decide", "--concurrency", "1")
-    assert (result.exit_code, len(endpoint.seen)) == (4, 1)
+    assert (result.exit_code, len(endpoint.seen), bench.out.exists()) == (4, 1, False)
     assert "EXCEPTIONDRIVE_AGENT_KEY" in result.stderr
     assert KEY not in result.output
 
@@ -229,12 +215,36 @@ def test_what_no_sample_can_survive_stops_the_run(
     assert said in result.stderr
 
 
-@pytest.mark.parametrize("at_a_time", [1, 2])
-def test_an_endpoint_that_has_gone_stops_the_run_after_twenty_samples_in_a_row(
-    bench: Bench, endpoint: "ChatEndpoint", at_a_time: int
+@pytest.mark.parametrize("more", [(), ("--json",)])
+def test_a_run_that_stops_early_says_what_it_spent_and_writes_what_there_is(
+    bench: Bench, endpoint: "ChatEndpoint", more: tuple[str, ...]
+) -> None:
+    bench.add_samples(5)
+    answered = [endpoint.says(DECISION)] * 3
+    endpoint.answer = Sequence(*answered, endpoint.fails(402))
+    prices = ("--price-in", "1", "--price-out", "2")
+    result = bench.run("decide", "--concurrency", "1", *prices, *more)
+    assert result.exit_code == 4
+    for said in (
+        "samples      5, with an answer 3",
+        "requests     4,",
+        "tokens       3000 in, 150 out",
+        "cost         0.0033",
+        f"written to   {bench.out}",
+        "Answers so far are kept; run the same command to go on.",
+    ):
+        assert said in result.stderr
+    assert list(json.loads(result.stdout)) == ["error"] if more else result.stdout == ""
+    letters = [each["strategy"] for each in bench.submission()["predictions"]]
+    assert letters == ["C", "C", "C", None, None]
+
+
+@pytest.mark.parametrize(("at_a_time", "status"), [(1, 503), (2, 503), (1, 307)])
+def test_an_endpoint_that_has_gone_or_refuses_all_stops_the_run_after_twenty_samples_in_a_row(
+    bench: Bench, endpoint: "ChatEndpoint", at_a_time: int, status: int
 ) -> None:
     bench.add_samples(40)
-    endpoint.answer = Sequence(endpoint.fails(503))
+    endpoint.answer = Sequence(endpoint.fails(status))
     result = bench.run("decide", "--max-retries", "0", "--concurrency", str(at_a_time))
     assert result.exit_code == 5
     assert "20 samples in a row" in result.stderr

@@ -8,12 +8,14 @@ from exceptiondrive_agent.errors import AgentError
 from exceptiondrive_agent.journal import Journal, JournalHeader, JournalLine, read_journal
 from exceptiondrive_endpoints.errors import Reason
 
-HEADER = JournalHeader(question="decide", model="m", settings_digest="sha256:1")
+HEADER = JournalHeader(
+    question="decide", model="m", settings={"--views": "sha256:1", "--temperature": "sha256:2"}
+)
 HOLDER = """
 import sys, time
 from pathlib import Path
 from exceptiondrive_agent.journal import Journal, JournalHeader
-header = JournalHeader(question="decide", model="m", settings_digest="sha256:1")
+header = JournalHeader(question="decide", model="m", settings={"--views": "sha256:1", "--temperature": "sha256:2"})
 with Journal(Path(sys.argv[1]), header):
     print("held", flush=True)
     time.sleep(60)
@@ -57,8 +59,15 @@ def test_a_journal_of_other_settings_is_refused_and_left_alone(tmp_path: Path) -
     with Journal(path, HEADER):
         pass
     before = path.read_bytes()
-    with pytest.raises(AgentError, match="name another file"):
-        Journal(path, HEADER.model_copy(update={"model": "other"}))
+    for now, said in (
+        ({"model": "other"}, r"with model 'm'\. Ask as it was asked, or name another file\."),
+        (
+            {"settings": HEADER.settings | {"--views": "?"}},
+            r"'m' and other settings: --views\. Ask",
+        ),
+    ):
+        with pytest.raises(AgentError, match=said):
+            Journal(path, HEADER.model_copy(update=now))
     assert path.read_bytes() == before
 
 

@@ -120,6 +120,21 @@ def test_views_are_named_to_the_model_and_their_number_must_fit(
     bench.reminders.unlink()
     report = bench.report("remind", "--views", "front,back", exit_code=2)
     assert report["failed"] == {"wrong_image_count": 1}
+    assert report["failure"] == "--views names 2 views, the sample has 1 image"
+
+
+def test_an_answer_that_was_cut_is_asked_again_under_a_higher_limit_in_the_same_journal(
+    bench: Bench, endpoint: "ChatEndpoint", record: dict[str, Any]
+) -> None:
+    bench.add_samples(2)
+    good = endpoint.says(json.dumps(record))
+    cut = endpoint.says('{"hazard', finish_reason="length")
+    endpoint.answer = lambda seen: cut if shade_of(seen) else good
+    assert bench.report("remind")["failed"] == {"truncated": 1}
+    endpoint.answer = lambda seen: good
+    report = bench.report("remind", "--max-tokens", "2000")
+    assert (report["asked"], report["answered"]) == (1, 2)
+    assert endpoint.seen[-1].document["max_tokens"] == 2000
 
 
 def test_a_journal_of_another_model_is_not_mixed_in(
@@ -128,7 +143,10 @@ def test_a_journal_of_another_model_is_not_mixed_in(
     bench.add_samples(1)
     endpoint.answer = lambda seen: endpoint.says(json.dumps(record))
     bench.report("remind")
-    result = bench.run("remind", "--temperature", "0.5")
+    other = ("--temperature", "0.5", "--views", "front", "--extra-body", '{"seed": 1}')
+    result = bench.run("remind", *other)
     assert result.exit_code == 2
-    assert "name another file" in result.stderr
+    assert "other settings: --views, --temperature, --extra-body." in " ".join(
+        result.stderr.split()
+    )
     assert len(endpoint.seen) == 1

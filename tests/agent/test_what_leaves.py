@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 import pytest
-from tests.agent.bench import Bench, made_jpeg, made_png
+from tests.agent.bench import KEY, Bench, made_jpeg, made_png
 
 from exceptiondrive_schemas.protocol import packaged_protocol
 
@@ -57,9 +57,15 @@ def secretive(bench: Bench) -> Bench:
 
 @pytest.fixture
 def sent(
-    secretive: Bench, endpoint: "ChatEndpoint", record: dict[str, Any]
+    secretive: Bench,
+    endpoint: "ChatEndpoint",
+    record: dict[str, Any],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> dict[str, list["Seen"]]:
-    """All requests of the three runs of the paper, by run."""
+    """All requests of the three runs of the paper, by run, where OpenAI is set up besides."""
+    monkeypatch.setenv("OPENAI_ORG_ID", "org-of-mine")
+    monkeypatch.setenv("OPENAI_PROJECT_ID", "project-of-mine")
+    monkeypatch.setenv("OPENAI_CUSTOM_HEADERS", "X-Team: mine\nAuthorization: Bearer of-mine")
 
     def answer(seen: "Seen") -> "Reply":
         is_reminder = "risk reminder" in seen.texts[0]
@@ -139,6 +145,13 @@ def test_headers_are_the_same_for_every_sample_and_do_not_describe_this_machine(
             "user-agent",
             "x-stainless-raw-response",
         }
+
+
+def test_what_the_environment_sets_for_openai_is_not_sent(sent: dict[str, list["Seen"]]) -> None:
+    for requests in sent.values():
+        for seen in requests:
+            assert b"mine" not in seen.head + seen.body
+            assert f"Bearer {KEY}".encode() in seen.head
 
 
 def test_a_decision_without_reminder_is_told_no_task(sent: dict[str, list["Seen"]]) -> None:

@@ -269,6 +269,15 @@ def test_what_the_endpoint_is_to_blame_for_stays_open(
     assert report(shop, "screen")["still_open"] == 0
 
 
+def test_what_an_endpoint_that_has_answered_refuses_does_not_stop_a_stage(
+    shop: Path, stand_in: StandIn
+) -> None:
+    change(shop, "workshop.toml", '"RS1"]', '"RS1", "SE2"]')
+    assert report(shop, "screen", "--limit", "1")["still_open"] == 20
+    stand_in.fault = lambda seen: stand_in.fails(400, "content policy")
+    assert report(shop, "screen")["failed"] == {"request_refused": 20}
+
+
 def test_an_endpoint_that_is_not_there_is_named(shop: Path, stand_in: StandIn) -> None:
     change(shop, "workshop.toml", stand_in.base_url, "http://127.0.0.1:1/v1")
     change(shop, "workshop.toml", "concurrency = 8", "concurrency = 8\nmax_retries = 0")

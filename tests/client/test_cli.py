@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 
 from exceptiondrive import __version__
 from exceptiondrive.cli import COMMANDS, app
+from exceptiondrive_schemas.protocol import packaged_protocol_toml
 
 if TYPE_CHECKING:
     from tests.client.servers import CannedServer
@@ -289,8 +290,6 @@ def test_evaluate_json_is_the_exact_sheet(planning_file: MakeFile, split_file: P
 def test_evaluate_follows_another_protocol(
     planning_file: MakeFile, split_file: Path, tmp_path: Path
 ) -> None:
-    from exceptiondrive_schemas.protocol import packaged_protocol_toml
-
     toml = packaged_protocol_toml().replace('version = "1.0"', 'version = "1.1"')
     path = tmp_path / "1.1.toml"
     path.write_text(toml, encoding="utf-8")
@@ -340,10 +339,13 @@ def test_what_is_written_over_is_said_and_what_is_read_is_left_as_it_is(
     for there in (False, True):
         done = run("convert", path, "-o", output)
         assert (done.exit_code, f"{output} was there, and is replaced" in done.stderr) == (0, there)
-    kept = path.read_bytes()
-    done = run("convert", path, "-o", path, "--rotate", "-90")
-    assert (done.exit_code, "is what is read; it was left as it is" in done.stderr) == (2, True)
-    assert path.read_bytes() == kept
+    rules = tmp_path / "rules.toml"
+    rules.write_text(packaged_protocol_toml("1.1"))
+    for option, read in (("--rotate=-90", path), ("--manifest", output), ("--protocol", rules)):
+        kept, value = read.read_bytes(), () if "=" in option else (read,)
+        done = run("convert", path, option, *value, "-o", read)
+        assert (done.exit_code, "is what is read; it was left as it is" in done.stderr) == (2, True)
+        assert read.read_bytes() == kept
 
 
 def test_convert_says_where_there_was_no_mode_to_choose(

@@ -352,6 +352,9 @@ def test_a_protocol_is_confirmed_with_a_key_of_this_machine(
     assert (done.exit_code, "confirmed: protocol 1.1" in done.stdout) == (0, True)
     written = organize(running, "protocols", "confirm", document, *what, "-o", tmp_path / "c.json")
     assert written.exit_code == 0
+    for read in (document, key):
+        over = organize(running, "protocols", "confirm", document, *what, "-o", read)
+        assert (over.exit_code, "is what is read" in over.stderr) == (2, True)
     nowhere = organize(running, "protocols", "confirm", document, *what, "-o", tmp_path / "x" / "c")
     assert (nowhere.exit_code, "cannot be written" in nowhere.stderr) == (2, True)
     (kept,) = json.loads(organize(running, "protocols", "confirmations", "--json").stdout)

@@ -294,7 +294,17 @@ class _Run:
                     advance(outcome)
 
                 decide = partial(self._decide, endpoint)
-                await ask_all(candidates, decide, take, endpoint_section.concurrency)
+                has_answered = any(
+                    answer.reason is None and answer.model == section.model
+                    for answer in self._journal.lines
+                )
+                await ask_all(
+                    candidates,
+                    decide,
+                    take,
+                    endpoint_section.concurrency,
+                    has_answered=has_answered,
+                )
             self._n_requests = endpoint.n_requests
 
     async def _decide(self, endpoint: Endpoint, candidate: Candidate) -> Outcome:

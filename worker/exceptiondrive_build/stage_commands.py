@@ -15,6 +15,7 @@ from exceptiondrive_build.errors import BuildError
 from exceptiondrive_build.localizing import localize, localize_by_hand
 from exceptiondrive_build.records import Kind
 from exceptiondrive_build.workshop import Workshop
+from exceptiondrive_endpoints.errors import GO_ON
 from exceptiondrive_schemas.printable import counted, printable
 
 STAGES: dict[str, type[Stage]] = {
@@ -69,8 +70,7 @@ def run(
         try:
             report = run_stage(asked, limit)
         except KeyboardInterrupt:
-            said = "Interrupted. Answers so far are kept; run the same command to go on."
-            typer.echo(f"\nexceptiondrive-build: {said}", err=True)
+            typer.echo(f"\nexceptiondrive-build: Interrupted. {GO_ON}", err=True)
             raise
     typer.echo(report.model_dump_json(indent=2) if json else report_text(report))
     if report.is_unreachable:

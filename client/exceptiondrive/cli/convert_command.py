@@ -18,7 +18,7 @@ from exceptiondrive.conversion import (
 )
 from exceptiondrive.conversion import convert as convert_pairs
 from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
-from exceptiondrive.inputs import given_manifest, given_protocol
+from exceptiondrive.inputs import given_manifest, given_protocol, require_unread
 from exceptiondrive.pair_files import OnForm, read_pairs
 from exceptiondrive.planner_runs import FORMS, planner_form, read_runs
 from exceptiondrive_schemas.challenges import PLANNING
@@ -145,13 +145,8 @@ def convert(
             "wrong_option",
             "Name files with pairs, or two runs by --source-run and --edited-run; not both.",
         )
-    given = [*(files or []), *(source_run or []), *(edited_run or [])]
-    if output.resolve() in [Path(each).resolve() for each in given]:
-        raise InvalidArgumentError(
-            "wrong_option",
-            f"{output} is what is read; it was left as it is.",
-            "Name another: --output FILE",
-        )
+    runs = (*(source_run or ()), *(edited_run or ()))
+    require_unread(output, *(files or ()), *runs, manifest, protocol)
     split_of_files = None
     if form is not None:
         pairs = read_runs(form, source_run or [], edited_run or [], mode, forms.setdefault)

@@ -25,7 +25,7 @@ from exceptiondrive.cli.session import open_organizer, with_organizer
 from exceptiondrive.cli.tables import listed, records_table
 from exceptiondrive.confirmations import confirm, default_key_path, make_key
 from exceptiondrive.errors import ExceptionDriveError, InvalidArgumentError, utc_text
-from exceptiondrive.inputs import given_bytes, given_protocol
+from exceptiondrive.inputs import given_bytes, given_protocol, require_unread
 from exceptiondrive.organizer import Organizer
 from exceptiondrive_schemas.api.site import SiteLinks
 from exceptiondrive_schemas.api.submission import SubmissionStatus
@@ -323,8 +323,10 @@ def confirm_protocol(
     What is signed is the document on this machine: read it first.
     """
     protocol = given_protocol(str(file))
-    ref = SplitRef(name=split, revision=revision)
-    signed = confirm(ref, protocol.digest, key or default_key_path())
+    key = key or default_key_path()
+    if to_file is not None:
+        require_unread(to_file, file, key)
+    signed = confirm(SplitRef(name=split, revision=revision), protocol.digest, key)
     words = f"protocol {protocol.version} ({protocol.digest}) on {split} at {revision}"
     if to_file is not None:
         with replacing(to_file):
