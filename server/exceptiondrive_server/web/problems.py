@@ -174,10 +174,10 @@ def seconds_until(moment: datetime | None) -> int | None:
 
 def quota_headers(quota: Quota) -> dict[str, str]:
     """Return what a team may still submit in a phase, as headers."""
-    limit, resets_at = quota.per_day, quota.resets_at
+    left = quota.remaining_today
     if quota.total is not None and quota.is_bound_in_all:
-        limit, resets_at = quota.total, None
-    return _rate_limit_headers(limit, quota.remaining_today, resets_at)
+        return _rate_limit_headers(quota.total, left, None)
+    return _rate_limit_headers(quota.per_day, left, quota.resets_at)
 
 
 def _rate_limit_headers(limit: int, remaining: int, resets_at: datetime | None) -> dict[str, str]:
