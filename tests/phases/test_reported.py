@@ -1,9 +1,6 @@
 """Boards of elsewhere beside a phase: what is taken, what is refused, and that nothing of it ranks."""
 
-import csv
-import io
 import json
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
@@ -92,25 +89,13 @@ def as_csv(life: "Life") -> str:
     return str(life.get("/api/v1/leaderboard.csv?phase=test").text)
 
 
-def as_board(life: "Life") -> str:
-    return str(life.get("/api/v1/leaderboard?phase=test").text)
-
-
-def as_records(life: "Life") -> str:
-    files = files_of(life)
-    return "\n".join(files[name].decode() for name in files if name.startswith("every_eval_ever"))
-
-
-@pytest.mark.parametrize("export", [as_csv, as_board, as_records])
-def test_what_we_export_we_import(scored: "Life", export: Callable[["Life"], str]) -> None:
+def test_what_we_export_we_import(scored: "Life") -> None:
     """Into a like phase nothing differs; numbers, names and counts come back as they were."""
     scored.make_phase("other", split="plain")
-    made = scored.done("/phases/other/reported", sent(export(scored)))
+    made = scored.done("/phases/other/reported", sent(as_csv(scored)))
     board = scored.json("/api/v1/leaderboard?phase=test")
     told = {row["team"]: row for row in rows_of(made)}
     for entry in board["entries"]:
-        if export is as_records and entry["submission_id"] is None:
-            continue  # references are on every board, and no records
         row = told[entry["team"]]
         assert row["method"] == entry["method"]
         for key, value in row["metrics"].items():
@@ -124,27 +109,6 @@ def test_what_we_export_we_import(scored: "Life", export: Callable[["Life"], str
     assert all(not each["differences"] for each in made["rows"])
 
 
-def test_a_board_of_a_later_release_is_imported_as_far_as_its_words_are_known(
-    scored: "Life",
-) -> None:
-    board = as_board(scored)
-    newer = board.replace('"headline":', '"of_tomorrow":1,"headline":', 1)
-    scored.make_phase("other", split="plain")
-    assert rows_of(scored.done("/phases/other/reported", sent(newer)))
-    unheard = newer.replace('"source":"scored"', '"source":"of_tomorrow"', 1)
-    assert unheard != newer
-    refusal = scored.refused("/phases/other/reported", sent(unheard), 400)
-    assert "no board of an ExceptionDrive site: entries" in refusal
-
-
-def test_a_list_of_objects_is_taken_as_a_table_is(scored: "Life") -> None:
-    (line,) = csv.DictReader(io.StringIO(ROWS))
-    made = scored.done(PATH, sent(json.dumps([line])))
-    again = scored.refused(PATH, sent(ROWS), 409)
-    assert "already" in again, "the very rows"
-    assert rows_of(made)[0]["method"] == "Far Planner"
-
-
 @pytest.mark.parametrize("by", ["copied cells", "capitals", "empty columns"])
 def test_what_a_spreadsheet_makes_of_a_table_is_taken(scored: "Life", by: str) -> None:
     tables = {
@@ -155,12 +119,6 @@ def test_what_a_spreadsheet_makes_of_a_table_is_taken(scored: "Life", by: str) -
     (row,) = rows_of(scored.done(PATH, sent(tables[by])))
     assert row["metrics"] == {"hcc": 0.1964, "ur": 0.7892}
     assert "already" in scored.refused(PATH, sent(ROWS), 409), "the very rows"
-
-
-def test_a_number_beyond_all_measures_is_refused_in_words(scored: "Life") -> None:
-    (line,) = csv.DictReader(io.StringIO(ROWS))
-    words = scored.refused(PATH, sent(json.dumps([{**line, "hcc": 10**400}])), 400)
-    assert "write a number such as 0.1964" in words
 
 
 @pytest.mark.parametrize(
@@ -214,15 +172,6 @@ def test_what_is_wrong_with_many_lines_is_said_once(scored: "Life") -> None:
             f"{HEAD}\n\n{LINE.replace('Far Team', chr(34) + 'Far' + chr(10) + 'Team' + chr(34))}",
             "Line 3: The team",
         ),
-        ("{", "is no JSON"),
-        ("[" * 5000, "nested too deeply: write a list of objects"),
-        ("{}\n" + "[" * 5000, "nested too deeply: write a list of objects"),
-        ('[{"hcc": %s}]' % ("9" * 5000), "A number of the file has too many digits"),
-        ('{}\n{"hcc": %s}' % ("9" * 5000), "Line 2: A number has too many digits"),
-        ('{"method": "a\u2028b"}\n{"method": "c"}', "Row 2: It does not tell"),
-        ("[1]", "Row 1 is no JSON object"),
-        ('{"entries": []}', "no board of an ExceptionDrive site"),
-        ('{"evaluation_results": []}', "not made by ExceptionDrive"),
         ("\n".join([HEAD, *(f"{n}{LINE}" for n in range(501))]), "more than 500 rows"),
     ],
 )

@@ -1,17 +1,13 @@
-"""Files of other boards, read as rows: CSV, JSON, our own exports, records of Every Eval Ever."""
+"""Tables of other boards, read as rows: CSV, such as our own export."""
 
-import json
 import math
 import re
-from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple, cast, get_args
-
-from pydantic import ValidationError
+from collections.abc import Mapping
+from typing import NamedTuple, cast, get_args
 
 from exceptiondrive_records.db.csv_table import Fault, csv_rows, faults_text
 from exceptiondrive_records.db.errors import InvalidRecord
 from exceptiondrive_records.db.identifiers import checked_text
-from exceptiondrive_schemas.board import Board
 from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.method_facts import MethodFacts
 from exceptiondrive_schemas.printable import from_spreadsheet
@@ -39,32 +35,23 @@ _ID = re.compile(r"[a-z0-9_]{1,64}")
 
 class _Line(NamedTuple):
     place: str
-    """`Line 3` of a table, `Row 2` of a JSON file."""
-    values: Mapping[str, Any]
+    """`Line 3`."""
+    values: Mapping[str, str]
 
 
 def read_rows(text: str, challenge: Challenge) -> tuple[ImportedRow, ...]:
     """Return the rows of a file: all of them, or none.
 
-    A CSV file, or a JSON list of objects, has the columns of `NEEDED`, those of `OPTIONAL`, one for
-    each metric that is told, and for families such as `hcc.lane_blockage`. The CSV and the JSON that
-    this software exports, and records of Every Eval Ever made by it, are such files too.
+    A CSV file has the columns of `NEEDED`, those of `OPTIONAL`, one for each metric that is told, and
+    for families such as `hcc.lane_blockage`. The CSV that this software exports is such a file.
 
     Raises:
         InvalidRecord: It cannot be read, or rows of it are refused: each is named, with what helps.
     """
-    try:
-        return _rows(text, challenge)
-    except RecursionError:
-        words = "Lists or objects of the file are nested too deeply"
-        raise InvalidRecord(f"{words}: write a list of objects, one for each row.") from None
-
-
-def _rows(text: str, challenge: Challenge) -> tuple[ImportedRow, ...]:
     rows: list[ImportedRow] = []
     faults: list[Fault] = []
     seen: dict[tuple[object, ...], str] = {}
-    for line in _lines(text.removeprefix("\ufeff"), challenge):
+    for line in _lines(text.removeprefix("\ufeff")):
         try:
             row = _row(line.values, challenge)
         except InvalidRecord as refusal:
@@ -81,8 +68,8 @@ def _rows(text: str, challenge: Challenge) -> tuple[ImportedRow, ...]:
     return tuple(rows)
 
 
-def _lines(text: str, challenge: Challenge) -> list[_Line]:
-    lines = _of_json(text, challenge) if text.lstrip()[:1] in ("{", "[") else _of_csv(text)
+def _lines(text: str) -> list[_Line]:
+    lines = _of_csv(text)
     if not lines:
         raise InvalidRecord(
             "The file has no row: write the names of columns first, then one method a line."
@@ -105,100 +92,8 @@ def _of_csv(text: str) -> list[_Line]:
     return lines
 
 
-def _of_json(text: str, challenge: Challenge) -> list[_Line]:
-    try:
-        found = json.loads(text)
-    except json.JSONDecodeError:
-        found = _json_lines(text)
-    except ValueError:
-        raise InvalidRecord("A number of the file has too many digits: write 0.1964.") from None
-    if isinstance(found, dict) and "entries" in found:
-        return list(_of_board(text, challenge))
-    objects = found if isinstance(found, list) else [found]
-    lines = []
-    for n, one in enumerate(objects, 1):
-        if not isinstance(one, dict):
-            raise InvalidRecord(f"Row {n} is no JSON object with the names of columns as keys.")
-        values = _of_record(one) if "evaluation_results" in one else one
-        lines.append(_Line(f"Row {n}", values))
-    return lines
-
-
-def _json_lines(text: str) -> list[Any]:
-    found = []
-    for n, line in enumerate(text.split("\n"), 1):
-        try:
-            found += [json.loads(line)] if line.strip() else []
-        except json.JSONDecodeError as error:
-            raise InvalidRecord(f"Line {n} is no JSON: {error}.") from None
-        except ValueError:
-            words = f"Line {n}: A number has too many digits"
-            raise InvalidRecord(f"{words}: write 0.1964.") from None
-    return found
-
-
-def _of_board(text: str, challenge: Challenge) -> Iterator[_Line]:
-    """The entries of a board, without what papers report, which is of other samples."""
-    try:
-        board = Board.model_validate_json(text, extra="allow")
-    except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False)[0]
-        where = ".".join(map(str, first["loc"]))
-        raise InvalidRecord(f"This is no board of an ExceptionDrive site: {where}.") from None
-    if board.challenge != challenge.id:
-        raise InvalidRecord(f"This is a board of the {board.challenge} challenge.")
-    ranking = challenge.metrics[0].key
-    for n, entry in enumerate((one for one in board.entries if one.source != "reported"), 1):
-        yield _Line(
-            f"Row {n}",
-            {
-                "method": entry.method,
-                "team": entry.team,
-                "split": board.split.name,
-                "split_revision": board.split.revision,
-                "protocol": board.protocol.version,
-                "protocol_digest": board.protocol.digest,
-                "average": board.headline,
-                "n_samples": board.n_samples,
-                **entry.metrics,
-                **{f"{ranking}.{id}": it.metrics.get(ranking) for id, it in entry.families.items()},
-            },
-        )
-
-
-def _of_record(record: Mapping[str, Any]) -> dict[str, Any]:
-    """Read a record of Every Eval Ever; whatever it lacks is missing in the row, and named there."""
-    try:
-        library = record["eval_library"]["additional_details"]
-        results = record["evaluation_results"]
-        overall = results[0]["evaluation_name"]
-        source = results[0]["source_data"]
-        values = {
-            "method": record["model_info"]["name"],
-            "team": record["model_info"].get("developer", ""),
-            "split": source["dataset_name"].removeprefix("exceptiondrive: "),
-            "split_revision": source["additional_details"]["revision"],
-            "protocol": library["protocol"],
-            "protocol_digest": library.get("protocol_digest"),
-            "average": library.get("average"),
-            "n_samples": results[0]["score_details"].get("uncertainty", {}).get("num_samples"),
-            "cite": record["source_metadata"].get("additional_details", {}).get("entry", ""),
-        }
-        ranking = results[0]["metric_config"]["metric_id"].removeprefix("exceptiondrive.")
-        for result in results:
-            metric = result["metric_config"]["metric_id"].removeprefix("exceptiondrive.")
-            family = result["evaluation_name"].removeprefix(overall).removeprefix(".")
-            if not family or metric == ranking:
-                name = f"{metric}.{family}" if family else metric
-                values[name] = result["score_details"]["score"]
-    except (LookupError, AttributeError, TypeError) as error:
-        words = "This record of Every Eval Ever was not made by ExceptionDrive"
-        raise InvalidRecord(f"{words}: it lacks {error}. Import its numbers as CSV.") from None
-    return values
-
-
-def _row(values: Mapping[str, Any], challenge: Challenge) -> ImportedRow:
-    missing = [name for name in NEEDED if values.get(name) in (None, "")]
+def _row(values: Mapping[str, str], challenge: Challenge) -> ImportedRow:
+    missing = [name for name in NEEDED if not values.get(name)]
     if missing:
         raise InvalidRecord(
             f"It does not tell {', '.join(missing)}: each row names the split, its revision and the "
@@ -224,7 +119,7 @@ def _row(values: Mapping[str, Any], challenge: Challenge) -> ImportedRow:
     )
 
 
-def _numbers(values: Mapping[str, Any], challenge: Challenge) -> tuple[MetricRow, MetricRow]:
+def _numbers(values: Mapping[str, str], challenge: Challenge) -> tuple[MetricRow, MetricRow]:
     metrics: MetricRow = {}
     families: MetricRow = {}
     ranking = challenge.metrics[0]
@@ -250,12 +145,12 @@ def _is_passed_over(name: str, challenge: Challenge) -> bool:
     return is_end or is_of_controls or name in {*_PASSED_OVER, *NEEDED, *OPTIONAL}
 
 
-def _number(name: str, value: Any, metric: Metric) -> float | None:
-    if value is None or value == "":
+def _number(name: str, value: str, metric: Metric) -> float | None:
+    if not value:
         return None
     try:
-        number = math.nan if isinstance(value, bool) else float(value)
-    except (TypeError, ValueError, OverflowError):
+        number = float(value)
+    except ValueError:
         number = math.nan
     if not math.isfinite(number):
         raise InvalidRecord(f"{name} is {value!r}: write a number such as 0.1964, or nothing.")
@@ -266,31 +161,30 @@ def _number(name: str, value: Any, metric: Metric) -> float | None:
     return number
 
 
-def _count(value: Any) -> int | None:
-    if value is None or value == "":
+def _count(value: str | None) -> int | None:
+    if not value:
         return None
-    text = str(value)
-    is_whole = text.isascii() and text.isdigit() and len(text) < 10
-    if isinstance(value, bool) or not is_whole or int(text) == 0:
+    is_whole = value.isascii() and value.isdigit() and len(value) < 10
+    if not is_whole or int(value) == 0:
         raise InvalidRecord(
             f"n_samples is {value!r}: write how many samples, such as 3181, or nothing."
         )
-    return int(text)
+    return int(value)
 
 
-def _split_name(value: Any) -> str:
-    if re.fullmatch(SPLIT_NAME_PATTERN, str(value)) is None:
+def _split_name(value: str) -> str:
+    if re.fullmatch(SPLIT_NAME_PATTERN, value) is None:
         raise InvalidRecord(f"split is {value!r}: write its name, such as nuscenes-real.")
-    return str(value)
+    return value
 
 
-def _revision(values: Mapping[str, Any]) -> str:
+def _revision(values: Mapping[str, str]) -> str:
     revision = _digest("split_revision", values["split_revision"])
     assert revision is not None
     return revision
 
 
-def _protocol(value: Any) -> str:
+def _protocol(value: str) -> str:
     version = _text("protocol", value, 100)
     if version.isdigit():
         raise InvalidRecord(
@@ -300,16 +194,16 @@ def _protocol(value: Any) -> str:
     return version
 
 
-def _digest(name: str, value: Any) -> str | None:
-    if value is None or value == "":
+def _digest(name: str, value: str | None) -> str | None:
+    if not value:
         return None
-    if _DIGEST.fullmatch(str(value)) is None:
+    if _DIGEST.fullmatch(value) is None:
         raise InvalidRecord(f"{name} is {value!r}: write it in full, sha256: and 64 digits.")
-    return str(value)
+    return value
 
 
-def _average(value: Any) -> Average | None:
-    if value is None or value == "":
+def _average(value: str | None) -> Average | None:
+    if not value:
         return None
     if value not in get_args(Average):
         raise InvalidRecord(
@@ -318,8 +212,5 @@ def _average(value: Any) -> Average | None:
     return cast("Average", value)
 
 
-def _text(kind: str, value: Any, max_length: int, *, may_be_empty: bool = False) -> str:
-    text = "" if value is None else value
-    if not isinstance(text, str):
-        raise InvalidRecord(f"The {kind} is no text: put it in quotes.")
-    return checked_text(kind, text, max_length=max_length, may_be_empty=may_be_empty)
+def _text(kind: str, value: str | None, max_length: int, *, may_be_empty: bool = False) -> str:
+    return checked_text(kind, value or "", max_length=max_length, may_be_empty=may_be_empty)

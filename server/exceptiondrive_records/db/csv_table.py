@@ -49,7 +49,7 @@ def csv_rows(text: str) -> list[tuple[int, list[str]]]:
 
 
 class Fault(NamedTuple):
-    """What is wrong with one row, and where: `Line 3`, or `Row 2` of a JSON file."""
+    """What is wrong with one row, and where: `Line 3`."""
 
     place: str
     words: str

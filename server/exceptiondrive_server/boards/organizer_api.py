@@ -30,7 +30,7 @@ class NewReportedBoard(Form):
     cite: Annotated[str, Field(min_length=1, max_length=MAX_CITE)]
     """Where it is found: an address, or a citation."""
     file: Annotated[str, Field(min_length=1, max_length=MAX_FILE)]
-    """Text of a CSV or JSON file: rows, a board that this software exports, or records of Every Eval Ever."""
+    """Text of a CSV file: rows, such as this software exports of a board."""
 
 
 @router.get("", operation_id="listAllReportedBoards")

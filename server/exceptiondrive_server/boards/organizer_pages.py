@@ -54,8 +54,8 @@ def board_import(services: ServicesOf, phase_id: PhaseId) -> Step:
         phase,
         title=f"Import a board of elsewhere beside {phase.title}",
         meaning="Its rows stand on a page of their own, each with what differs from this phase; they "
-        "rank nowhere, and no board changes. All of the file is imported, or nothing. Taken are CSV, JSON, "
-        "boards exported by this software, and records of Every Eval Ever.",
+        "rank nowhere, and no board changes. All of the file is imported, or nothing. Taken is CSV, "
+        "such as the one of a board that this software exports.",
         button="Import the rows",
         fields=(
             FormField("title", "Title", hint="what the other board is called", is_required=True,

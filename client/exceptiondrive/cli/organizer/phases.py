@@ -147,9 +147,7 @@ def import_reported(
     phase_id: PhaseArgument,
     file: Annotated[
         Path,
-        argument(
-            "FILE", "CSV or JSON rows, an exported board, or Every Eval Ever records; - is stdin."
-        ),
+        argument("FILE", "CSV, such as the one of a board; - is stdin."),
     ],
     title: Annotated[str, option("--title", "TEXT", "What the other board is called.")],
     cite: Annotated[str, option("--cite", "TEXT", "Where it is: address or citation.")],
