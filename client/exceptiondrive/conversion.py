@@ -1,8 +1,8 @@
 """Bring a planner's own trajectories into the form and frame of a submission.
 
 The steps run in one order, each only if asked for or needed, and each says what it did: camera
-frame, heading columns away, axes exchanged, bearings to sides, other units to metres, turned,
-mirrored, time reversed, velocities to increments, increments added up, source and edited exchanged, sensor to rear axle, t = 0 away, time step, horizon, and what
+frame, heading columns away, axes exchanged, other units to metres, turned,
+mirrored, time reversed, increments added up, source and edited exchanged, sensor to rear axle, t = 0 away, time step, horizon, and what
 is still invalid to null. Pure.
 """
 
@@ -17,10 +17,8 @@ from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check.source_fit import AT_ORIGIN_M
 from exceptiondrive_schemas.check.transformations import (
-    SPEEDS_MPS,
-    UNITS,
+    UNITS_M,
     at_times,
-    from_polar,
     mirrored,
     rotated,
     scaled,
@@ -33,7 +31,6 @@ from exceptiondrive_schemas.protocol import GeometrySection
 
 Waypoints = tuple[tuple[float, ...], ...]
 FollowedPoint = Literal["sensor", "rear-axle"]
-Angles = Literal["radians", "degrees"]
 
 MAX_WIDTH = 8
 """Columns of a waypoint: x and y, and what is left out."""
@@ -56,13 +53,11 @@ class ConversionPlan:
         geometry: Waypoints, time step and bounds of the protocol.
         camera: The columns are x right, y down, z ahead.
         swap: Exchange x and y.
-        polar: What bearings are in, where the columns are range and bearing: `radians` or `degrees`.
-        unit: What the numbers are, one of `UNITS`; None: metres.
+        unit: What the numbers are, one of `UNITS_M`; None: metres.
         rotate_deg: Turn counter-clockwise by 90, -90 or 180 degrees; -90 makes x forward / y left of
             x right / y forward.
         mirror: Turn y to the other side.
         reverse: Turn the order of the waypoints round.
-        velocities: The numbers are velocities: multiply by the time step, then add up.
         cumulative: Add up increments.
         exchange: Take source as edited, and edited as source.
         origin_offset_m: How far the origin of the given frame sits ahead of the rear axle.
@@ -75,12 +70,10 @@ class ConversionPlan:
     geometry: GeometrySection
     camera: bool = False
     swap: bool = False
-    polar: Angles | None = None
     unit: str | None = None
     rotate_deg: int = 0
     mirror: bool = False
     reverse: bool = False
-    velocities: bool = False
     cumulative: bool = False
     exchange: bool = False
     origin_offset_m: float = 0.0
@@ -177,18 +170,13 @@ def convert(pairs: tuple[RawPair, ...], plan: ConversionPlan) -> Conversion:
     if plan.camera:
         _from_camera(work)
     _leave_out_columns(work)
-    unit_m = UNITS[plan.unit] if plan.unit else 1.0
+    unit_m = UNITS_M[plan.unit] if plan.unit else 1.0
     for is_asked, change, sentence in (
         (plan.swap, swapped, "exchanged x and y: (x, y) -> (y, x)"),
         (
-            plan.polar is not None,
-            lambda points: from_polar(points, degrees=plan.polar == "degrees"),
-            f"took the columns as range and bearing in {plan.polar}",
-        ),
-        (
             plan.unit is not None,
             lambda points: scaled(points, unit_m),
-            f"took {plan.unit} as {'metres a second' if plan.unit in SPEEDS_MPS else 'metres'}: x {unit_m:.6g}",
+            f"took {plan.unit} as metres: x {unit_m:.6g}",
         ),
         (
             plan.rotate_deg != 0,
@@ -197,11 +185,6 @@ def convert(pairs: tuple[RawPair, ...], plan: ConversionPlan) -> Conversion:
         ),
         (plan.mirror, mirrored, "mirrored: (x, y) -> (x, -y)"),
         (plan.reverse, lambda points: points[::-1], "reversed the order of the waypoints"),
-        (
-            plan.velocities,
-            lambda points: summed(scaled(points, plan.step_s)),
-            f"took velocities times {plan.step_s:g} s and added them up to positions",
-        ),
         (plan.cumulative, summed, "added up increments to positions"),
     ):
         if is_asked:

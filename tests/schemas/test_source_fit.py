@@ -67,10 +67,6 @@ def test_distances_are_told_at_whole_seconds_that_have_a_waypoint(
     assert list(_means_at(distances_m, geometry)) == [None, 5.0, None]
 
 
-def polar(points: Points) -> Points:
-    return [(math.hypot(x, y), math.atan2(y, x)) for x, y in points]
-
-
 MISTAKES: dict[str, Mistake] = {
     "--mirror": mirrored,
     "--swap": swapped,
@@ -79,14 +75,6 @@ MISTAKES: dict[str, Mistake] = {
     "--rotate 180": lambda points: rotated(points, 2),
     **{f"--unit {unit}": partial(scaled, factor=1 / metres) for unit, metres in UNITS_M.items()},
     "--cumulative": increments,
-    "--velocities": lambda points: scaled(increments(points), 2.0),
-    "--unit km/h --velocities": lambda points: scaled(increments(points), 7.2),
-    "--unit mph --velocities": lambda points: scaled(increments(points), 2.0 / 0.44704),
-    "--polar radians": polar,
-    "--polar degrees": lambda points: [(r, math.degrees(b)) for r, b in polar(points)],
-    "--swap --polar radians": lambda points: swapped(polar(points)),
-    "--swap --polar degrees": lambda points: [(math.degrees(b), r) for r, b in polar(points)],
-    "--polar radians --velocities": lambda points: polar(scaled(increments(points), 2.0)),
     "--reverse": lambda points: points[::-1],
     **{f"--time-step-s {step:g} --truncate": sampled(step) for step in (1.0, 2.5)},
 }

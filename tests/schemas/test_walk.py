@@ -589,11 +589,6 @@ MORE: dict[str, Row] = {
         {},
         ["looks like feet", f"{CONVERT} --unit feet`"],
     ),
-    "kilometres": Row(
-        lambda: paths(lambda path: scaled(path, 0.001)),
-        {},
-        ["looks like kilometres", f"{CONVERT} --unit kilometres`"],
-    ),
     "millimetres": Row(
         lambda: paths(lambda path: scaled(path, 1000)),
         {"wrong_frame": "1 fault"},
@@ -661,14 +656,6 @@ def from_start(path: Path6) -> Path6:
 def late(path: Path6) -> Path6:
     (x0, y0), (x1, y1) = path[-2:]
     return [*path[1:], (2 * x1 - x0, 2 * y1 - y0)]
-
-
-def polar(path: Path6) -> Path6:
-    return [(math.hypot(x, y), math.atan2(y, x)) for x, y in path]
-
-
-def velocities(path: Path6) -> Path6:
-    return [(2 * x, 2 * y) for x, y in increments(path)]
 
 
 def shifted(*sides: str) -> bytes:
@@ -751,28 +738,10 @@ SECOND_WALK: dict[str, Row] = {
     "source rows one off": Row(
         lambda: shifted("source"), {}, ["like source trajectories that stand one row off"]
     ),
-    "range and bearing": Row(
-        lambda: paths(polar), {}, ["range and bearing in radians", f"{CONVERT} --polar radians`"]
-    ),
-    "range and bearing in degrees": Row(
-        lambda: paths(lambda path: [(r, math.degrees(b)) for r, b in polar(path)]),
-        {"step_too_long": f"12 steps in 6 of {N} samples"},
-        ["looks like range and bearing in degrees", f"{CONVERT} --polar degrees`"],
-    ),
-    "bearing and range": Row(
-        lambda: paths(lambda path: swapped(polar(path))),
-        {"wrong_frame": "1 fault"},
-        ["looks like bearing in radians and range", f"{CONVERT} --swap --polar radians`"],
-    ),
     "the camera's frame": Row(
         lambda: paths(lambda path: [(-y, 1.5, x) for x, y in path]),
         {"wrong_waypoint_shape": f"{12 * N:,} waypoints {ALL}"},
         ["looks like camera coordinates (x right, y down, z ahead)", f"{CONVERT} --camera`"],
-    ),
-    "velocities": Row(
-        lambda: paths(velocities),
-        {},
-        ["looks like velocities instead of positions", f"{CONVERT} --velocities`"],
     ),
     "a split file": Row(
         lambda: as_bytes(EXTRACT.split),
@@ -978,11 +947,6 @@ OWN: dict[str, Row] = {
     ),
     "null for the split": Row(
         lambda: outer(split=None), {"wrong_type": "1 value"}, ['"extract"', WITH_SPLIT]
-    ),
-    "speeds and headings": Row(
-        lambda: paths(lambda path: polar(velocities(path))),
-        {},
-        ["looks like speed and heading in radians", f"{CONVERT} --polar radians --velocities`"],
     ),
     "the path of the bumper": Row(
         lambda: paths(lambda path: [(x + 3.5, y) for x, y in path]),

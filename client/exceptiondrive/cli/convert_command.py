@@ -9,7 +9,6 @@ from exceptiondrive.cli.file_tables import report_view
 from exceptiondrive.cli.options import argument, flag, one_of, option, require_one_of
 from exceptiondrive.cli.output import replacing, say, show_result
 from exceptiondrive.conversion import (
-    Angles,
     Conversion,
     ConversionPlan,
     FollowedPoint,
@@ -23,13 +22,13 @@ from exceptiondrive.pair_files import OnForm, read_pairs
 from exceptiondrive.planner_runs import FORMS, planner_form, read_runs
 from exceptiondrive_schemas.challenges import PLANNING
 from exceptiondrive_schemas.check import check
-from exceptiondrive_schemas.check.transformations import UNITS
+from exceptiondrive_schemas.check.transformations import UNITS_M
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 
 MAX_OFFSET_M = 20.0
 ROTATIONS_DEG = (90, -90, 180)
-ANGLES, FOLLOWED = get_args(Angles), get_args(FollowedPoint)
+FOLLOWED = get_args(FollowedPoint)
 
 
 def convert(
@@ -61,15 +60,9 @@ def convert(
     ] = None,
     camera: Annotated[bool, flag("--camera", "Columns are x right, y down, z ahead.")] = False,
     swap: Annotated[bool, flag("--swap", "Exchange x and y.")] = False,
-    polar: Annotated[
-        str | None,
-        one_of(
-            "--polar", ANGLES, "Columns are range and bearing (counter-clockwise), in these angles."
-        ),
-    ] = None,
     unit: Annotated[
         str | None,
-        one_of("--unit", UNITS, f"What the numbers are: {', '.join(UNITS)}.", "UNIT"),
+        one_of("--unit", UNITS_M, f"What the numbers are: {', '.join(UNITS_M)}.", "UNIT"),
     ] = None,
     rotate: Annotated[
         int | None,
@@ -77,9 +70,6 @@ def convert(
     ] = None,
     mirror: Annotated[bool, flag("--mirror", "y points to the right.")] = False,
     reverse: Annotated[bool, flag("--reverse", "The last waypoint stands first.")] = False,
-    velocities: Annotated[
-        bool, flag("--velocities", "Numbers are m/s: times the step, added up.")
-    ] = False,
     cumulative: Annotated[bool, flag("--cumulative", "Add up increments to positions.")] = False,
     exchange: Annotated[
         bool, flag("--exchange", "Source and edited stand the wrong way round.")
@@ -122,8 +112,7 @@ def convert(
     rules = given_protocol(protocol)
     require_one_of("--rotate", rotate, ROTATIONS_DEG)
     require_one_of("--follows", follows, FOLLOWED)
-    require_one_of("--polar", polar, ANGLES)
-    require_one_of("--unit", unit, UNITS)
+    require_one_of("--unit", unit, UNITS_M)
     if not abs(origin_offset_m) <= MAX_OFFSET_M:
         raise InvalidArgumentError(
             "wrong_option", f"--origin-offset-m must be within {MAX_OFFSET_M:g} m."
@@ -173,12 +162,10 @@ def convert(
             geometry=rules.geometry,
             camera=camera,
             swap=swap,
-            polar=cast(Angles | None, polar),
             unit=unit,
             rotate_deg=(form.rotate_deg if form else 0) if rotate is None else rotate,
             mirror=mirror,
             reverse=reverse,
-            velocities=velocities,
             cumulative=cumulative,
             exchange=exchange,
             origin_offset_m=origin_offset_m,

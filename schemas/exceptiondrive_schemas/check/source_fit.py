@@ -9,8 +9,7 @@ origin, so that a shorter time shown is no better fit. On the 13 planners of Lig
 samples of nuScenes) a file as it is has 0.07 to 0.15, and every transformation fits at least 3.7
 times worse. Each transformation of each of them is 5.0 to 1,400 times worse than the file mended. A
 mirrored file shows where the drive turns, at its last waypoint, sideways: there right files are off
-by 0.5 to 0.7 of the recorded distance, 2.0 to 3.2 times less than mirrored ones, and 1.4 to 1.8 times
-less than bearings in radians in the place of y. Rows that stand one off show at the first waypoint,
+by 0.5 to 0.7 of the recorded distance, 2.0 to 3.2 times less than mirrored ones. Rows that stand one off show at the first waypoint,
 where two samples in a row were driven at different speeds: there at most an eighth of the answers of
 a right file are nearer to the other sample's drive, and seven eighths of a file that is one row off.
 """
@@ -20,7 +19,7 @@ from __future__ import annotations  # array[float] is no runtime type before 3.1
 import math
 import statistics
 from array import array
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import chain, compress, starmap
 from operator import neg, sub
@@ -31,11 +30,9 @@ from exceptiondrive_schemas.check.tracks import Column, PairTracks, Steps, Track
 from exceptiondrive_schemas.check.transformations import (
     EXCHANGE,
     MIRROR,
-    POLAR,
     Compared,
     Points,
     Transformation,
-    mirrored,
     of_source,
     of_space,
     of_time,
@@ -52,8 +49,6 @@ MIRROR_FITS, MIRROR_FITS_BETTER = 0.75, 1.5
 """The same sideways, where the drive turns."""
 TURNS_ABOVE_M = 1.0
 """A recorded drive that ends this far to a side turns."""
-POLAR_IS_OFF, POLAR_FITS_BETTER = 0.9, 1.3
-"""The same for bearings, which are no side at all and never beyond half a turn."""
 AT_ORIGIN_M = 0.05
 """A first point as near to the origin as this is the car at t = 0."""
 FROM_ORIGIN = 0.9
@@ -250,7 +245,7 @@ def _best_mend(
     else:
         transformations = [
             *of_time(geometry, geometry.waypoints),
-            *of_space(geometry.time_step_s),
+            *of_space(),
         ]
     best = _best_of(tried, error, transformations, FITS_BETTER)
     if best is not None:
@@ -261,7 +256,7 @@ def _best_mend(
     return (
         _scale_mend(tried, error)
         or _lead_mend(tried, error, geometry)
-        or _sideways_mend(moving, is_of_the_path=error <= FITS)
+        or (_sideways_mend(moving) if error <= FITS else None)
     )
 
 
@@ -347,40 +342,24 @@ def _error(pairs: Sequence[tuple[Points, Points]]) -> float:
     return distance_m / scale_m if scale_m else 0.0
 
 
-def _sideways_mend(moving: Sequence[Compared], *, is_of_the_path: bool) -> Mend | None:
-    """Return what mends the side to which the trajectories turn: a mirror image, or bearings."""
+def _sideways_mend(moving: Sequence[Compared]) -> Mend | None:
+    """Return what mends trajectories that turn to the other side: a mirror image."""
     turning = [each for each in moving if abs(each.recorded[-1][1]) > TURNS_ABOVE_M]
     if len(turning) < MIN_COMPARED:
         return None
-    tried = _some(turning)
-    scale_m = statistics.median(abs(each.recorded[-1][1]) for each in tried)
-
-    def error_of(change: Callable[[Points], Points]) -> float:
-        gaps_m = (abs(change(each.source)[-1][1] - each.recorded[-1][1]) for each in tried)
-        return statistics.median(gaps_m) / scale_m
-
-    def changes(change: Callable[[Points], Points]) -> list[tuple[float, float]]:
-        ends = [
-            (each.source[-1][1], change(each.source)[-1][1], each.recorded[-1][1]) for each in tried
-        ]
-        return [(abs((y - own) / own), abs((new - own) / own)) for y, new, own in ends]
-
-    error = error_of(list)
-    is_polar = error > POLAR_IS_OFF and all(min(each.flat_source[::2]) >= 0 for each in moving)
-    widest = max(max(map(abs, each.flat_source[1::2])) for each in moving) if is_polar else math.inf
-    candidates = [(MIRROR, MIRROR_FITS_BETTER)] if is_of_the_path else []
-    candidates += [
-        (polar, POLAR_FITS_BETTER)
-        for polar, half_turn in zip(POLAR, (math.pi, 180.0), strict=True)
-        if widest <= half_turn
+    ends = [(each.source[-1][1], each.recorded[-1][1]) for each in _some(turning)]
+    scale_m = statistics.median(abs(driven_m) for _, driven_m in ends)
+    error = statistics.median(abs(y_m - driven_m) for y_m, driven_m in ends) / scale_m
+    mended = statistics.median(abs(y_m + driven_m) for y_m, driven_m in ends) / scale_m
+    if mended > MIRROR_FITS or error <= MIRROR_FITS_BETTER * mended:
+        return None
+    looks_like, option, change = MIRROR
+    rows = [
+        (abs((y_m - driven_m) / driven_m), abs((y_m + driven_m) / driven_m))
+        for y_m, driven_m in ends
     ]
-    for (looks_like, option, change), times_better in candidates:
-        mended = error_of(change)
-        if mended <= MIRROR_FITS and error > times_better * mended:
-            rows = changes(change) if change is mirrored else ()
-            named = Transformation(looks_like, option, partial(of_source, change))
-            return _whole_or_part(named, error, mended, rows)
-    return None
+    named = Transformation(looks_like, option, partial(of_source, change))
+    return _whole_or_part(named, error, mended, rows)
 
 
 # Mistakes that trajectories tell by themselves, or by their neighbours in the file

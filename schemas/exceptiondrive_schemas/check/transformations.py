@@ -95,12 +95,6 @@ def summed(points: Points) -> list[Point]:
     return positions
 
 
-def from_polar(points: Points, *, degrees: bool = False) -> list[Point]:
-    """Return x and y of ranges and bearings; a bearing is counter-clockwise from +x."""
-    unit_rad = math.pi / 180 if degrees else 1.0
-    return [(r * math.cos(b * unit_rad), r * math.sin(b * unit_rad)) for r, b in points]
-
-
 def at_times(points: Points, time_step_s: float, times_s: Sequence[float]) -> list[Point]:
     """Return where a trajectory is at given times, on straight lines between its waypoints.
 
@@ -142,15 +136,9 @@ def _with_step(given_s: float, wanted_s: float, sample: Compared) -> tuple[Point
 UNITS_M: Mapping[str, float] = {
     "millimetres": 0.001,
     "centimetres": 0.01,
-    "decimetres": 0.1,
-    "inches": 0.0254,
     "feet": 0.3048,
-    "kilometres": 1000.0,
 }
 """Units that trajectories come in, other than metres, each in metres."""
-SPEEDS_MPS: Mapping[str, float] = {"km/h": 1 / 3.6, "mph": 0.44704}
-UNITS: Mapping[str, float] = {**UNITS_M, **SPEEDS_MPS}
-"""The same with those of velocities, other than metres a second."""
 SPATIAL: tuple[tuple[str, str, Callable[[Points], Points]], ...] = (
     ("mirrored (y to the right)", "--mirror", mirrored),
     ("x and y exchanged (x left, y forward)", "--swap", swapped),
@@ -163,42 +151,13 @@ SPATIAL: tuple[tuple[str, str, Callable[[Points], Points]], ...] = (
 )
 TIME_FACTORS = (0.1, 0.2, 0.4, 0.5, 1.0, 2.0, 5.0)
 MIRROR = SPATIAL[0]
-_DEGREES = partial(from_polar, degrees=True)
-POLAR: tuple[tuple[str, str, Callable[[Points], Points]], ...] = (
-    ("range and bearing in radians", "--polar radians", from_polar),
-    ("range and bearing in degrees", "--polar degrees", _DEGREES),
-)
-_BEARING_FIRST: tuple[tuple[str, str, Callable[[Points], Points]], ...] = (
-    ("bearing in radians and range", "--swap --polar radians", lambda p: from_polar(swapped(p))),
-    ("bearing in degrees and range", "--swap --polar degrees", lambda p: _DEGREES(swapped(p))),
-)
 EXCHANGE = Transformation("source and edited exchanged", "--exchange", _exchanged)
 """Where edits are slight, a file fits exchanged, too, and much better as it should be."""
 
 
-def of_space(time_step_s: float) -> Iterator[Transformation]:
-    """Yield what another frame, unit or meaning of the numbers would be, of waypoints so far apart."""
-
-    def moved(velocities: Points) -> Points:
-        return summed(scaled(velocities, time_step_s))
-
-    of_time = (
-        ("velocities instead of positions", "--velocities", moved),
-        *(
-            (
-                f"velocities in {unit} instead of positions",
-                f"--unit {unit} --velocities",
-                lambda points, mps=mps: moved(scaled(points, mps)),
-            )
-            for unit, mps in SPEEDS_MPS.items()
-        ),
-        (
-            "speed and heading in radians",
-            "--polar radians --velocities",
-            lambda points: moved(from_polar(points)),
-        ),
-    )
-    for looks_like, option, change in (*SPATIAL, *POLAR, *_BEARING_FIRST, *of_time):
+def of_space() -> Iterator[Transformation]:
+    """Yield what another frame, unit or meaning of the numbers would be."""
+    for looks_like, option, change in SPATIAL:
         yield Transformation(looks_like, option, partial(of_source, change))
     yield EXCHANGE
 
