@@ -6,7 +6,7 @@ CSV with commas, semicolons or tabs: one waypoint a row, with the header
 `sample_id,trajectory,step,x_m,y_m` and perhaps `heading_rad`; `trajectory` is `source` or `edited`.
 Parquet: those columns, or a prediction a row, its lists in `source` and `edited`. NPZ: `sample_id`
 (N), `source` and `edited` (N, T, 2 or 3), NaN where missing. A trajectory may stand in a list of
-several modes, or in a form of `exceptiondrive_schemas.check.trajectory_forms`. Plain or gzip; UTF-8,
+several modes, its waypoints as `exceptiondrive_schemas.check.trajectory_forms` has them. Plain or gzip; UTF-8,
 UTF-16 or UTF-32, with or without a byte order mark. Nothing is ever unpickled.
 """
 
@@ -40,7 +40,6 @@ from exceptiondrive_schemas.check.trajectory_forms import (
     is_number,
     number_in,
     point_in,
-    trajectory_in,
 )
 
 KEYS_DEEP = 3
@@ -204,14 +203,9 @@ def points_of(
     if is_null_word(value):
         on_form("text in the place of null")
         return None
-    other = trajectory_in(value)
-    if other is None and (modes := _modes(value)) is not None:
+    if (modes := _modes(value)) is not None:
         value = _chosen_mode(path, where, modes, mode)
         on_form(f"mode {mode} of {len(modes)}" if len(modes) > 1 else "a list of one trajectory")
-        other = trajectory_in(value)
-    if other is not None:
-        value, form = other
-        on_form(form)
     try:
         points = tuple(
             NO_POINT if point is None else tuple(map(_number, point_in(point) or point))
@@ -292,7 +286,7 @@ def _pairs_of(path: Path, splits: set[str], mode: int | None, on_form: OnForm) -
     text = read_text(path, data)
     if is_yaml(text.encode()):
         raise fault(path, f"looks like YAML: {FROM_YAML}.")
-    if not text.lstrip().startswith(("{", "[", '"{', '"[')):
+    if not text.lstrip().startswith(("{", "[")):
         on_form("CSV")
         yield from _pairs_of_csv(path, text)
         return
@@ -310,9 +304,6 @@ def _pairs_of_arrays(path: Path, data: bytes) -> Iterator[RawPair]:
 def _predictions(path: Path, text: str, splits: set[str], on_form: OnForm) -> Iterator[Any]:
     """Yield the predictions of a JSON document, of several in a row, or of JSON lines."""
     documents = list(_documents(path, text))
-    if len(documents) == 1 and isinstance(documents[0], str):
-        on_form("JSON within a JSON text")
-        documents = list(_documents(path, documents[0]))
     if len(documents) > 1:
         on_form(f"{len(documents):,} JSON documents in a row")
     values = [one for each in documents for one in (each if isinstance(each, list) else [each])]
@@ -331,10 +322,6 @@ def _predictions(path: Path, text: str, splits: set[str], on_form: OnForm) -> It
             if isinstance(value.get("split"), str):
                 splits.add(value["split"])
             predictions = value.get("predictions", [])
-            if isinstance(predictions, str):
-                on_form("predictions written as text")
-                documents = list(_documents(path, predictions))
-                predictions = documents[0] if len(documents) == 1 else None
             if not isinstance(predictions, list | dict):
                 raise fault(path, "predictions must be a list, or an object by sample id.")
             yield from _listed(path, predictions)

@@ -9,7 +9,7 @@ import pytest
 from exceptiondrive_schemas.check import check
 from exceptiondrive_schemas.check.fault_list import json_path, shown
 from exceptiondrive_schemas.check.sample_ids import SHARDS, NearestId
-from exceptiondrive_schemas.check.trajectory_forms import point_in, trajectory_in
+from exceptiondrive_schemas.check.trajectory_forms import point_in
 from exceptiondrive_schemas.faults import MAX_EXAMPLES, CheckReport, Fault, FaultCode
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.split import Manifest
@@ -40,7 +40,7 @@ def only_fault(report: CheckReport) -> tuple[FaultCode, Fault]:
         ([], FaultCode.WRONG_WAYPOINT_COUNT, "", "0 waypoints"),
         ([[0, 0]] * 5, FaultCode.WRONG_WAYPOINT_COUNT, "", "5 waypoints"),
         ([[1, 0]] * 7, FaultCode.WRONG_WAYPOINT_COUNT, "", "7 waypoints"),
-        ([0.0] * 12, FaultCode.WRONG_WAYPOINT_SHAPE, "", "one flat list, read as x1, y1"),
+        ([0.0] * 12, FaultCode.WRONG_WAYPOINT_SHAPE, "", "one flat list of 12 numbers"),
         ([[0, 0]] * 5 + [[0]], FaultCode.WRONG_WAYPOINT_SHAPE, "[5]", "a list of 1 value"),
         ([[0, 0]] * 5 + [None], FaultCode.WRONG_WAYPOINT_SHAPE, "[5]", "null"),
         ([[0, 0]] * 5 + [[0, True]], FaultCode.WRONG_TYPE, "[5][1]", "true"),
@@ -217,7 +217,5 @@ def test_a_path_quotes_keys_that_are_no_names() -> None:
     assert json_path(("my key", 0)) == '$["my key"][0]'
 
 
-def test_a_point_has_one_heading_and_no_boolean_is_a_number() -> None:
+def test_a_point_has_one_heading() -> None:
     assert point_in({"x": 1.0, "y": 2.0, "heading": 3.0, "yaw": 4.0}) == [1.0, 2.0, 3.0]
-    assert trajectory_in([1.0, 2.0, 3.0, 4.0]) is not None
-    assert trajectory_in([1.0, 2.0, True, 4.0]) is None

@@ -559,26 +559,6 @@ MORE: dict[str, Row] = {
         {"wrong_waypoint_shape": f"{12 * N:,} waypoints {ALL}"},
         ["write [x, y]", f"{CONVERT}` does"],
     ),
-    "flat lists": Row(
-        lambda: paths(lambda path: [number for point in path for number in point]),
-        {"wrong_waypoint_shape": f"{2 * N} waypoints {ALL}"},
-        ["one flat list, read as x1, y1", f"{CONVERT}` reads it"],
-    ),
-    "a row of x and a row of y": Row(
-        lambda: paths(lambda path: list(zip(*path, strict=True))),
-        {"wrong_waypoint_shape": f"{2 * N} waypoints {ALL}"},
-        ["a row of x and a row of y", f"{CONVERT}` reads it"],
-    ),
-    "lists of x and of y": Row(
-        lambda: paths(lambda path: {"x": [x for x, _ in path], "y": [y for _, y in path]}),
-        {"wrong_waypoint_shape": f"{2 * N} waypoints {ALL}"},
-        ["an object with a list of x and a list of y", f"{CONVERT}` reads it"],
-    ),
-    "waypoints under a key": Row(
-        lambda: paths(lambda path: {"poses": path}),
-        {"wrong_waypoint_shape": f"{2 * N} waypoints {ALL}"},
-        ['under the key "poses"', f"{CONVERT}` reads it"],
-    ),
     "times before x and y": Row(
         lambda: paths(lambda path: [(0.5 * t, x, y) for t, (x, y) in enumerate(path, start=1)]),
         {"wrong_waypoint_shape": f"{12 * N:,} waypoints {ALL}"},
@@ -614,11 +594,6 @@ MORE: dict[str, Row] = {
         {"wrong_type": "2 values"},
         ["write all predictions into one list", f"{CONVERT}` does"],
     ),
-    "trajectories as text": Row(
-        lambda: paths(json.dumps),
-        {"wrong_waypoint_shape": f"{2 * N} waypoints {ALL}"},
-        ["a list that is written as text", f"{CONVERT}` reads it"],
-    ),
     "numbers as sample ids": Row(
         lambda: outer(
             predictions=[{**each, "sample_id": n} for n, each in enumerate(predictions())]
@@ -643,10 +618,6 @@ MORE: dict[str, Row] = {
     ),
 }
 """More of them, met or thought of since."""
-
-
-def as_numpy(path: Path6) -> str:
-    return "[" + "\n ".join(f"[{x:.3f} {y:.3f}]" for x, y in path) + "]"
 
 
 def from_start(path: Path6) -> Path6:
@@ -879,30 +850,10 @@ THIRD_WALK: dict[str, Row] = {
 }
 """Those of a third one."""
 OWN: dict[str, Row] = {
-    "numpy's print": Row(
-        lambda: paths(as_numpy),
-        {"wrong_waypoint_shape": f"{2 * N} waypoints {ALL}"},
-        ["a list that is written as text", f"{CONVERT}` reads it"],
-    ),
-    "torch's print": Row(
-        lambda: paths(lambda path: f"tensor({[list(point) for point in path]}, device='cuda:0')"),
-        {"wrong_waypoint_shape": f"{2 * N} waypoints {ALL}"},
-        ["a list that is written as text", f"{CONVERT}` reads it"],
-    ),
-    "waypoints as text": Row(
-        lambda: paths(lambda path: [f"{x}, {y}" for x, y in path]),
-        {"wrong_waypoint_shape": f"{12 * N:,} waypoints {ALL}"},
-        ["write [x, y]", f"{CONVERT}` does"],
-    ),
     "X and Y in capitals": Row(
         lambda: paths(lambda path: [{"X": x, "Y": y} for x, y in path]),
         {"wrong_waypoint_shape": f"{12 * N:,} waypoints {ALL}"},
         ["write [x, y]", f"{CONVERT}` does"],
-    ),
-    "an axis too many": Row(
-        lambda: paths(lambda path: [[point] for point in path]),
-        {"wrong_waypoint_shape": f"{2 * N} waypoints {ALL}"},
-        ["waypoints each in a list of its own", f"{CONVERT}` reads it"],
     ),
     "empty lists for nothing": Row(
         lambda: put_edited([]),
@@ -914,16 +865,6 @@ OWN: dict[str, Row] = {
         lambda: paths(lambda path: [[str(c).replace(".", ",") for c in point] for point in path]),
         {"wrong_type": f"{24 * N:,} values {ALL}"},
         ["without quotes", f"{CONVERT}` does"],
-    ),
-    "JSON within JSON": Row(
-        lambda: as_bytes(json.dumps(sound())),
-        {"not_json": "1 fault"},
-        ["JSON within a JSON text", WITH_SPLIT],
-    ),
-    "predictions as text": Row(
-        lambda: outer(predictions=json.dumps(predictions())),
-        {"wrong_type": "1 value"},
-        ["JSON within JSON", f"{CONVERT}` writes it as a list"],
     ),
     "ids in capitals": Row(
         lambda: named(str.upper),

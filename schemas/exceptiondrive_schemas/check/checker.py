@@ -472,8 +472,6 @@ class SubmissionReader:
         hint = None
         if is_object:
             hint = f"write a list; the sample id stands inside each prediction: {CONVERT}` does"
-        elif isinstance(value, str) and value.startswith("["):
-            hint = f"JSON within JSON: {CONVERT}` writes it as a list"
         self.faults.add(
             FaultCode.WRONG_TYPE, ("predictions",), expected="a list", got=got, hint=hint
         )
@@ -566,8 +564,6 @@ class SubmissionReader:
         if self._data.lstrip().startswith((b"{", b"[")):
             is_cut = not self._data.rstrip().endswith((b"}", b"]"))
             return "it stops before its end; was the copy cut off?" if is_cut else None
-        if self._data.startswith((b'"{', b'"[')):
-            return f"JSON within a JSON text; {self._convert}"
         if is_yaml(self._data):
             return f"looks like YAML: {FROM_YAML}"
         first_line = self._data[:MAX_HEADER_BYTES].splitlines()[0]

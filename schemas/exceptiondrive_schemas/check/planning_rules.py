@@ -25,7 +25,6 @@ from exceptiondrive_schemas.check.trajectory_forms import (
     is_number,
     number_in,
     point_in,
-    trajectory_in,
 )
 from exceptiondrive_schemas.coverage import too_little_covered
 from exceptiondrive_schemas.faults import MESSAGES, FaultCode
@@ -262,13 +261,6 @@ class PlanningRules:
         sound = self._sound_trajectory(value)
         if sound is not None:
             return sound
-        other = trajectory_in(value)
-        if other is not None:
-            hint = f"{CONVERT}` reads it"
-            self._refuse(
-                FaultCode.WRONG_WAYPOINT_SHAPE, path, self._form, other[1], sample_id, hint
-            )
-            return None
         if not isinstance(value, list):
             is_null = is_null_word(value)
             got = shown(value) if is_null else kind(value)
