@@ -162,7 +162,7 @@ def carry_out(walk: Walk) -> None:
         "9",
     )
     walk.organizer(token, "phases", "create", *phase)
-    assert "exceptiondrive-" in walk.run(f"curl -fsk {SITE}/client/simple/exceptiondrive/")
+    assert "exceptiondrive-" in walk.run(f"curl -fsk {SITE}/client/")
     walk.organizer(token, "teams", "create", "alpha", "Alpha")
     team = walk.organizer(token, "teams", "issue-token", "alpha", "--name", "walk").split()[-1]
     ids = [sample.sample_id for sample in read_split(split).samples]

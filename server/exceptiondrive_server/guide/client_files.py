@@ -1,7 +1,7 @@
 """What the server hands to participants: the client's wheel, `recorder.py`, and their digests.
 
-`/client/` works as `pip --find-links`, `/client/simple/` as an index (PEP 503, with PEP 658 metadata):
-on a closed network the folder holds the wheels of the dependencies too (`make wheelhouse`).
+`/client/` works as `pip --find-links`: on a closed network the folder holds the wheels of the
+dependencies too (`make wheelhouse`).
 """
 
 import hashlib
@@ -14,14 +14,13 @@ from typing import Annotated, NamedTuple
 
 from fastapi import APIRouter, Request
 from fastapi import Path as PathParameter
-from fastapi.responses import HTMLResponse, RedirectResponse, Response
+from fastapi.responses import RedirectResponse, Response
 
 from exceptiondrive_records.db.errors import NotFound
 from exceptiondrive_server.web.auth import ServicesOf
 from exceptiondrive_server.web.etag import conditional
 from exceptiondrive_server.web.responses import SECURITY_HEADERS, origin_of, page
 from exceptiondrive_server.web.services import Services
-from exceptiondrive_server.web.templating import render
 
 router = APIRouter(include_in_schema=False)
 CLIENT = "exceptiondrive"
@@ -37,11 +36,10 @@ class Wheel(NamedTuple):
 
     path: Path
     project: str
-    """Its name as an index writes it: small letters and hyphens."""
+    """In small letters, with hyphens."""
     version: str
     size_bytes: int
     digest: str
-    metadata: bytes
     requires_python: str
 
     @property
@@ -53,11 +51,6 @@ class Wheel(NamedTuple):
     def address(self) -> str:
         """Path and digest, as pip checks it."""
         return f"/client/{self.name}#sha256={self.digest}"
-
-    @property
-    def metadata_digest(self) -> str:
-        """Of the metadata, which an index serves beside the wheel."""
-        return hashlib.sha256(self.metadata).hexdigest()
 
 
 def wheels_of(services: Services) -> Mapping[str, Wheel]:
@@ -95,7 +88,6 @@ def _wheel(path: Path, size_bytes: int, changed_ns: int) -> Wheel:
         named["version"],
         size_bytes,
         digest,
-        metadata,
         needs[1].decode().strip() if needs else "",
     )
 
@@ -148,32 +140,12 @@ def _recorder_of(wheel: Wheel) -> bytes:
         return archive.read(RECORDER)
 
 
-@router.get("/client/simple")
-@router.get("/client/simple/")
-def list_projects(services: ServicesOf) -> Response:
-    """List the projects, as PEP 503 has it."""
-    projects = sorted({wheel.project for wheel in wheels_of(services).values()})
-    return _index("Simple index", [(f"/client/simple/{name}/", name, None) for name in projects])
-
-
-@router.get("/client/simple/{project}")
-@router.get("/client/simple/{project}/")
-def list_files(services: ServicesOf, project: FileName) -> Response:
-    """List the wheels of a project, with digests, Python versions and metadata."""
-    found = [one for one in wheels_of(services).values() if one.project == _normal(project)]
-    if not found:
-        raise NotFound("project", project)
-    return _index(f"Links for {found[0].project}", [(w.address, w.name, w) for w in found])
-
-
 @router.get("/client/{name}")
 def give_wheel(request: Request, services: ServicesOf, name: FileName) -> Response:
-    """Give a wheel, or its metadata alone."""
-    wheel = wheels_of(services).get(name.removesuffix(".metadata"))
+    """Give a wheel."""
+    wheel = wheels_of(services).get(name)
     if wheel is None:
         raise NotFound("file", name)
-    if name.endswith(".metadata"):
-        return conditional(request, wheel.metadata, "text/plain", headers=SECURITY_HEADERS)
     return conditional(
         request,
         wheel.path.read_bytes,
@@ -181,8 +153,3 @@ def give_wheel(request: Request, services: ServicesOf, name: FileName) -> Respon
         etag=wheel.digest,
         headers=SECURITY_HEADERS,
     )
-
-
-def _index(title: str, links: list[tuple[str, str, Wheel | None]]) -> Response:
-    body = render("guide/simple_index.html", title=title, links=links)
-    return HTMLResponse(body, headers={**SECURITY_HEADERS, "Cache-Control": "no-cache"})
