@@ -97,7 +97,6 @@ class AsyncClient:
     edit = _of(Client.edit)
     edits = _of(Client.edits)
     leaderboard = _of(Client.leaderboard)
-    leaderboard_csv = _of(Client.leaderboard_csv)
     manifest = _of(Client.manifest)
     mark_read = _of(Client.mark_read)
     me = _of(Client.me)

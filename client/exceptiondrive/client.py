@@ -792,37 +792,20 @@ class Client(Connection):
         """
         from exceptiondrive_schemas.board import Board
 
-        query = _board_query(
-            phase, as_of, challenge=challenge, protocol=protocol, sort=sort, view=view
-        )
+        moment = as_of.isoformat() if isinstance(as_of, date) else as_of
+        query = {
+            "phase": phase,
+            "as_of": moment,
+            "challenge": challenge,
+            "protocol": protocol,
+            "sort": sort,
+            "view": view,
+        }
         with (
             self._naming(phase or "", self._phase_ids, "phases"),
             self._naming(protocol or "", self._protocol_versions, "protocols"),
         ):
             return self._get(Board, "/leaderboard", query)
-
-    def leaderboard_csv(
-        self,
-        *,
-        phase: str | None = None,
-        challenge: str | None = None,
-        protocol: str | None = None,
-        as_of: datetime | date | str | None = None,
-        sort: str | None = None,
-        view: Literal["main", "late"] | None = None,
-    ) -> str:
-        """Return a board as CSV, as the server writes it: without the rows that a paper reports.
-
-        What is asked is that of `leaderboard`, whose document has them.
-        """
-        query = _board_query(
-            phase, as_of, challenge=challenge, protocol=protocol, sort=sort, view=view
-        )
-        with (
-            self._naming(phase or "", self._phase_ids, "phases"),
-            self._naming(protocol or "", self._protocol_versions, "protocols"),
-        ):
-            return self._transport.get("/leaderboard.csv", query).text
 
     def protocol_of(self, phase: PhaseView) -> ProtocolDocument:
         """Return the phase's protocol, from this package where it is the same."""
@@ -874,10 +857,3 @@ class TeamTokens(Connection):
     def revoke(self, token_id: str) -> Record:
         """Revoke a token for good."""
         return self._transport.post_once(f"/tokens/{quoted(token_id)}/revoke", {})
-
-
-def _board_query(
-    phase: str | None, as_of: datetime | date | str | None, **asked: str | None
-) -> dict[str, str | None]:
-    moment = as_of.isoformat() if isinstance(as_of, date) else as_of
-    return {"phase": phase, "as_of": moment, **asked}

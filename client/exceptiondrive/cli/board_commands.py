@@ -4,12 +4,10 @@ from collections.abc import Iterator
 from datetime import datetime
 from typing import TYPE_CHECKING, Annotated, Any, get_args
 
-import typer
-
 from exceptiondrive.challenges import challenge_of
 from exceptiondrive.cli import options
 from exceptiondrive.cli.fitted_table import Column, FittedTable
-from exceptiondrive.cli.options import flag, one_of, option
+from exceptiondrive.cli.options import one_of, option
 from exceptiondrive.cli.output import Answer, show_result
 from exceptiondrive.cli.session import open_client, with_client
 from exceptiondrive.cli.tables import board_view, left_words
@@ -18,7 +16,7 @@ from exceptiondrive.settings import default_phase, find_setting
 from exceptiondrive_schemas.api.phase_settings import BoardView
 from exceptiondrive_schemas.api.submission import PhaseView
 from exceptiondrive_schemas.challenges import CHALLENGES
-from exceptiondrive_schemas.printable import counted, printable
+from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.python310 import UTC
 from exceptiondrive_schemas.score_sheet import metric_text
 
@@ -49,13 +47,10 @@ def leaderboard(
     view: Annotated[
         str | None, one_of("--view", VIEWS, "late: with what came after the deadline.")
     ] = None,
-    csv: Annotated[bool, flag("--csv", "The server's CSV on stdout.")] = False,
     server: options.Server = None,
     json: options.Json = False,
 ) -> None:
     """Show a ranked board."""
-    if csv and json:
-        raise InvalidArgumentError("too_many_choices", "Give only one of --csv and --json.")
     options.require_one_of("--view", view, VIEWS)
     if challenge is None:
         phase = find_setting("phase", phase).value
@@ -68,10 +63,6 @@ def leaderboard(
         "view": view,
     }
     with open_client(server) as client:
-        if csv:
-            text = client.leaderboard_csv(**asked)
-            typer.echo(printable(text), nl=False)
-            return
         board = client.leaderboard(**asked)
         now = None if json or as_of else client.phase(board.phase).now
     show_result(board, json, board_view(board, now.frozen_since if now else None))
