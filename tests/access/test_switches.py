@@ -7,7 +7,6 @@ import pytest
 from typer.testing import CliRunner
 
 from exceptiondrive_records.accounts.people import Identity, welcome_person
-from exceptiondrive_records.accounts.tokens import issue_token
 from exceptiondrive_server.operations.cli import app
 
 if TYPE_CHECKING:
@@ -66,20 +65,6 @@ def test_operators_do_the_same_by_command(
     api: "Api", sqlite_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("EXCEPTIONDRIVE_DATABASE_URL", sqlite_url)
-    with api.database.write() as session:
-        person_id = welcome_person(session, Identity("https://issuer.example", "s", "Ada")).id
     run = CliRunner()
-    assert run.invoke(app, ["set-organizer", person_id]).exit_code == 0
-    assert run.invoke(app, ["list-people"]).stdout == f"{person_id}\tAda\t\towner\n"
-    with api.database.write() as session:
-        _, handed = issue_token(
-            session, api.team_ids["beta"], "handed", ("submit",), actor=f"person:{person_id}"
-        )
-        made = f"{handed.id}\thanded\n"
-    assert run.invoke(app, ["set-organizer", person_id]).stdout == ""
-    taken = run.invoke(app, ["set-organizer", person_id, "off"])
-    assert (taken.exit_code, taken.stdout) == (0, made)
-    assert "tokens that they made work on" in taken.stderr
-    assert run.invoke(app, ["list-people"]).stdout == f"{person_id}\tAda\t\t\n"
     assert run.invoke(app, ["self-registration", "on"]).exit_code == 0
     assert api.post("/registrations", json=WANTED).status_code == 201

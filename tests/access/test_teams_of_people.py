@@ -411,7 +411,7 @@ def test_an_organizer_who_acts_for_a_team_reads_how_to_organize(
 def test_an_organizer_without_a_team_finds_the_way_to_organize(
     small_site: "Api", person: Open, browse: Browse
 ) -> None:
-    """As after the operator's `set-organizer`, or after leaving a team."""
+    """As after `exceptiondrive organizer people set`, or after leaving a team."""
     ada = person(small_site)
     ada.sign_in()
     assert "To submit you need a team" in ada.get("/my/team").text

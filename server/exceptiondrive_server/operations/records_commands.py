@@ -14,9 +14,7 @@ import typer
 
 from exceptiondrive_records.accounts import tokens
 from exceptiondrive_records.accounts.makers import left_behind
-from exceptiondrive_records.accounts.people import list_people, set_organizer
 from exceptiondrive_records.accounts.roles import OrganizerRole
-from exceptiondrive_records.accounts.tables import Token
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.db.settings import RecordsSettings, load_settings
 from exceptiondrive_records.operations.setup import DATA_HELP, opened
@@ -96,17 +94,13 @@ def revoke_token(
         team_id = tokens.revoke_token(session, token_id, actor=ACTOR).team_id
         left = left_behind(session, f"token:{token_id}", team_id)
     say(f"token {token_id} revoked")
-    _show_left("what was made with it works on", left)
-
-
-def _show_left(what: str, tokens_left: list[Token]) -> None:
-    if tokens_left:
-        say(f"{what}; revoke these too, if they are not wanted:")
-    for one in tokens_left:
+    if left:
+        say("what was made with it works on; revoke these too, if they are not wanted:")
+    for one in left:
         typer.echo(f"{one.id}\t{one.name}")
 
 
-# Operator commands on people and self-registration.
+# The operator command on self-registration.
 
 
 class Switch(StrEnum):
@@ -114,33 +108,6 @@ class Switch(StrEnum):
 
     ON = "on"
     OFF = "off"
-
-
-@records_app.command("list-people")
-def list_people_command(data: DataOption = None) -> None:
-    """List who signed in through the provider: id, name, email, role as an organizer."""
-    with opened(load_settings(RecordsSettings, data)) as database, database.read() as session:
-        for person in list_people(session):
-            role = ":".join((person.organizer_role or "", *person.organizer_phases))
-            typer.echo("\t".join((person.id, person.name, person.email or "", role)))
-
-
-@records_app.command("set-organizer")
-def set_organizer_command(
-    person: Annotated[str, typer.Argument(metavar="PERSON", help="Id; list-people shows it.")],
-    switch: Annotated[Switch, typer.Argument(help="on or off")] = Switch.ON,
-    role: RoleOption = OrganizerRole.OWNER,
-    phase: PhasesOption = None,
-    data: DataOption = None,
-) -> None:
-    """Make a person an organizer in some role, or no longer."""
-    wanted = role if switch is Switch.ON else None
-    with opened(load_settings(RecordsSettings, data)) as database, database.write() as session:
-        row = set_organizer(session, person, wanted, phase or (), actor=ACTOR)
-        name, left = row.name, left_behind(session, f"person:{person}")
-    say(f"{name} is {'an organizer' if switch is Switch.ON else 'no organizer'} now")
-    if wanted is None:
-        _show_left("tokens that they made work on", left)
 
 
 @records_app.command("self-registration")
