@@ -188,7 +188,7 @@ def test_the_first_step_installs_the_client_of_the_actions_own_version(tmp_path:
     runner = Runner(tmp_path, tmp_path)
     runner.install(python=sys.executable, client="")
     said = subprocess.run(
-        [tmp_path / "exceptiondrive/bin/exceptiondrive", "version"],
+        [tmp_path / "exceptiondrive/bin/exceptiondrive", "--version"],
         capture_output=True,
         text=True,
         check=True,

@@ -559,7 +559,7 @@ def test_piped_output_has_no_colour_no_motion_and_whole_lines(
 def test_a_stdout_that_was_closed_is_said_before_anything_is_done() -> None:
     code = "import sys; sys.stdout = None; from exceptiondrive.cli import main; main()"
     done = subprocess.run(
-        [sys.executable, "-c", code, "version"], capture_output=True, text=True, check=False
+        [sys.executable, "-c", code, "--version"], capture_output=True, text=True, check=False
     )
     closed = "error: The output cannot be written: stdout is closed.\n"
     assert (done.returncode, done.stdout, done.stderr) == (2, "", closed)
@@ -618,7 +618,7 @@ def test_a_terminal_gets_colour_unless_no_color_is_set(
     assert b"is valid" in output
 
 
-def test_the_version_is_an_option_too() -> None:
+def test_the_version_is_an_option() -> None:
     done = run("--version")
     assert (done.exit_code, done.stdout) == (0, f"exceptiondrive {__version__}\n")
 

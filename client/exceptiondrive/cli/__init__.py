@@ -24,7 +24,6 @@ COMMANDS = {
     "evaluate": (".local_commands", "Score a file on this machine."),
     "plot": (".local_commands", "Draw samples: trajectories, footprints, tube, region, clearance."),
     "convert": (".convert_command", "Make a submission of a planner's own files."),
-    "version": (".local_commands", "Print the versions of client and protocol."),
     "config": (".config_command", "Show or keep the usual server and phase."),
     "login": (".account_commands", "Keep a team token for a server."),
     "logout": (".account_commands", "Forget the token of a server."),

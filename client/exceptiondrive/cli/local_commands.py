@@ -1,4 +1,4 @@
-"""Commands that work without a server: check, evaluate, plot, version.
+"""Commands that work without a server: check, evaluate, plot.
 
 What only one of them uses is imported when it is called.
 """
@@ -12,7 +12,7 @@ from exceptiondrive.checking import check_file, csv_text, parquet_bytes, write_f
 from exceptiondrive.cli import options
 from exceptiondrive.cli.file_tables import file_view, report_view, sheet_view
 from exceptiondrive.cli.options import flag, option
-from exceptiondrive.cli.output import replacing, say, show, show_result
+from exceptiondrive.cli.output import replacing, say, show_result
 from exceptiondrive.cli.progress import step_line
 from exceptiondrive.cli.session import open_client
 from exceptiondrive.errors import InvalidArgumentError, InvalidFileError
@@ -20,11 +20,9 @@ from exceptiondrive.evaluation import SampleResult, sample_results, score, sound
 from exceptiondrive.inputs import GivenFile, ProtocolLike, given_split
 from exceptiondrive.outlook import Outlook
 from exceptiondrive.settings import find_setting
-from exceptiondrive.version import __version__
 from exceptiondrive_schemas.challenges import ChallengeId
 from exceptiondrive_schemas.coverage import unranked_reasons
 from exceptiondrive_schemas.printable import counted
-from exceptiondrive_schemas.protocol import NEWEST, packaged_protocol
 
 TABLES = (".csv", ".csv.gz", ".parquet")
 """Endings of the files that results of samples are written to."""
@@ -197,10 +195,3 @@ def plot(
         )
     facts = {"output": str(output), "sample_ids": list(drawn)}
     show_result(facts, json, f"{counted(len(drawn), 'sample')} in {output}")
-
-
-def version() -> None:
-    """Print the versions of client and protocol."""
-    protocol = packaged_protocol(NEWEST)
-    show(f"exceptiondrive {__version__}")
-    show(f"protocol {protocol.version} {protocol.digest}")
