@@ -92,6 +92,21 @@ def test_every_document_that_is_named_is_there(texts: dict[str, str]) -> None:
     assert {(name, path) for name, path in named if not (ROOT / path).is_file()} == set()
 
 
+def test_who_hears_that_the_same_bytes_are_free_hears_when_they_are_not(
+    texts: dict[str, str],
+) -> None:
+    """A withdrawn submission is not given back: its bytes are a new one (tests/records)."""
+    said = re.compile(r"same (?:bytes|file) (?:sent )?again (?:give|return|costs?)\b[^.]*")
+    found = [
+        sentence
+        for name, text in texts.items()
+        if not name.startswith("tests/")
+        for sentence in said.findall(" ".join(text.split()))
+    ]
+    assert len(found) >= 7
+    assert [sentence for sentence in found if "withdrawn" not in sentence] == []
+
+
 def test_every_section_of_the_protocol_that_is_named_is_there(texts: dict[str, str]) -> None:
     headings = set(
         re.findall(r"^## (\d)\. ", (DOCS / "protocol.md").read_text("utf-8"), re.MULTILINE)

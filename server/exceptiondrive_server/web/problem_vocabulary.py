@@ -132,7 +132,8 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = {
         429,
         "The quota is used up",
         "Your team has made all submissions that this phase allows for now. Rejected and "
-        "failed submissions never count, and neither do the same bytes sent again.",
+        "failed submissions never count, and neither do the same bytes sent again, unless that submission was "
+        "withdrawn.",
         (
             "A day's quota renews at 00:00 UTC, `Retry-After` seconds from now; that of a whole phase does not.",
             "Until then, score locally on the development split: `exceptiondrive evaluate`.",
