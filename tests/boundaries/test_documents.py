@@ -92,6 +92,25 @@ def test_every_document_that_is_named_is_there(texts: dict[str, str]) -> None:
     assert {(name, path) for name, path in named if not (ROOT / path).is_file()} == set()
 
 
+@pytest.mark.parametrize(
+    ("name", "promise"),
+    [
+        ("README.md", "every fault at once, before"),
+        ("client/README.md", "every fault at once; offline"),
+        ("docs/client.md", "says every fault, counted"),
+        ("docs/errors.md", "and the server run the same checker"),
+        ("docs/submission-format.md", "says everything that is wrong"),
+        ("server/exceptiondrive_server/web/problem_vocabulary.py", 'finds " "the same faults'),
+    ],
+)
+def test_a_check_that_promises_every_fault_knows_the_samples(
+    texts: dict[str, str], name: str, promise: str
+) -> None:
+    text = " ".join(texts[name].split())
+    command = text[: text.index(promise)].rpartition("check ")[2]
+    assert "--phase" in command, "without phase or manifest unknown and missing samples pass"
+
+
 def test_who_hears_that_the_same_bytes_are_free_hears_when_they_are_not(
     texts: dict[str, str],
 ) -> None:

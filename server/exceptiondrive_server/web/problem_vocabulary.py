@@ -147,8 +147,8 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = {
         "day is capped.",
         (
             (
-                "Check files on your own machine first: `exceptiondrive check FILE` finds the same "
-                "faults."
+                "Check files on your own machine first: `exceptiondrive check FILE --phase PHASE` finds "
+                "the same faults."
             ),
             "Submit again after 00:00 UTC.",
         ),
