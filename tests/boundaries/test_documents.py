@@ -207,6 +207,22 @@ def is_known(program: str, words: list[str]) -> bool:
     return given <= options | {"--help"} and not (is_group and words and not given)
 
 
+def test_the_commands_that_ask_are_named(texts: dict[str, str]) -> None:
+    organizer: Any = get_command(client).get_command(None, "organizer")
+    groups = {name: organizer.get_command(None, name) for name in organizer.list_commands(None)}
+    asking = {
+        f"{group} {name}"
+        for group, commands in groups.items()
+        for name in getattr(commands, "list_commands", lambda _: ())(None)
+        if any("--yes" in one.opts for one in commands.get_command(None, name).params)
+    }
+    assert asking == {"teams merge", "teams forget", "people forget", "phases reveal"}
+    for name in ("CHANGELOG.md", "docs/client.md"):
+        said = re.search(r"`teams merge`, .*?`--yes`", " ".join(texts[name].split()))
+        assert said is not None
+        assert set(SPAN.findall(said[0])) == asking | {"--yes"}, name
+
+
 def test_every_test_that_a_document_names_is_there() -> None:
     named = {
         (file, name)

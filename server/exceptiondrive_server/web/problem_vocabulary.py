@@ -185,7 +185,7 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = {
     ProblemCode.INTERNAL: ProblemKind(
         500,
         "We made an error",
-        "The server met an error of its own. Organizers see it under the request id.",
+        "The server met an error of its own. Operators find it in the logs by the request id.",
         ("Try again later.", "If it stays, tell an organizer the `request_id`."),
         5,
         in_browser=(
