@@ -379,7 +379,8 @@ def _sideways_mend(moving: Sequence[Compared], *, is_of_the_path: bool) -> Mend 
         if mended <= MIRROR_FITS and error > times_better * mended:
             rows = changes(change) if change is mirrored else ()
             named = Transformation(looks_like, option, partial(of_source, change))
-            return _whole_or_part(named, error, mended, rows)
+            mend = _whole_or_part(named, error, mended, rows)
+            return mend.model_copy(update={"is_sideways": True})
     return None
 
 
