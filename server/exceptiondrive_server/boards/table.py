@@ -55,7 +55,7 @@ HEAT_STEPS = 10
 HEAT_ROWS = 12
 SMALL_FAMILY = 30
 WIDE_COLUMNS = 9
-NO_OTHER = "no other by pairwise {} intervals"
+NO_OTHER = "no other by {} intervals"
 """What is said of an entry whose range of ranks is its rank alone."""
 
 
