@@ -366,6 +366,22 @@ async def test_the_quick_start_says_which_run_of_a_method_stands(
     assert words in " ".join((await site.get("/submit?phase=sample")).text.split())
 
 
+async def test_a_board_that_tells_no_family_offers_none(site: Any, lively_board: Board) -> None:
+    """Cells below the least size hold their n alone, as every family of a small withheld split."""
+    counts = {
+        head.id: FamilyCell(n=head.n, metrics={"hcc": None, "ur": None})
+        for head in lively_board.families
+    }
+    untold = [each.model_copy(update={"families": counts}) for each in lively_board.entries]
+    offers = ("Which hazards are hardest", "family.lane_blockage", "your scores by family")
+    site.create_phase("sample")
+    for entries, tells in ((lively_board.entries, True), (tuple(untold), False)):
+        number = lively_board.board + (not tells)
+        site.publish(lively_board.model_copy(update={"entries": entries, "board": number}))
+        text = " ".join((await site.get("/?phase=sample")).text.split())
+        assert [words in text for words in offers] == [tells] * 3
+
+
 async def test_the_quick_start_says_so_where_a_phase_takes_nothing(lively_site: Any) -> None:
     lively_site.create_phase("past", opens_at=AGO, closes_at=AGO_TOO)
     text = (await lively_site.get("/submit?phase=past")).text
