@@ -92,6 +92,20 @@ def test_every_document_that_is_named_is_there(texts: dict[str, str]) -> None:
     assert {(name, path) for name, path in named if not (ROOT / path).is_file()} == set()
 
 
+def test_nobody_is_told_to_install_what_an_index_has_under_the_name(texts: dict[str, str]) -> None:
+    bare = re.compile(
+        r"(?:pip install|uvx|pipx run|client:)(?: --?quiet)? [\\'\"]*exceptiondrive"
+        r"(?!-|\.|(?:\[[\w,]+\])? @)"
+    )
+    told = [
+        name
+        for name, text in texts.items()
+        if name.endswith((".md", ".yml", ".ipynb"))
+        for _ in bare.findall(text)
+    ]
+    assert told == ["docs/client.md"], "which warns of it"
+
+
 @pytest.mark.parametrize(
     ("name", "promise"),
     [
