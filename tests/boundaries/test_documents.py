@@ -222,7 +222,8 @@ def is_known(program: str, words: list[str]) -> bool:
 
 
 def test_the_commands_that_ask_are_named(texts: dict[str, str]) -> None:
-    organizer: Any = get_command(client).get_command(None, "organizer")
+    program: Any = get_command(client)
+    organizer = program.get_command(None, "organizer")
     groups = {name: organizer.get_command(None, name) for name in organizer.list_commands(None)}
     asking = {
         f"{group} {name}"
