@@ -428,7 +428,9 @@ class Client(Connection):
         names = {each.method for each in own if each.status not in SENT_ANEW} - {method}
         alike = (name for name in names if method and name.casefold() == method.casefold())
         said: RunRule = next((each.run_rule for each in scored if each.method == method), "newest")
-        rule = RUN_RULES.get(said, phase.policy.run_rule)
+        rule = RUN_RULES.get(said) or phase.policy.run_rule(
+            has_deadline=phase.closes_at is not None
+        )
         if shows_one or phase.policy.run_choice == "team":
             rule += " To say otherwise: exceptiondrive choose."
         is_late = not phase.is_open and phase.takes_late_entries

@@ -133,7 +133,7 @@ PLANNING_WORDS = ChallengeWords(
         OutcomePart(metric="hit_reacting", words="in the hazard, although it reacted", kind="hit"),
         OutcomePart(metric="hit_unmoved", words="in the hazard, unmoved", kind="unmoved"),
     ),
-    covered={"edited": "samples as edited", "source": "samples as recorded"},
+    covered={"edited": "samples as edited", "source": "original scenes"},
     file_note="One JSON file with {waypoints} waypoints per trajectory, two trajectories per "
     "sample.",
     alike="Compared are the paths for the scene with the hazard, sample by sample; those at most 5 cm "

@@ -13,7 +13,8 @@ class Mend(Document):
     """A simple mistake that explains the file, and what mends it.
 
     Errors are median distances of the sources from the recorded drive as shares of its distance from
-    the origin; None where the trajectories tell the mistake by themselves.
+    the origin, or where `is_sideways`, of their ends alone, to the side; None where the trajectories
+    tell the mistake by themselves.
     """
 
     looks_like: str
@@ -23,6 +24,8 @@ class Mend(Document):
     """As the file is."""
     mended_error: float | None = None
     """Mended."""
+    is_sideways: bool = False
+    """Whether both are measured to the side at the ends of turns: by a mirror image, or bearings."""
     by_hand: str | None = None
     """What the planner's author does, where no conversion can mend the file."""
 
@@ -40,10 +43,8 @@ class Mend(Document):
         if self.error is None or self.mended_error is None:
             return ""
         as_is = "" if self.error == self.mended_error else f", {self.error:.0%} as they are"
-        return (
-            f": taken so, the sources are {self.mended_error:.0%} of the driven distance off the "
-            f"recorded drives{as_is}"
-        )
+        of = "way to the side at the end of turns" if self.is_sideways else "driven distance"
+        return f": taken so, the sources are {self.mended_error:.0%} of the {of} off the recorded drives{as_is}"
 
 
 class FileProfile(Document):

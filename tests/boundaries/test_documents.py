@@ -92,6 +92,54 @@ def test_every_document_that_is_named_is_there(texts: dict[str, str]) -> None:
     assert {(name, path) for name, path in named if not (ROOT / path).is_file()} == set()
 
 
+def test_nobody_is_told_to_install_what_an_index_has_under_the_name(texts: dict[str, str]) -> None:
+    bare = re.compile(
+        r"(?:pip install|uvx|pipx run|client:)(?: --?quiet)? [\\'\"]*exceptiondrive"
+        r"(?!-|\.|(?:\[[\w,]+\])? @)"
+    )
+    told = [
+        name
+        for name, text in texts.items()
+        if name.endswith((".md", ".yml", ".ipynb"))
+        for _ in bare.findall(text)
+    ]
+    assert told == ["docs/client.md"], "which warns of it"
+
+
+@pytest.mark.parametrize(
+    ("name", "promise"),
+    [
+        ("README.md", "every fault at once, before"),
+        ("client/README.md", "every fault at once; offline"),
+        ("docs/client.md", "says every fault, counted"),
+        ("docs/errors.md", "and the server run the same checker"),
+        ("docs/submission-format.md", "says everything that is wrong"),
+        ("server/exceptiondrive_server/web/problem_vocabulary.py", 'finds " "the same faults'),
+    ],
+)
+def test_a_check_that_promises_every_fault_knows_the_samples(
+    texts: dict[str, str], name: str, promise: str
+) -> None:
+    text = " ".join(texts[name].split())
+    command = text[: text.index(promise)].rpartition("check ")[2]
+    assert "--phase" in command, "without phase or manifest unknown and missing samples pass"
+
+
+def test_who_hears_that_the_same_bytes_are_free_hears_when_they_are_not(
+    texts: dict[str, str],
+) -> None:
+    """A withdrawn submission is not given back: its bytes are a new one (tests/records)."""
+    said = re.compile(r"same (?:bytes|file) (?:sent )?again (?:give|return|costs?)\b[^.]*")
+    found = [
+        sentence
+        for name, text in texts.items()
+        if not name.startswith("tests/")
+        for sentence in said.findall(" ".join(text.split()))
+    ]
+    assert len(found) >= 7
+    assert [sentence for sentence in found if "withdrawn" not in sentence] == []
+
+
 def test_every_section_of_the_protocol_that_is_named_is_there(texts: dict[str, str]) -> None:
     headings = set(
         re.findall(r"^## (\d)\. ", (DOCS / "protocol.md").read_text("utf-8"), re.MULTILINE)
@@ -171,6 +219,23 @@ def is_known(program: str, words: list[str]) -> bool:
     options = {option for each in command.params for option in each.opts + each.secondary_opts}
     given = {option for each in words for option in re.findall(r"^\[?(--?[a-z][a-z-]*)", each)}
     return given <= options | {"--help"} and not (is_group and words and not given)
+
+
+def test_the_commands_that_ask_are_named(texts: dict[str, str]) -> None:
+    program: Any = get_command(client)
+    organizer = program.get_command(None, "organizer")
+    groups = {name: organizer.get_command(None, name) for name in organizer.list_commands(None)}
+    asking = {
+        f"{group} {name}"
+        for group, commands in groups.items()
+        for name in getattr(commands, "list_commands", lambda _: ())(None)
+        if any("--yes" in one.opts for one in commands.get_command(None, name).params)
+    }
+    assert asking == {"teams merge", "teams forget", "people forget", "phases reveal"}
+    for name in ("CHANGELOG.md", "docs/client.md"):
+        said = re.search(r"`teams merge`, .*?`--yes`", " ".join(texts[name].split()))
+        assert said is not None
+        assert set(SPAN.findall(said[0])) == asking | {"--yes"}, name
 
 
 def test_every_test_that_a_document_names_is_there() -> None:

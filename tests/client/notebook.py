@@ -8,7 +8,10 @@ from pathlib import Path
 from typing import Any
 
 NOTEBOOK = Path(__file__).parents[2] / "docs/notebooks/first_entry.ipynb"
-INSTALL = '%pip install --quiet "exceptiondrive[evaluate,data]"'
+INSTALL = (
+    '%pip install --quiet "exceptiondrive[evaluate,data] @ https://SERVER/client/..."'
+    "  # its page /client/ has the line"
+)
 RUN = """
 import ast, json, sys
 names, shown = {"__name__": "__main__"}, []

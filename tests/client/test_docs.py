@@ -12,7 +12,7 @@ import pytest
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from exceptiondrive import InvalidFileError
+from exceptiondrive import InvalidFileError, check_file
 from exceptiondrive.cli import app
 from exceptiondrive.cli.reference import command_reference, with_reference
 
@@ -54,6 +54,15 @@ def test_every_help_is_whole_in_80_columns() -> None:
         for line in done.stdout.splitlines():
             assert len(line) <= 80, (names, line)
             assert not re.search(r"\w\.\.\.$|…", line), (names, line)
+
+
+def test_the_file_of_the_readme_is_sound(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = (DOCS.parent / "client" / "README.md").read_text(encoding="utf-8")
+    (program,) = re.findall(r"```python\n(.*?)Client\(\)", text, re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    Path("example.py").write_text(program, encoding="utf-8")
+    runpy.run_path("example.py")
+    assert check_file("planner.json.gz").is_valid
 
 
 def test_a_document_without_marks_is_refused() -> None:

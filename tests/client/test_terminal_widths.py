@@ -413,6 +413,13 @@ def test_a_replaced_run_that_the_board_still_shows_has_its_rank() -> None:
     assert "not on the board" in " ".join(map(str, submission_view(gone, "http://server/x")))
 
 
+def test_what_was_confirmed_is_not_listed_as_withdrawn() -> None:
+    asked = submission(1, "withdrawn", confirmed_as="2mjvnt33drhnasw0")
+    text = text_of([*submissions_view([asked])], 160)
+    assert f"{asked.id} was confirmed or sent again as 2mjvnt33drhnasw0" in text
+    assert "withdrawn" not in text
+
+
 def test_a_phase_that_takes_nothing_more_has_nothing_left() -> None:
     over = {"closes_at": datetime.now(UTC) - timedelta(days=1), "is_open": False}
     archived = {"visibility": "archived", "is_open": False}

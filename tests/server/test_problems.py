@@ -169,6 +169,10 @@ def test_our_own_error_is_500_with_an_id_and_nothing_else(
     assert [line["status"] for line in logs if line["event"] == "request"] == [500]
     (told,) = [line for line in logs if line["event"] == "unexpected error"]
     assert (told["kind"], told["request_id"]) == ("ZeroDivisionError", problem["request_id"])
+    assert (
+        "Operators find it in the logs by the request id"
+        in api.client.get("/problems/internal").text
+    )
     assert told["places"][-1].endswith(" broken")
 
 

@@ -128,9 +128,7 @@ def test_low_coverage_never_ranks_and_says_why(
     row = row_of(board, "gaps")
     assert row.rank is None
     assert row.rank_interval is None
-    assert (
-        row.unranked_because == "75.00% of the samples as recorded are answered; a rank needs 99%"
-    )
+    assert row.unranked_because == "75.00% of the original scenes are answered; a rank needs 99%"
     assert row.metrics["hcc"] == 1.0
     assert row_of(board, "complete").rank_interval == (1, 1)
 

@@ -96,7 +96,8 @@ def submit(
     Before anything is sent it is said what the file looks like, whether it replaces an entry of the
     team, and why it would not be ranked; on a terminal you are asked, elsewhere --replace and
     --allow-unranked say yes. With --wait it is followed until it is ranked. The same bytes again
-    give the first submission back and cost no quota; to change what is said of them, use edit.
+    give the first submission back and cost no quota, unless it was withdrawn; to change what is said
+    of them, use edit.
 
     Facts of the method, all optional: type, sensors, map, extra_data, open_code, open_weights,
     parameters_millions, hardware, time_per_sample_s. Those of its last run stay if none are given.

@@ -235,12 +235,13 @@ def submissions_view(views: Iterable[SubmissionView]) -> Iterator[RenderableType
     for view in views:
         style = STYLES.get(view.status, "yellow")
         ranking = _ranking_texts(view)
+        line = "confirmed" if view.confirmed_as else status_line(view)
         table.add_row(
             view.id,
             view.phase,
             *(view.team for _ in teams),
             view.method,
-            Text("replaced" if view.replaced_by else status_line(view), style=style),
+            Text("replaced" if view.replaced_by else line, style=style),
             *(ranking.get(head, "") for head in heads),
             str(view.rank or ""),
             utc_text(view.received_at),
@@ -249,6 +250,8 @@ def submissions_view(views: Iterable[SubmissionView]) -> Iterator[RenderableType
     for view in views:
         if view.replaced_by:
             yield Text(f"{view.id} was replaced by {view.replaced_by}", style="dim")
+        elif view.confirmed_as:
+            yield Text(f"{view.id} was confirmed or sent again as {view.confirmed_as}", style="dim")
 
 
 def _ranking_texts(view: SubmissionView) -> dict[str, str]:

@@ -138,8 +138,7 @@ class PhasePolicy(Document):
         "after a change of them, once more. No team is told of a change: write to them.",
     )
 
-    @property
-    def run_rule(self) -> str:
+    def run_rule(self, *, has_deadline: bool) -> str:
         """Say, before anything is handed in, which run stands on the board."""
         private = "An entry is private, and ranks nowhere, until its team publishes it. "
         said = private if self.entries_private else ""
@@ -149,6 +148,11 @@ class PhasePolicy(Document):
         if self.run_choice == "team":
             return (
                 f"{said}, unless the team says before the deadline: the best, or one that it names."
+            )
+        if has_deadline:
+            return (
+                f"{said}; withdraw it before the deadline, and the earlier one stands again; later "
+                "its place stays empty."
             )
         return f"{said}; withdraw it, and the earlier one stands again."
 

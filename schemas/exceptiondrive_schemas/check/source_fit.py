@@ -359,7 +359,8 @@ def _sideways_mend(moving: Sequence[Compared]) -> Mend | None:
         for y_m, driven_m in ends
     ]
     named = Transformation(looks_like, option, partial(of_source, change))
-    return _whole_or_part(named, error, mended, rows)
+    mend = _whole_or_part(named, error, mended, rows)
+    return mend.model_copy(update={"is_sideways": True})
 
 
 # Mistakes that trajectories tell by themselves, or by their neighbours in the file

@@ -10,6 +10,7 @@ from typing import Any
 
 from exceptiondrive_schemas.base import Document
 from exceptiondrive_schemas.check import check
+from exceptiondrive_schemas.check.fault_list import MAX_FAULTS
 from exceptiondrive_schemas.faults import MAX_EXAMPLES, MESSAGES, CheckReport, FaultCode
 from exceptiondrive_schemas.protocol import packaged_protocol
 from exceptiondrive_schemas.publish.example_split import (
@@ -119,10 +120,11 @@ HEAD = f"""# What can be wrong with a submission file
 
 <!-- Written by `python -m exceptiondrive_schemas.publish`; do not edit. -->
 
-`exceptiondrive check FILE` and the server run the same checker and say the same. It reads the whole
-file in one pass and reports every fault: a code, the place as a JSON path, the sample id, what was
-expected, what was found, and often what probably went wrong. The first examples of each code are
-listed (at most {MAX_EXAMPLES}), and the total is always told. A rejected file costs no quota.
+`exceptiondrive check FILE --phase PHASE` (offline `--manifest M`) and the server run the same checker
+and say the same. It reads the whole file in one pass and reports every fault: a code, the place as a
+JSON path, the sample id, what was expected, what was found, and often what probably went wrong. The
+first examples of each code are listed (at most {MAX_EXAMPLES}) with the total, until reading stops at
+{MAX_FAULTS:,} faults and the report says so. A rejected file costs no quota.
 
 Codes are stable: scripts may rely on them. Each one stands here with the report of a file that is
 broken in just this way.

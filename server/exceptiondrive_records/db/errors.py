@@ -103,7 +103,7 @@ class RejectedCapExceeded(RecordsError):
         self.resets_at = resets_at
         super().__init__(
             f"{limit} files of your team brought no score today, which is the limit. Run "
-            "`exceptiondrive check FILE` before you submit; "
+            "`exceptiondrive check FILE --phase PHASE` before you submit; "
             f"the next day begins at {resets_at:%Y-%m-%d %H:%M} UTC."
         )
 

@@ -46,10 +46,8 @@ def choose(
         if rule != "this":
             raise Conflict("This phase shows one entry of each team: choose a submission itself.")
     elif phase.policy.run_choice == "newest":
-        raise Conflict(
-            "This phase shows all methods of a team, each by its newest run: there is nothing to "
-            "choose. Withdraw a run, and the one before it stands again."
-        )
+        words = phase.policy.run_rule(has_deadline=phase.closes_at is not None)
+        raise Conflict(f"There is nothing to choose. {words}")
     if not can_change(phase, submission, now):
         raise Conflict(
             f"The deadline was {deadline_of(phase, submission):%Y-%m-%d %H:%M} UTC: "

@@ -75,6 +75,15 @@ class Comparison:
             for head in self.board.families
         )
 
+    def difference(self, metric: Metric) -> str:
+        """Write first minus second: sample by sample where that is known, else of the two values."""
+        found = self.paired.overall.get(metric.key) if self.paired else None
+        if found is not None and found.difference is not None:
+            return self.digits.signed(metric, found.difference)
+        return self.digits.difference(
+            metric, self.a.metrics.get(metric.key), self.b.metrics.get(metric.key)
+        )
+
     def better(self, metric: Metric) -> str:
         """Return `a` or `b`, whichever has the better value; nothing where none has."""
         x, y = self.a.metrics.get(metric.key), self.b.metrics.get(metric.key)

@@ -213,7 +213,7 @@ def phase_link(session: Session, phase: Phase, is_current: bool = False) -> Phas
         has_data=bool(phase.page.data_url or phase.page.data_manifest_url),
         not_checked=not_checked(phase.challenge, whole),
         entries_private=phase.policy.entries_private,
-        run_rule=phase.policy.run_rule,
+        run_rule=phase.policy.run_rule(has_deadline=phase.closes_at is not None),
         url=f"/?phase={phase.id}#board",
     )
 

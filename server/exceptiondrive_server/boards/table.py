@@ -55,7 +55,7 @@ HEAT_STEPS = 10
 HEAT_ROWS = 12
 SMALL_FAMILY = 30
 WIDE_COLUMNS = 9
-NO_OTHER = "no other by pairwise {} intervals"
+NO_OTHER = "no other by {} intervals"
 """What is said of an entry whose range of ranks is its rank alone."""
 
 
@@ -703,7 +703,14 @@ class BoardTable:
 
     @cached_property
     def family_heads(self) -> list[tuple[str, str, str, int, float]]:
-        """Id, title, short title, samples and share of samples of each family."""
+        """Id, title, short title, samples and share of samples of each family.
+
+        Empty where no entry tells the first metric of any.
+        """
+        first = self.builder.challenge.metrics[0].key
+        cells = (cell for entry in self.board.entries for cell in entry.families.values())
+        if all(cell.metrics.get(first) is None for cell in cells):
+            return []
         total = sum([head.n for head in self.board.families]) or 1
         return [
             (head.id, head.title, short_title(head.title), head.n, head.n / total)

@@ -95,7 +95,8 @@ async def submit(
 ) -> SubmissionView:
     """Take an upload. It is kept before the answer is sent; workers read and score it later.
 
-    The same bytes again give the first submission (200) and cost no quota. With an
+    The same bytes again give the first submission (200) and cost no quota, unless that one was
+    withdrawn. With an
     `Idempotency-Key` the same upload, sent again within 24 hours, is answered as the first time
     (202), even where the submission was withdrawn meanwhile; the key with other bytes is refused
     (409). A key is 1 to 255 visible ASCII characters.

@@ -136,7 +136,8 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = {
         429,
         "The quota is used up",
         "Your team has made all submissions that this phase allows for now. Rejected and "
-        "failed submissions never count, and neither do the same bytes sent again.",
+        "failed submissions never count, and neither do the same bytes sent again, unless that submission was "
+        "withdrawn.",
         (
             "A day's quota renews at 00:00 UTC, `Retry-After` seconds from now; that of a whole phase does not.",
             "Until then, score locally on the development split: `exceptiondrive evaluate`.",
@@ -150,8 +151,8 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = {
         "day is capped.",
         (
             (
-                "Check files on your own machine first: `exceptiondrive check FILE` finds the same "
-                "faults."
+                "Check files on your own machine first: `exceptiondrive check FILE --phase PHASE` finds "
+                "the same faults."
             ),
             "Submit again after 00:00 UTC.",
         ),
@@ -189,7 +190,7 @@ PROBLEMS: Mapping[ProblemCode, ProblemKind] = {
     ProblemCode.INTERNAL: ProblemKind(
         500,
         "We made an error",
-        "The server met an error of its own. Organizers see it under the request id.",
+        "The server met an error of its own. Operators find it in the logs by the request id.",
         ("Try again later.", "If it stays, tell an organizer the `request_id`."),
         5,
         in_browser=(

@@ -351,18 +351,35 @@ async def test_a_phase_without_a_board_leaves_the_others_in_reach(lively_site: A
 
 
 @pytest.mark.parametrize(
-    ("policy", "words"),
+    ("policy", "closes_at", "words"),
     [
-        ({}, "the newest run stands, also where it is worse; withdraw it, and the earlier one"),
-        ({"run_choice": "team"}, "unless the team says before the deadline: the best, or one that"),
-        ({"entries_shown": "chosen"}, "Of each team one entry stands: the one that it chose, else"),
+        ({}, None, "also where it is worse; withdraw it, and the earlier one stands again. Then"),
+        ({}, AHEAD, "withdraw it before the deadline, and the earlier one stands again; later its place stays"),
+        ({"run_choice": "team"}, AHEAD, "unless the team says before the deadline: the best, or"),
+        ({"entries_shown": "chosen"}, None, "Of each team one entry stands: the one that it chose,"),
     ],
-)
+)  # fmt: skip
 async def test_the_quick_start_says_which_run_of_a_method_stands(
-    site: Any, policy: dict[str, Any], words: str
+    site: Any, policy: dict[str, Any], closes_at: datetime | None, words: str
 ) -> None:
-    site.create_phase("sample", policy=PhasePolicy(**policy))
+    site.create_phase("sample", policy=PhasePolicy(**policy), closes_at=closes_at)
     assert words in " ".join((await site.get("/submit?phase=sample")).text.split())
+
+
+async def test_a_board_that_tells_no_family_offers_none(site: Any, lively_board: Board) -> None:
+    """Cells below the least size hold their n alone, as every family of a small withheld split."""
+    counts = {
+        head.id: FamilyCell(n=head.n, metrics={"hcc": None, "ur": None})
+        for head in lively_board.families
+    }
+    untold = [each.model_copy(update={"families": counts}) for each in lively_board.entries]
+    offers = ("Which hazards are hardest", "family.lane_blockage", "your scores by family")
+    site.create_phase("sample")
+    for entries, tells in ((lively_board.entries, True), (tuple(untold), False)):
+        number = lively_board.board + (not tells)
+        site.publish(lively_board.model_copy(update={"entries": entries, "board": number}))
+        text = " ".join((await site.get("/?phase=sample")).text.split())
+        assert [words in text for words in offers] == [tells] * 3
 
 
 async def test_the_quick_start_says_so_where_a_phase_takes_nothing(lively_site: Any) -> None:

@@ -150,16 +150,21 @@ def test_differences_are_first_minus_second(paper_board: Board) -> None:
     both = Comparison(
         paper_board, entry(paper_board, "ST-P3"), entry(paper_board, "Impromptu"), Digits()
     )
-    differences = [
-        Digits().difference(m, both.a.metrics.get(m.key), both.b.metrics.get(m.key))
-        for m in both.challenge.metrics
-    ]
+    differences = [both.difference(metric) for metric in both.challenge.metrics]
     printed = ("+1.39", "\u22120.81", "\u22120.28", "\u22120.63", "\u22120.31", "\u22120.46")
     by_key = dict(zip(KEYS, printed, strict=True))
     assert differences == [by_key.get(key, "") for key in both.challenge.metric_keys]
     lines = both.families[:2]
     families = [Digits().difference(both.first, line.a, line.b) for line in lines]
     assert families == ["+0.39", "\u22120.42"]
+
+
+async def test_one_difference_of_two_is_told_wherever_the_page_tells_it(paired_site: Any) -> None:
+    """Sample by sample it is 4.00 points; the two HCC lie 4.09 apart."""
+    text = (await paired_site.get("/compare?phase=sample&a=s0000000kq&b=s0000002kq")).text
+    rows = re.findall(r'<th scope="row">HCC.*?</tr>', text, re.DOTALL)
+    told = [re.findall(r"[+\u2212]\d\.\d\d(?!\d)", row)[0] for row in rows]
+    assert told == ["+4.00", "+4.00"]
 
 
 def test_the_leader_and_the_best_beside_it_are_compared_first(
