@@ -79,8 +79,6 @@ MISTAKES: dict[str, Mistake] = {
     **{f"--time-step-s {step:g} --truncate": sampled(step) for step in (1.0, 2.5)},
 }
 """By the option of `convert` that mends it, what a planner's author did wrong."""
-SIDEWAYS = ("--mirror", "--polar radians")
-"""Of those the ones that show at the side alone."""
 TOO_SHORT = {step: sampled(step) for step in (0.05, 0.1, 0.2, 0.25)}
 """Waypoints so far apart that the last one comes before the horizon: nothing mends that."""
 
@@ -157,8 +155,8 @@ def test_each_mistake_is_named_with_what_mends_it(
     assert profile.mend.error > profile.mend.mended_error
     (sentence,) = profile.warnings
     assert f"{profile.mend.error:.0%} as they are" in sentence
-    assert profile.mend.is_sideways == (option in SIDEWAYS)
-    of = "way to the side at the end of turns" if option in SIDEWAYS else "driven distance"
+    assert profile.mend.is_sideways == (option == "--mirror")
+    of = "way to the side at the end of turns" if option == "--mirror" else "driven distance"
     assert f"are {profile.mend.mended_error:.0%} of the {of} off the recorded" in sentence
     assert sentence.endswith(f"mend it by `exceptiondrive convert FILE {option}`.")
 
