@@ -474,13 +474,22 @@ def test_a_preview_and_an_apply_say_whose_deadline_a_reveal_ends(
         ("old_board", "new_board", "n_entries", "n_numbers_changed", "n_ranks_changed",
          "n_newly_failing"), 1)  # fmt: skip
     sides = {"challenge": "planning", "from_protocol": version, "to_protocol": version}
+    gone = {
+        "submission_id": "s",
+        "method": "Third",
+        "team": "Alef",
+        "old": {"rank": 1},
+        "new": None,
+        "newly_failing": True,
+        "change": "disappears",
+    }
     preview = {
         "run": "R",
         "digest": "sha256:seen",
         "is_stale": False,
         "blockers": [],
         "warnings": [words],
-        "comparison": {**sides, **counts, "entries": [], "worst_movers": []},
+        "comparison": {**sides, **counts, "entries": [gone], "worst_movers": []},
     }
     progress = {"done": 1, "total": 1, "failed": 0, "sheets_per_s": None, "remaining_s": None}
     difference = {"sentence": "Nothing else.", "changes": []}
@@ -493,7 +502,12 @@ def test_a_preview_and_an_apply_say_whose_deadline_a_reveal_ends(
     def said(*words: str) -> Any:
         return CliRunner().invoke(app, ["organizer", "rescore", *words], env=to)
 
-    assert words in said("preview", "R").stdout.replace("\n", " ")
+    seen = " ".join(said("preview", "R").stdout.split())
+    assert words in seen
+    assert (
+        "Third (Alef): not on the new board: on its way, replaced, withdrawn or disqualified"
+        in seen
+    )
     done = said("apply", "R", "--preview", "sha256:seen", "--reason", "the end")
     assert (done.exit_code, words in done.stderr) == (0, True), done.stderr
     unseen = said("apply", "R", "--reason", "the end")

@@ -379,7 +379,7 @@ def _unranked_lines(comparison: Record) -> list[str]:
     """Return a line per entry that loses its rank: why."""
     return [
         f"no longer ranked: {entry['method']} ({entry['team']}): "
-        f"{_standings(entry)[1].get('unranked_because') or 'not on the new board: replaced, withdrawn or disqualified'}"
+        f"{_standings(entry)[1].get('unranked_because') or 'not on the new board: on its way, replaced, withdrawn or disqualified'}"
         for entry in comparison["entries"]
         if entry["newly_failing"]
     ]
