@@ -235,8 +235,10 @@ def test_a_season_with_teams_from_the_command_line(running: "Running", tmp_path:
     assert "would reach 2 teams" in preview
     assert preview.endswith("as they read it:\n  The deadline\n  It moves.\n")
     assert "would reach 1 team\n" in organize(running, *to[:-2], "--preview").stdout
-    assert "sent to 2 teams" in organize(running, *to).stdout
-    assert organize(running, *to).exit_code == 4
+    assert "sent to 2 teams" in organize(running, *to, "--yes").stdout
+    assert organize(running, *to, "--yes").exit_code == 4
+    to_all = organize(running, *to[:4])
+    assert (to_all.exit_code, "Send this to 3 teams?" in to_all.stderr) == (2, True)
     merge = ("teams", "merge", "alef", "--into", "bet", *why)
     for deed in (merge, ("teams", "forget", "alef", *why), ("people", "forget", "alef", *why)):
         unasked = organize(running, *deed)
@@ -475,13 +477,22 @@ def test_a_preview_and_an_apply_say_whose_deadline_a_reveal_ends(
         ("old_board", "new_board", "n_entries", "n_numbers_changed", "n_ranks_changed",
          "n_newly_failing"), 1)  # fmt: skip
     sides = {"challenge": "planning", "from_protocol": version, "to_protocol": version}
+    gone = {
+        "submission_id": "s",
+        "method": "Third",
+        "team": "Alef",
+        "old": {"rank": 1},
+        "new": None,
+        "newly_failing": True,
+        "change": "disappears",
+    }
     preview = {
         "run": "R",
         "digest": "sha256:seen",
         "is_stale": False,
         "blockers": [],
         "warnings": [words],
-        "comparison": {**sides, **counts, "entries": [], "worst_movers": []},
+        "comparison": {**sides, **counts, "entries": [gone], "worst_movers": []},
     }
     progress = {"done": 1, "total": 1, "failed": 0, "sheets_per_s": None, "remaining_s": None}
     difference = {"sentence": "Nothing else.", "changes": []}
@@ -494,10 +505,16 @@ def test_a_preview_and_an_apply_say_whose_deadline_a_reveal_ends(
     def said(*words: str) -> Any:
         return CliRunner().invoke(app, ["organizer", "rescore", *words], env=to)
 
-    assert words in said("preview", "R").stdout.replace("\n", " ")
-    for named in ((), ("--preview", "sha256:seen")):
-        done = said("apply", "R", *named, "--reason", "the end")
-        assert (done.exit_code, words in done.stderr) == (0, True), done.stderr
+    seen = " ".join(said("preview", "R").stdout.split())
+    assert words in seen
+    assert (
+        "Third (Alef): not on the new board: on its way, replaced, withdrawn or disqualified"
+        in seen
+    )
+    done = said("apply", "R", "--preview", "sha256:seen", "--reason", "the end")
+    assert (done.exit_code, words in done.stderr) == (0, True), done.stderr
+    unseen = said("apply", "R", "--reason", "the end")
+    assert (unseen.exit_code, "--preview" in unseen.stderr) == (2, True), unseen.stderr
 
 
 def test_who_takes_a_role_or_forgets_a_person_reads_which_tokens_work_on(

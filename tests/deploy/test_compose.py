@@ -63,15 +63,17 @@ def test_the_validator_refuses_a_misspelt_key(compose: dict[str, Any]) -> None:
         _validate(compose)
 
 
-def test_only_workers_mount_the_withheld_splits_and_read_only(compose: dict[str, Any]) -> None:
+def test_only_workers_mount_the_withheld_splits_and_read_only_but_to_add_one(
+    compose: dict[str, Any],
+) -> None:
     mounts = {
         name: volume
         for name, service in compose["services"].items()
         for volume in service.get("volumes", [])
         if "splits" in str(volume).lower()
     }
-    assert sorted(mounts) == ["publish-split", "worker-live", "worker-rescore"]
-    assert all(volume["read_only"] for volume in mounts.values())
+    assert sorted(mounts) == ["add-split", "publish-split", "worker-live", "worker-rescore"]
+    assert [name for name, volume in mounts.items() if not volume["read_only"]] == ["add-split"]
 
 
 def test_only_workers_mount_the_private_store(compose: dict[str, Any]) -> None:
@@ -86,7 +88,8 @@ def test_only_workers_mount_the_private_store(compose: dict[str, Any]) -> None:
 def test_lasting_workers_read_uploads_and_write_none(compose: dict[str, Any]) -> None:
     for name in ("worker-live", "worker-rescore"):
         assert "uploads:/srv/uploads:ro" in compose["services"][name]["volumes"]
-    assert compose["services"]["publish-split"]["profiles"] == ["tools"], "never started by `up`"
+    for name in ("publish-split", "add-split"):
+        assert compose["services"][name]["profiles"] == ["tools"], "never started by `up`"
 
 
 @pytest.mark.parametrize(("folder", "service"), [("uploads", "server"), ("private", "worker-live")])
@@ -249,6 +252,7 @@ def test_every_service_has_a_database_role_of_its_own(compose: dict[str, Any]) -
         "worker-live": "worker_database_url",
         "worker-rescore": "worker_database_url",
         "publish-split": "worker_database_url",
+        "add-split": "worker_database_url",
         "migrate": "owner_database_url",
     }
     mounted = {

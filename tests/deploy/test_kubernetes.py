@@ -10,7 +10,7 @@ import yaml
 ROOT = Path(__file__).parents[2]
 VERSION = "1.30.0"
 """The oldest that the manifests are held to; the newest that the validator knows is tried, too."""
-TOOLS = {"publish-split"}
+TOOLS = {"add-split", "publish-split"}
 """Services of compose that run by hand alone."""
 Document = dict[str, Any]
 DOCUMENTS: list[Document] = list(

@@ -82,7 +82,8 @@ def test_a_season_from_clone_to_archive(system: System, tmp_path: Path) -> None:
     tokens = {team["id"]: team["token"] for team in made}
     text = tmp_path / "text.txt"
     text.write_text("The phase is open.", encoding="utf-8")
-    assert f"sent to {N_TEAMS} teams" in organize("message", "We begin", "--text", str(text))
+    message = ("message", "We begin", "--text", str(text), "--yes")
+    assert f"sent to {N_TEAMS} teams" in organize(*message)
     told = json.loads(system.client("notices", "--json", token=tokens["team-39"]).stdout)
     assert [(one["kind"], one["title"]) for one in told] == [("message", "We begin")]
 

@@ -332,7 +332,10 @@ def test_an_old_queue_is_named(healthy: ServerSettings, lived: Lived) -> None:
     with lived.database.write() as session:
         statement = "UPDATE work SET state = 'queued', created_at = '2026-01-01 00:00:00.000000'"
         session.execute(text(statement))
-    assert "the oldest waiting job is" in whats(healthy)
+    assert "the oldest submission in the lane live has waited for" in whats(healthy)
+    with lived.database.write() as session:
+        session.execute(text("UPDATE work SET lane = 'rescore' WHERE lane IS NOT NULL"))
+    assert "oldest submission" not in whats(healthy)
 
 
 def test_records_without_their_guards_are_an_error(healthy: ServerSettings, lived: Lived) -> None:

@@ -13,6 +13,7 @@ from tests.chaos.clients import planning_file
 from tests.chaos.topology import PHASE, Topology
 
 from exceptiondrive import Client
+from exceptiondrive_server.operations.organizer_pages import LASTING
 
 ROOT = Path(__file__).parents[2]
 OF_PROMETHEUS = {"up": {"job", "instance"}}
@@ -104,6 +105,17 @@ def test_every_alarm_of_the_runbook_has_an_alert() -> None:
     assert named <= {name.removesuffix("_count") for name in asked}
     sections = set(re.findall(r"^## (.+)$", text, re.MULTILINE))
     assert {rule["annotations"]["runbook"] for rule in ALERTS} <= sections
+
+
+def test_troubles_that_may_stand_for_a_season_wake_nobody() -> None:
+    asked = {rule["alert"]: rule for rule in ALERTS if "troubles" in str(rule["expr"])}
+    lasting = f'"{"|".join(LASTING)}"'
+    assert {name: rule["labels"]["severity"] for name, rule in asked.items()} == {
+        "StandsWrongly": "page",
+        "StandsForASeason": "ticket",
+    }
+    assert f"trouble!~{lasting}" in asked["StandsWrongly"]["expr"]
+    assert f"trouble=~{lasting}" in asked["StandsForASeason"]["expr"]
 
 
 def test_every_metric_of_ours_is_on_the_dashboard(known: dict[str, set[str]]) -> None:

@@ -8,7 +8,9 @@ import pytest
 
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.work.heartbeats import beat
+from exceptiondrive_records.work.jobs import claim_job, finish_failed
 from exceptiondrive_records.work.tables import Job, WorkerHeartbeat
+from exceptiondrive_schemas.jobs import Lane
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -161,6 +163,24 @@ def test_the_status_tells_how_long_the_oldest_waits(api: "Api", browser: "TeamBr
     assert told["oldest_wait_s"] >= 1200
     assert "has waited for 20 minutes" in told["sentence"]
     assert "has waited for 20 minutes" in browser.get("/").text
+
+
+def test_what_is_retried_has_waited_since_then(api: "Api", browser: "TeamBrowser") -> None:
+    submission = api.submit("a").json()["id"]
+    with api.database.write() as session:
+        beat(session, "worker-1")
+        job = claim_job(session, Lane.LIVE, 60, 4)
+        assert job is not None
+        finish_failed(session, job, "internal_error", "It failed.", retry=False)
+    let_pass(api, 1200)
+    retry = f"/organizer/submissions/{submission}/retry"
+    assert api.request("POST", retry, "organizer", json={"reason": "mended"}).status_code == 200
+    with api.database.write() as session:
+        beat(session, "worker-1")
+    told = api.get("/status").json()
+    assert (told["state"], told["waiting"]) == ("up", 1)
+    assert told["oldest_wait_s"] < 600
+    assert "delayed" not in browser.get("/").text
 
 
 def test_the_status_tells_how_the_days_went(api: "Api", browser: "TeamBrowser") -> None:

@@ -53,6 +53,7 @@ from exceptiondrive_worker.profile_run import describe_next
 from exceptiondrive_worker.splits.admin import SplitsRefusedError, publish_split_file
 from exceptiondrive_worker.splits.faults import SplitRefusedError
 from exceptiondrive_worker.splits.floors import (
+    FloorsUnreadableError,
     SplitFloors,
     breaches,
     read_floors,
@@ -666,6 +667,27 @@ def test_a_split_without_parts_is_closed_until_the_date_of_its_private_part(
     write_floors(world, "private_part_from = 2999-01-01T00:00:00Z", tiny.name)
     world.add_phase(tiny)
     assert code_of(world, world.score(planning_file(tiny))) == FailureCode.SPLIT_FLOOR.value
+
+
+@pytest.mark.parametrize("is_mount_point", [False, True])
+def test_a_lost_folder_takes_no_floor_away(
+    world: World, tiny: Split, planning_file: Callable[..., bytes], is_mount_point: bool
+) -> None:
+    """What was scored before is in memory, and its floors lie in the folder alone."""
+    world.add_phase(tiny)
+    assert code_of(world, world.score(planning_file(tiny))) is None
+    folder, before = world.settings.splits_dir / tiny.name, world.context.splits.floors(tiny.name)
+    away = folder.rename(folder.with_name("away"))
+    if is_mount_point:
+        folder.mkdir()
+    with pytest.raises(FloorsUnreadableError, match="no split lies in"):
+        world.context.splits.floors(tiny.name)
+    second = world.score(planning_file(tiny, edited_mps=1.2))
+    assert world.submission(second).status is SubmissionStatus.RECEIVED
+    if is_mount_point:
+        folder.rmdir()
+    away.rename(folder)
+    assert world.context.splits.floors(tiny.name) == before
 
 
 @pytest.mark.parametrize(

@@ -244,6 +244,23 @@ def test_a_file_with_another_revision_is_unavailable_until_it_comes_back(
     assert store.find("tiny", registered.revision, protocol).arrays.n_samples == 1
 
 
+@pytest.mark.parametrize("harm", ["file", "folder", "changed"])
+def test_what_is_in_memory_is_served_while_its_file_lies_there(
+    tmp_path: Path, make_split: MakeSplit, protocol: ProtocolDocument, harm: str
+) -> None:
+    split, folder = make_split({"a": {}}), tmp_path / "tiny"
+    put(tmp_path, split)
+    store = SplitStore(tmp_path)
+    loaded = store.find("tiny", split.revision, protocol)
+    away = (folder if harm == "folder" else folder / "split.json").rename(tmp_path / "away")
+    if harm == "changed":
+        put(tmp_path, make_split({"a": {}, "b": {}}))
+    with pytest.raises(SplitUnavailableError, match=split.revision):
+        store.find("tiny", split.revision, protocol)
+    away.rename(folder if harm == "folder" else folder / "split-1.json")
+    assert store.find("tiny", split.revision, protocol) is loaded
+
+
 def test_another_protocol_gets_arrays_of_its_own(
     tmp_path: Path, make_split: MakeSplit, protocol: ProtocolDocument
 ) -> None:

@@ -31,7 +31,10 @@ COMMANDS = {
     "manifest": (".split_commands", "Fetch the sample ids of a phase."),
     "submit": (".submission_commands", "Check a file, say what an upload will do, then upload it."),
     "status": (".submission_commands", "Show one submission."),
-    "submissions": (".submission_commands", "List the team's submissions, newest first."),
+    "submissions": (
+        ".submission_commands",
+        "List the team's submissions, newest first; those of all teams with an organizer's token.",
+    ),
     "quota": (
         ".submission_commands",
         "Show what the team may still submit, and when the count resets.",

@@ -208,7 +208,7 @@ def submissions(
     ] = None,
     limit: Annotated[int, option("--limit", "N", "At most so many.", min=1)] = 100,
 ) -> Answer:
-    """List the team's submissions, newest first."""
+    """List the team's submissions, newest first; those of all teams with an organizer's token."""
     options.require_one_of("--status", only, SubmissionStatus)
     views = client.submissions(phase=phase, status=only, limit=limit)
     return views, submissions_view(views) if views else "no submissions", *cut_words(views, limit)

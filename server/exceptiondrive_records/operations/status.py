@@ -75,7 +75,7 @@ def _last_board(session: Session) -> LastBoard | None:
 
 def _days(session: Session, now: datetime) -> tuple[ScoringDay, ...]:
     since = now - timedelta(days=DAYS_TOLD)
-    done = (  # what was tried again by hand may have come long before
+    done = (
         select(Job.created_at, Job.leased_at)
         .where(Job.finished_at >= since, Job.created_at >= since, Job.lane == Lane.LIVE)
         .order_by(Job.finished_at.desc())

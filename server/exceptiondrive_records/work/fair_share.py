@@ -1,8 +1,8 @@
 """Fair share: whose job is scored next. Decided when a worker is free, not before.
 
 First comes the team with the least under way, then the one that was served longest ago, then the
-one whose file waits longest; within a team the oldest file goes first. So a flood delays nobody's
-first file by more than the jobs that run already.
+one whose file waits longest; within a team the file that waits longest goes first. So a flood delays
+nobody's first file by more than the jobs that run already.
 """
 
 from collections.abc import Iterable

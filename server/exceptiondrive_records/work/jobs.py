@@ -213,14 +213,14 @@ def give_up_exhausted(session: Session, max_attempts: int) -> int:
 
 
 def queue_again(session: Session, *which: ColumnElement[bool]) -> None:
-    """Let ended jobs wait again, with all their attempts."""
+    """Let ended jobs wait again, with all their attempts: their wait begins anew."""
     now = database_now(session)
     query = select(Job).where(*which).order_by(Job.id).with_for_update()
     for job in session.scalars(query, execution_options={"populate_existing": True}):
         job.state = WorkState.QUEUED
         job.attempts = 0
         job.fence += 1
-        job.available_at = now
+        job.created_at = job.available_at = now
         job.lease_until = job.finished_at = job.note = None
 
 

@@ -80,6 +80,7 @@ class WorkItem(Base):
     attempts: Mapped[int]
     fence: Mapped[int]
     created_at: Mapped[datetime]
+    """Since when it waits, or waited: from when it was asked for, or queued again after its end."""
     available_at: Mapped[datetime]
     leased_at: Mapped[datetime | None]
     lease_until: Mapped[datetime | None]

@@ -187,8 +187,8 @@ def _restore_files(archive: tarfile.TarFile, files: FileStore, head: BackupHead)
 def _require_empty(session: Session) -> None:
     if not is_empty(session):
         raise BackupError(
-            "these records are not empty, and `migrate --grant-to` is enough for that: restore into a new "
-            "database and a new file store; see `restore` in docs/operating.md"
+            "these records are not empty (on PostgreSQL, rights that `migrate --grant-to` gave are enough "
+            "for that): restore into a new database and a new file store; see `restore` in docs/operating.md"
         )
 
 

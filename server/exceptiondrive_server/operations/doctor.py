@@ -28,6 +28,7 @@ from exceptiondrive_records.db.database import Database, sentence_of
 from exceptiondrive_records.db.errors import StoreError
 from exceptiondrive_records.db.settings import RecordsSettings
 from exceptiondrive_records.migrations import is_current, is_usable, missing_columns
+from exceptiondrive_records.operations.overview import lane_queue
 from exceptiondrive_records.operations.troubles import troubles
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.file_store import (
@@ -39,7 +40,7 @@ from exceptiondrive_records.submissions.file_store import (
 from exceptiondrive_records.submissions.tables import ScoreSheetRow
 from exceptiondrive_records.teams.teams import names_that_look_alike
 from exceptiondrive_records.work.heartbeats import scorers_at_work
-from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_schemas.jobs import Lane
 from exceptiondrive_schemas.printable import printable
 from exceptiondrive_server.submissions.receipts import read_or_make_key
 from exceptiondrive_server.web.settings import ServerSettings
@@ -183,10 +184,7 @@ def _clock(database: Database) -> Iterator[Finding]:
 
 def _queue(database: Database, data: Path | None) -> Iterator[Finding]:
     with database.read() as session:
-        now = database_now(session)
-        oldest = session.scalar(
-            select(Job.created_at).where(Job.state == WorkState.QUEUED).order_by(Job.created_at)
-        )
+        oldest_s = lane_queue(session, Lane.LIVE).oldest_s
         found = troubles(session)
         scorers = scorers_at_work(session)
         has_phases = session.scalar(select(Phase.id).limit(1)) is not None
@@ -201,11 +199,10 @@ def _queue(database: Database, data: Path | None) -> Iterator[Finding]:
             f"workers run scorer {older} beside {scorers[-1]}: the older ones score nothing",
             "upgrade them; see `upgrade` in docs/operating.md",
         )
-    if oldest is not None and (now - oldest).total_seconds() > _OLDEST_QUEUED_S:
-        age_s = (now - oldest).total_seconds()
+    if oldest_s is not None and oldest_s > _OLDEST_QUEUED_S:
         yield Finding(
             Severity.WARNING,
-            f"the oldest waiting job is {age_s:.0f} s old",
+            f"the oldest submission in the lane {Lane.LIVE} has waited for {oldest_s:.0f} s",
             "see `stuck queue` in docs/operating.md",
         )
     if not has_phases:

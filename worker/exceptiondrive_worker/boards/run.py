@@ -40,7 +40,7 @@ from exceptiondrive_worker.context import WorkerContext
 from exceptiondrive_worker.drawing import Drawable, draw_entries, draw_protocol
 from exceptiondrive_worker.failures import run_job
 from exceptiondrive_worker.similarity_run import compare_submissions
-from exceptiondrive_worker.splits.floors import FloorHeldError
+from exceptiondrive_worker.splits.floors import FloorHeldError, FloorsUnreadableError
 from exceptiondrive_worker.splits.floors_held import open_split
 from exceptiondrive_worker.splits.store import SplitUnavailableError
 from exceptiondrive_worker.stages import Stages, Target
@@ -70,7 +70,7 @@ def build_board(context: WorkerContext, claimed: BoardRequest) -> None:
             late = _late_board(context, claimed)
             with context.database.write() as session:
                 row = publish_board(session, claimed, board, late)
-    except SplitUnavailableError as error:
+    except (SplitUnavailableError, FloorsUnreadableError) as error:
         _log.error("split unavailable: board not built", phase=phase_id, reason=str(error))
         return
     except FloorHeldError as held:

@@ -25,7 +25,7 @@ from exceptiondrive_schemas.split import Manifest, Split, SplitRef
 from exceptiondrive_schemas.submission_files import PlanningSubmission
 from exceptiondrive_scoring.split_lint import LintWarning
 from exceptiondrive_worker.splits.faults import SplitRefusedError
-from exceptiondrive_worker.splits.floors import FloorsUnreadableError
+from exceptiondrive_worker.splits.floors import FLOORS_FILE, FloorsUnreadableError
 from exceptiondrive_worker.splits.store import (
     MAX_SPLIT_BYTES,
     SplitStore,
@@ -125,7 +125,8 @@ def add_split_file(
     """
     split = read_split(source)
     load_split(split, protocol)
-    splits.floors(split.name)
+    if splits.folder.joinpath(split.name, FLOORS_FILE).exists():
+        splits.floors(split.name)  # refuses what cannot be read
     has_sheet = source.name.startswith("split") and _has_sheet_of(split, source)
     folder = splits.folder / split.name
     held = [path for path in splits.files() if path.parent == folder]

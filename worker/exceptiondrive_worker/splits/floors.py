@@ -2,8 +2,8 @@
 
 They lie beside the split file, in `floors.toml`, where only workers read and no organizer, API or
 server writes. A worker that is asked for more tells nothing of it, and says so in the audit log.
-What the file does not say, or no file, is as advised: what protocol `1.1-withheld` asks passes, and what
-shows smaller cells does not. A public split has nothing to hold back.
+What the file does not say, or no file beside a split, is as advised: what protocol `1.1-withheld` asks
+passes, and what shows smaller cells does not. A public split has nothing to hold back.
 """
 
 import json
@@ -110,14 +110,17 @@ class SplitDayFullError(FloorHeldError):
 
 
 def read_floors(folder: Path) -> SplitFloors:
-    """Return the floors that lie in the folder of a split; the advised ones where there is no file.
+    """Return the floors that lie in the folder of a split; the advised ones where a split lies there alone.
 
     Raises:
-        FloorsUnreadableError: The file is no floors; each problem is named.
+        FloorsUnreadableError: The file is no floors, each problem is named; or no split lies there, as
+            where the folder is not mounted.
     """
     try:
         return _floors_of((folder / FLOORS_FILE).read_text("utf-8"))
     except FileNotFoundError:
+        if not any(folder.glob("split*.json*")):
+            raise FloorsUnreadableError(f"no split lies in {folder.absolute()}") from None
         return SplitFloors()
     except ValidationError as error:
         lines = "\n".join(faults_in(error))

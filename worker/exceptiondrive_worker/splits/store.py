@@ -36,6 +36,8 @@ from exceptiondrive_worker.splits.private_store import array_digest
 
 MAX_SPLIT_BYTES = 256 * 2**20
 NOT_FOUND_FOR_S = 60.0
+FileState = tuple[int, int]
+"""Size and time of a file's last change."""
 
 
 class SplitUnavailableError(LookupError):
@@ -217,11 +219,12 @@ def close_to_others(folder: Path) -> None:
 
 
 class SplitStore:
-    """Finds splits by name and revision, and keeps each loaded one for this process."""
+    """Finds splits by name and revision, and keeps each loaded one while its file lies there as it was."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._split_of_revision: dict[tuple[str, str], tuple[Split, SplitPart | None]] = {}
+        self._file_of_revision: dict[tuple[str, str], tuple[Path, FileState]] = {}
         self._loaded: dict[tuple[str, str, str], LoadedSplit] = {}
         self._not_found_at_s: dict[tuple[str, str], float] = {}
 
@@ -251,7 +254,7 @@ class SplitStore:
         """Return the floors of a split as they stand now.
 
         Raises:
-            FloorsUnreadableError: The file is no floors.
+            FloorsUnreadableError: The file is no floors, or no split lies there.
         """
         return read_floors(self.folder / name)
 
@@ -263,8 +266,8 @@ class SplitStore:
             SplitRefusedError: It cannot be scored under this protocol.
         """
         key = (name, revision, protocol.digest)
+        split, part = self._find_split(name, revision)
         if key not in self._loaded:
-            split, part = self._find_split(name, revision)
             self._loaded[key] = load_split(split, protocol, part)
         return self._loaded[key]
 
@@ -280,7 +283,7 @@ class SplitStore:
         return [*sorted(names - held), *map("@".join, in_vain)]
 
     def _find_split(self, name: str, revision: str) -> tuple[Split, SplitPart | None]:
-        if (name, revision) not in self._split_of_revision:
+        if not self._lies_there(name, revision):
             seen = self._read_all_of(name)
             if revision not in seen:
                 self._not_found_at_s[name, revision] = time.monotonic()
@@ -292,10 +295,17 @@ class SplitStore:
         self._not_found_at_s.pop((name, revision), None)
         return self._split_of_revision[name, revision]
 
+    def _lies_there(self, name: str, revision: str) -> bool:
+        held = self._file_of_revision.get((name, revision))
+        return held is not None and _file_state(held[0]) == held[1]
+
     def _read_all_of(self, name: str) -> set[str]:
         seen = set()
         for path in self.files():
             if path.parent.name != name:
+                continue
+            state = _file_state(path)
+            if state is None:
                 continue
             try:
                 split = read_split(path)
@@ -305,7 +315,16 @@ class SplitStore:
                 revision = split.part(part).revision
                 seen.add(revision)
                 self._split_of_revision[split.name, revision] = (split, part)
+                self._file_of_revision[split.name, revision] = (path, state)
         return seen
+
+
+def _file_state(path: Path) -> FileState | None:
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_size, found.st_mtime_ns
 
 
 def parts_of(split: Split) -> tuple[SplitPart | None, ...]:

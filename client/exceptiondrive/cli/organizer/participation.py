@@ -203,9 +203,14 @@ def send_message(
     preview: Annotated[
         bool, flag("--preview", "Show whom it would reach, and send nothing.")
     ] = False,
+    yes: options.Yes = False,
 ) -> Answer:
-    """Write to one, some or all teams: inbox, e-mail and webhooks."""
+    """Write to one, some or all teams: inbox, e-mail and webhooks; needs --yes where it cannot ask."""
     words = options.given(text).text()
+    if not (preview or yes):
+        found = organizer.send_message(title, words, to or (), phase, is_preview=True)
+        n_teams = counted(len(found["recipients"]), "team")
+        be_sure(f"Send this to {n_teams}? It cannot be called back.", yes)
     sent = organizer.send_message(title, words, to or (), phase, is_preview=preview)
     columns = ("team", "name", "n_emails", "n_webhooks")
     what = "sent to" if sent["is_sent"] else "would reach"

@@ -32,7 +32,7 @@ REVEALED = {
     "board": "the newest board of {} is shown, and from now on each that follows",
     "names": "teams and methods of {} stand under their names from its next board on",
     "split": "Scoring of {} has begun; nobody sees it. Go on with: organizer rescore status, preview "
-    "and apply. The board changes when you apply.",
+    "and apply --preview DIGEST. The board changes when you apply.",
 }
 """What `reveal` may show, and what it says then."""
 

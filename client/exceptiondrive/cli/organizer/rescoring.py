@@ -148,21 +148,12 @@ def apply(
     run_id: RunArgument,
     reason: options.Reason,
     digest: Annotated[
-        str | None,
-        option(
-            "--preview",
-            "DIGEST",
-            "Last line of the `preview` that you looked at; else the present one.",
-        ),
-    ] = None,
+        str, option("--preview", "DIGEST", "Last line of the `preview` that you looked at.")
+    ],
 ) -> Answer:
     """Show the new board, at once and wholly; refused while anything is missing or stale."""
-    found = rescoring.preview(run_id)
-    for warning in found.get("warnings", ()):
+    for warning in rescoring.preview(run_id).get("warnings", ()):
         say(warning)
-    if digest is None:
-        digest = found["digest"]
-        say(f"applying the present preview, {digest}")
     run = rescoring.step(run_id, "apply", reason, preview=digest)
     return run, *run_lines(run)
 
@@ -388,7 +379,7 @@ def _unranked_lines(comparison: Record) -> list[str]:
     """Return a line per entry that loses its rank: why."""
     return [
         f"no longer ranked: {entry['method']} ({entry['team']}): "
-        f"{_standings(entry)[1].get('unranked_because') or 'not on the new board: replaced, withdrawn or disqualified'}"
+        f"{_standings(entry)[1].get('unranked_because') or 'not on the new board: on its way, replaced, withdrawn or disqualified'}"
         for entry in comparison["entries"]
         if entry["newly_failing"]
     ]
