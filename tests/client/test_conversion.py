@@ -110,6 +110,44 @@ def test_one_file_never_mixes_with_and_without_t_0() -> None:
         convert(pairs, PLAN)
 
 
+def drives(step_s: float, n: int, from_s: float = 0.0) -> list[Waypoints]:
+    """Thirty steady drives, each a tenth of a metre a second faster, and a car that stands."""
+    times_s = [from_s + step_s * number for number in range(n)]
+    speeds_mps = [0.0, *(3.0 + number / 10 for number in range(30))]
+    return [tuple((speed * time_s, 0.0) for time_s in times_s) for speed in speeds_mps]
+
+
+@pytest.mark.parametrize(("step_s", "n"), [(0.5, 6), (0.25, 12), (0.2, 15), (0.4, 8), (0.1, 30)])
+def test_t_0_is_no_waypoint_where_none_is_to_spare(step_s: float, n: int) -> None:
+    """Taken as the first one, it would move every place by a time step."""
+    plan = replace(PLAN, time_step_s=step_s)
+    sources = drives(step_s, n)
+    for edited in (sources, drives(step_s, n, step_s)):
+        pairs = tuple(map(RawPair, map(str, range(len(sources))), sources, edited))
+        with pytest.raises(InvalidArgumentError) as caught:
+            convert(pairs, plan)
+        sentence = caught.value.sentence
+        if edited is sources:
+            assert f"62 trajectories are wrong, the first: 0: source has {n - 1}" in sentence
+            assert f"waypoints beside t = 0, fewer than {plan.n_needed}." in sentence
+        else:
+            assert "30 trajectories are wrong, the first: 1: edited begins" in sentence
+
+
+def test_the_few_that_do_not_begin_at_t_0_are_named() -> None:
+    plan = replace(PLAN, time_step_s=0.5, truncate=True)
+    given = drives(0.5, 8)
+    given[3] = ((0.3, 0.0), *given[3][1:])
+    pairs = tuple(pair(points, str(number)) for number, points in enumerate(given))
+    with pytest.raises(InvalidArgumentError, match="2 trajectories are wrong") as caught:
+        convert(pairs, plan)
+    assert "3: source begins 0.30 m from the origin" in caught.value.sentence
+    result = convert(pairs, replace(plan, null_invalid=True))
+    assert result.pairs[3] == RawPair("3", None, None)
+    assert result.pairs[30].source == given[30][1:7]
+    assert result.done[0].startswith("left out the first point of 60 trajectories")
+
+
 def test_short_trajectories_are_never_padded() -> None:
     with pytest.raises(InvalidArgumentError, match="5 waypoints, fewer than 6") as caught:
         convert((pair(straight(5)),), replace(PLAN, truncate=True))
