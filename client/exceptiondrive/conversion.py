@@ -290,9 +290,15 @@ def _from_camera(work: _Work) -> None:
         "wrong_waypoint_shape",
         "Camera coordinates are x right, y down, z ahead; --rotate -90 turns x right / z ahead.",
     )
+    wide = [points for _, points in work.given() if points and len(points[0]) > 3]
+    n_times = 1 if wide and _begins_with_times(wide) else 0
+    words = ", behind a column of times" if n_times else ""
     work.change(
-        lambda points: tuple((point[2], -point[0]) for point in points),
-        "took camera coordinates: (x right, y down, z ahead) -> (z, -x)",
+        lambda points: tuple(
+            (z, -x)
+            for x, _, z, *_ in (point[n_times if len(point) > 3 else 0 :] for point in points)
+        ),
+        f"took camera coordinates{words}: (x right, y down, z ahead) -> (z, -x)",
     )
 
 

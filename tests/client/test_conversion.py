@@ -252,6 +252,23 @@ def test_a_trajectory_of_two_columns_stays_beside_those_with_times() -> None:
     assert result.done[0].startswith("kept x and y behind a column of times, of 2 trajectories,")
 
 
+def test_camera_coordinates_stand_behind_a_column_of_times() -> None:
+    slow, fast = straight(6), tuple((2.0 * x, 1.0) for x, _ in straight(6))
+    timed, plain = (
+        [
+            tuple((*times, -y, 1.5, x) for times, (x, y) in zip(all_times, points, strict=True))
+            for points in (slow, fast)
+        ]
+        for all_times in ([(0.5 * step,) for step in range(1, 7)], [()] * 6)
+    )
+    plan = replace(PLAN, camera=True)
+    result = convert((RawPair("s1", *timed), RawPair("s2", *plain)), plan)
+    assert result.pairs == (RawPair("s1", slow, fast), RawPair("s2", slow, fast))
+    assert result.done == (
+        "took camera coordinates, behind a column of times: (x right, y down, z ahead) -> (z, -x)",
+    )
+
+
 def test_headings_in_front_are_told_from_an_x_by_the_columns_behind() -> None:
     turning = tuple((3.0 * step, 1.5 * step) for step in range(1, 7))
     result = convert((pair(tuple((0.4, *point) for point in turning)),), PLAN)
