@@ -299,24 +299,13 @@ def _numbers(value: Any) -> Iterable[Any]:
 
 
 def _of_waypoints(columns: Mapping[str, list[Any]]) -> dict[str, Any]:
-    """Return columns by sample of columns by waypoint."""
-    absent = {"sample_id", "trajectory", "step", "x_m", "y_m"} - columns.keys()
-    if absent:
-        raise InvalidArgumentError(
-            "wrong_argument", f"The data frame has no column {', '.join(sorted(absent))}."
-        )
-    names = ("step", "x_m", "y_m", "sample_id", "trajectory")
-    sides: dict[Any, dict[str, list[Any]]] = {}
-    for _, x_m, y_m, sample_id, side in sorted(
-        zip(*(columns[each] for each in names), strict=True), key=lambda row: row[0]
-    ):
-        if side not in SIDES:
-            raise InvalidArgumentError(
-                "wrong_argument", f"trajectory is source or edited, not {side!r}."
-            )
-        sides.setdefault(sample_id, {}).setdefault(side, []).append([x_m, y_m])
-    in_order = dict.fromkeys(columns["sample_id"])
-    return {
-        "sample_id": list(in_order),
-        **{side: [sides[each].get(side) for each in in_order] for side in SIDES},
-    }
+    """Return columns by sample of columns by waypoint, read as `convert` reads CSV."""
+    from exceptiondrive.pair_files import pairs_of_rows, require_columns
+    from exceptiondrive_schemas.check.checker import CSV_COLUMNS
+
+    frame = Path("data frame")
+    require_columns(frame, columns)
+    rows = zip(*(columns[name] for name in CSV_COLUMNS), strict=True)
+    by_name = (dict(zip(CSV_COLUMNS, row, strict=True)) for row in rows)
+    pairs = [*pairs_of_rows(frame, ((f"row {at}", row) for at, row in enumerate(by_name, 1)))]
+    return {name: [getattr(pair, name) for pair in pairs] for name in ("sample_id", *SIDES)}

@@ -219,6 +219,10 @@ def points_of(
         )
     except (TypeError, ValueError):
         raise fault(path, f"{where} must be a list of [x, y] in metres, or null.") from None
+    return _unless_missing(points)
+
+
+def _unless_missing(points: Waypoints) -> Waypoints | None:
     is_missing = bool(points) and all(math.isnan(number) for point in points for number in point)
     return None if is_missing else points
 
@@ -463,9 +467,9 @@ def _pairs_of_csv(path: Path, text: str) -> Iterator[RawPair]:
     reader = csv.reader(io.StringIO(text), delimiter=delimiter, skipinitialspace=True)
     try:
         names = [name.strip() for name in next(reader, ())]
-        _require_columns(path, names)
+        require_columns(path, names)
         rows = (_by_column(path, reader.line_num, names, row) for row in reader if row)
-        yield from _pairs_of_rows(path, ((f"line {reader.line_num}", row) for row in rows))
+        yield from pairs_of_rows(path, ((f"line {reader.line_num}", row) for row in rows))
     except csv.Error as error:
         raise fault(path, f"line {reader.line_num + 1} is no row of a table: {error}.") from None
 
@@ -497,11 +501,16 @@ def _pairs_of_parquet(path: Path, data: bytes, mode: int | None) -> Iterator[Raw
         for row in rows:
             yield _pair_of_json(path, row, mode, lambda _: None)
         return
-    _require_columns(path, table.column_names)
-    yield from _pairs_of_rows(path, ((f"row {at}", row) for at, row in enumerate(rows, start=1)))
+    require_columns(path, table.column_names)
+    yield from pairs_of_rows(path, ((f"row {at}", row) for at, row in enumerate(rows, start=1)))
 
 
-def _require_columns(path: Path, names: Collection[str]) -> None:
+def require_columns(path: Path, names: Collection[str]) -> None:
+    """Refuse a table of waypoints that lacks a column.
+
+    Raises:
+        InvalidArgumentError: It lacks one.
+    """
     absent = sorted(set(CSV_COLUMNS) - set(names))
     if absent:
         raise fault(
@@ -509,8 +518,12 @@ def _require_columns(path: Path, names: Collection[str]) -> None:
         )
 
 
-def _pairs_of_rows(path: Path, rows: Iterable[tuple[str, dict[str, Any]]]) -> Iterator[RawPair]:
-    """Gather waypoints, one a row, in any order; each row with where it stands."""
+def pairs_of_rows(path: Path, rows: Iterable[tuple[str, dict[str, Any]]]) -> Iterator[RawPair]:
+    """Gather waypoints, one a row, in any order; each row with where it stands.
+
+    Raises:
+        InvalidArgumentError: A row is wrong or there twice, or a step is missing.
+    """
     points: dict[str, dict[str, dict[int, tuple[float, ...]]]] = {}
     for where, row in rows:
         if row.get("trajectory") not in SIDES:
@@ -555,4 +568,4 @@ def _in_order(
     steps = sorted(by_step)
     if steps != list(range(steps[0], steps[0] + len(steps))) or steps[0] not in (0, 1):
         raise fault(path, f"{sample_id}: {side}: steps must run from 0 or 1 without a gap.")
-    return tuple(by_step[step] for step in steps)
+    return _unless_missing(tuple(by_step[step] for step in steps))

@@ -96,6 +96,12 @@ def test_csv_is_read_in_any_order_of_rows(tmp_path: Path) -> None:
     assert read_pairs([written(tmp_path, "a.csv", text)]) == ((PAIR,), None)
 
 
+def test_a_trajectory_of_empty_cells_is_null_as_in_every_other_form(tmp_path: Path) -> None:
+    rows = "".join(f"s1,source,{step},0.5,0.3\ns1,edited,{step},,\n" for step in (1, 2))
+    (read,), _ = read_pairs([written(tmp_path, "a.csv", HEADER + rows)])
+    assert read == RawPair("s1", ((0.5, 0.3),) * 2, None)
+
+
 def test_a_row_of_csv_with_more_cells_than_the_head_is_refused(tmp_path: Path) -> None:
     """Decimal commas between commas: x would be 0 and y the digits behind its comma."""
     path = written(tmp_path, "a.csv", f"{HEADER}s1,source,1,0,5,0,3\n")

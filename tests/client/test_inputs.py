@@ -77,6 +77,17 @@ def waypoints() -> pd.DataFrame:
     return pd.DataFrame(rows).sample(frac=1, random_state=1)  # in no order
 
 
+def in_steps(*steps: object) -> pd.DataFrame:
+    """One trajectory, its rows in the order of these steps."""
+    whose = {"sample_id": "s0", "trajectory": "source"}
+    return pd.DataFrame(
+        [
+            {**whose, "step": step, "x_m": x, "y_m": y}
+            for step, (x, y) in zip(steps, PATH.tolist(), strict=True)
+        ]
+    )
+
+
 def closed(path: Path) -> BinaryIO:
     with path.open("rb") as stream:
         return stream
@@ -120,6 +131,31 @@ def test_a_submission_is_the_same_in_every_form(
         for form in forms:
             assert evaluate_file(form, split=split_file) == exact, type(form)
     assert evaluate_samples(arrays(), split=split_file) == evaluate_samples(path, split=split_file)
+
+
+@pytest.mark.parametrize(
+    ("steps", "said"),
+    [
+        ((1, 2, 4, 5, 6, 7), "s0: source: steps must run from 0 or 1 without a gap"),
+        ((2, 3, 4, 5, 6, 7), "s0: source: steps must run from 0 or 1 without a gap"),
+        ((5, 10, 15, 20, 25, 30), "s0: source: steps must run from 0 or 1 without a gap"),
+        ((1, 2, 3, 4, 5, 5), "row 6: step 5 occurs twice"),
+        ((1, 2, 3, 4, 5, np.nan), "row 6: step must be a whole number"),
+    ],
+)
+def test_steps_of_a_data_frame_are_those_of_a_csv_file(
+    steps: tuple[object, ...], said: str
+) -> None:
+    with pytest.raises(InvalidArgumentError, match=f"data frame: {said}"):
+        given_submission(in_steps(*steps), "tiny")
+
+
+def test_steps_that_are_texts_are_in_the_order_of_numbers() -> None:
+    """As texts, 10 would stand before 2."""
+    frame = pd.concat([in_steps(*map(str, numbers)) for numbers in (range(1, 7), range(7, 13))])
+    frame["x_m"] = range(12)
+    (prediction,) = json.loads(given_submission(frame, "tiny").data)["predictions"]
+    assert [x for x, _ in prediction["source"]] == [*range(12)]
 
 
 def test_a_split_is_the_same_in_every_form(planning_file: MakeFile, split_file: Path) -> None:
