@@ -175,7 +175,10 @@ def read_arrays(path: Path, data: bytes, *names: str) -> tuple[list[Any], ...]:
                     f"{', '.join(names)}.",
                     "" if "token" in names else f"A run has token and trajectory. {TWO_RUNS}",
                 )
-            columns = tuple(arrays[name].tolist() for name in names)
+            found = [arrays[name] for name in names]
+            columns = tuple(
+                (array.astype(str) if array.dtype.kind == "S" else array).tolist() for array in found
+            )
     except (
         ValueError,
         EOFError,

@@ -207,6 +207,8 @@ def test_arrays_are_read_and_objects_in_them_refused(tmp_path: Path) -> None:
     missing = np.full((1, 6, 2), np.nan)
     np.savez(path, sample_id=np.array(["s1"]), source=np.array([LISTS]), edited=missing)
     assert read_pairs([path]) == ((PAIR,), None)
+    np.savez(path, sample_id=np.array([b"s1"]), source=np.array([LISTS]), edited=missing)
+    assert read_pairs([path]) == ((PAIR,), None), "ids as bytes"
     np.savez(path, sample_id=np.array(["s1"], dtype=object), source=missing, edited=missing)
     with pytest.raises(InvalidArgumentError, match="Object arrays cannot be loaded"):
         read_pairs([path])

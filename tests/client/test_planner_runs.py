@@ -69,7 +69,7 @@ def as_json(folder: Path, document: Any, name: str = "run.json") -> Path:
 
 def npz(folder: Path) -> Path:
     path = folder / "run.npz"
-    np.savez(path, token=np.array([TOKEN]), trajectory=np.array([known()]))
+    np.savez(path, token=np.array([TOKEN.encode()]), trajectory=np.array([known()]))
     return path
 
 
