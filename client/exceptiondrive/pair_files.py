@@ -177,7 +177,8 @@ def read_arrays(path: Path, data: bytes, *names: str) -> tuple[list[Any], ...]:
                 )
             found = [arrays[name] for name in names]
             columns = tuple(
-                (array.astype(str) if array.dtype.kind == "S" else array).tolist() for array in found
+                (array.astype(str) if array.dtype.kind == "S" else array).tolist()
+                for array in found
             )
     except (
         ValueError,
