@@ -9,6 +9,7 @@ pandas are never imported here.
 import json
 import math
 import os
+from codecs import BOM_UTF8
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, Protocol, TypeVar
@@ -153,7 +154,7 @@ def given_submission(given: object, split: str | None = None) -> GivenFile:
         frame: Any = given
         attrs = getattr(given, "attrs", None) or {}
         columns = {str(name): _plain(frame[name]) for name in frame.columns}
-        split = attrs.get("split", split)
+        split = split or attrs.get("split")
         given = _of_waypoints(columns) if "trajectory" in columns else columns
     if not isinstance(given, Mapping):
         return given_bytes(given, "submission")
@@ -235,7 +236,7 @@ def _model(kind: type[Model], given: object, noun: str, advice: str) -> Model:
             name, data = given_bytes(given, noun, advice)
             data = inflate(
                 data, max_upload_bytes=MAX_SPLIT_BYTES, max_inflated_bytes=MAX_SPLIT_BYTES
-            )
+            ).removeprefix(BOM_UTF8)
         if kind is Manifest:  # of a server that may be newer
             return kind.read(data)
         return kind.model_validate_json(data)
@@ -248,15 +249,18 @@ def _model(kind: type[Model], given: object, noun: str, advice: str) -> Model:
 
 
 def _plain(value: Any) -> Any:
-    """Return lists in the place of arrays, tensors and series, at every depth."""
+    """Return lists in the place of arrays, tensors and series, at every depth, and None of `pandas.NA`."""
     if not hasattr(value, "tolist") and hasattr(value, "__array__"):
         value = value.__array__()
     if hasattr(value, "tolist"):
         listed = value.tolist()
-        return _plain(listed) if str(getattr(value, "dtype", "")) == "object" else listed
+        is_mixed = str(getattr(value, "dtype", "")) == "object" or hasattr(value, "isna")
+        return _plain(listed) if is_mixed else listed
     if isinstance(value, Mapping):
         return {str(key): _plain(each) for key, each in value.items()}
-    return [_plain(each) for each in value] if isinstance(value, list | tuple) else value
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    return None if type(value).__name__ == "NAType" else value  # pandas.NA
 
 
 def _of_columns(columns: Mapping[str, Any], split: str | None) -> dict[str, Any]:
@@ -278,7 +282,7 @@ def _of_columns(columns: Mapping[str, Any], split: str | None) -> dict[str, Any]
     rows = zip(*(map(_without_nan, columns[name]) for name in named), strict=True)
     return {
         "schema": columns.get("schema", challenge.file_schema),
-        "split": columns.get("split", split),
+        "split": split or columns.get("split"),
         "predictions": [dict(zip(named, row, strict=True)) for row in rows],
     }
 

@@ -8,7 +8,11 @@ from pathlib import Path
 from typing import Any
 
 NOTEBOOK = Path(__file__).parents[2] / "docs/notebooks/first_entry.ipynb"
-INSTALL = '%pip install --quiet "exceptiondrive[evaluate,data]"'
+INSTALL = (
+    "# The page /client/ of your server has the address.\n"
+    '%pip install --quiet "exceptiondrive[evaluate,data] @ https://SERVER/client/..."'
+)
+"""By the address: what an index has under the name alone may be another's."""
 RUN = """
 import ast, json, sys
 names, shown = {"__name__": "__main__"}, []

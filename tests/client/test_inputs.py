@@ -196,6 +196,39 @@ def test_what_is_no_protocol_is_refused(planning_file: MakeFile, protocol: Any) 
     assert ("A version is a text" in told.value.advice) == (not isinstance(protocol, str))
 
 
+def test_what_pandas_calls_missing_is_null() -> None:
+    columns = {"sample_id": ["s0", "s1"], "strategy": pd.array(["1. Stop", pd.NA], dtype="string")}
+    frame = waypoints().convert_dtypes()
+    frame.loc[frame["sample_id"] == "s0", ["x_m", "y_m"]] = pd.NA
+    for given, key in (
+        (columns, "strategy"),
+        (pd.DataFrame(columns), "strategy"),
+        (frame, "source"),
+    ):
+        predictions = json.loads(given_submission(given, "tiny").data)["predictions"]
+        missing = [each["sample_id"] for each in predictions if each[key] is None]
+        assert missing == ["s0" if key == "source" else "s1"]
+
+
+@pytest.mark.parametrize("named", ["tiny", None])
+def test_a_split_that_is_named_goes_before_that_of_what_is_given(named: str | None) -> None:
+    frame = waypoints()
+    frame.attrs["split"] = "own"
+    for given in (frame, {**arrays(), "split": "own"}):
+        assert json.loads(given_submission(given, named).data)["split"] == (named or "own")
+
+
+def test_a_byte_order_mark_before_a_split_or_manifest_is_passed_over(
+    tmp_path: Path, split_file: Path
+) -> None:
+    split = given_split(split_file)
+    manifest = Manifest.of(split, given_protocol(None).geometry)
+    marked = tmp_path / "marked.json"
+    marked.write_text(split_file.read_text("utf-8"), encoding="utf-8-sig")
+    assert given_split(marked) == split
+    assert given_manifest(gzip.compress(manifest.model_dump_json().encode("utf-8-sig"))) == manifest
+
+
 def test_what_json_cannot_hold_is_told_with_what_it_can() -> None:
     as_bytes = {**arrays(), "sample_id": np.array(IDS, dtype="S2")}
     with pytest.raises(InvalidArgumentError, match="type bytes is not JSON") as told:
