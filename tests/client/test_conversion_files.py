@@ -96,6 +96,15 @@ def test_csv_is_read_in_any_order_of_rows(tmp_path: Path) -> None:
     assert read_pairs([written(tmp_path, "a.csv", text)]) == ((PAIR,), None)
 
 
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-32"])
+def test_tabs_between_cells_are_read_in_every_encoding(encoding: str, tmp_path: Path) -> None:
+    """As spreadsheets write "Unicode text"."""
+    rows = [f"s1,source,{step},{x},{y}" for step, (x, y) in enumerate(SIX, start=1)]
+    path = tmp_path / "a.txt"
+    path.write_bytes((HEADER + "\n".join(rows)).replace(",", "\t").encode(encoding))
+    assert read_pairs([path]) == ((PAIR,), None)
+
+
 def test_a_trajectory_of_empty_cells_is_null_as_in_every_other_form(tmp_path: Path) -> None:
     rows = "".join(f"s1,source,{step},0.5,0.3\ns1,edited,{step},,\n" for step in (1, 2))
     (read,), _ = read_pairs([written(tmp_path, "a.csv", HEADER + rows)])
