@@ -17,8 +17,10 @@ from typing import Any, BinaryIO, NamedTuple, Protocol, TypeVar
 from pydantic import ValidationError
 
 from exceptiondrive.errors import InvalidArgumentError, reason_of
+from exceptiondrive.waypoint_rows import SIDES, pairs_of_rows, require_columns
 from exceptiondrive_schemas.base import Document, faults_in
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY
+from exceptiondrive_schemas.check.checker import CSV_COLUMNS
 from exceptiondrive_schemas.check.inflate import UnreadableFileError, inflate
 from exceptiondrive_schemas.protocol import (
     NEWEST,
@@ -71,7 +73,6 @@ PROTOCOL_ADVICE = (
     "The server gives every version as a file at /api/v1/protocols/VERSION?format=toml."
 )
 MAX_SPLIT_BYTES = 256 * 1024 * 1024
-SIDES = ("source", "edited")
 STDIN = Path("-")
 Model = TypeVar("Model", bound=Document)
 
@@ -304,9 +305,6 @@ def _numbers(value: Any) -> Iterable[Any]:
 
 def _of_waypoints(columns: Mapping[str, list[Any]]) -> dict[str, Any]:
     """Return columns by sample of columns by waypoint, read as `convert` reads CSV."""
-    from exceptiondrive.pair_files import pairs_of_rows, require_columns
-    from exceptiondrive_schemas.check.checker import CSV_COLUMNS
-
     frame = Path("data frame")
     require_columns(frame, columns)
     rows = zip(*(columns[name] for name in CSV_COLUMNS), strict=True)

@@ -18,7 +18,6 @@ from exceptiondrive.errors import InvalidArgumentError, reason_of
 from exceptiondrive.pair_files import (
     NPZ_MAGIC,
     OnForm,
-    fault,
     points_of,
     read_arrays,
     read_bytes,
@@ -26,6 +25,7 @@ from exceptiondrive.pair_files import (
     whole_number,
     with_unique_keys,
 )
+from exceptiondrive.waypoint_rows import fault
 from exceptiondrive_schemas.check.transformations import summed
 
 Tokens = Iterator[tuple[str, Waypoints | None]]
