@@ -135,6 +135,7 @@ class Submission:
             ScoringFailedError: It failed, or was withdrawn meanwhile.
             WaitTimeoutError: It was not scored in time; it still will be.
             NetworkError: The server was away for about a minute; the submission is safe.
+            NotSignedInError: The token was revoked or has expired; the submission is safe.
         """
         for pause_s in self.waiting(timeout_s, on_change):
             time.sleep(pause_s)
@@ -164,9 +165,9 @@ class Submission:
         before = self.view
         try:
             self.refresh()
-        except NetworkError as error:
+        except (NetworkError, NotSignedInError) as error:
             self._outages += 1
-            if self._outages > MAX_OUTAGES:
+            if self._outages > MAX_OUTAGES or isinstance(error, NotSignedInError):
                 error.advice = f"Submission {self.id} is safe; look later with: exceptiondrive status {self.id}"
                 raise
             return LONGEST_PAUSE_S

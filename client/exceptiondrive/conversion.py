@@ -15,7 +15,7 @@ from typing import Literal
 
 from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.check.source_fit import AT_ORIGIN_M
+from exceptiondrive_schemas.check.source_fit import AT_ORIGIN_M, FROM_ORIGIN, MIN_COMPARED
 from exceptiondrive_schemas.check.transformations import (
     UNITS_M,
     at_times,
@@ -34,6 +34,8 @@ FollowedPoint = Literal["sensor", "rear-axle"]
 
 MAX_WIDTH = 8
 """Columns of a waypoint: x and y, and what is left out."""
+MOVES_M = 2.0
+"""What ends farther from the origin moves."""
 
 
 @dataclass(frozen=True)
@@ -196,8 +198,7 @@ def convert(pairs: tuple[RawPair, ...], plan: ConversionPlan) -> Conversion:
         work.done.append("exchanged source and edited")
     if plan.origin_offset_m:
         _to_rear_axle(work)
-    _leave_out_start(work)
-    _fit_horizon(work)
+    _fit_horizon(work, " beside t = 0" if _leave_out_start(work) else "")
     if plan.null_invalid:
         work.refuse(lambda points: _bounds_fault(points, plan.geometry), "", "")
     if work.nulled:
@@ -272,9 +273,15 @@ def _from_camera(work: _Work) -> None:
         "wrong_waypoint_shape",
         "Camera coordinates are x right, y down, z ahead; --rotate -90 turns x right / z ahead.",
     )
+    wide = [points for _, points in work.given() if points and len(points[0]) > 3]
+    n_times = 1 if wide and _begins_with_times(wide) else 0
+    words = ", behind a column of times" if n_times else ""
     work.change(
-        lambda points: tuple((point[2], -point[0]) for point in points),
-        "took camera coordinates: (x right, y down, z ahead) -> (z, -x)",
+        lambda points: tuple(
+            (z, -x)
+            for x, _, z, *_ in (point[n_times if len(point) > 3 else 0 :] for point in points)
+        ),
+        f"took camera coordinates{words}: (x right, y down, z ahead) -> (z, -x)",
     )
 
 
@@ -336,27 +343,48 @@ def _to_rear_axle(work: _Work) -> None:
         )
 
 
-def _leave_out_start(work: _Work) -> None:
-    """Leave out the point at t = 0 where every trajectory has it and a point to spare."""
+def _leave_out_start(work: _Work) -> bool:
+    """Leave out the point at t = 0, by the rule of `check`; of few trajectories where all can spare it."""
     given = [points for _, points in work.given()]
-    has_start = bool(given) and all(
-        len(points) > work.plan.n_needed and math.hypot(*points[0]) <= AT_ORIGIN_M
-        for points in given
+    sides = ((pair.source for pair in work.pairs), (pair.edited for pair in work.pairs))
+    moving = [
+        [_is_start(points) for points in side if points and math.hypot(*points[-1]) > MOVES_M]
+        for side in sides
+    ]
+    told = [begins for begins in moving if len(begins) >= MIN_COMPARED]
+    has_start = any(sum(begins) >= FROM_ORIGIN * len(begins) for begins in told) or (
+        bool(given)
+        and not told
+        and all(len(points) > work.plan.n_needed and _is_start(points) for points in given)
     )
     if has_start:
+        work.refuse(
+            lambda points: (
+                f"begins {math.hypot(*points[0]):.2f} m from the origin, and nearly all others at t = 0"
+                if points and not _is_start(points)
+                else None
+            ),
+            "wrong_waypoint_count",
+            "Let the planner write t = 0 for all of them, at (0, 0), or for none.",
+        )
         work.change(
             lambda points: points[1:],
-            f"left out the first point of {len(given)} trajectories: within {AT_ORIGIN_M} m of the "
-            "origin, it is t = 0",
+            f"left out the first point of {len(list(work.given()))} trajectories: within "
+            f"{AT_ORIGIN_M} m of the origin, it is t = 0",
         )
+    return has_start
 
 
-def _fit_horizon(work: _Work) -> None:
+def _is_start(points: Waypoints) -> bool:
+    return math.hypot(*points[0]) <= AT_ORIGIN_M
+
+
+def _fit_horizon(work: _Work, beside: str) -> None:
     """Bring the time step to the protocol's, and cut what lies beyond its horizon."""
     plan, geometry = work.plan, work.plan.geometry
     work.refuse(
         lambda points: (
-            f"has {len(points)} waypoints, fewer than {plan.n_needed}"
+            f"has {len(points)} waypoints{beside}, fewer than {plan.n_needed}"
             if len(points) < plan.n_needed
             else None
         ),

@@ -9,6 +9,7 @@ pandas are never imported here.
 import json
 import math
 import os
+from codecs import BOM_UTF8
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, Protocol, TypeVar
@@ -16,8 +17,10 @@ from typing import Any, BinaryIO, NamedTuple, Protocol, TypeVar
 from pydantic import ValidationError
 
 from exceptiondrive.errors import InvalidArgumentError, reason_of
+from exceptiondrive.waypoint_rows import SIDES, pairs_of_rows, require_columns
 from exceptiondrive_schemas.base import Document, faults_in
 from exceptiondrive_schemas.challenges import PLANNING, STRATEGY
+from exceptiondrive_schemas.check.checker import CSV_COLUMNS
 from exceptiondrive_schemas.check.inflate import UnreadableFileError, inflate
 from exceptiondrive_schemas.protocol import (
     NEWEST,
@@ -70,7 +73,6 @@ PROTOCOL_ADVICE = (
     "The server gives every version as a file at /api/v1/protocols/VERSION?format=toml."
 )
 MAX_SPLIT_BYTES = 256 * 1024 * 1024
-SIDES = ("source", "edited")
 STDIN = Path("-")
 Model = TypeVar("Model", bound=Document)
 
@@ -167,7 +169,7 @@ def given_submission(given: object, split: str | None = None) -> GivenFile:
         frame: Any = given
         attrs = getattr(given, "attrs", None) or {}
         columns = {str(name): _plain(frame[name]) for name in frame.columns}
-        split = attrs.get("split", split)
+        split = split or attrs.get("split")
         given = _of_waypoints(columns) if "trajectory" in columns else columns
     if not isinstance(given, Mapping):
         return given_bytes(given, "submission")
@@ -249,7 +251,7 @@ def _model(kind: type[Model], given: object, noun: str, advice: str) -> Model:
             name, data = given_bytes(given, noun, advice)
             data = inflate(
                 data, max_upload_bytes=MAX_SPLIT_BYTES, max_inflated_bytes=MAX_SPLIT_BYTES
-            )
+            ).removeprefix(BOM_UTF8)
         if kind is Manifest:  # of a server that may be newer
             return kind.read(data)
         return kind.model_validate_json(data)
@@ -262,15 +264,18 @@ def _model(kind: type[Model], given: object, noun: str, advice: str) -> Model:
 
 
 def _plain(value: Any) -> Any:
-    """Return lists in the place of arrays, tensors and series, at every depth."""
+    """Return lists in the place of arrays, tensors and series, at every depth, and None of `pandas.NA`."""
     if not hasattr(value, "tolist") and hasattr(value, "__array__"):
         value = value.__array__()
     if hasattr(value, "tolist"):
         listed = value.tolist()
-        return _plain(listed) if str(getattr(value, "dtype", "")) == "object" else listed
+        is_mixed = str(getattr(value, "dtype", "")) == "object" or hasattr(value, "isna")
+        return _plain(listed) if is_mixed else listed
     if isinstance(value, Mapping):
         return {str(key): _plain(each) for key, each in value.items()}
-    return [_plain(each) for each in value] if isinstance(value, list | tuple) else value
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    return None if type(value).__name__ == "NAType" else value  # pandas.NA
 
 
 def _of_columns(columns: Mapping[str, Any], split: str | None) -> dict[str, Any]:
@@ -292,7 +297,7 @@ def _of_columns(columns: Mapping[str, Any], split: str | None) -> dict[str, Any]
     rows = zip(*(map(_without_nan, columns[name]) for name in named), strict=True)
     return {
         "schema": columns.get("schema", challenge.file_schema),
-        "split": columns.get("split", split),
+        "split": split or columns.get("split"),
         "predictions": [dict(zip(named, row, strict=True)) for row in rows],
     }
 
@@ -313,24 +318,10 @@ def _numbers(value: Any) -> Iterable[Any]:
 
 
 def _of_waypoints(columns: Mapping[str, list[Any]]) -> dict[str, Any]:
-    """Return columns by sample of columns by waypoint."""
-    absent = {"sample_id", "trajectory", "step", "x_m", "y_m"} - columns.keys()
-    if absent:
-        raise InvalidArgumentError(
-            "wrong_argument", f"The data frame has no column {', '.join(sorted(absent))}."
-        )
-    names = ("step", "x_m", "y_m", "sample_id", "trajectory")
-    sides: dict[Any, dict[str, list[Any]]] = {}
-    for _, x_m, y_m, sample_id, side in sorted(
-        zip(*(columns[each] for each in names), strict=True), key=lambda row: row[0]
-    ):
-        if side not in SIDES:
-            raise InvalidArgumentError(
-                "wrong_argument", f"trajectory is source or edited, not {side!r}."
-            )
-        sides.setdefault(sample_id, {}).setdefault(side, []).append([x_m, y_m])
-    in_order = dict.fromkeys(columns["sample_id"])
-    return {
-        "sample_id": list(in_order),
-        **{side: [sides[each].get(side) for each in in_order] for side in SIDES},
-    }
+    """Return columns by sample of columns by waypoint, read as `convert` reads CSV."""
+    frame = Path("data frame")
+    require_columns(frame, columns)
+    rows = zip(*(columns[name] for name in CSV_COLUMNS), strict=True)
+    by_name = (dict(zip(CSV_COLUMNS, row, strict=True)) for row in rows)
+    pairs = [*pairs_of_rows(frame, ((f"row {at}", row) for at, row in enumerate(by_name, 1)))]
+    return {name: [getattr(pair, name) for pair in pairs] for name in ("sample_id", *SIDES)}

@@ -20,15 +20,22 @@ import sys
 import zipfile
 import zlib
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from exceptiondrive.conversion import RawPair, Waypoints
 from exceptiondrive.errors import InvalidArgumentError, extra_missing, reason_of
-from exceptiondrive.inputs import SIDES, STDIN
+from exceptiondrive.inputs import STDIN
+from exceptiondrive.waypoint_rows import (
+    SIDES,
+    fault,
+    pairs_of_rows,
+    require_columns,
+    unless_missing,
+)
 from exceptiondrive_schemas.challenges import PLANNING
-from exceptiondrive_schemas.check.checker import CSV_COLUMNS, FROM_YAML, is_yaml
+from exceptiondrive_schemas.check.checker import FROM_YAML, is_yaml
 from exceptiondrive_schemas.check.inflate import (
     CONVERTIBLE,
     GZIP_MAGIC,
@@ -174,7 +181,11 @@ def read_arrays(path: Path, data: bytes, *names: str) -> tuple[list[Any], ...]:
                     f"{', '.join(names)}.",
                     "" if "token" in names else f"A run has token and trajectory. {TWO_RUNS}",
                 )
-            columns = tuple(arrays[name].tolist() for name in names)
+            found = [arrays[name] for name in names]
+            columns = tuple(
+                (array.astype(str) if array.dtype.kind == "S" else array).tolist()
+                for array in found
+            )
     except (
         ValueError,
         EOFError,
@@ -213,8 +224,7 @@ def points_of(
         )
     except (TypeError, ValueError):
         raise fault(path, f"{where} must be a list of [x, y] in metres, or null.") from None
-    is_missing = bool(points) and all(math.isnan(number) for point in points for number in point)
-    return None if is_missing else points
+    return unless_missing(points)
 
 
 def with_unique_keys(path: Path) -> Callable[[list[tuple[str, Any]]], dict[str, Any]]:
@@ -231,11 +241,6 @@ def with_unique_keys(path: Path) -> Callable[[list[tuple[str, Any]]], dict[str, 
         return found
 
     return made
-
-
-def fault(path: Path, sentence: str) -> InvalidArgumentError:
-    """Return the error of a file that cannot be read."""
-    return InvalidArgumentError("unreadable_file", f"{path.name}: {sentence}")
 
 
 def _modes(value: Any) -> list[Any] | None:
@@ -450,9 +455,9 @@ def _pairs_of_csv(path: Path, text: str) -> Iterator[RawPair]:
     reader = csv.reader(io.StringIO(text), delimiter=delimiter, skipinitialspace=True)
     try:
         names = [name.strip() for name in next(reader, ())]
-        _require_columns(path, names)
+        require_columns(path, names)
         rows = (_by_column(path, reader.line_num, names, row) for row in reader if row)
-        yield from _pairs_of_rows(path, ((f"line {reader.line_num}", row) for row in rows))
+        yield from pairs_of_rows(path, ((f"line {reader.line_num}", row) for row in rows))
     except csv.Error as error:
         raise fault(path, f"line {reader.line_num + 1} is no row of a table: {error}.") from None
 
@@ -484,62 +489,5 @@ def _pairs_of_parquet(path: Path, data: bytes, mode: int | None) -> Iterator[Raw
         for row in rows:
             yield _pair_of_json(path, row, mode, lambda _: None)
         return
-    _require_columns(path, table.column_names)
-    yield from _pairs_of_rows(path, ((f"row {at}", row) for at, row in enumerate(rows, start=1)))
-
-
-def _require_columns(path: Path, names: Collection[str]) -> None:
-    absent = sorted(set(CSV_COLUMNS) - set(names))
-    if absent:
-        raise fault(
-            path, f"has no column {', '.join(absent)}; there must be {','.join(CSV_COLUMNS)}."
-        )
-
-
-def _pairs_of_rows(path: Path, rows: Iterable[tuple[str, dict[str, Any]]]) -> Iterator[RawPair]:
-    """Gather waypoints, one a row, in any order; each row with where it stands."""
-    points: dict[str, dict[str, dict[int, tuple[float, ...]]]] = {}
-    for where, row in rows:
-        if row.get("trajectory") not in SIDES:
-            raise fault(path, f"{where}: trajectory must be source or edited.")
-        step, point = _row(path, where, row)
-        if not isinstance(row.get("sample_id"), str | int):
-            raise fault(path, f"{where}: sample_id must be a text.")
-        of_side = points.setdefault(str(row["sample_id"]), {}).setdefault(row["trajectory"], {})
-        if step in of_side:
-            raise fault(path, f"{where}: step {step} occurs twice.")
-        of_side[step] = point
-    for sample_id, sides in points.items():
-        source, edited = (_in_order(path, sample_id, side, sides.get(side)) for side in SIDES)
-        yield RawPair(sample_id, source, edited)
-
-
-def _row(path: Path, where: str, row: dict[str, Any]) -> tuple[int, tuple[float, ...]]:
-    heading = row.get("heading_rad")
-    try:
-        numbers = (row["x_m"], row["y_m"], *(() if heading in (None, "") else (heading,)))
-        step = int(row["step"])
-        if isinstance(row["step"], float) and step != row["step"]:
-            raise ValueError
-        return step, tuple(map(_csv_number, numbers))
-    except (KeyError, TypeError, ValueError, OverflowError):
-        raise fault(path, f"{where}: step must be a whole number, x_m and y_m numbers.") from None
-
-
-def _csv_number(cell: Any) -> float:
-    """Read a number, NaN of an empty cell, and a decimal comma, as spreadsheets write them."""
-    number = number_in(cell) if isinstance(cell, str) else cell
-    if number is None and cell is not None:
-        raise ValueError
-    return math.nan if number is None else float(number)
-
-
-def _in_order(
-    path: Path, sample_id: str, side: str, by_step: dict[int, tuple[float, ...]] | None
-) -> Waypoints | None:
-    if by_step is None:
-        return None
-    steps = sorted(by_step)
-    if steps != list(range(steps[0], steps[0] + len(steps))) or steps[0] not in (0, 1):
-        raise fault(path, f"{sample_id}: {side}: steps must run from 0 or 1 without a gap.")
-    return tuple(by_step[step] for step in steps)
+    require_columns(path, table.column_names)
+    yield from pairs_of_rows(path, ((f"row {at}", row) for at, row in enumerate(rows, start=1)))

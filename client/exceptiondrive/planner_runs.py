@@ -18,7 +18,6 @@ from exceptiondrive.errors import InvalidArgumentError, reason_of
 from exceptiondrive.pair_files import (
     NPZ_MAGIC,
     OnForm,
-    fault,
     points_of,
     read_arrays,
     read_bytes,
@@ -26,6 +25,7 @@ from exceptiondrive.pair_files import (
     whole_number,
     with_unique_keys,
 )
+from exceptiondrive.waypoint_rows import fault
 from exceptiondrive_schemas.check.transformations import summed
 
 Tokens = Iterator[tuple[str, Waypoints | None]]
@@ -190,7 +190,10 @@ def read_lightemma(path: Path, mode: int | None, on_form: OnForm) -> Tokens:
             raise fault(
                 path, "needs frames with a token and an inference with pred_actions_str or actions."
             ) from None
-        yield str(token), _driven(said)
+        points = _driven(said)
+        if points is None:
+            on_form(f"answers that are no {N_ACTIONS} pairs of speed and curvature as null")
+        yield str(token), points
 
 
 N_ACTIONS = 6
@@ -200,7 +203,8 @@ ACTIONS_STEP_S = 0.5
 def _driven(said: Any) -> Waypoints | None:
     """Drive pairs of speed in m/s and curvature in 1/m; None where they are no six pairs."""
     try:
-        actions = [(float(speed), float(curvature)) for speed, curvature in ast.literal_eval(said)]
+        pairs = ast.literal_eval(said) if isinstance(said, str) else said
+        actions = [(float(speed), float(curvature)) for speed, curvature in pairs]
         return _path_of(actions) if len(actions) == N_ACTIONS else None
     except (ValueError, TypeError, OverflowError, SyntaxError, MemoryError, RecursionError):
         return None

@@ -1,7 +1,7 @@
 """Pictures of samples: trajectories, footprints, collision tube, hazard region and clearance.
 
 One sample large, or a contact sheet of several, as SVG or as PNG. Needs a split with its hazard
-regions and numpy (the extra `plot`, which also writes PNG).
+regions and numpy (the extra `evaluate`, or `plot`, which also writes PNG).
 """
 
 import os

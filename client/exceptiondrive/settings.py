@@ -28,10 +28,13 @@ class Setting(NamedTuple):
 
 
 def config_folder() -> Path:
-    """Where `config.toml` and the tokens of `login` lie."""
+    """Where `config.toml` and the tokens of `login` lie; for a user without a home, where nothing can."""
     import platformdirs
 
-    return Path(platformdirs.user_config_dir("exceptiondrive"))
+    try:
+        return Path(platformdirs.user_config_dir("exceptiondrive"))
+    except RuntimeError:
+        return Path(os.devnull)
 
 
 def config_path() -> Path:

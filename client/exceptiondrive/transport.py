@@ -434,7 +434,7 @@ class Transport:
             )
         try:
             response = self._with_retries(request, self._attempts if is_repeatable else 1)
-        except httpx.TransportError as error:
+        except httpx.RequestError as error:
             through = _through_proxy(self.server)
             proxy = "the proxy (HTTP_PROXY, HTTPS_PROXY, ALL_PROXY, NO_PROXY), " if through else ""
             raise NetworkError(
@@ -492,7 +492,7 @@ class Transport:
                     pause_s = asked_s
             except (httpx.UnsupportedProtocol, httpx.LocalProtocolError):
                 raise
-            except httpx.TransportError:
+            except httpx.RequestError:  # on the way, or in an answer that was damaged there
                 if is_last:
                     raise
             self._on_retry(pause_s)

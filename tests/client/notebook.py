@@ -9,9 +9,10 @@ from typing import Any
 
 NOTEBOOK = Path(__file__).parents[2] / "docs/notebooks/first_entry.ipynb"
 INSTALL = (
+    "# The page /client/ of your server has the address.\n"
     '%pip install --quiet "exceptiondrive[evaluate,data] @ https://SERVER/client/..."'
-    "  # its page /client/ has the line"
 )
+"""By the address: what an index has under the name alone may be another's."""
 RUN = """
 import ast, json, sys
 names, shown = {"__name__": "__main__"}, []

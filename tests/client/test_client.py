@@ -545,6 +545,28 @@ def test_an_outage_that_ends_the_wait_names_the_submission_that_is_safe(
     )
 
 
+def test_a_token_that_ends_while_waiting_leaves_the_submission_safe(
+    canned_server: "CannedServer",
+) -> None:
+    canned_server.problem("GET /submissions/abc", 401, "not_signed_in")
+    with pytest.raises(NotSignedInError, match="not_signed_in") as caught:
+        list(followed(canned_server).waiting())
+    assert (
+        caught.value.advice == "Submission abc is safe; look later with: exceptiondrive status abc"
+    )
+
+
+@pytest.mark.usefixtures("impatient")
+def test_a_damaged_answer_is_asked_for_again(canned_server: "CannedServer") -> None:
+    packed = {"content-encoding": "gzip"}
+    canned_server.answer("GET /submissions/abc", 200, b"no gzip", packed)
+    canned_server.answer("GET /submissions/abc", 200, {**VIEW, "status": "scored", "rank": 3})
+    assert followed(canned_server).refresh().rank == 3
+    canned_server.answer("GET /submissions/ab", 200, b"no gzip", packed)
+    with Client(canned_server.url, attempts=1) as client, pytest.raises(NetworkError):
+        client.status("ab")
+
+
 @pytest.mark.usefixtures("impatient")
 def test_a_wait_that_ends_while_the_server_is_away_says_that_nothing_is_known(
     canned_server: "CannedServer",

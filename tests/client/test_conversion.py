@@ -110,6 +110,44 @@ def test_one_file_never_mixes_with_and_without_t_0() -> None:
         convert(pairs, PLAN)
 
 
+def drives(step_s: float, n: int, from_s: float = 0.0) -> list[Waypoints]:
+    """Thirty steady drives, each a tenth of a metre a second faster, and a car that stands."""
+    times_s = [from_s + step_s * number for number in range(n)]
+    speeds_mps = [0.0, *(3.0 + number / 10 for number in range(30))]
+    return [tuple((speed * time_s, 0.0) for time_s in times_s) for speed in speeds_mps]
+
+
+@pytest.mark.parametrize(("step_s", "n"), [(0.5, 6), (0.25, 12), (0.2, 15), (0.4, 8), (0.1, 30)])
+def test_t_0_is_no_waypoint_where_none_is_to_spare(step_s: float, n: int) -> None:
+    """Taken as the first one, it would move every place by a time step."""
+    plan = replace(PLAN, time_step_s=step_s)
+    sources = drives(step_s, n)
+    for edited in (sources, drives(step_s, n, step_s)):
+        pairs = tuple(map(RawPair, map(str, range(len(sources))), sources, edited))
+        with pytest.raises(InvalidArgumentError) as caught:
+            convert(pairs, plan)
+        sentence = caught.value.sentence
+        if edited is sources:
+            assert f"62 trajectories are wrong, the first: 0: source has {n - 1}" in sentence
+            assert f"waypoints beside t = 0, fewer than {plan.n_needed}." in sentence
+        else:
+            assert "30 trajectories are wrong, the first: 1: edited begins" in sentence
+
+
+def test_the_few_that_do_not_begin_at_t_0_are_named() -> None:
+    plan = replace(PLAN, time_step_s=0.5, truncate=True)
+    given = drives(0.5, 8)
+    given[3] = ((0.3, 0.0), *given[3][1:])
+    pairs = tuple(pair(points, str(number)) for number, points in enumerate(given))
+    with pytest.raises(InvalidArgumentError, match="2 trajectories are wrong") as caught:
+        convert(pairs, plan)
+    assert "3: source begins 0.30 m from the origin" in caught.value.sentence
+    result = convert(pairs, replace(plan, null_invalid=True))
+    assert result.pairs[3] == RawPair("3", None, None)
+    assert result.pairs[30].source == given[30][1:7]
+    assert result.done[0].startswith("left out the first point of 60 trajectories")
+
+
 def test_short_trajectories_are_never_padded() -> None:
     with pytest.raises(InvalidArgumentError, match="5 waypoints, fewer than 6") as caught:
         convert((pair(straight(5)),), replace(PLAN, truncate=True))
@@ -212,6 +250,23 @@ def test_a_trajectory_of_two_columns_stays_beside_those_with_times() -> None:
     result = convert((RawPair("s1", *timed), RawPair("s2", slow, None)), PLAN)
     assert result.pairs == (RawPair("s1", slow, fast), RawPair("s2", slow, None))
     assert result.done[0].startswith("kept x and y behind a column of times, of 2 trajectories,")
+
+
+def test_camera_coordinates_stand_behind_a_column_of_times() -> None:
+    slow, fast = straight(6), tuple((2.0 * x, 1.0) for x, _ in straight(6))
+    timed, plain = (
+        [
+            tuple((*times, -y, 1.5, x) for times, (x, y) in zip(all_times, points, strict=True))
+            for points in (slow, fast)
+        ]
+        for all_times in ([(0.5 * step,) for step in range(1, 7)], [()] * 6)
+    )
+    plan = replace(PLAN, camera=True)
+    result = convert((RawPair("s1", *timed), RawPair("s2", *plain)), plan)
+    assert result.pairs == (RawPair("s1", slow, fast), RawPair("s2", slow, fast))
+    assert result.done == (
+        "took camera coordinates, behind a column of times: (x right, y down, z ahead) -> (z, -x)",
+    )
 
 
 def test_headings_in_front_are_told_from_an_x_by_the_columns_behind() -> None:

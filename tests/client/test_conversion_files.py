@@ -96,6 +96,21 @@ def test_csv_is_read_in_any_order_of_rows(tmp_path: Path) -> None:
     assert read_pairs([written(tmp_path, "a.csv", text)]) == ((PAIR,), None)
 
 
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-32"])
+def test_tabs_between_cells_are_read_in_every_encoding(encoding: str, tmp_path: Path) -> None:
+    """As spreadsheets write "Unicode text"."""
+    rows = [f"s1,source,{step},{x},{y}" for step, (x, y) in enumerate(SIX, start=1)]
+    path = tmp_path / "a.txt"
+    path.write_bytes((HEADER + "\n".join(rows)).replace(",", "\t").encode(encoding))
+    assert read_pairs([path]) == ((PAIR,), None)
+
+
+def test_a_trajectory_of_empty_cells_is_null_as_in_every_other_form(tmp_path: Path) -> None:
+    rows = "".join(f"s1,source,{step},0.5,0.3\ns1,edited,{step},,\n" for step in (1, 2))
+    (read,), _ = read_pairs([written(tmp_path, "a.csv", HEADER + rows)])
+    assert read == RawPair("s1", ((0.5, 0.3),) * 2, None)
+
+
 def test_a_row_of_csv_with_more_cells_than_the_head_is_refused(tmp_path: Path) -> None:
     """Decimal commas between commas: x would be 0 and y the digits behind its comma."""
     path = written(tmp_path, "a.csv", f"{HEADER}s1,source,1,0,5,0,3\n")
@@ -201,6 +216,8 @@ def test_arrays_are_read_and_objects_in_them_refused(tmp_path: Path) -> None:
     missing = np.full((1, 6, 2), np.nan)
     np.savez(path, sample_id=np.array(["s1"]), source=np.array([LISTS]), edited=missing)
     assert read_pairs([path]) == ((PAIR,), None)
+    np.savez(path, sample_id=np.array([b"s1"]), source=np.array([LISTS]), edited=missing)
+    assert read_pairs([path]) == ((PAIR,), None), "ids as bytes"
     np.savez(path, sample_id=np.array(["s1"], dtype=object), source=missing, edited=missing)
     with pytest.raises(InvalidArgumentError, match="Object arrays cannot be loaded"):
         read_pairs([path])

@@ -77,6 +77,17 @@ def waypoints() -> pd.DataFrame:
     return pd.DataFrame(rows).sample(frac=1, random_state=1)  # in no order
 
 
+def in_steps(*steps: object) -> pd.DataFrame:
+    """One trajectory, its rows in the order of these steps."""
+    whose = {"sample_id": "s0", "trajectory": "source"}
+    return pd.DataFrame(
+        [
+            {**whose, "step": step, "x_m": x, "y_m": y}
+            for step, (x, y) in zip(steps, PATH.tolist(), strict=True)
+        ]
+    )
+
+
 def closed(path: Path) -> BinaryIO:
     with path.open("rb") as stream:
         return stream
@@ -122,6 +133,31 @@ def test_a_submission_is_the_same_in_every_form(
     assert evaluate_samples(arrays(), split=split_file) == evaluate_samples(path, split=split_file)
 
 
+@pytest.mark.parametrize(
+    ("steps", "said"),
+    [
+        ((1, 2, 4, 5, 6, 7), "s0: source: steps must run from 0 or 1 without a gap"),
+        ((2, 3, 4, 5, 6, 7), "s0: source: steps must run from 0 or 1 without a gap"),
+        ((5, 10, 15, 20, 25, 30), "s0: source: steps must run from 0 or 1 without a gap"),
+        ((1, 2, 3, 4, 5, 5), "row 6: step 5 occurs twice"),
+        ((1, 2, 3, 4, 5, np.nan), "row 6: step must be a whole number"),
+    ],
+)
+def test_steps_of_a_data_frame_are_those_of_a_csv_file(
+    steps: tuple[object, ...], said: str
+) -> None:
+    with pytest.raises(InvalidArgumentError, match=f"data frame: {said}"):
+        given_submission(in_steps(*steps), "tiny")
+
+
+def test_steps_that_are_texts_are_in_the_order_of_numbers() -> None:
+    """As texts, 10 would stand before 2."""
+    frame = pd.concat([in_steps(*map(str, numbers)) for numbers in (range(1, 7), range(7, 13))])
+    frame["x_m"] = range(12)
+    (prediction,) = json.loads(given_submission(frame, "tiny").data)["predictions"]
+    assert [x for x, _ in prediction["source"]] == [*range(12)]
+
+
 def test_a_split_is_the_same_in_every_form(planning_file: MakeFile, split_file: Path) -> None:
     exact = evaluate_file(planning_file(), split=split_file)
     data = split_file.read_bytes()
@@ -158,6 +194,39 @@ def test_what_is_no_protocol_is_refused(planning_file: MakeFile, protocol: Any) 
         check_file(planning_file(), protocol=protocol)
     assert told.value.sentence.startswith(f"{protocol!r} is")
     assert ("A version is a text" in told.value.advice) == (not isinstance(protocol, str))
+
+
+def test_what_pandas_calls_missing_is_null() -> None:
+    columns = {"sample_id": ["s0", "s1"], "strategy": pd.array(["1. Stop", pd.NA], dtype="string")}
+    frame = waypoints().convert_dtypes()
+    frame.loc[frame["sample_id"] == "s0", ["x_m", "y_m"]] = pd.NA
+    for given, key in (
+        (columns, "strategy"),
+        (pd.DataFrame(columns), "strategy"),
+        (frame, "source"),
+    ):
+        predictions = json.loads(given_submission(given, "tiny").data)["predictions"]
+        missing = [each["sample_id"] for each in predictions if each[key] is None]
+        assert missing == ["s0" if key == "source" else "s1"]
+
+
+@pytest.mark.parametrize("named", ["tiny", None])
+def test_a_split_that_is_named_goes_before_that_of_what_is_given(named: str | None) -> None:
+    frame = waypoints()
+    frame.attrs["split"] = "own"
+    for given in (frame, {**arrays(), "split": "own"}):
+        assert json.loads(given_submission(given, named).data)["split"] == (named or "own")
+
+
+def test_a_byte_order_mark_before_a_split_or_manifest_is_passed_over(
+    tmp_path: Path, split_file: Path
+) -> None:
+    split = given_split(split_file)
+    manifest = Manifest.of(split, given_protocol(None).geometry)
+    marked = tmp_path / "marked.json"
+    marked.write_text(split_file.read_text("utf-8"), encoding="utf-8-sig")
+    assert given_split(marked) == split
+    assert given_manifest(gzip.compress(manifest.model_dump_json().encode("utf-8-sig"))) == manifest
 
 
 def test_what_json_cannot_hold_is_told_with_what_it_can() -> None:

@@ -69,7 +69,7 @@ def as_json(folder: Path, document: Any, name: str = "run.json") -> Path:
 
 def npz(folder: Path) -> Path:
     path = folder / "run.npz"
-    np.savez(path, token=np.array([TOKEN]), trajectory=np.array([known()]))
+    np.savez(path, token=np.array([TOKEN.encode()]), trajectory=np.array([known()]))
     return path
 
 
@@ -213,15 +213,33 @@ def test_every_form_is_tried() -> None:
         "(" * 10_000,
         str([(1e308, 1e308)] * 6),
         str([(10**400, 0)] * 6),
+        [[1.0, 0.0]] * 5,
     ],
-    ids=range(9),
+    ids=range(10),
 )
 def test_an_answer_of_lightemma_that_is_no_six_pairs_is_missing(said: Any, tmp_path: Path) -> None:
     scene = {"frames": [{"sample_token": TOKEN, "inference": {"pred_actions_str": said}}]}
     path = as_json(tmp_path, scene)
-    (pair,) = read_runs(FORMS["lightemma"], [path], [], None)
+    forms: list[str] = []
+    (pair,) = read_runs(FORMS["lightemma"], [path], [], None, forms.append)
     assert (pair.source, pair.edited) == (None, None)
+    assert forms == ["answers that are no 6 pairs of speed and curvature as null"]
     assert not Path("made").exists()
+
+
+def test_actions_of_lightemma_are_a_text_or_the_list_itself(tmp_path: Path) -> None:
+    actions = [(SPEED_MPS, CURVATURE)] * 6
+    said = {"text": str(actions), "list": actions}
+    frames = [
+        {"sample_token": name, "inference": {"pred_actions_str": each}}
+        for name, each in said.items()
+    ]
+    forms: list[str] = []
+    path = as_json(tmp_path, {"frames": frames})
+    text, listed = read_runs(FORMS["lightemma"], [path], [], None, forms.append)
+    assert text.source is not None
+    assert listed.source == text.source
+    assert forms == []
 
 
 def test_a_token_of_one_run_alone_has_no_other_trajectory(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from exceptiondrive.cli import app
-from exceptiondrive.credentials import keep_token, server_setting
+from exceptiondrive.credentials import find_token, keep_token, server_setting
 from exceptiondrive.errors import InvalidArgumentError
 from exceptiondrive.settings import (
     Setting,
@@ -35,6 +35,22 @@ def test_an_option_comes_before_the_environment_before_the_file(
     assert find_setting("phase") == Setting("of-environment", "EXCEPTIONDRIVE_PHASE")
     assert find_setting("phase", "of-option") == Setting("of-option", "--phase")
     assert default_phase() == "of-environment"
+
+
+def test_a_user_without_a_home_has_no_settings_and_keeps_none(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As in a container under a user id that its list of users does not have."""
+    pwd = pytest.importorskip("pwd", reason="where users have numbers")
+    for variable in ("HOME", "XDG_CONFIG_HOME"):
+        monkeypatch.delenv(variable, raising=False)
+    monkeypatch.setattr(pwd, "getpwuid", {}.__getitem__)
+    assert find_setting("phase") == Setting(None, "")
+    assert find_token(BOARD) is None
+    assert run("config").exit_code == 0
+    kept = run("config", "phase", "dev")
+    assert kept.exit_code == 2
+    assert "cannot be written" in kept.output
 
 
 def test_the_file_comes_before_the_last_login() -> None:

@@ -28,7 +28,7 @@ def make_child(tmp_path: Path) -> Iterator[Callable[[str], Child]]:
 
     yield make
     for child in made:
-        child.end(signal.SIGKILL)
+        child.kill()
         child.wait(time.monotonic() + 5)
 
 
@@ -69,7 +69,31 @@ def test_a_child_that_dies_at_once_is_started_with_growing_pauses(
     assert child.last_lines() == "no such table\nno such table"
 
 
-def test_ending_a_child_ends_what_it_has_started(make_child: Callable[[str], Child]) -> None:
+def test_a_child_that_is_asked_to_end_lets_what_it_has_started_finish(
+    make_child: Callable[[str], Child],
+) -> None:
+    """As a worker does with the process that has a job."""
+    inner = "import sys; sys.stdin.read()"
+    child = make_child(
+        "import signal, subprocess, sys\n"
+        f"inner = subprocess.Popen([sys.executable, '-c', {inner!r}], stdin=subprocess.PIPE)\n"
+        "def finish(*_):\n"
+        "    inner.communicate()\n"
+        "    print('inner ended with', inner.returncode)\n"
+        "    sys.exit(0)\n"
+        "signal.signal(signal.SIGTERM, finish)\n"
+        "print('up', flush=True)\n"
+        "while True:\n"
+        "    signal.pause()"
+    )
+    child.start()
+    wait_until(lambda: child.last_lines() == "up")
+    child.end()
+    assert child.wait(time.monotonic() + 30)
+    assert child.last_lines() == "up\ninner ended with 0"
+
+
+def test_killing_a_child_ends_what_it_has_started(make_child: Callable[[str], Child]) -> None:
     child = make_child(
         "import subprocess, sys, time\n"
         f"inner = subprocess.Popen([sys.executable, '-c', {SLEEPER!r}])\n"
@@ -81,6 +105,8 @@ def test_ending_a_child_ends_what_it_has_started(make_child: Callable[[str], Chi
     inner = int(child.last_lines().split("\n")[0])
     child.end()
     assert child.wait(time.monotonic() + 30)
+    assert is_running(inner)
+    child.kill()
     wait_until(lambda: not is_running(inner))
 
 

@@ -62,6 +62,7 @@ def zipped(name: str) -> bytes:
         (gzip.compress(gzip.compress(b"{}", mtime=0), mtime=0), "gzip data inside gzip data"),
         (gzip.compress(b"x" * 257 + b"ustar", mtime=0), "a tar archive"),
         ("{}".encode("utf-16"), "UTF-16 or UTF-32 text"),
+        ('{\r\n\t"schema": ""}'.encode("utf-16-le"), "UTF-16 or UTF-32 text"),
         (b"<!DOCTYPE html>", "an HTML or XML file"),
     ],
 )

@@ -15,6 +15,7 @@ from sqlalchemy.exc import IntegrityError
 from exceptiondrive_records.audit.log import audit, verify_audit
 from exceptiondrive_records.boards.tables import BoardFlip, BoardRow
 from exceptiondrive_records.db.clock import database_now
+from exceptiondrive_records.notifications.channels import text_of
 from exceptiondrive_records.notifications.tables import ContactPoint, Notification
 from exceptiondrive_records.operations.dump import dump_rows, dumped_tables
 from exceptiondrive_records.operations.invariants import broken_boards, violations
@@ -27,6 +28,7 @@ from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.tables import Submission
 from exceptiondrive_records.teams.tables import Team
 from exceptiondrive_records.teams.teams import find_team
+from exceptiondrive_schemas.api.notifications import NotificationView
 from exceptiondrive_schemas.api.phase_settings import PhaseChange
 from exceptiondrive_schemas.api.submission import SubmissionStatus
 from exceptiondrive_schemas.board import BoardNews
@@ -148,6 +150,8 @@ def test_a_message_is_previewed_and_shows_no_address(
         "The <deadline>",
         ["It moves.", "By a day."],
     )
+    mail = text_of(NotificationView.model_validate_json(json.dumps(told)), "https://b.example")
+    assert "\n\nThe <deadline>\n\nIt moves.\n\nBy a day.\n\nhttps://b.example/" in mail
     again = organizer.post(page, {**words, "is_seen": "yes"}, page=page)
     assert again.status_code == 409
     one = {**words, "title": "Other", "teams": ["beta"], "is_preview": True}

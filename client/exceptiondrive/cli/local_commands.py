@@ -179,8 +179,8 @@ def plot(
     """Draw samples: trajectories, footprints, tube, region, clearance.
 
     One sample fills the picture; several make a contact sheet. Shapes and numbers come from the
-    scoring code itself. An .svg follows light and dark. Needs the extra `plot` and a split with
-    regions: see `split download`.
+    scoring code itself. An .svg follows light and dark. Needs the extra `evaluate`, for a .png
+    `plot`, and a split with regions: see `split download`.
     """
     from exceptiondrive.plot import plot_file
 

@@ -54,7 +54,7 @@ def wide_encoding(data: bytes) -> str | None:
         text = codecs.getincrementaldecoder(encoding)().decode(head)
     except UnicodeDecodeError:
         return None
-    return encoding if text.replace("\r", "").replace("\n", "").isprintable() else None
+    return encoding if "".join(text.split()).isprintable() else None
 
 
 def other_file_kind(data: bytes) -> str | None:

@@ -243,8 +243,8 @@ def text_of(notice: NotificationView, site_url: str) -> str:
 def _plain_text(notice: NotificationView, site_url: str) -> str:
     told = [one_line(sentence) for sentence in notice.what_changed]
     address = f"{site_url.rstrip('/')}{notice.comparison}"
-    lines = [f"To team {one_line(notice.team)}:", "", one_line(notice.title), *told, "", address]
-    return "\n".join(lines) + "\n"
+    paragraphs = [f"To team {one_line(notice.team)}:", one_line(notice.title), *told, address]
+    return "\n\n".join(paragraphs) + "\n"
 
 
 def _entry_lines(entry: ChangedEntry, challenge: Challenge | None, site: str) -> list[str]:

@@ -81,10 +81,15 @@ class Child:
             self.start()
         return None
 
-    def end(self, how: signal.Signals = signal.SIGTERM) -> None:
-        """Send a signal to the whole group."""
+    def end(self) -> None:
+        """Ask the process to end; what it has started is its own to end, as a worker does after a job."""
         if self._process is not None:
-            _signal_group(self._process.pid, how)
+            self._process.terminate()
+
+    def kill(self) -> None:
+        """Kill the whole group."""
+        if self._process is not None:
+            _kill_group(self._process.pid)
 
     def wait(self, deadline: float) -> bool:
         """Whether the process has ended before `deadline` (of `time.monotonic`)."""
@@ -106,7 +111,7 @@ class Child:
     def _note_death(self) -> str:
         assert self._process is not None
         code = self._process.returncode
-        _signal_group(self._process.pid, signal.SIGKILL)  # what it leaves behind
+        _kill_group(self._process.pid)  # what it leaves behind
         self._process = None
         if time.monotonic() - self._started_at > _STEADY_AFTER_S:
             self._pause_s = 1.0
@@ -116,9 +121,9 @@ class Child:
         return f"{self.plan.name} {how}; starting it again in {pause_s:.0f} s"
 
 
-def _signal_group(group: int, how: signal.Signals) -> None:
+def _kill_group(group: int) -> None:
     try:
-        os.killpg(group, how)
+        os.killpg(group, signal.SIGKILL)
     except (ProcessLookupError, PermissionError):
         return
 

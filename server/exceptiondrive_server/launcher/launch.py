@@ -231,7 +231,7 @@ class Launcher:
             if time.monotonic() > deadline or self._signals > max(seen, 1):
                 break
         for child in children:
-            child.end(signal.SIGKILL)  # whatever is left of the group
+            child.kill()  # whatever is left of the group
             child.wait(time.monotonic() + 5)
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
