@@ -106,7 +106,14 @@ def test_another_version_of_the_same_content_repeats_nothing() -> None:
 
 @pytest.mark.parametrize(
     ("version", "is_earlier"),
-    [("0.9", True), ("1.0-draft", True), ("1.0.1", False), ("1.10", False), ("2.0-draft", False)],
+    [
+        ("0.9", True),
+        ("0.9-draft", True),
+        ("1.0-withheld", False),
+        ("1.0.1", False),
+        ("1.10", False),
+        ("2.0-draft", False),
+    ],
 )
 def test_an_earlier_version_is_remarked(version: str, is_earlier: bool) -> None:
     remark = difference('version = "1.0"', f'version = "{version}"').remark or ""
