@@ -131,6 +131,14 @@ def test_changes_that_still_say_what_they_said_are_remarked() -> None:
     assert difference('changes = "First', 'changes = "Not the first').remark is None
 
 
+def test_a_title_that_still_names_the_earlier_version_is_remarked() -> None:
+    told = difference('version = "1.0"', 'version = "1.1"').remark or ""
+    assert told.endswith("; the title is still ExceptionDrive 1.0")
+    one = 'version = "1.0"\ntitle = "ExceptionDrive 1.0"'
+    remark = difference(one, one.replace("1.0", "1.1")).remark or ""
+    assert "title" not in remark
+
+
 def test_a_new_rank_order_is_told_as_an_order() -> None:
     found = difference('metric = "hcc"\norder = "descending"', 'metric = "ur"\norder = "ascending"')
     (sentence,) = found.sentences

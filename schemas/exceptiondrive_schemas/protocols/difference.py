@@ -116,6 +116,8 @@ def _remarks(old: ProtocolDocument, new: ProtocolDocument) -> Iterator[str]:
         yield f"{new.version} is an earlier version than {old.version}"
     if new.changes == old.changes and new.digest != old.digest:
         yield f"what `changes` tells readers is what it told in {old.version}"
+    if new.title == old.title and old.version in old.title and new.version != old.version:
+        yield f"the title is still {old.title}"
     files = old.geometry
     if (files.waypoints, files.time_step_s) != (new.geometry.waypoints, new.geometry.time_step_s):
         yield (
