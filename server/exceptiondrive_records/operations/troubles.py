@@ -125,11 +125,14 @@ def _boards(session: Session) -> Iterator[Trouble]:
     times = func.max(BoardRequest.attempts)
     query = select(Phase, times).join(BoardRequest, BoardRequest.phase_id == Phase.id)
     for phase, n_times in session.execute(query.where(*in_vain).group_by(Phase.id)):
+        seen = (
+            "there is none yet" if phase.current_board_id is None else "readers see the one before"
+        )
         yield Trouble(
             "board_not_built",
             phase.id,
             f"A new board of phase {phase.title} ({phase.id}) was begun {n_times} times and not "
-            "finished: readers see the one before.",
+            f"finished: {seen}.",
             "the workers' log says why, at job=board: docs/operating.md has its codes",
         )
 
