@@ -22,7 +22,7 @@ from exceptiondrive_records.notifications.inbox import tell_team
 from exceptiondrive_records.notifications.tables import ContactPoint, Notification
 from exceptiondrive_records.participation.disqualification import want_boards_of_team
 from exceptiondrive_records.participation.tables import Disqualification
-from exceptiondrive_records.phases.policy import has_closed, is_late, is_published
+from exceptiondrive_records.phases.policy import can_publish, has_closed, is_late, is_published
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.submissions import lock_jobs, lock_team
 from exceptiondrive_records.submissions.tables import Submission
@@ -191,10 +191,11 @@ def _require_places(session: Session, of_both: ColumnElement[bool]) -> None:
         may_stand = stood_at_deadline(phase) | Submission.status.in_(WAITING)
         found = select(Submission).where(Submission.phase_id == phase.id, of_both, may_stand)
         shows_one = phase.policy.entries_shown == "chosen"
+        may_publish = can_publish(session, phase)
         places = {
             (each.team_id, "" if shows_one else each.method)
             for each in session.scalars(found)
-            if is_published(phase, each) and not is_late(phase, each)
+            if (may_publish or is_published(phase, each)) and not is_late(phase, each)
         }
         if len({place for _, place in places}) < len(places):
             raise Conflict(
