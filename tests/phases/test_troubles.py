@@ -147,7 +147,16 @@ def test_a_split_whose_file_is_of_another_revision(life: Life, store: SplitStore
         store.find("plain", revision, packaged_protocol())
     assert store.missing(["driven", "plain"]) == [f"plain@{revision}"]
     say_alive(life, store)
-    assert ("split_without_file", "plain") in told(life)
+    assert ("split_without_file", f"plain@{revision}") in told(life)
+    with pytest.raises(SplitUnavailableError):
+        store.find("driven", "sha256:later", packaged_protocol())
+    say_alive(life, store)
+    with life.database.read() as session:
+        found = {one.subject: one for one in troubles(session)}
+    shown, later = found[f"plain@{revision}"], found["driven@sha256:later"]
+    assert (shown.what.partition(": its ")[2], shown.stops_scoring) == ("submissions wait.", True)
+    assert later.what.endswith("driven at the revision sha256:later: sheets of a rescoring wait.")
+    assert not later.stops_scoring
 
 
 def test_a_phase_on_a_split_without_recorded_drives_says_so_to_both_sides(
