@@ -76,6 +76,23 @@ def test_a_team_publishes_in_its_list_and_takes_back(life: "Life") -> None:
     assert life.entry_ids() == []
 
 
+def test_a_listed_entry_that_is_private_again_may_be_published_while_the_board_shows_it(
+    life: "Life",
+) -> None:
+    with life.database.write() as session:
+        add_protocol(session, packaged_protocol_toml("1.1"), "test")
+    life.make_phase(split="plain", protocol="1.1", policy={"entries_private": True})
+    mine = life.submit("alpha", 0.0, "Parked", "plain")
+    life.work()
+    alpha = visitor(life, "alpha")
+    send(alpha, f"/submissions/{mine}/publish", BACK, page="/my")
+    life.work()
+    (entry,) = life.board()["entries"]
+    assert entry["unranked_because"] is not None
+    send(alpha, f"/submissions/{mine}/unpublish", BACK, page="/my")
+    assert buttons(alpha.get("/my").text) == {(mine, "publish")}
+
+
 def test_other_teams_and_plain_phases_get_no_buttons(life: "Life") -> None:
     life.make_phase(split="plain", policy={"entries_private": True})
     life.make_phase("usual", split="plain")

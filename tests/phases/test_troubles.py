@@ -147,7 +147,16 @@ def test_a_split_whose_file_is_of_another_revision(life: Life, store: SplitStore
         store.find("plain", revision, packaged_protocol())
     assert store.missing(["driven", "plain"]) == [f"plain@{revision}"]
     say_alive(life, store)
-    assert ("split_without_file", "plain") in told(life)
+    assert ("split_without_file", f"plain@{revision}") in told(life)
+    with pytest.raises(SplitUnavailableError):
+        store.find("driven", "sha256:later", packaged_protocol())
+    say_alive(life, store)
+    with life.database.read() as session:
+        found = {one.subject: one for one in troubles(session)}
+    shown, later = found[f"plain@{revision}"], found["driven@sha256:later"]
+    assert (shown.what.partition(": its ")[2], shown.stops_scoring) == ("submissions wait.", True)
+    assert later.what.endswith("driven at the revision sha256:later: sheets of a rescoring wait.")
+    assert not later.stops_scoring
 
 
 def test_a_phase_on_a_split_without_recorded_drives_says_so_to_both_sides(
@@ -174,12 +183,21 @@ def test_a_phase_on_a_split_without_recorded_drives_says_so_to_both_sides(
     assert life.make_phase("letters", split="plain", challenge="strategy")["not_checked"] == []
 
 
+@pytest.mark.parametrize(
+    ("has_board", "seen_meanwhile"),
+    [(True, "readers see the one before."), (False, "there is none yet.")],
+)
 def test_a_board_that_is_begun_again_and_again(
-    life: Life, store: SplitStore, monkeypatch: pytest.MonkeyPatch
+    life: Life,
+    store: SplitStore,
+    monkeypatch: pytest.MonkeyPatch,
+    has_board: bool,
+    seen_meanwhile: str,
 ) -> None:
     life.submit("alpha", 4.0, "Planner", "driven", "driven")
-    life.work()
-    life.submit("beta", 5.0, "Planner", "driven", "driven")
+    if has_board:
+        life.work()
+        life.submit("beta", 5.0, "Planner", "driven", "driven")
     with monkeypatch.context() as little_memory:
         little_memory.setattr(run, "board_entries", raising(MemoryError))
         for seen in ([], [("board_not_built", "driven")]):
@@ -188,6 +206,9 @@ def test_a_board_that_is_begun_again_and_again(
             assert build_next_board(life.context, Lane.LIVE)
             say_alive(life, store)
             assert told(life) == seen
+            with life.database.read() as session:
+                ends = [one.what.endswith(seen_meanwhile) for one in troubles(session)]
+            assert ends == [True] * len(seen)
             with life.database.write() as session:
                 let_time_pass(session, timedelta(hours=1))
     assert build_next_board(life.context, Lane.LIVE)

@@ -624,7 +624,8 @@ def test_teams_with_the_same_bytes_disqualified_or_forgotten_are_not_merged(worl
         ("Planner", {}, "scored", "was archived"),
         ("Other", {"entries_shown": "chosen"}, "scored", "closed"),
         ("Other", {}, "scored", ""),
-        ("Planner", {"entries_private": True}, "scored", ""),
+        ("Planner", {"entries_private": True}, "scored", "closed"),
+        ("Other", {"entries_private": True}, "scored", ""),
     ],
 )
 def test_no_merge_takes_an_entry_off_where_what_stands_is_settled(

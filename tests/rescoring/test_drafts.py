@@ -2,10 +2,13 @@
 
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import pytest
 from sqlalchemy import select
+from tests.rescoring.stage import open_stage
+from tests.support.floors import write_floors
 from tests.support.work import claim_this
 from tests.support.worker import build_wanted_boards
 
@@ -14,6 +17,8 @@ from exceptiondrive_records.phases.changes import freeze_phase
 from exceptiondrive_records.rescoring.fan_out import tend_runs
 from exceptiondrive_records.work.jobs import finish_failed
 from exceptiondrive_records.work.tables import Job, WorkState
+from exceptiondrive_schemas.jobs import Lane
+from exceptiondrive_worker.boards.run import build_next_board
 
 Stage = Any
 Make = Callable[..., str]
@@ -50,6 +55,27 @@ def test_what_accepted_files_cannot_be_scored_under_is_refused(
         changed = whole.model_copy(update={"samples": samples})
         stage.put_split(changed, name)
         assert words in refused(partial(stage.draft, split_revision=changed.revision))
+
+
+def test_a_run_of_a_phase_whose_own_protocol_the_floors_refuse_says_the_way_out(
+    database_url: str, tmp_path: Path, make_protocol: Make
+) -> None:
+    with open_stage(database_url, tmp_path) as stage:
+        write_floors(stage.settings.splits_dir / "tiny", "min_samples_per_cell = 100")
+        stage.open_phase("planning")
+        stage.add_protocol(
+            make_protocol("1.1", "min_samples_per_cell = 1\n", "min_samples_per_cell = 100\n")
+        )
+        run_id = stage.draft(protocol="1.1")
+        stage.step("start", run_id)
+        tend_runs(stage.reconciler, 3)
+        assert build_next_board(stage.context, Lane.RESCORE)
+        tend_runs(stage.reconciler, 3)
+        assert stage.view(run_id).state.value == "ready"
+        (way_out,) = stage.view(run_id).blockers
+        assert "open a new phase under the protocol to come" in way_out
+        assert refused(lambda: stage.preview(run_id)).endswith(way_out)
+        assert refused(lambda: stage.apply(run_id, "sha256:0")) == way_out
 
 
 def test_a_challenge_without_waypoints_takes_a_protocol_with_others(

@@ -1,5 +1,6 @@
 """What the transaction of a flip does, and what it leaves to others."""
 
+import json
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,7 +11,7 @@ from unittest.mock import Mock
 import pytest
 from sqlalchemy import delete, func, select
 from tests.support.work import claim_this
-from tests.support.worker import score_submission
+from tests.support.worker import build_board_of, due_jobs, score_submission
 
 from exceptiondrive_records.audit.log import verify_audit
 from exceptiondrive_records.boards.tables import BoardFlip
@@ -73,6 +74,28 @@ def test_the_board_of_a_draft_is_built_behind_the_live_ones(
         wanted = select(BoardRequest).where(BoardRequest.state.in_(OPEN_STATES))
         lanes = {row.protocol_digest: row.lane for row in session.scalars(wanted)}
     assert lanes == {shown: Lane.LIVE, draft: Lane.RESCORE}
+
+
+def test_a_board_that_is_shown_says_where_each_stood_on_the_one_before_it(
+    stage: Stage, make_protocol: Callable[..., str]
+) -> None:
+    """Also where it was built before that one, as by one worker while another is late."""
+    run_id = stage.ready(make_protocol("1.1", *D_SAFE))
+    stage.apply(run_id)
+    stage.submit(3.0, "newcomer", "beta")
+    for job_id in due_jobs(stage.database):
+        score_submission(stage.context, job_id)
+    tend_runs(stage.reconciler, 3)
+    build_board_of(stage.context, "dev", stage.view(run_id).from_protocol.digest)
+    assert stage.view(run_id).new_board == 3
+    assert "newcomer" not in stage.board()
+    stage.work()
+    before = json.loads(stage.board())["entries"]
+    stage.rollback(run_id)
+    entries = json.loads(stage.board())["entries"]
+    assert {each["method"]: each["previous_rank"] for each in entries} == {
+        each["method"]: each["rank"] for each in before
+    }
 
 
 @pytest.mark.parametrize("flips", ["apply", "rollback"])

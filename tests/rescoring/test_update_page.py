@@ -6,7 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import update
 
+from exceptiondrive_records.notifications.channels import text_of
+from exceptiondrive_records.notifications.inbox import list_notifications
 from exceptiondrive_records.phases.tables import Phase
+from exceptiondrive_records.teams.teams import find_team
 
 if TYPE_CHECKING:
     from tests.rescoring.application import Api
@@ -84,6 +87,26 @@ def test_a_family_that_is_not_told_is_called_so(
     assert cells
     for cell in cells:
         assert re.match(r"\s*not told<small>was \d", cell), cell
+
+
+def test_a_number_that_changes_while_those_that_rank_stay_is_named(
+    stage: Stage, api: "Api", make_protocol: Callable[..., str]
+) -> None:
+    """`slower` keeps more than the required clearance before and after, and HPR asks for no more."""
+    stage.submit(0.2, "slower", "beta")
+    stage.work()
+    run = stage.ready(make_protocol("1.1", "d_safe_m = 2.0", "d_safe_m = 2.1"))
+    stage.apply(run)
+    entries = api("GET", f"/rescoring/{run}", "nobody").json()["comparison"]["entries"]
+    (one,) = (one for one in entries if one["method"] == "slower")
+    assert (one["change"], one["metric_shifts"]["hcc"]) == ("numbers", 0)
+    was, now = (f"{100 * one[side]['metrics']['hpr']:.2f} %" for side in ("old", "new"))
+    page = api.client.get(f"/rescoring/{run}", headers={"Accept": "text/html"}).text
+    assert page.count(f"<small>HPR {now} (was {was})</small>") == 1
+    with stage.database.read() as session:
+        (told,) = list_notifications(session, find_team(session, "beta").id)
+    before, after = re.findall(r"  (?:before|now): +(.+)", text_of(told, "https://board.example"))
+    assert after == f"{before}, HPR {now} (was {was})"
 
 
 def _told(page: str) -> str:

@@ -106,7 +106,14 @@ def test_another_version_of_the_same_content_repeats_nothing() -> None:
 
 @pytest.mark.parametrize(
     ("version", "is_earlier"),
-    [("0.9", True), ("1.0-draft", True), ("1.0.1", False), ("1.10", False), ("2.0-draft", False)],
+    [
+        ("0.9", True),
+        ("0.9-draft", True),
+        ("1.0-withheld", False),
+        ("1.0.1", False),
+        ("1.10", False),
+        ("2.0-draft", False),
+    ],
 )
 def test_an_earlier_version_is_remarked(version: str, is_earlier: bool) -> None:
     remark = difference('version = "1.0"', f'version = "{version}"').remark or ""
@@ -122,6 +129,14 @@ def test_changes_that_still_say_what_they_said_are_remarked() -> None:
     told = difference("d_safe_m = 2.0", "d_safe_m = 2.5").remark
     assert told == "what `changes` tells readers is what it told in 1.0"
     assert difference('changes = "First', 'changes = "Not the first').remark is None
+
+
+def test_a_title_that_still_names_the_earlier_version_is_remarked() -> None:
+    told = difference('version = "1.0"', 'version = "1.1"').remark or ""
+    assert told.endswith("; the title is still ExceptionDrive 1.0")
+    one = 'version = "1.0"\ntitle = "ExceptionDrive 1.0"'
+    remark = difference(one, one.replace("1.0", "1.1")).remark or ""
+    assert "title" not in remark
 
 
 def test_a_new_rank_order_is_told_as_an_order() -> None:

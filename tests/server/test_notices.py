@@ -307,6 +307,23 @@ def test_a_score_is_told_once_with_what_the_page_says(
     assert [each["kind"] for each in api.get("/notifications", "alpha").json()] == ["scored"]
 
 
+def test_a_team_that_another_became_part_of_is_not_told_again_how_its_submissions_came_out(
+    api_on_both: "Api", browse: Browse, make_entry: Callable[..., Any]
+) -> None:
+    api = api_on_both
+    confirmed(api, browse, *ALL)
+    one = api.submit("a").json()["id"]
+    api.score(one)
+    api.publish(make_entry("Planner", submission_id=one, rank=3))
+    assert tell_teams(api.database) == 1
+    merged = {"into": "beta", "reason": "one group"}
+    assert api.post("/organizer/teams/alpha/merge", "organizer", json=merged).status_code == 200
+    api.publish(make_entry("Planner", submission_id=one, rank=3))
+    assert tell_teams(api.database) == 0
+    inbox = api.get("/notifications", "beta").json()
+    assert sorted(each["kind"] for each in inbox) == ["scored", "team_changed"]
+
+
 @POSTGRES_ALONE
 def test_a_reconciler_goes_on_where_another_told_the_same_at_this_moment(
     api_on_both: "Api", browse: Browse, make_entry: Callable[..., Any]
@@ -383,10 +400,7 @@ FROZEN_AT = datetime(2026, 1, 2, 3, 4, tzinfo=UTC)
         (
             -1,
             {"late_entries": "own_view"},
-            (
-                "It came after the deadline, so it holds no rank and moves none, unless the "
-                "organizers move the deadline."
-            ),
+            "It came after the deadline, so it holds no rank and moves none.",
         ),
         (3, {"entries_private": True}, "It is private, and ranks nowhere until"),
         (

@@ -292,7 +292,8 @@ def notices_view(notices: "Iterable[NotificationView]") -> Iterator[RenderableTy
         yield from (Text(f"  {sentence}") for sentence in notice.what_changed)
         for entry in notice.entries:
             challenge = None if notice.challenge is None else challenge_of(notice.challenge)
-            before, now = (standing_words(challenge, each) for each in (entry.old, entry.new))
+            before = standing_words(challenge, entry.old)
+            now = standing_words(challenge, entry.new, before=entry.old)
             yield Text(f"  {entry.method}: {before} -> {now}")
 
 

@@ -24,13 +24,44 @@ def ranked_words(
             yield f"{metric.label} {told}{_range(metric, intervals.get(key.metric), publication)}"
 
 
-def standing_words(challenge: Challenge | None, standing: Standing | None) -> str:
+def standing_words(
+    challenge: Challenge | None, standing: Standing | None, *, before: Standing | None = None
+) -> str:
     """Say how an entry stands on a board: rank and its range, then the metrics that rank.
 
-    A message of an older release names no challenge, and tells the rank alone.
+    Where that is what it says of `before`, what else is another number follows. A message of an older
+    release names no challenge, and tells the rank alone.
     """
+    words = _words(challenge, standing)
+    if challenge and standing and before and words == _words(challenge, before):
+        words += other_changes(challenge, before, standing)
+    return ", ".join(words)
+
+
+def other_changes(
+    challenge: Challenge,
+    old: Standing,
+    new: Standing,
+    publication: PublicationSection | None = None,
+) -> Iterator[str]:
+    """Name what changes of an entry whose ranking numbers stay: `HPR 18.13 % (was 18.24 %)`."""
+    is_named = False
+    for metric in challenge.metrics:
+        if metric.key in old.metrics.keys() & new.metrics.keys():
+            was, now = (
+                "none" if value is None else text_with_unit(metric, value, publication)
+                for value in (old.metrics[metric.key], new.metrics[metric.key])
+            )
+            if was != now:
+                yield f"{metric.label} {now} (was {was})"
+                is_named = True
+    if not is_named:
+        yield "other columns change"
+
+
+def _words(challenge: Challenge | None, standing: Standing | None) -> list[str]:
     if standing is None:
-        return "not on the board"
+        return ["not on the board"]
     words = [one_line(standing.place)]
     if standing.rank_interval is not None and len(set(standing.rank_interval)) > 1:
         low, high = standing.rank_interval
@@ -38,7 +69,7 @@ def standing_words(challenge: Challenge | None, standing: Standing | None) -> st
     if challenge is not None:
         words += ranked_words(challenge, standing.metrics, standing.intervals)
         words += _effect_words(challenge, standing.reminder_effect)
-    return ", ".join(words)
+    return words
 
 
 def _effect_words(challenge: Challenge, effect: ReminderEffect | None) -> Iterator[str]:

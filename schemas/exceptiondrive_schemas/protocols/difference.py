@@ -112,10 +112,12 @@ def protocol_difference(
 
 
 def _remarks(old: ProtocolDocument, new: ProtocolDocument) -> Iterator[str]:
-    if _version_key(new.version) < _version_key(old.version):
+    if _numbers(new.version) < _numbers(old.version):
         yield f"{new.version} is an earlier version than {old.version}"
     if new.changes == old.changes and new.digest != old.digest:
         yield f"what `changes` tells readers is what it told in {old.version}"
+    if new.title == old.title and old.version in old.title and new.version != old.version:
+        yield f"the title is still {old.title}"
     files = old.geometry
     if (files.waypoints, files.time_step_s) != (new.geometry.waypoints, new.geometry.time_step_s):
         yield (
@@ -124,10 +126,9 @@ def _remarks(old: ProtocolDocument, new: ProtocolDocument) -> Iterator[str]:
         )
 
 
-def _version_key(version: str) -> tuple[list[int], bool, str]:
-    """Sort versions: 1.9 before 1.10, and 1.1-draft before 1.1."""
-    numbers, _, draft = version.partition("-")
-    return [int(part) for part in numbers.split(".")], not draft, draft
+def _numbers(version: str) -> list[int]:
+    """Sort versions: 1.9 before 1.10; what follows the numbers, as in 1.1-withheld, says no order."""
+    return [int(part) for part in version.partition("-")[0].split(".")]
 
 
 def split_changes(

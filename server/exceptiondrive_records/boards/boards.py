@@ -252,6 +252,11 @@ def latest_board(
     return session.scalars(query.order_by(BoardRow.number.desc()).limit(1)).first()
 
 
+def last_flip_at(session: Session, phase_id: str) -> datetime | None:
+    """Return since when a phase shows its current board."""
+    return session.scalar(select(func.max(BoardFlip.at)).where(BoardFlip.phase_id == phase_id))
+
+
 def public_protocols(session: Session, phase_id: str) -> list[str]:
     """Return the digests of the protocols under which a board of the phase was ever shown."""
     query = (  # from the flips, which an index finds: asking each board for its flip is quadratic
@@ -460,6 +465,11 @@ def under_alias(named: _Named, aliases: Mapping[str, str]) -> _Named:
 def was_shown() -> ColumnElement[bool]:
     """Condition on `BoardRow`: a phase pointed at it once. Drafts are for organizers alone."""
     return exists().where(BoardFlip.board_id == BoardRow.id)
+
+
+def is_draft(session: Session, row: BoardRow) -> bool:
+    """Whether no phase ever pointed at a board."""
+    return session.scalar(select(BoardRow.id).where(BoardRow.id == row.id, was_shown())) is None
 
 
 def find_board(session: Session, phase_id: str, number: int) -> BoardRow:

@@ -251,7 +251,7 @@ def _entry_lines(entry: ChangedEntry, challenge: Challenge | None, site: str) ->
     return [
         one_line(entry.method),
         f"  before: {standing_words(challenge, entry.old)}",
-        f"  now:    {standing_words(challenge, entry.new)}",
+        f"  now:    {standing_words(challenge, entry.new, before=entry.old)}",
         f"  {site}/submissions/{entry.submission_id}",
     ]
 

@@ -173,10 +173,7 @@ def _sentences(session: Session, seen: SubmissionView) -> Iterator[str]:
         since = f"{seen.score_kept_back_since:%Y-%m-%d %H:%M} UTC"
         yield f"The board is frozen since {since}: score and rank are kept back until it is revealed."
     elif seen.is_late:
-        yield (
-            "It came after the deadline, so it holds no rank and moves none, unless the organizers "
-            "move the deadline."
-        )
+        yield "It came after the deadline, so it holds no rank and moves none."
     elif seen.rank is not None:
         low, high = seen.rank_interval or (seen.rank, seen.rank)
         yield f"Rank {seen.rank}{f' ({low} to {high})' if low != high else ''}."

@@ -1,6 +1,6 @@
 """What stands wrongly and no error says: told at once by the overview, the doctor and the metrics.
 
-Each is found by one query; none tells anything of a split but its name.
+Each is found by few queries; none tells anything of a split but its name and revision.
 """
 
 from collections.abc import Iterator
@@ -36,7 +36,7 @@ class Trouble:
 
     Attributes:
         code: Stable name, of metrics and alerts.
-        subject: The lane, split or phase that has it.
+        subject: The lane, split (or `split@revision`) or phase that has it.
         what: A sentence.
         do: What an operator or organizer does about it.
         stops_scoring: Whether something cannot be scored until then.
@@ -67,7 +67,7 @@ def troubles_of(session: Session, phase: Phase) -> tuple[Trouble, ...]:
     """Return those of a phase and of its split. Another phase may have the name of the split."""
     of_phases = (*_boards(session), *_phases(session))
     return (
-        *(one for one in _splits(session) if one.subject == phase.split_name),
+        *(one for one in _splits(session) if one.subject.split("@")[0] == phase.split_name),
         *(one for one in of_phases if one.subject == phase.id),
     )
 
@@ -95,16 +95,21 @@ def _lanes(session: Session) -> Iterator[Trouble]:
 
 
 def _splits(session: Session) -> Iterator[Trouble]:
-    for name, waits in missing_splits(session).items():
+    for split, waits in missing_splits(session).items():
+        name, _, revision = split.partition("@")
+        uses = select(Phase.id).where(Phase.split_name == name, Phase.split_revision == revision)
+        is_shown = not revision or session.scalar(uses.limit(1)) is not None
         who = "Workers" if waits else "Some workers"
+        its = "its submissions" if is_shown else "sheets of a rescoring"
+        at = f" at the revision {revision}" if revision else ""
         yield Trouble(
             "split_without_file",
-            name,
-            f"{who} find no file of split {name} at the revision that its phases use: "
-            f"{'its submissions wait' if waits else 'the others alone score its submissions'}.",
+            split,
+            f"{who} find no file of split {name}{at}: "
+            f"{f'{its} wait' if waits else f'the others alone score {its}'}.",
             f"put it back to {name}/split.json.gz in the workers' folder of splits; the folder has "
             "the name of the split. What waits is scored by itself",
-            stops_scoring=waits,
+            stops_scoring=waits and is_shown,
         )
 
 
@@ -125,11 +130,14 @@ def _boards(session: Session) -> Iterator[Trouble]:
     times = func.max(BoardRequest.attempts)
     query = select(Phase, times).join(BoardRequest, BoardRequest.phase_id == Phase.id)
     for phase, n_times in session.execute(query.where(*in_vain).group_by(Phase.id)):
+        seen = (
+            "there is none yet" if phase.current_board_id is None else "readers see the one before"
+        )
         yield Trouble(
             "board_not_built",
             phase.id,
             f"A new board of phase {phase.title} ({phase.id}) was begun {n_times} times and not "
-            "finished: readers see the one before.",
+            f"finished: {seen}.",
             "the workers' log says why, at job=board: docs/operating.md has its codes",
         )
 

@@ -19,10 +19,10 @@ from exceptiondrive_records.db.identifiers import (
 from exceptiondrive_records.news.tables import Question
 from exceptiondrive_records.notifications.contacts import list_contacts, take_away
 from exceptiondrive_records.notifications.inbox import tell_team
-from exceptiondrive_records.notifications.tables import ContactPoint
+from exceptiondrive_records.notifications.tables import ContactPoint, Notification
 from exceptiondrive_records.participation.disqualification import want_boards_of_team
 from exceptiondrive_records.participation.tables import Disqualification
-from exceptiondrive_records.phases.policy import has_closed, is_late, is_published
+from exceptiondrive_records.phases.policy import can_publish, has_closed, is_late, is_published
 from exceptiondrive_records.phases.tables import Phase
 from exceptiondrive_records.submissions.submissions import lock_jobs, lock_team
 from exceptiondrive_records.submissions.tables import Submission
@@ -109,9 +109,10 @@ def merge_teams(
 ) -> tuple[Team, int]:
     """Make one team of two: submissions, people, addresses and questions of the first become the other's.
 
-    An address of both is told once. The first keeps its id, without a token and without people: what
-    was logged of it stays readable. Both quotas are counted together. A later deadline holds for what the first
-    sent; no allowance becomes the other's. This cannot be taken back.
+    An address of both is told once, and how a submission came out is not told again. The first keeps its
+    id, without a token and without people: what was logged of it stays readable. Both quotas are counted
+    together. A later deadline holds for what the first sent; no allowance becomes the other's. This
+    cannot be taken back.
 
     Returns:
         The team that is left, and how many submissions it was given.
@@ -190,10 +191,11 @@ def _require_places(session: Session, of_both: ColumnElement[bool]) -> None:
         may_stand = stood_at_deadline(phase) | Submission.status.in_(WAITING)
         found = select(Submission).where(Submission.phase_id == phase.id, of_both, may_stand)
         shows_one = phase.policy.entries_shown == "chosen"
+        may_publish = can_publish(session, phase)
         places = {
             (each.team_id, "" if shows_one else each.method)
             for each in session.scalars(found)
-            if is_published(phase, each) and not is_late(phase, each)
+            if (may_publish or is_published(phase, each)) and not is_late(phase, each)
         }
         if len({place for _, place in places}) < len(places):
             raise Conflict(
@@ -219,6 +221,8 @@ def _move(session: Session, team: Team, target: Team) -> int:
     session.flush()
     for table in (Disqualification, ContactPoint, Question):
         session.execute(update(table).where(table.team_id == team.id).values(to_target))
+    outcomes = Notification.team_id == team.id, Notification.kind.in_(("scored", "failed"))
+    session.execute(update(Notification).where(*outcomes).values(to_target))
     members = select(Membership.person_id).where(Membership.team_id == target.id)
     there = set(session.scalars(members))
     for person_id in session.scalars(

@@ -105,6 +105,11 @@ def _failure(code: str, ids: list[str]) -> str:
     return f"{counted(len(ids), 'sheet')} could not be made ({code}): of {named}. {cure}"
 
 
+_NO_BOARD = (
+    "The phase has no board yet that a run could change. Where the overview says that the floors of its "
+    "withheld split refuse its own protocol, there will be none: cancel the run, and open a new phase "
+    "under the protocol to come. What failed cost no quota."
+)
 _BLOCKED_IN_WORDS = (RunState.DRAFT, RunState.PAUSED)
 """States that cannot be applied, and say themselves what to do about it."""
 
@@ -137,6 +142,8 @@ def blockers_of(session: Session, run: RescoringRun) -> tuple[str, ...]:
         return (f"{trial.sentence} {CURE_OF_FLOORS}",)
     if run.state is RunState.DRAFT:
         return ("Scoring has not begun: start it on its page, or by `organizer rescore begin`.",)
+    if session.get_one(Phase, run.phase_id).current_board_id is None:
+        return (_NO_BOARD,)
     key = shadow_key(run)
     counts = count_sheets(session, run.phase_id, key)
     found = []

@@ -7,14 +7,19 @@ from datetime import datetime, timedelta
 from sqlalchemy import ColumnElement, Select, exists, func, not_, select
 from sqlalchemy.orm import Session
 
-from exceptiondrive_records.boards.boards import entry_ids, latest_board
+from exceptiondrive_records.boards.boards import (
+    entry_ids,
+    is_draft,
+    last_flip_at,
+    latest_board,
+)
 from exceptiondrive_records.boards.standings import entry_ids_for_board
 from exceptiondrive_records.boards.tables import BoardRow
 from exceptiondrive_records.db.clock import database_now
 from exceptiondrive_records.phases.scoring_keys import ScoringKey, is_of_key
 from exceptiondrive_records.rescoring.tables import RescoringRun
 from exceptiondrive_records.submissions.tables import ScoreSheetRow, Submission
-from exceptiondrive_records.work.board_requests import is_board_wanted, want_board
+from exceptiondrive_records.work.board_requests import board_begun_at, is_board_wanted, want_board
 from exceptiondrive_records.work.tables import OPEN_STATES, Job, WorkState
 from exceptiondrive_schemas.api.rescoring import Progress, RunState
 from exceptiondrive_schemas.api.submission import WAITING, SubmissionStatus
@@ -156,12 +161,18 @@ def _jobs_of(key: ScoringKey) -> Select[str]:
 
 
 def fresh_board(session: Session, phase_id: str, key: ScoringKey) -> BoardRow | None:
-    """Return the newest board under a key if it holds exactly the entries that are due now."""
+    """Return the newest board under a key if it holds exactly the entries that are due now.
+
+    One that readers never saw tells where each stood before: it is of what they see now, or not fresh.
+    """
     if is_board_wanted(session, phase_id, *key):
         return None
     row = latest_board(session, phase_id, key)
-    due = entry_ids_for_board(session, phase_id, key)
-    return row if row is not None and entry_ids(session, row.id) == due else None
+    if row is None or entry_ids(session, row.id) != entry_ids_for_board(session, phase_id, key):
+        return None
+    flipped_at, begun_at = last_flip_at(session, phase_id), board_begun_at(session, phase_id, *key)
+    is_behind = flipped_at is not None and begun_at is not None and begun_at < flipped_at
+    return None if is_behind and is_draft(session, row) else row
 
 
 def want_fresh_board(session: Session, phase_id: str, key: ScoringKey) -> None:

@@ -205,7 +205,7 @@ def _view(
         and disqualified_at is None
         and not is_late(phase, submission)
     )
-    unranked_because = shown.unranked_because if shown else None
+    unranked_because = shown.unranked_because if shown and is_public else None
     if is_to_come and seen.is_frozen and not seen.hides(submission):
         unranked_because = "the board is frozen, and shows it when the organizers reveal the board"
     elif is_scored and not is_public and submission.id not in seen.publishable:

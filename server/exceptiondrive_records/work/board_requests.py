@@ -6,6 +6,7 @@ that one took. So boards go at the pace of readers, whose pages look every three
 workers to scoring; but none lags behind for long, and the last score of a rush is followed by a build at once.
 """
 
+from datetime import datetime
 from functools import cache
 
 from sqlalchemy import ColumnElement, Select, and_, or_, select
@@ -56,6 +57,14 @@ def is_board_wanted(
     key = _key(phase_id, protocol_digest, split_revision)
     state = session.scalar(select(BoardRequest.state).where(BoardRequest.key == key))
     return state in OPEN_STATES
+
+
+def board_begun_at(
+    session: Session, phase_id: str, protocol_digest: str, split_revision: str
+) -> datetime | None:
+    """Return when the last build of a board began; None: it was never begun."""
+    key = _key(phase_id, protocol_digest, split_revision)
+    return session.scalar(select(BoardRequest.leased_at).where(BoardRequest.key == key))
 
 
 def claim_board(session: Session, lane: Lane, lease_s: float) -> BoardRequest | None:

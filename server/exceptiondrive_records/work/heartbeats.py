@@ -64,17 +64,17 @@ def live_workers(
 
 
 def missing_splits(session: Session) -> dict[str, bool]:
-    """Return the names of the splits of which a living worker finds no file, or not the revision.
+    """Return the splits of which a living worker finds no file, or as `name@revision` not that one.
 
-    Each with whether submissions wait: no worker of the live lane finds it.
+    Each with whether what is scored against it waits: no worker of the live lane finds it.
     """
-    living = [
-        (lanes, {split.partition("@")[0] for split in lacks})
-        for lanes, lacks in session.execute(_LIVING)
-    ]
-    names = sorted({name for _, lacks in living for name in lacks})
+    living = [(lanes, set(lacks)) for lanes, lacks in session.execute(_LIVING)]
+    splits = sorted({split for _, lacks in living for split in lacks})
     live = [lacks for lanes, lacks in living if Lane.LIVE.value in lanes]
-    return {name: all(name in lacks for lacks in live) for name in names}
+    return {
+        split: not any(lacks.isdisjoint({split, split.partition("@")[0]}) for lacks in live)
+        for split in splits
+    }
 
 
 def scorers_at_work(session: Session) -> list[str]:

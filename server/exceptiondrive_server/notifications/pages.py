@@ -150,10 +150,12 @@ def post_allow(request: Request, services: ServicesOf, contact_id: ContactId, ke
 
 
 @template_filter
-def stood(standing: Standing | None, notice: NotificationView) -> str:
-    """Return how an entry of a notice stood, with the values that rank and their ranges."""
+def stood(
+    standing: Standing | None, notice: NotificationView, before: Standing | None = None
+) -> str:
+    """Return how an entry of a notice stood, as `standing_words` says it."""
     challenge = None if notice.challenge is None else CHALLENGES[notice.challenge]
-    return standing_words(challenge, standing)
+    return standing_words(challenge, standing, before=before)
 
 
 def _answer(request: Request, **values: Any) -> Response:

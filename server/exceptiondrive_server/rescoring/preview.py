@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Any
 
 from exceptiondrive_schemas.api.rescoring import Comparison, EntryChange, Standing
+from exceptiondrive_schemas.api.standing_words import other_changes
 from exceptiondrive_schemas.challenges import CHALLENGES, Metric
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
@@ -94,6 +95,15 @@ class Shifts:
             self._shift(metric, old.get(key, {}).get(metric.key), new.get(key, {}).get(metric.key))
             for key in self.families
         ]
+
+    def elsewhere(self, one: EntryChange) -> str:
+        """Say which numbers change where no column does; else nothing."""
+        if one.change != "numbers" or one.old is None or one.new is None:
+            return ""
+        if any(cell.old != cell.new for cell in (*self.of_metrics(one), *self.of_families(one))):
+            return ""
+        challenge, digits = CHALLENGES[self.comparison.challenge], self.protocol.publication
+        return ", ".join(other_changes(challenge, one.old, one.new, digits))
 
     def _shift(self, metric: Metric, old: float | None, new: float | None) -> Shift:
         digits = Digits.of(self.protocol.publication)

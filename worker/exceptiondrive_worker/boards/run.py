@@ -9,7 +9,12 @@ from itertools import zip_longest
 
 import structlog
 
-from exceptiondrive_records.boards.boards import current_board, latest_board, publish_board
+from exceptiondrive_records.boards.boards import (
+    current_board,
+    is_draft,
+    latest_board,
+    publish_board,
+)
 from exceptiondrive_records.boards.documents import entries_of, entry_documents
 from exceptiondrive_records.boards.standings import entries_for_board, whole_sheets
 from exceptiondrive_records.phases.phases import find_phase
@@ -155,8 +160,13 @@ def _board(
         key = ScoringKey(protocol.digest, claimed.split_revision)
         records = entries_for_board(session, phase.id, *key, view)
         part = find_split(session, phase.split_name, claimed.split_revision).part
-        rows = (latest_board(session, phase.id, key, view), current_board(session, phase.id))
-        latest, current = (None if row is None else row.body for row in rows)
+        latest, current = (
+            latest_board(session, phase.id, key, view),
+            current_board(session, phase.id),
+        )
+        if view == "main" and latest is not None and is_draft(session, latest):
+            latest = None  # it tells where each stood on a board that may have been another
+        bodies = [None if row is None else row.body for row in (latest, current)]
         ref = SplitRef(name=phase.split_name, revision=claimed.split_revision)
         is_public = find_public_split(session, ref) is not None
     challenge = CHALLENGES[phase.challenge]
@@ -175,7 +185,7 @@ def _board(
     compared = comparisons(context.stages, best, protocol, rounding)
     if phase.shows_reported:
         entries += reported_entries(challenge.id, protocol.grading.headline)
-    entries = with_previous_ranks(entries, latest, current)
+    entries = with_previous_ranks(entries, *bodies)
     has_too_few_scenes = any(row.rank is not None and row.rank_interval is None for row in entries)
     board = Board(
         challenge=challenge.id,
