@@ -210,7 +210,9 @@ def send_message(
     if not (preview or yes):
         found = organizer.send_message(title, words, to or (), phase, is_preview=True)
         n_teams = counted(len(found["recipients"]), "team")
-        be_sure(f"Send this to {n_teams}? It cannot be called back.", yes)
+        be_sure(
+            f"Send this to {n_teams}? It cannot be called back.", yes, nothing="Nothing was sent."
+        )
     sent = organizer.send_message(title, words, to or (), phase, is_preview=preview)
     columns = ("team", "name", "n_emails", "n_webhooks")
     what = "sent to" if sent["is_sent"] else "would reach"
