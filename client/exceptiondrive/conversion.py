@@ -1,9 +1,9 @@
 """Bring a planner's own trajectories into the form and frame of a submission.
 
 The steps run in one order, each only if asked for or needed, and each says what it did: camera
-frame, heading columns away, axes exchanged, other units to metres, turned,
-mirrored, time reversed, increments added up, source and edited exchanged, sensor to rear axle, t = 0 away, time step, horizon, and what
-is still invalid to null. Pure.
+frame, heading columns away, axes exchanged, other units to metres, turned, mirrored, time reversed,
+increments added up, source and edited exchanged, sensor to rear axle, t = 0 away, time step,
+horizon, and what is still invalid to null. Pure.
 """
 
 import itertools

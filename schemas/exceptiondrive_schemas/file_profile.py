@@ -25,7 +25,7 @@ class Mend(Document):
     mended_error: float | None = None
     """Mended."""
     is_sideways: bool = False
-    """Whether both are measured to the side at the ends of turns: by a mirror image, or bearings."""
+    """Whether both are measured to the side at the ends of turns, as of a mirror image."""
     by_hand: str | None = None
     """What the planner's author does, where no conversion can mend the file."""
 

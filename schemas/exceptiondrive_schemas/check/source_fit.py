@@ -9,9 +9,10 @@ origin, so that a shorter time shown is no better fit. On the 13 planners of Lig
 samples of nuScenes) a file as it is has 0.07 to 0.15, and every transformation fits at least 3.7
 times worse. Each transformation of each of them is 5.0 to 1,400 times worse than the file mended. A
 mirrored file shows where the drive turns, at its last waypoint, sideways: there right files are off
-by 0.5 to 0.7 of the recorded distance, 2.0 to 3.2 times less than mirrored ones. Rows that stand one off show at the first waypoint,
-where two samples in a row were driven at different speeds: there at most an eighth of the answers of
-a right file are nearer to the other sample's drive, and seven eighths of a file that is one row off.
+by 0.5 to 0.7 of the recorded distance, 2.0 to 3.2 times less than mirrored ones. Rows that stand one
+off show at the first waypoint, where two samples in a row were driven at different speeds: there at
+most an eighth of the answers of a right file are nearer to the other sample's drive, and seven
+eighths of a file that is one row off.
 """
 
 from __future__ import annotations  # array[float] is no runtime type before 3.12
