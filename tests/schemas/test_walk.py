@@ -881,6 +881,11 @@ OWN: dict[str, Row] = {
         {"not_json": "1 fault"},
         [f"looks like YAML: {FROM_YAML}"],
     ),
+    "JSON within JSON": Row(
+        lambda: as_bytes(json.dumps(sound())),
+        {"not_json": "1 fault"},
+        ["JSON within a JSON text: write the object itself"],
+    ),
     "CSV without its header": Row(
         lambda: b"\n".join(as_csv().splitlines()[1:]),
         {"not_json": "1 fault"},

@@ -564,6 +564,8 @@ class SubmissionReader:
         if self._data.lstrip().startswith((b"{", b"[")):
             is_cut = not self._data.rstrip().endswith((b"}", b"]"))
             return "it stops before its end; was the copy cut off?" if is_cut else None
+        if self._data.startswith((b'"{', b'"[')):
+            return "JSON within a JSON text: write the object itself"
         if is_yaml(self._data):
             return f"looks like YAML: {FROM_YAML}"
         first_line = self._data[:MAX_HEADER_BYTES].splitlines()[0]
