@@ -145,6 +145,56 @@ def test_a_refused_upload_is_said_in_red_below_an_empty_bar_and_stays_in_its_for
     assert page.input_value("input[name=method]") == "Other"
 
 
+def test_a_wrong_fact_of_a_method_is_told_and_its_section_stays_open(
+    my_page: Callable[..., Page], address: str
+) -> None:
+    page = my_page()
+    page.goto(f"{address}/submit")
+    page.set_input_files(
+        "input[name=file]", {"name": "one.json", "mimeType": "application/json", "buffer": b"one"}
+    )
+    page.locator("form.upload summary").click()
+    wrong = page.locator("details input[type=number]").first
+    wrong.fill("-5")
+    page.fill("input[name=method]", "Kestrel")
+    page.click("form[data-upload] button:text-is('Submit')")
+    expect(wrong).to_be_focused()
+    expect(wrong).to_be_visible()
+
+
+def test_a_choice_of_organizers_waits_for_its_button(
+    browser: Browser, api: "Api", address: str
+) -> None:
+    """By arrow keys each choice on the way to another one is made, too."""
+    with browser.new_context() as context:
+        page = context.new_page()
+        page.goto(f"{address}/sign-in?back=/organize/submissions")
+        page.fill("input[name=token]", api.tokens["organizer"])
+        page.click("main form button")
+        page.wait_for_url("**/organize/submissions")
+        status = page.locator("select[name=status]")
+        words = status.locator("option").all_inner_texts()
+        status.focus()
+        for word in words[1:3]:
+            page.keyboard.press("ArrowDown")
+            expect(status).to_have_value(word)
+            expect(status).to_be_focused()
+        page.click("button:text-is('Show')")
+        page.wait_for_url(f"**status={words[2]}")
+
+
+def test_the_menu_of_a_phone_closes_behind_the_focus(
+    my_page: Callable[..., Page], address: str
+) -> None:
+    page = my_page()
+    page.click(".menu summary")
+    links = page.locator(".menu nav a")
+    links.last.focus()
+    expect(links.last).to_be_visible()
+    page.keyboard.press("Tab")
+    expect(links.last).to_be_hidden()
+
+
 @pytest.mark.parametrize("width", [900, 1024])
 def test_the_head_of_an_organizers_page_stays_within_its_width_and_level(
     browser: Browser, api: "Api", address: str, width: int

@@ -62,6 +62,8 @@
     show(wanted(), true);
   });
 
+  form.elements.sort.addEventListener("change", () => form.requestSubmit());
+
   // What is typed is looked for among all entries, by the server; "/" leads to the field.
   let pause = 0;
   form.elements.q.addEventListener("input", () => {
