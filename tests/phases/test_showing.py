@@ -277,7 +277,7 @@ def test_after_the_deadline_no_older_version_takes_the_place_of_a_withdrawn_one(
     assert set(life.entry_ids()) == {newest, kept}
     pages = f"/submissions/{older}", f"/organize/submissions/{older}"
     browsers = visitor(life, "alpha"), visitor(life, "organizer")
-    words = f"Submission {newest} takes its place"
+    words = f"{newest}</a> takes its place"
     for browser, page in zip(browsers, pages, strict=True):
         assert f"{words}; withdraw that one, and this one stands again." in browser.get(page).text
     life.move(closes_at=life.now())

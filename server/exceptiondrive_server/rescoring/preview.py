@@ -202,6 +202,7 @@ def _slope_line(one: EntryChange, y1: float, y2: float, longest: int) -> SlopeLi
     else:
         kind = "same" if old == new else "up" if new < old else "down"
     name = one.method if len(one.method) <= longest else f"{one.method[: longest - 1]}…"
+    name = f"\u2068{name}\u2069"  # one from right to left leaves the rank at its side
     before, after = ("not ranked" if rank is None else f"rank {rank}" for rank in (old, new))
     return SlopeLine(
         kind=kind,
