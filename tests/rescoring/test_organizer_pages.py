@@ -58,6 +58,7 @@ def test_an_update_goes_from_document_to_rollback_over_the_pages(
     preview = organizer.get(f"{here}/preview").text
     assert "What readers would see change" in preview
     assert f"rescore apply {run_id} --preview sha256:" in preview
+    assert '▼</span> <span class="vh">worse</span>' in " ".join(preview.split())
     csv = organizer.get(f"{here}/preview.csv")
     assert len(csv.text.splitlines()) == 4
     assert "attachment" in csv.headers["content-disposition"]

@@ -71,10 +71,23 @@ def test_the_list_shows_place_and_quota_and_follows_to_the_end(
     if blocked:
         own.route("**/events", lambda route: route.abort())
     own.goto(f"{address}/submissions/{first}")
+    region = own.locator("main > p[role=status]")
+    expect(region).to_have_text("")
+    region.evaluate("(region) => { region.isStillThere = true; }")
     api.score(first)
     expect(own).to_have_title(re.compile(", scored: "), timeout=LONGEST_MS)
+    expect(region).to_have_text(re.compile("^scored Every sample has been scored"))
+    assert region.evaluate("(region) => region.isStillThere"), (
+        "one that is replaced is not read out"
+    )
+    assert own.locator("#live [role=status]").count() == 0
     expect(rows.nth(1).locator(".badge")).to_have_text("scored", timeout=LONGEST_MS)
     expect(rows.nth(0)).to_contain_text("next in line", timeout=LONGEST_MS)
+    for label in rows.nth(0).locator("td.none").all():
+        box = label.bounding_box()
+        assert box is not None, "a cell that is not there shifts the headers of those behind it"
+        assert box["width"] <= 1
+    assert rows.nth(0).locator("td.none").count()
     api.score(second)
     expect(rows.nth(0).locator(".badge")).to_have_text("scored", timeout=LONGEST_MS)
     assert page.evaluate("window.isStillTheSamePage"), "it was followed without a reload"
@@ -137,7 +150,8 @@ def test_a_refused_upload_is_said_in_red_below_an_empty_bar_and_stays_in_its_for
     )
     page.fill("input[name=method]", "Other")
     page.click("form[data-upload] button:text-is('Submit')")
-    words = page.locator(".sending p")
+    expect(page.locator("form[data-upload] button:text-is('Submit')")).to_be_focused()
+    words = page.locator(".sending [role=status]")
     expect(words).to_contain_text("a run of 'MMM")
     expect(words).to_have_css("color", page.evaluate(_INK_OF_HARM))
     assert page.evaluate("document.querySelector('progress').value") == 0

@@ -30,8 +30,9 @@ class SlopeLine:
     kind: str
     y1: str
     y2: str
-    left_text: str
-    right_text: str
+    name: str
+    before: str
+    after: str
     title: str
 
 
@@ -202,13 +203,13 @@ def _slope_line(one: EntryChange, y1: float, y2: float, longest: int) -> SlopeLi
     else:
         kind = "same" if old == new else "up" if new < old else "down"
     name = one.method if len(one.method) <= longest else f"{one.method[: longest - 1]}…"
-    name = f"\u2068{name}\u2069"  # one from right to left leaves the rank at its side
     before, after = ("not ranked" if rank is None else f"rank {rank}" for rank in (old, new))
     return SlopeLine(
         kind=kind,
         y1=px(y1),
         y2=px(y2),
-        left_text=f"{name} · {old or NOT_RANKED}",
-        right_text=f"{new or NOT_RANKED} · {name}",
+        name=name,
+        before=str(old or NOT_RANKED),
+        after=str(new or NOT_RANKED),
         title=f"{one.method} of {one.team}: {before} before, {after} after",
     )

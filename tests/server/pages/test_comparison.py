@@ -160,6 +160,16 @@ async def test_two_teams_with_one_name_of_a_method_are_told_apart(
             assert "Compare In time of Beta" in text
 
 
+async def test_a_range_of_one_rank_is_not_told_twice(site: Any, lively_board: Board) -> None:
+    first, *others = lively_board.entries
+    sure = first.model_copy(update={"rank": 1, "rank_interval": (1, 1)})
+    site.create_phase("sample", shows_reported=True)
+    site.publish(lively_board.model_copy(update={"entries": (sure, *others)}))
+    text = (await site.get("/compare?phase=sample&a=s0000000kq&b=s0000001kq")).text
+    ranks = text.split('<th scope="row">Rank</th>')[1].split("</tr>")[0]
+    assert re.findall(r"<td>\s*1\s*(<small>.*?)?</td>", ranks) == [""]
+
+
 async def test_ranks_that_each_could_have_are_named_where_there_are_any(
     site: Any, lively_board: Board
 ) -> None:
