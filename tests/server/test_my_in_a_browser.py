@@ -321,3 +321,23 @@ def test_a_double_click_issues_one_token(my_page: Callable[..., Page], address: 
     page.wait_for_selector(".issued pre")
     page.goto(f"{address}/my/tokens")
     assert page.locator("tbody tr").count() == n_before + 1
+
+
+def test_on_paper_the_list_is_a_table_without_filters_and_buttons(
+    browser: Browser, api: "Api", address: str
+) -> None:
+    api.submit("one")
+    with browser.new_context(viewport={"width": 720, "height": 844}) as context:
+        page = context.new_page()
+        page.goto(f"{address}/sign-in?back=/organize/submissions")
+        page.fill("input[name=token]", api.tokens["organizer"])
+        page.click("main form button")
+        page.wait_for_url("**/organize/submissions")
+        for path in ("/organize/submissions", "/organize/audit"):
+            page.goto(address + path)
+            page.emulate_media(media="print")
+            assert page.locator(":is(.ofilt, .btn, .onav):visible").count() == 0
+            heads = page.locator("thead th")
+            expect(heads.first).to_be_visible()
+            assert heads.first.evaluate("(head) => head.offsetWidth") > 30
+            assert page.evaluate("document.documentElement.scrollWidth") <= 720

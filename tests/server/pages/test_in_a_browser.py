@@ -805,10 +805,10 @@ def test_the_print_shows_the_table_and_no_tools(visit: Visit) -> None:
     counted.evaluate(
         "(flag) => flag.querySelector('.vh').insertAdjacentHTML('beforebegin', '<i>3</i>')"
     )
-    count, words = (counted.locator(part).bounding_box() for part in ("i", ".vh"))
+    count, told = (counted.locator(part).bounding_box() for part in ("i", ".vh"))
     assert count is not None
-    assert words is not None
-    assert words["x"] >= count["x"] + count["width"] + 3
+    assert told is not None
+    assert told["x"] >= count["x"] + count["width"] + 3
 
 
 def test_heat_cells_can_be_read_in_both_themes(visit: Visit) -> None:
