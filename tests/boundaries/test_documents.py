@@ -340,7 +340,7 @@ def test_the_taxonomy_of_the_page_is_that_of_the_protocol() -> None:
         ("access", "signs in 200 times in 24 hours at most", sessions.MAX_SIGN_INS_A_DAY, 200),
         ("access", "nobody looked at for three days", teams.PLACE_LASTS, timedelta(days=3)),
         ("client", "longer than 30 s the command ends", transport.LONGEST_RETRY_AFTER_S, 30),
-        ("client", "*Submit it*, for 24 hours", jobs.CONFIRM_WITHIN, timedelta(hours=24)),
+        ("client", "*Confirm it*, for 24 hours", jobs.CONFIRM_WITHIN, timedelta(hours=24)),
         ("operating", "silent for two minutes has no line", heartbeats.MISSED_FOR_S, 120),
         ("operating", "one above 15 s: see *lost worker*", heartbeats.HEARTBEAT_TTL_S, 15),
         ("phases", "At most five questions of a team", questions.MAX_OPEN, 5),

@@ -33,7 +33,7 @@ def test_a_team_chooses_in_its_list_until_the_deadline(life: "Life") -> None:
     assert buttons(page) == {(second, "choose")}
     assert "<b>Chosen</b>" in page
     stands = "takes its place"
-    assert f"Submission {first} {stands}" in alpha.get(f"/submissions/{second}").text
+    assert f"{first}</a> {stands}" in alpha.get(f"/submissions/{second}").text
     assert stands not in alpha.get(f"/submissions/{first}").text
     life.work()
     assert life.entry_ids() == [first]
@@ -131,6 +131,29 @@ def test_a_disqualified_run_is_neither_published_nor_chosen_on_pages(life: "Life
         assert "isqualified" in shown
         assert f"/submissions/{own}/publish" not in shown
         assert f"/submissions/{own}/choose" not in shown
+
+
+def test_what_is_said_to_stand_does_and_of_the_rest_its_state(life: "Life") -> None:
+    life.make_phase("usual", split="plain")
+    life.make_phase("private", split="plain", policy={"entries_private": True})
+    good = life.submit("alpha", 1.0, "Good", "plain", "usual")
+    older, out = (life.submit("alpha", speed, "Out", "plain", "usual") for speed in (2.0, 9.0))
+    life.submit("alpha", 1.0, "Hidden", "plain", "private")
+    life.work()
+    life.done(f"/submissions/{out}/disqualify", {"reason": "it used the map"})
+    life.done("/phases/usual/freeze")
+    life.submit("alpha", 8.0, "Fresh", "plain", "usual")
+    life.work()
+    alpha = visitor(life, "alpha")
+    told = alpha.get("/submit").text.split('<ul class="standing">')[1].split("</ul>")[0]
+    plain = " ".join(re.sub(r"<[^>]+>", " ", told).split())
+    assert re.search(r"Good , rank \d", plain), plain
+    assert "Fresh , not ranked: the board is frozen" in plain
+    assert "Hidden" not in plain
+    assert out not in told
+    assert "Stands in place" not in alpha.get("/my").text
+    assert good in told
+    assert older not in told
 
 
 def test_a_sheet_says_of_a_family_that_is_kept_back_that_it_is_not_told(life: "Life") -> None:

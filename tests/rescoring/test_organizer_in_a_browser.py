@@ -23,6 +23,11 @@ pytestmark = [
 ]
 D_SAFE = ("d_safe_m = 2.0", "d_safe_m = 4.5")
 LONGEST_MS = 60_000
+RIGHT_TO_LEFT = """(text) => {
+  text.firstElementChild.textContent = "\u05de\u05ea\u05db\u05e0\u05df";
+  const last = text.getNumberOfChars() - 1;
+  return [0, last].map((at) => text.getExtentOfChar(at).x);
+}"""
 
 
 @pytest.fixture
@@ -104,6 +109,8 @@ def test_a_walk_from_document_to_rollback(
     page.goto(f"{run}/preview")
     expect(page.locator("svg.slope.wide")).to_be_visible()
     expect(page.locator("svg.slope.wide .sl text").first).to_contain_text(" · ")
+    name, rank = page.locator("svg.slope.wide .sl text").first.evaluate(RIGHT_TO_LEFT)
+    assert name < rank, "a name from right to left leaves its rank at the line"
     expect(page.locator("table.pv tbody tr").first).to_contain_text("slow")
     page.click("a:text-is('Apply')")
     say(page, "Apply")

@@ -58,6 +58,7 @@ def test_an_update_goes_from_document_to_rollback_over_the_pages(
     preview = organizer.get(f"{here}/preview").text
     assert "What readers would see change" in preview
     assert f"rescore apply {run_id} --preview sha256:" in preview
+    assert '▼</span> <span class="vh">worse</span>' in " ".join(preview.split())
     csv = organizer.get(f"{here}/preview.csv")
     assert len(csv.text.splitlines()) == 4
     assert "attachment" in csv.headers["content-disposition"]
@@ -231,6 +232,13 @@ def test_sheets_are_verified_from_a_page(stage: Stage, visit: Callable[[str], Vi
     assert "Recomputing" in organizer.get(address).text
     stage.verify_all()
     assert "Every sheet came out the same" in organizer.get(address).text
+    answer = organizer.post("/organize/verifications/new", form)
+    address, _, _ = answer.headers["location"].partition("?")
+    cancel = address.replace("verifications", "rescoring") + "/cancel"
+    organizer.post(cancel, {"reason": "another day"})
+    cancelled = organizer.get(address).text
+    assert "Cancelled: 0 of 2 were compared" in cancelled
+    assert "came out the same" not in cancelled
     wrong = organizer.post("/organize/verifications/new", {**form, "sample": "-1"})
     assert (wrong.status_code, "before the deadline" in wrong.text) == (400, True)
 

@@ -83,7 +83,7 @@ def test_a_family_that_is_not_told_is_called_so(
     digest = api("GET", f"/organizer/rescoring/{run}/preview").json()["digest"]
     api("POST", f"/organizer/rescoring/{run}/apply", json={"preview": digest, "reason": "go"})
     answer = api.client.get(f"/rescoring/{run}", headers={"Accept": "text/html"})
-    cells = re.findall(r'<td class="sh same fam-col"[^>]*>(.*?)</td>', answer.text, re.DOTALL)
+    cells = re.findall(r'<td class="sh fam-col"[^>]*>(.*?)</td>', answer.text, re.DOTALL)
     assert cells
     for cell in cells:
         assert re.match(r"\s*not told<small>was \d", cell), cell

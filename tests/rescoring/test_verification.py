@@ -17,6 +17,7 @@ from exceptiondrive_records.db.errors import Conflict
 from exceptiondrive_records.rescoring.changes import start_verification
 from exceptiondrive_records.rescoring.verification import (
     finish_recheck,
+    rechecks_of,
     verification_view,
 )
 from exceptiondrive_records.submissions.tables import SimilarityRow
@@ -190,11 +191,19 @@ def test_a_verification_is_a_run_that_can_only_be_cancelled(
         stage.rollback(run_id)
     stage.submit(2.5, "late")
     stage.ready(make_protocol("1.1", "d_safe_m = 2.0", "d_safe_m = 4.5"))  # both go their way
+    with stage.owner.write() as session:  # one has been tried, and given back
+        session.execute(
+            update(Recheck).where(Recheck.submission_id == stage.submitted[0]).values(note="x")
+        )
     stage.step("cancel", run_id)
     stage.verify_all()
     with stage.database.read() as session:
         found = verification_view(session, run_id)
-    assert (found.n_equal, found.n_failed, found.problems) == (0, 3, ())
+        told = rechecks_of(session, stage.submitted[0])
+    assert (found.n_sheets, found.n_equal, found.n_failed) == (3, 0, 0)
+    assert (found.problems, told) == ((), ()), (
+        "what was cancelled came to nothing, not to a failure"
+    )
     assert found.finished_at is not None
 
 

@@ -45,6 +45,12 @@ def difference(old: str, new: str, n_sheets: int = 1240) -> Difference:
             "first step from 2.0 -> 3.0 m/s",
             Stage.GRADE,
         ),
+        (
+            "d_safe_scale = 1.0",
+            "d_safe_scale = 1.2",
+            "factor of every required clearance 1.0 -> 1.2",
+            Stage.GRADE,
+        ),
         ("min_coverage = 0.99", "min_coverage = 0.9", "min coverage 0.99 -> 0.9", Stage.RANK),
         (
             "D = 3, C = 4",

@@ -44,8 +44,14 @@ def test_hostile_markdown_can_do_nothing(key: str) -> None:
     assert tags <= {"p", "a", "pre", "code", "b", "blockquote"}
     assert not tags & {"script", "img", "iframe", "style", "svg", "form", "input", "b"}
     for tag, attributes in seen.found:
-        assert set(attributes) <= ({"href", "rel"} if tag == "a" else set())
+        given = {"a": {"href", "rel"}, "pre": {"tabindex"}}
+        assert set(attributes) <= given.get(tag, set())
         assert (attributes.get("href") or "https://").startswith(("https://", "mailto:"))
+
+
+def test_a_block_of_code_takes_the_keyboard_which_scrolls_it() -> None:
+    assert '<pre tabindex="0"><code>' in markdown(f"```\n{'x' * 300}\n```")
+    assert "tabindex" not in markdown("`<pre>` is a tag")
 
 
 @pytest.mark.parametrize("key", ALL)

@@ -71,10 +71,23 @@ def test_the_list_shows_place_and_quota_and_follows_to_the_end(
     if blocked:
         own.route("**/events", lambda route: route.abort())
     own.goto(f"{address}/submissions/{first}")
+    region = own.locator("main > p[role=status]")
+    expect(region).to_have_text("")
+    region.evaluate("(region) => { region.isStillThere = true; }")
     api.score(first)
     expect(own).to_have_title(re.compile(", scored: "), timeout=LONGEST_MS)
+    expect(region).to_have_text(re.compile("^scored Every sample has been scored"))
+    assert region.evaluate("(region) => region.isStillThere"), (
+        "one that is replaced is not read out"
+    )
+    assert own.locator("#live [role=status]").count() == 0
     expect(rows.nth(1).locator(".badge")).to_have_text("scored", timeout=LONGEST_MS)
     expect(rows.nth(0)).to_contain_text("next in line", timeout=LONGEST_MS)
+    for label in rows.nth(0).locator("td.none").all():
+        box = label.bounding_box()
+        assert box is not None, "a cell that is not there shifts the headers of those behind it"
+        assert box["width"] <= 1
+    assert rows.nth(0).locator("td.none").count()
     api.score(second)
     expect(rows.nth(0).locator(".badge")).to_have_text("scored", timeout=LONGEST_MS)
     assert page.evaluate("window.isStillTheSamePage"), "it was followed without a reload"
@@ -137,12 +150,63 @@ def test_a_refused_upload_is_said_in_red_below_an_empty_bar_and_stays_in_its_for
     )
     page.fill("input[name=method]", "Other")
     page.click("form[data-upload] button:text-is('Submit')")
-    words = page.locator(".sending p")
+    expect(page.locator("form[data-upload] button:text-is('Submit')")).to_be_focused()
+    words = page.locator(".sending [role=status]")
     expect(words).to_contain_text("a run of 'MMM")
     expect(words).to_have_css("color", page.evaluate(_INK_OF_HARM))
     assert page.evaluate("document.querySelector('progress').value") == 0
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     assert page.input_value("input[name=method]") == "Other"
+
+
+def test_a_wrong_fact_of_a_method_is_told_and_its_section_stays_open(
+    my_page: Callable[..., Page], address: str
+) -> None:
+    page = my_page()
+    page.goto(f"{address}/submit")
+    page.set_input_files(
+        "input[name=file]", {"name": "one.json", "mimeType": "application/json", "buffer": b"one"}
+    )
+    page.locator("form.upload summary").click()
+    wrong = page.locator("details input[type=number]").first
+    wrong.fill("-5")
+    page.fill("input[name=method]", "Kestrel")
+    page.click("form[data-upload] button:text-is('Submit')")
+    expect(wrong).to_be_focused()
+    expect(wrong).to_be_visible()
+
+
+def test_a_choice_of_organizers_waits_for_its_button(
+    browser: Browser, api: "Api", address: str
+) -> None:
+    """By arrow keys each choice on the way to another one is made, too."""
+    with browser.new_context() as context:
+        page = context.new_page()
+        page.goto(f"{address}/sign-in?back=/organize/submissions")
+        page.fill("input[name=token]", api.tokens["organizer"])
+        page.click("main form button")
+        page.wait_for_url("**/organize/submissions")
+        status = page.locator("select[name=status]")
+        words = status.locator("option").all_inner_texts()
+        status.focus()
+        for word in words[1:3]:
+            page.keyboard.press("ArrowDown")
+            expect(status).to_have_value(word)
+            expect(status).to_be_focused()
+        page.click("button:text-is('Show')")
+        page.wait_for_url(f"**status={words[2]}")
+
+
+def test_the_menu_of_a_phone_closes_behind_the_focus(
+    my_page: Callable[..., Page], address: str
+) -> None:
+    page = my_page()
+    page.click(".menu summary")
+    links = page.locator(".menu nav a")
+    links.last.focus()
+    expect(links.last).to_be_visible()
+    page.keyboard.press("Tab")
+    expect(links.last).to_be_hidden()
 
 
 @pytest.mark.parametrize("width", [900, 1024])
@@ -257,3 +321,23 @@ def test_a_double_click_issues_one_token(my_page: Callable[..., Page], address: 
     page.wait_for_selector(".issued pre")
     page.goto(f"{address}/my/tokens")
     assert page.locator("tbody tr").count() == n_before + 1
+
+
+def test_on_paper_the_list_is_a_table_without_filters_and_buttons(
+    browser: Browser, api: "Api", address: str
+) -> None:
+    api.submit("one")
+    with browser.new_context(viewport={"width": 720, "height": 844}) as context:
+        page = context.new_page()
+        page.goto(f"{address}/sign-in?back=/organize/submissions")
+        page.fill("input[name=token]", api.tokens["organizer"])
+        page.click("main form button")
+        page.wait_for_url("**/organize/submissions")
+        for path in ("/organize/submissions", "/organize/audit"):
+            page.goto(address + path)
+            page.emulate_media(media="print")
+            assert page.locator(":is(.ofilt, .btn, .onav):visible").count() == 0
+            heads = page.locator("thead th")
+            expect(heads.first).to_be_visible()
+            assert heads.first.evaluate("(head) => head.offsetWidth") > 30
+            assert page.evaluate("document.documentElement.scrollWidth") <= 720

@@ -35,7 +35,7 @@ def test_a_run_shows_score_interval_change_and_trend(
     api.score(first, hcc=0.375)
     api.score(second, hcc=0.5)
     newest, oldest = my_rows(api, browse)
-    assert "50.00 +12.50 since the run before" in newest
+    assert "50.00 +12.50 ▲ better since the run before" in newest
     assert "[HCC of the runs so far: 37.50, 50.00]" in newest
     assert "Rank awaited: the next board is being built." in newest
     assert "Another run takes its place." in oldest

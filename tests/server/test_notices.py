@@ -108,6 +108,9 @@ def test_an_address_is_asked_once_and_told_nothing_before_its_yes(
     assert api.get("/contacts", "alpha").json()[0]["is_confirmed"] is False, "looking is no yes"
     assert stranger.client.post(question.comparison).status_code == 200
     assert api.get("/contacts", "alpha").json()[0]["is_confirmed"] is True
+    again = stranger.get(question.comparison).text
+    assert "is told of what the team wished" in again
+    assert "May we write" not in again
 
 
 def test_a_wrong_key_opens_nothing(api: "Api", browse: Browse) -> None:

@@ -144,7 +144,7 @@ def test_the_form_says_what_a_later_run_replaces_and_the_page_by_what(
     assert f'<a href="{second}">' in form
     assert f'<a href="{first}">' not in form
     replaced_by = second.removeprefix("/submissions/")
-    assert f"Submission {replaced_by} takes its place" in alpha.get(first).text
+    assert f'<a href="{second}">{replaced_by}</a> takes its place' in alpha.get(first).text
     shown = api.get(f"/submissions/{first.removeprefix('/submissions/')}", "alpha").json()
     assert shown["replaced_by"] == replaced_by
 
@@ -357,22 +357,25 @@ def test_what_is_asked_first_waits_for_the_word_of_its_team(
     address = alpha.submit("a", asks_first="true").headers["location"]
     asked_id = address.rpartition("/")[2]
     asked = "It will be scored but not ranked: 66.96% < 99%."
-    api.reject(asked_id, REPORT.model_copy(update={"faults": (), "to_confirm": (asked,)}))
+    replaced = 'It replaces 8b7jazz0gvrkppag (HCC 33.56, rank 1) of "Kestrel".'
+    api.reject(asked_id, REPORT.model_copy(update={"faults": (), "to_confirm": (replaced, asked)}))
     page = alpha.get(address).text
     for words in (
         "not confirmed",
         "No quota is spent",
-        "Confirm it until 20",
+        '<li class="now"',
+        '<a href="/submissions/8b7jazz0gvrkppag">8b7jazz0gvrkppag</a> (HCC 33.56',
         asked.replace("<", "&lt;"),
-        "Submit it",
+        "Confirm it</button>",
         "Leave it",
     ):
         assert words in page, words
+    assert re.search(r"Confirm it until \d\d? [A-Z][a-z]{2} 20\d\d, \d\d:\d\d UTC, or", page)
     assert "<title>Planner, not confirmed: ExceptionDrive</title>" in page
     renamed = api.submit("a", method="Other", asks_first="true")
     assert "that submission waits for your word, no quota was spent" in renamed.json()["detail"]
     listed = alpha.get("/my").text
-    assert "Nothing is counted yet. It will be scored but not ranked" in listed
+    assert "Nothing is counted yet. It replaces <a href=" in listed
     assert "The file is wrong" not in page + listed
     beta = browse(api, who="beta")
     assert beta.post(f"{address}/confirm", {}, page="/submit").status_code == 404
@@ -382,7 +385,7 @@ def test_what_is_asked_first_waits_for_the_word_of_its_team(
     (counted,) = {answer.headers["location"] for answer in answers}
     assert [answer.status_code for answer in answers] == [303, 303]
     assert counted != address
-    assert f"Submission {counted.rpartition('/')[2]} is in its place" in alpha.get(address).text
+    assert f"{counted.rpartition('/')[2]}</a> is in its place" in alpha.get(address).text
     assert api.post(f"{address}/confirm", "alpha").json()["id"] == counted.rpartition("/")[2]
     assert api.post(f"{counted}/confirm", "alpha").status_code == 409
     assert f'<a href="{counted}">another one</a> is in its' in alpha.get("/my").text
@@ -416,7 +419,7 @@ def test_what_was_not_confirmed_in_time_says_that_its_file_is_deleted(
     page, listed = alpha.get(address).text, alpha.get("/my").text
     assert "It was not confirmed in time" in page
     assert "It was not confirmed in time" in listed
-    assert "Submit it</button>" not in page + listed
+    assert "Confirm it</button>" not in page + listed
     seen = api.get(address, "alpha").json()
     assert (seen["status"], seen["confirm_until"]) == ("rejected", None)
     refused = api.post(f"{address}/confirm", "alpha")

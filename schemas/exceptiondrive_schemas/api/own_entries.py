@@ -1,6 +1,7 @@
 """A team's own entries: which of them an upload takes the place of, and how they are named."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from datetime import datetime
 
 from exceptiondrive_schemas.api.phase_settings import PhasePolicy
 from exceptiondrive_schemas.api.submission import SubmissionStatus, SubmissionView
@@ -43,17 +44,22 @@ def to_confirm(unranked_because: str | None, replaces: SubmissionView | None) ->
     return found
 
 
-def question_of(view: SubmissionView) -> str:
-    """Say what a team is asked before an upload counts, and until when; empty: it was asked nothing."""
+def _minute(moment: datetime) -> str:
+    return f"{moment.astimezone(UTC):%Y-%m-%d %H:%M} UTC"
+
+
+def question_of(view: SubmissionView, minute: Callable[[datetime], str] = _minute) -> str:
+    """Say what a team is asked before an upload counts, and until when; empty: it was asked nothing.
+
+    `minute` writes the date.
+    """
     asked = view.report.to_confirm if view.report is not None else ()
     if view.status is not SubmissionStatus.REJECTED or not asked:
         return ""
     if view.confirm_until is None:
         return "It was not confirmed in time: it counts for nothing, and its file is deleted. Send it again."
-    until = f"{view.confirm_until.astimezone(UTC):%Y-%m-%d %H:%M} UTC"
-    return " ".join(
-        ("Nothing is counted yet.", *asked, f"Confirm it until {until}, or its file is deleted.")
-    )
+    until = f"Confirm it until {minute(view.confirm_until)}, or its file is deleted."
+    return " ".join(("Nothing is counted yet.", *asked, until))
 
 
 def entry_words(view: SubmissionView) -> str:

@@ -49,6 +49,7 @@ _STAGE_OF_SECTION = {
 _SELF_DESCRIPTION = ("schema", "version", "title", "changes")
 _NAMES = {
     "d_safe_m": "required clearance",
+    "d_safe_scale": "factor of every required clearance",
     "caution": "strategies from least to most cautious",
     "acceptable": "acceptable strategies",
     "under_warning": "under-warning strategies",

@@ -33,6 +33,8 @@ from exceptiondrive_schemas.score_sheet import ProtocolRef
 from exceptiondrive_schemas.split import SplitRef
 
 _UNANSWERED = "recomputing did not finish in any of its attempts"
+_NOT_CANCELLED = Recheck.state != WorkState.CANCELLED
+"""A sheet of a cancelled verification was neither compared nor failed."""
 
 
 def ask_for_rechecks(
@@ -122,8 +124,12 @@ def verification_view(session: Session, run_id: str) -> VerificationView:
     protocol = find_protocol(session, run.to_protocol_digest)
     phase = session.get_one(Phase, run.phase_id)
     bad = select(Recheck).where(
-        Recheck.run_id == run.id, Recheck.state.not_in(OPEN_STATES), Recheck.note.is_not(None)
+        Recheck.run_id == run.id,
+        Recheck.state.not_in(OPEN_STATES),
+        Recheck.note.is_not(None),
+        _NOT_CANCELLED,
     )
+    n_sheets = session.scalars(select(func.count()).where(Recheck.run_id == run.id)).one()
     return VerificationView(
         id=run.id,
         phase=run.phase_id,
@@ -133,7 +139,7 @@ def verification_view(session: Session, run_id: str) -> VerificationView:
         actor=run.actor,
         created_at=run.created_at,
         finished_at=run.ended_at,
-        n_sheets=sum(counts.values()),
+        n_sheets=n_sheets,
         n_equal=counts[VerifyState.EQUAL],
         n_different=counts[VerifyState.DIFFERS],
         n_failed=counts[VerifyState.FAILED],
@@ -145,7 +151,7 @@ def rechecks_of(session: Session, submission_id: str) -> tuple[VerifyItemView, .
     """Return every recomputation of the sheets of a submission, newest first."""
     query = (
         select(Recheck)
-        .where(Recheck.submission_id == submission_id)
+        .where(Recheck.submission_id == submission_id, _NOT_CANCELLED)
         .order_by(Recheck.created_at.desc(), Recheck.id)
     )
     return tuple(map(_item, session.scalars(query)))
@@ -184,7 +190,7 @@ def _counts(session: Session, run_id: str) -> Counter[VerifyState]:
     has_note = Recheck.note.is_not(None)
     query = (
         select(Recheck.state, has_note, func.count())
-        .where(Recheck.run_id == run_id)
+        .where(Recheck.run_id == run_id, _NOT_CANCELLED)
         .group_by(Recheck.state, has_note)
     )
     counts: Counter[VerifyState] = Counter()

@@ -203,8 +203,10 @@ def labels_of(entries: Sequence[BoardEntry], most: int = 60) -> tuple[str, ...]:
     ]
     cut = [_cut(name, most) for name in full]
     return tuple(
-        f"{_cut(name, most - 4)} ({cut[: at + 1].count(name)})" if cut.count(name) > 1 else name
-        for at, name in enumerate(cut)
+        [
+            f"{_cut(name, most - 4)} ({cut[: at + 1].count(name)})" if cut.count(name) > 1 else name
+            for at, name in enumerate(cut)
+        ]
     )
 
 

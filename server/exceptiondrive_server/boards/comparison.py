@@ -16,12 +16,15 @@ from exceptiondrive_schemas.challenges import Challenge, Metric
 from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import Interval, ScoreSheet
+from exceptiondrive_server.boards.charts import labels_of
 from exceptiondrive_server.boards.entry_facts import challenge_of, entry_key, flags_of, is_barred
 from exceptiondrive_server.boards.table import short_title
 from exceptiondrive_server.web.numbers import Digits, listed, percent, unit_of
 from exceptiondrive_server.web.templating import template_filter
 
 MAX_COMPARED = 6
+LONGEST_NAME = 200
+"""A method with its team, uncut."""
 Sheets = tuple[ScoreSheet | None, ScoreSheet | None]
 
 
@@ -63,6 +66,11 @@ class Comparison:
         return entry_key(self.b)
 
     @cached_property
+    def names(self) -> tuple[str, ...]:
+        """What the two are called beside each other."""
+        return labels_of((self.a, self.b), LONGEST_NAME)
+
+    @cached_property
     def paired(self) -> PairedComparison | None:
         """The comparison sample by sample, where the board carries one."""
         return find_pair(self.board, self.a_key, self.b_key)
@@ -102,27 +110,38 @@ class Comparison:
         first, digits = self.first, self.digits
         x, y = self.a.metrics.get(first.key), self.b.metrics.get(first.key)
         if x is None or y is None:
-            missing = self.a if x is None else self.b
-            return f"{missing.method} has no {first.label}, so the two cannot be compared."
+            missing = self.names[x is not None]
+            return f"{missing} has no {first.label}, so the two cannot be compared."
         if digits.text(first, x) == digits.text(first, y):
             return f"Both stand at {digits.text(first, x)} {unit_of(first)} {first.label}."
-        ahead, behind = (self.a, self.b) if self.better(first) == "a" else (self.b, self.a)
+        named = tuple(zip((self.a, self.b), self.names, strict=True))
+        (ahead, winner), (behind, loser) = named if self.better(first) == "a" else named[::-1]
         gap = digits.text(first, abs(x - y))
-        lead = f"{first.label}: {ahead.method} is {gap} points better than {behind.method}."
+        lead = f"{first.label}: {winner} is {gap} points better than {loser}."
         found = self.paired.overall[first.key] if self.paired else None
         sure = self._sentence(found) if found else _certainty(ahead, behind, first)
-        return " ".join([lead, sure, *flagged((ahead, behind))])
+        return " ".join([lead, sure, *flagged(((ahead, winner), (behind, loser)))])
+
+    def settled(self, metric: Metric, found: PairedDifference) -> str:
+        """The verdict of a comparison sample by sample, in which a board names methods alone."""
+        side = side_of(found)
+        if not side:
+            return found.verdict
+        is_first = (side > 0) == (metric.better != "lower")
+        _, _, what = found.verdict.rpartition(" is ")
+        return f"{self.names[not is_first]} is {what}"
 
     def _sentence(self, found: PairedDifference) -> str:
         """What the comparison sample by sample says."""
         label = self.first.label
         if found.interval is None:
             return f"Sample by sample, {label} gives no interval here."
-        settled = "this split does not settle which is better"
+        is_open = "this split does not settle which is better"
+        settled = self.settled(self.first, found) if is_sure(found) else is_open
         return (
             f"Sample by sample, the difference in {label} is "
             f"{self.digits.interval(self.first, found.interval, signed=True)} points "
-            f"({percent(self.board.confidence)} interval): {found.verdict if is_sure(found) else settled}."
+            f"({percent(self.board.confidence)} interval): {settled}."
         )
 
     @cached_property
@@ -140,10 +159,10 @@ class Comparison:
         ]
         sign = 1 if self.first.better == "higher" else -1
         parts = []
-        for entry, side in ((self.a, sign), (self.b, -sign)):
+        for called, side in zip(self.names, (sign, -sign), strict=True):
             names = [name for each, name in found if side_of(each) == side]
             if names:
-                parts.append(f"{entry.method} is ahead in {listed(names)} scenes")
+                parts.append(f"{called} is ahead in {listed(names)} scenes")
         n_open = sum([side_of(each) == 0 for each, _ in found])
         if n_open:
             parts.append(
@@ -206,9 +225,9 @@ def family_value(entry: BoardEntry, family: str, metric: Metric) -> float | None
     return None if cell is None else cell.metrics.get(metric.key)
 
 
-def flagged(entries: Iterable[BoardEntry]) -> list[str]:
-    """Name the flags of some entries, a sentence each."""
-    return [f"{entry.method} is flagged: {flags_of(entry)}." for entry in entries if entry.flags]
+def flagged(entries: Iterable[tuple[BoardEntry, str]]) -> list[str]:
+    """Name the flags of some entries under what these are called, a sentence each."""
+    return [f"{called} is flagged: {flags_of(entry)}." for entry, called in entries if entry.flags]
 
 
 def _overlap(one: Interval, two: Interval) -> bool:

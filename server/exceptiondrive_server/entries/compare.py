@@ -7,8 +7,9 @@ from urllib.parse import urlencode
 
 from exceptiondrive_schemas.board import Board, BoardEntry
 from exceptiondrive_schemas.challenges import Metric
-from exceptiondrive_server.boards.charts import curve_chart
+from exceptiondrive_server.boards.charts import curve_chart, labels_of
 from exceptiondrive_server.boards.comparison import (
+    LONGEST_NAME,
     MAX_COMPARED,
     Comparison,
     difference_table,
@@ -42,6 +43,7 @@ def compare_page(reading: ComparedEntries) -> dict[str, Any]:
         "digits": digits,
         "entries": entries,
         "keys": keys,
+        "names": labels_of(entries, LONGEST_NAME),
         "has_room": len(keys) < MAX_COMPARED,
         "both": None,
         "kept_fields": board_fields(board, shown.is_current) if board else (),
@@ -117,6 +119,8 @@ def verdict(board: Board, entries: Sequence[BoardEntry], digits: Digits) -> str:
     One that a flag bars from leading is the best of none but its like.
     """
     first = challenge_of(board).metrics[0]
+    keys = [entry_key(entry) for entry in entries]
+    called = dict(zip(keys, labels_of(entries, LONGEST_NAME), strict=True))
     fit = [entry for entry in entries if not is_barred(entry)]
     leader = _leader(fit or entries, first)
     if leader is None:
@@ -126,10 +130,13 @@ def verdict(board: Board, entries: Sequence[BoardEntry], digits: Digits) -> str:
     for other in entries:
         if other is not leader and other not in level:
             found = against(board, leader, other, digits)
-            groups[found.note if found.kind == "sure" else found.kind].append(other.method)
+            groups[found.note if found.kind == "sure" else found.kind].append(
+                called[entry_key(other)]
+            )
     among = "Of these" if len(fit) in (0, len(entries)) else "Of those that no flag bars"
-    best = f"{among}, {leader.method} has the best {first.label}"
-    parts = [best + (f", level with {listed([e.method for e in level])}" if level else "")]
+    best = f"{among}, {called[entry_key(leader)]} has the best {first.label}"
+    like = [called[entry_key(e)] for e in level]
+    parts = [best + (f", level with {listed(like)}" if like else "")]
     for note in ("surely better", "surely worse"):
         if groups[note]:
             parts.append(f"it is {note} than {listed(groups[note])}")
@@ -137,7 +144,7 @@ def verdict(board: Board, entries: Sequence[BoardEntry], digits: Digits) -> str:
         parts.append(f"this split does not tell it from {listed(groups['open'], 'or')}")
     if groups["unknown"]:
         parts.append(f"against {listed(groups['unknown'])} no paired interval is known")
-    return " ".join(["; ".join(parts) + ".", *flagged(entries)])
+    return " ".join(["; ".join(parts) + ".", *flagged(zip(entries, called.values(), strict=True))])
 
 
 def _is_level(one: BoardEntry, other: BoardEntry, metric: Metric, digits: Digits) -> bool:

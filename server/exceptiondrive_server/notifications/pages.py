@@ -115,6 +115,7 @@ def show_link(
     with services.database.read() as session:
         contact = find_by_key(session, contact_id, key, may_be_removed=what == "unsubscribe")
     said = "unsubscribed" if contact.unsubscribed_at else what
+    said = "confirmed" if said == "confirm" and contact.confirmed_at else said
     return _answer(request, what=said, address=contact.address, key=key, id=contact_id)
 
 

@@ -31,8 +31,9 @@ class SlopeLine:
     kind: str
     y1: str
     y2: str
-    left_text: str
-    right_text: str
+    name: str
+    before: str
+    after: str
     title: str
 
 
@@ -217,7 +218,8 @@ def _slope_line(one: EntryChange, y1: float, y2: float, longest: int) -> SlopeLi
         kind=kind,
         y1=px(y1),
         y2=px(y2),
-        left_text=f"{name} · {old or NOT_RANKED}",
-        right_text=f"{new or NOT_RANKED} · {name}",
+        name=name,
+        before=str(old or NOT_RANKED),
+        after=str(new or NOT_RANKED),
         title=f"{one.method} of {one.team}: {before} before, {after} after",
     )

@@ -149,7 +149,7 @@ def _submit_page(
         upload = {
             "team": team,
             "phases": open_phases,
-            "standing": stand,
+            "standing": [one for one in stand if one.is_published and not one.disqualified_at],
             "counterparts": [one for one in stand if CHALLENGES[one.challenge].counterpart],
             "wanted": wanted,
             "sent": sent,
@@ -195,7 +195,7 @@ def _only_submits(who: Principal) -> bool:
 
 
 def _standing(session: Session, who: Principal) -> tuple[SubmissionView, ...]:
-    """Return the team's entries that stand now, as far as it may see them: a later run replaces one."""
+    """Return the team's scored runs that no other one replaces, as far as it may see them."""
     if who.team_id is None or Scope.READ_OWN not in who.scopes:
         return ()
     scored, _ = submission_page(

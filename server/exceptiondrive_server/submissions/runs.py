@@ -11,7 +11,7 @@ from exceptiondrive_schemas.printable import counted
 from exceptiondrive_schemas.protocol import ProtocolDocument
 from exceptiondrive_schemas.score_sheet import Interval, MetricRow
 from exceptiondrive_server.submissions.view import Status, actions_of, standing, status_of
-from exceptiondrive_server.web.numbers import Digits, heading
+from exceptiondrive_server.web.numbers import Digits, heading, minute
 
 SPARK_PX = (76, 22)
 
@@ -151,7 +151,7 @@ def _spark(values: Sequence[float]) -> str:
 
 def _note(one: SubmissionView) -> str:
     """Say why it has no rank."""
-    if question := question_of(one):
+    if question := question_of(one, minute):
         return question
     if one.status is SubmissionStatus.REJECTED and one.report is not None:
         return f"The file is wrong: {counted(one.report.n_faults, 'fault')}. No quota was spent."
@@ -167,6 +167,6 @@ def _note(one: SubmissionView) -> str:
 
 
 def _with_replaced(line: OwnRun, n_replaced: int) -> OwnRun:
-    if n_replaced == 0 or line.note:
+    if n_replaced == 0 or line.note or line.one.disqualified_at is not None:
         return line
     return replace(line, note=f"Stands in place of {counted(n_replaced, 'other run')}.")

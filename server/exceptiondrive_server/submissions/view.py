@@ -1,8 +1,11 @@
 """Where a submission stands, in words: its way, its score, what its team may do, what quota is left."""
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+
+from markupsafe import Markup, escape
 
 from exceptiondrive_schemas.api.own_entries import question_of
 from exceptiondrive_schemas.api.phase_settings import PhasePolicy, RunRule
@@ -54,7 +57,7 @@ class StatusStep:
 def status_of(submission: SubmissionView) -> Status:
     """Return the status in words."""
     meaning = _MEANING[submission.status]
-    question = question_of(submission)
+    question = question_of(submission, minute)
     if question:
         meaning = f"{question} No quota is spent."
     return Status(
@@ -86,6 +89,7 @@ def steps_of(submission: SubmissionView) -> tuple[StatusStep, ...]:
         return tuple(StatusStep(s.value, state) for s, state in zip(STEPS, states, strict=True))
     word = status_of(submission).word
     state = "withdrawn" if word == SubmissionStatus.WITHDRAWN.value else "ended"
+    state = "now" if submission.is_asked else state
     return StatusStep(SubmissionStatus.RECEIVED.value, "done"), StatusStep(word, state)
 
 
@@ -155,7 +159,7 @@ def actions_of(
 ) -> tuple[tuple[str, str], ...]:
     """Return what the team may say of a submission now: end of the address, and words."""
     if seen.is_asked:
-        return (("confirm", "Submit it"),)
+        return (("confirm", "Confirm it"),)
     may_stand = seen.status is SubmissionStatus.SCORED and seen.disqualified_at is None
     return tuple(_actions(seen, policy, has_closed, can_publish)) if may_stand else ()
 
@@ -203,6 +207,13 @@ def standing(seen: SubmissionView, policy: PhasePolicy) -> str:
         "late" if seen.is_late else "",
     )
     return ", ".join(filter(None, words)).capitalize()
+
+
+@template_filter
+def linked(text: str) -> Markup:
+    """Write a sentence to a team; the submission that it names is a link."""
+    link = r'\1 <a href="/submissions/\2">\2</a>'
+    return Markup(re.sub(r"\b(Submission|replaces) ([0-9a-z]{16})\b", link, str(escape(text))))
 
 
 @template_filter

@@ -39,16 +39,15 @@ def markdown(text: str, below: int = 2) -> Markup:
         if token.type in ("heading_open", "heading_close"):
             token.tag = f"h{min(below + len(over), _DEEPEST)}"
     html = _MARKDOWN.renderer.render(tokens, _MARKDOWN.options, {})
-    return Markup(
-        nh3.clean(
-            html,
-            tags=_TAGS,
-            attributes={"*": set(), "a": {"href"}, "ol": {"start"}},
-            attribute_filter=_of_this_site_or_https,
-            url_schemes={"https", "mailto"},
-            link_rel="nofollow noopener noreferrer",
-        )
+    clean = nh3.clean(
+        html,
+        tags=_TAGS,
+        attributes={"*": set(), "a": {"href"}, "ol": {"start"}},
+        attribute_filter=_of_this_site_or_https,
+        url_schemes={"https", "mailto"},
+        link_rel="nofollow noopener noreferrer",
     )
+    return Markup(clean.replace("<pre>", '<pre tabindex="0">'))  # a long line scrolls by keyboard
 
 
 def _of_this_site_or_https(tag: str, attribute: str, value: str) -> str | None:

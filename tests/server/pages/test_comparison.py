@@ -124,6 +124,52 @@ def test_a_family_without_an_interval_is_not_counted_as_open(lively_board: Board
     assert said.endswith("; in 1 family the split does not tell them apart.")
 
 
+async def test_two_teams_with_one_name_of_a_method_are_told_apart(
+    site: Any, lively_board: Board
+) -> None:
+    board = with_pairs(lively_board)
+    first, second, third, *others = board.entries
+    alike = [
+        each.model_copy(update={"method": "In time", "team": team})
+        for each, team in ((first, "Alpha"), (third, "Beta"))
+    ]
+    board = board.model_copy(update={"entries": (alike[0], second, alike[1], *others)})
+    pairs = [
+        each.model_copy(
+            update={
+                "overall": {
+                    key: found.model_copy(update={"verdict": "In time is better"})
+                    for key, found in each.overall.items()
+                }
+            }
+        )
+        for each in board.comparisons
+    ]
+    site.create_phase("sample", shows_reported=True)
+    site.publish(board.model_copy(update={"comparisons": tuple(pairs)}))
+    two = "/compare?phase=sample&a=s0000000kq&b=s0000002kq"
+    for address in (two, f"{two}&more=s0000001kq", "/?phase=sample"):
+        text = re.sub(r"\s+", " ", (await site.get(address)).text)
+        alone = re.findall(r"[^<>]*In time(?!, (?:Alpha|Beta)| of (?:Alpha|Beta))[^<>]*", text)
+        if address.startswith("/compare"):
+            assert "In time, Alpha is" in text
+            assert "In time, Alpha is better" in text
+            assert alone == []
+        else:
+            assert "Compare In time of Alpha" in text
+            assert "Compare In time of Beta" in text
+
+
+async def test_a_range_of_one_rank_is_not_told_twice(site: Any, lively_board: Board) -> None:
+    first, *others = lively_board.entries
+    sure = first.model_copy(update={"rank": 1, "rank_interval": (1, 1)})
+    site.create_phase("sample", shows_reported=True)
+    site.publish(lively_board.model_copy(update={"entries": (sure, *others)}))
+    text = (await site.get("/compare?phase=sample&a=s0000000kq&b=s0000001kq")).text
+    ranks = text.split('<th scope="row">Rank</th>')[1].split("</tr>")[0]
+    assert re.findall(r"<td>\s*1\s*(<small>.*?)?</td>", ranks) == [""]
+
+
 async def test_ranks_that_each_could_have_are_named_where_there_are_any(
     site: Any, lively_board: Board
 ) -> None:

@@ -364,8 +364,9 @@ def test_names_from_right_to_left_stay_in_the_order_of_the_sentence(visit: Visit
     assert name < team
 
 
-def test_what_a_row_of_one_s_own_would_say_is_not_cut(visit: Visit) -> None:
-    page = visit.open("/", width=1440)
+@pytest.mark.parametrize("width", [1440, 1100, 360])
+def test_what_a_row_of_one_s_own_would_say_is_not_cut(visit: Visit, width: int) -> None:
+    page = visit.open("/", width=width)
     words = page.locator(".you .tm")
     words.evaluate(
         "(part) => { part.textContent = 'on the board once the organizers reveal the board'; }"
@@ -800,6 +801,14 @@ def test_the_print_shows_the_table_and_no_tools(visit: Visit) -> None:
         box = words.bounding_box()
         assert box is not None
         assert box["width"] > 50
+    counted = page.locator("tr:has(.pn:text-is('FREEZE')) .flag")
+    counted.evaluate(
+        "(flag) => flag.querySelector('.vh').insertAdjacentHTML('beforebegin', '<i>3</i>')"
+    )
+    count, told = (counted.locator(part).bounding_box() for part in ("i", ".vh"))
+    assert count is not None
+    assert told is not None
+    assert told["x"] >= count["x"] + count["width"] + 3
 
 
 def test_heat_cells_can_be_read_in_both_themes(visit: Visit) -> None:

@@ -62,6 +62,8 @@
     show(wanted(), true);
   });
 
+  form.elements.sort.addEventListener("change", () => form.requestSubmit());
+
   // What is typed is looked for among all entries, by the server; "/" leads to the field.
   let pause = 0;
   form.elements.q.addEventListener("input", () => {
@@ -132,7 +134,7 @@
       const [key, name] = [row.id.slice(2), row.querySelector(".pn").textContent];
       const button = Object.assign(document.createElement("button"), { type: "button", className: "pin" });
       button.setAttribute("aria-pressed", String(pinned.some((one) => one.key === key)));
-      button.setAttribute("aria-label", `Pin ${name} on top`);
+      button.setAttribute("aria-label", `${row.querySelector(".tick").ariaLabel.replace("Compare", "Pin")} on top`);
       button.innerHTML = '<svg class="ic" aria-hidden="true"><use href="#i-pin"/></svg>';
       button.addEventListener("click", () => pin(key, name));
       row.querySelector(".nm").append(button);

@@ -25,6 +25,11 @@
     again(live);
   };
   let shown = document.getElementById("live")?.outerHTML;
+  // A live region that is replaced is not read out: one stays beside what is live.
+  const said = (live) => live?.querySelector("[data-said]")?.textContent.trim().replace(/\s+/g, " ") ?? "";
+  const region = Object.assign(document.createElement("p"), { className: "vh" });
+  region.setAttribute("role", "status");
+  document.getElementById("live")?.after(region);
   const renew = async () => {
     const answer = await fetch(location.href, { headers: { Accept: "text/html" } }).catch(() => null);
     if (!answer?.ok) { again(document.getElementById("live")); return; }
@@ -39,6 +44,7 @@
     const held = [...now.querySelectorAll(places)].indexOf(document.activeElement);
     const words = document.activeElement?.textContent;
     document.title = page.title;
+    if (said(fresh) !== said(now)) region.textContent = said(fresh);
     now.replaceWith(document.adoptNode(fresh));
     const place = held < 0 ? null : fresh.querySelectorAll(places)[held]; // the keyboard stays where it was
     if (place?.textContent === words) place?.focus({ preventScroll: true });

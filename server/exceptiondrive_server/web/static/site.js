@@ -30,12 +30,7 @@
   const issued = document.querySelector(".issued");
   if (issued) history.replaceState(null, "", issued.dataset.page);
 
-  // A changed choice is applied at once.
-  for (const select of document.querySelectorAll("form.filters > label select")) {
-    select.addEventListener("change", () => select.form.requestSubmit());
-  }
-
-  // Pop-ups close on Escape and on a click elsewhere.
+  // Pop-ups close on Escape, and once a click or the focus is elsewhere.
   const popups = [...document.querySelectorAll("details.more, details.menu")];
   document.addEventListener("keydown", (event) => {
     if (event.key !== "Escape") return;
@@ -44,11 +39,11 @@
       popup.querySelector("summary")?.focus();
     }
   });
-  document.addEventListener("click", (event) => {
-    for (const popup of popups) {
-      if (popup.open && !popup.contains(event.target)) popup.open = false;
-    }
-  });
+  for (const kind of ["click", "focusin"]) {
+    document.addEventListener(kind, (event) => {
+      for (const popup of popups) if (popup.open && !popup.contains(event.target)) popup.open = false;
+    });
+  }
 
   // A date to come says how far away it is; without script the date stands alone.
   const inWords = (ms) => {

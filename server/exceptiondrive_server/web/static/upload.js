@@ -6,26 +6,34 @@
   upload?.addEventListener("submit", (event) => {
     event.preventDefault();
     const box = upload.querySelector("[data-sending]");
-    const [bar, words] = [box.querySelector("progress"), box.querySelector("p")];
+    const [bar, words, share] = box.querySelectorAll("progress, span");
     const button = upload.querySelector("button");
-    const say = (text, isBad) => { words.textContent = text; words.className = isBad ? "spent" : ""; };
+    const say = (text) => { if (words.textContent !== text) words.textContent = text; };
+    const refuse = (text) => {
+      say(text);
+      words.className = "spent";
+      share.textContent = "";
+      bar.value = 0;
+      button.disabled = false;
+      if (document.activeElement === document.body) button.focus();
+    };
     const request = new XMLHttpRequest();
     box.hidden = false;
     button.disabled = true;
+    words.className = "";
     say("Sending …");
     request.upload.onprogress = ({ loaded, total }) => {
       bar.value = total ? loaded / total : 0;
-      say(loaded < total ? `${Math.floor((100 * loaded) / total)} % sent` : "Sent. Being kept …");
+      share.textContent = loaded < total ? ` ${Math.floor((100 * loaded) / total)} %` : "";
+      if (loaded >= total) say("Sent. Being kept …");
     };
     request.onload = () => {
       if (request.status < 400) { location.assign(request.responseURL); return; }
-      button.disabled = false;
-      bar.value = 0;
       let text = "The server refused the file and gave no reason. Try again.";
       try { const { detail, fields } = JSON.parse(request.response); text = [detail, ...Object.values(fields ?? {})].join(" "); } catch { /* not a problem document */ }
-      say(text, true);
+      refuse(text);
     };
-    request.onerror = () => { button.disabled = false; bar.value = 0; say("The server cannot be reached. Nothing is lost: try again.", true); };
+    request.onerror = () => refuse("The server cannot be reached. Nothing is lost: try again.");
     request.open("POST", upload.action);
     request.setRequestHeader("Accept", "application/problem+json");
     request.send(new FormData(upload));
