@@ -224,15 +224,17 @@ def is_known(program: str, words: list[str]) -> bool:
 def test_the_commands_that_ask_are_named(texts: dict[str, str]) -> None:
     program: Any = get_command(client)
     organizer = program.get_command(None, "organizer")
-    groups = {name: organizer.get_command(None, name) for name in organizer.list_commands(None)}
+    commands = {name: organizer.get_command(None, name) for name in organizer.list_commands(None)}
+    for group in [name for name, command in commands.items() if hasattr(command, "commands")]:
+        inner = commands.pop(group).commands
+        commands |= {f"{group} {name}": command for name, command in inner.items()}
     asking = {
-        f"{group} {name}"
-        for group, commands in groups.items()
-        for name in getattr(commands, "list_commands", lambda _: ())(None)
-        if any("--yes" in one.opts for one in commands.get_command(None, name).params)
+        name
+        for name, command in commands.items()
+        if any("--yes" in one.opts for one in command.params)
     }
-    assert asking == {"teams merge", "teams forget", "people forget", "phases reveal"}
-    for name in ("CHANGELOG.md", "docs/client.md"):
+    assert asking == {"teams merge", "teams forget", "people forget", "message", "phases reveal"}
+    for name in ("CHANGELOG.md", "docs/client.md", "docs/organizing.md"):
         said = re.search(r"`teams merge`, .*?`--yes`", " ".join(texts[name].split()))
         assert said is not None
         assert set(SPAN.findall(said[0])) == asking | {"--yes"}, name
