@@ -624,6 +624,9 @@ def test_the_board_in_all_its_forms(working: "Running", planning_file: MakeFile)
     by_ur = run(working, "leaderboard", "--phase", "dev", "--sort", "ur", "--json")
     assert json.loads(by_ur.stdout)["entries"] == board["entries"]
     assert run(working, "leaderboard", "--phase", "dev", "--sort", "beauty").exit_code == 2
+    assert "ur lowest first, -hcc highest" in " ".join(
+        run(working, "leaderboard", "--help").stdout.split()
+    )
 
 
 def test_a_withdrawn_entry_leaves_the_board_and_stays_in_the_list(
