@@ -291,6 +291,20 @@ def test_pages_stay_with_their_board_when_another_is_the_current_one(
     assert methods(lively.get("/leaderboard?phase=dev&limit=2")) == ["alone"]
 
 
+def test_a_page_by_a_fact_begins_after_the_last_entry_whatever_teams_edit_meanwhile(
+    api: "Api", make_entry: MakeEntry
+) -> None:
+    rule = '{"type": "rule"}'
+    own = [api.submit(name, method=name, facts=rule).json()["id"] for name in "abcd"]
+    api.publish(*(make_entry(f"a {n}", rank=n, submission_id=it) for n, it in enumerate(own, 1)))
+    first = api.get("/leaderboard?phase=dev&sort=-method&fact=type:rule&limit=2")
+    assert methods(first) == ["a 4", "a 3"]
+    edited = api.request("PATCH", f"/submissions/{own[3]}", "alpha", json={"facts": {"type": None}})
+    assert edited.status_code == 200
+    following = first.links["next"]["url"].removeprefix("/api/v1")
+    assert methods(api.get(following)) == ["a 2", "a 1"]
+
+
 def test_a_page_of_a_board_that_was_read_reads_none_of_its_text(lively: "Api") -> None:
     first = lively.get("/leaderboard?phase=dev&limit=2")
     following = first.links["next"]["url"].removeprefix("/api/v1")

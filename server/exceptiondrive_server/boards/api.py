@@ -21,12 +21,12 @@ from exceptiondrive_records.submissions.edits import edits_of_phase
 from exceptiondrive_schemas.api.problems import ProblemCode
 from exceptiondrive_schemas.base import in_words
 from exceptiondrive_schemas.board import Board
-from exceptiondrive_schemas.method_facts import PhaseFacts
+from exceptiondrive_schemas.method_facts import FactsOfBoard, PhaseFacts
 from exceptiondrive_server.boards.exports import EXPORTS
 from exceptiondrive_server.boards.queries import asked_entries, facts_on, find_chosen_board
 from exceptiondrive_server.boards.query import BoardQuery, BoardQueryOf, documented
 from exceptiondrive_server.boards.reported import ReportedBoardView, reported_of
-from exceptiondrive_server.boards.selection import is_as_kept, selected_board
+from exceptiondrive_server.boards.selection import found_entries, is_as_kept, sort_entries
 from exceptiondrive_server.web.auth import (
     TOKEN_IS_OPTIONAL,
     MaybePrincipal,
@@ -91,8 +91,8 @@ def get_board(
         if is_as_kept(query) and limit is None and after is None:
             return _as_kept(request, row, max_age_s)
         board = parsed_board(row)
-        shown = selected_board(board, query, facts_on(session, board))
-    part, headers = _page_of(shown, query, int(start or 0), limit)
+        facts = facts_on(session, board)
+    part, headers = _page_of(board, query, facts, int(start or 0), limit)
     body = part.model_dump_json().encode()
     return conditional(request, body, "application/json", max_age_s=max_age_s, headers=headers)
 
@@ -113,13 +113,18 @@ def _paged_board(session: Session, query: BoardQuery, number: int) -> BoardRow:
 
 
 def _page_of(
-    board: Board, query: BoardQuery, start: int, limit: int | None
+    board: Board, query: BoardQuery, facts: FactsOfBoard, start: int, limit: int | None
 ) -> tuple[Board, dict[str, str]]:
-    end = len(board.entries) if limit is None else start + limit
-    changes = {"entries": board.entries[start:end]} | ({"comparisons": ()} if start else {})
-    part = board.model_copy(update=changes)
-    if end >= len(board.entries):
+    """Cut, then filter: what teams tell of their methods may change from page to page, no place does."""
+    is_kept = is_as_kept(query)
+    whole = board.entries if is_kept else sort_entries(board, board.entries, query.sort)
+    left = board.model_copy(update={"entries": tuple(whole[start:])})
+    found = found_entries(left, query, facts)
+    entries = tuple(found[:limit])
+    part = left.model_copy(update={"entries": entries} | ({"comparisons": ()} if start else {}))
+    if len(entries) == len(found):
         return part, {}
+    end = start + next(n for n, each in enumerate(left.entries, 1) if each is entries[-1])
     named = query.model_copy(
         update={"phase": board.phase, "board": None, "as_of": None, "protocol": None}
     )
